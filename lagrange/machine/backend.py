@@ -135,13 +135,13 @@ class Driver(Protocol):
 class BlockPolynomial(NamedTuple):
     """A callback that writes the polynomials of a block of steps, in the layout that `POLYNOMIAL` describes.
 
-    `function` is an address or a Python function, and `given` its first argument. A block has `columns` steps, in the
+    `function` is an address or a Python function, and `context` its first argument. A block has `columns` steps, in the
     layout that the procedure `gather` writes. If `both` is true, the callback also needs the neighbouring steps. `work`
     is the number of doubles of working memory. `kept` holds objects that must exist as long as `function` is used.
     """
 
     function: Any
-    given: Any
+    context: Any
     columns: int
     work: int
     both: bool
@@ -167,8 +167,8 @@ class DensePath(Protocol):
         The variable is the fraction of the step, 0 to 1.
         """
 
-    def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
-        """Write the states at the times `wanted` (K,) to `out` (2n, K), whose rows are contiguous.
+    def at(self, times: FloatArray, states: FloatArray, requested_times: FloatArray, out: FloatArray) -> None:
+        """Write the states at `requested_times` (K,) to `out` (2n, K), whose rows are contiguous.
 
         The times are sorted in the direction of the run. At an accepted time the accepted state is written. If two
         accepted steps have the same time, the later one counts.
@@ -314,8 +314,8 @@ class MemberRuns(Protocol):
     def lanes(self) -> int:
         """Number of members that run at the same time."""
 
-    def __call__(self, given: Mapping[str, Any]) -> None:
-        """Run members, with the arguments `given` by name. Arrays are C-contiguous, of doubles or 64-bit integers.
+    def __call__(self, arguments: Mapping[str, Any]) -> None:
+        """Run members, with arguments by name. Arrays are C-contiguous, of doubles or 64-bit integers.
 
         Python's interpreter lock is released meanwhile.
         """

@@ -23,10 +23,10 @@ class Quick(dict[str, QuickCalls]):
 
     def __missing__(self, name: str) -> QuickCalls:
         try:
-            found = self._kernel(name).quick(self._parameters())
+            calls = self._kernel(name).quick(self._parameters())
         except SingularMassMatrix:
-            found = None
-        self[name] = QuickCalls(nothing, nothing) if found is None else found
+            calls = None
+        self[name] = QuickCalls(nothing, nothing) if calls is None else calls
         return self[name]
 
 
@@ -41,8 +41,8 @@ def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatA
     whole = quick.whole
 
     def call(t: float, y: FloatArray) -> FloatArray:
-        found = whole(t, y)
-        return kernel(t, y, parameters) if found is None else found
+        result = whole(t, y)
+        return kernel(t, y, parameters) if result is None else result
 
     return call
 
@@ -69,8 +69,8 @@ def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
     program = kernel.program
     if any(instruction.op in ("state", "time") for instruction in program.instructions):
         return True
-    found = quickly(kernel, parameters, 0.0, np.zeros(program.states))
-    return found is None or 0.0 in found.tolist()
+    results = quickly(kernel, parameters, 0.0, np.zeros(program.states))
+    return results is None or 0.0 in results.tolist()
 
 
 FEW_ENTRIES = 64

@@ -55,13 +55,11 @@ def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
 
     They are followed by the indices of the entries of the state that resets replace.
     """
-    own = [
-        (one.direction, one.terminal, one.first, len(one.entries), int(one.root), int(one.smooth)) for one in reactions
-    ]
-    settings = [x for block in zip(*own, strict=True) for x in block]
+    rows = [(r.direction, r.terminal, r.first, len(r.entries), int(r.root), int(r.smooth)) for r in reactions]
+    settings = [x for block in zip(*rows, strict=True) for x in block]
     if len(settings) != SETTINGS * len(reactions):
         raise AssertionError("there is a block for each setting")
-    return np.array([*settings, *(entry for one in reactions for entry in one.entries), 0], dtype=np.int64)
+    return np.array([*settings, *(entry for r in reactions for entry in r.entries), 0], dtype=np.int64)
 
 
 class EventMemory:
@@ -83,7 +81,7 @@ class EventMemory:
     ) -> None:
         self.count, self._dimension = surfaces + len(reactions), dimension
         self.values, self.resets, self.parameters = values, resets, np.empty(0) if parameters is None else parameters
-        changing = surfaces > 0 or any(one.terminal or one.entries for one in reactions)
+        changing = surfaces > 0 or any(reaction.terminal or reaction.entries for reaction in reactions)
         room = max(TAYLOR_EVENT_ROOM, MOST_ZEROS * self.count)
         self.record: Any = WATCH.structure(surfaces=surfaces, changing=int(changing), room=room, changed=-np.inf)
         self.tilts = _tilts(dimension)
@@ -178,8 +176,8 @@ class EventMemory:
         The direction is 1 or -1 for a change of sign, and 0 for a function that touches zero. The list is empty unless
         one of the functions changes the motion.
         """
-        places, directions = (self.whole_scratch[self.count * due_part(i) :][: self.record.due] for i in (0, 1))
-        return list(zip(places.tolist(), directions.tolist(), strict=True))
+        indices, directions = (self.whole_scratch[self.count * due_part(i) :][: self.record.due] for i in (0, 1))
+        return list(zip(indices.tolist(), directions.tolist(), strict=True))
 
     @property
     def mark(self) -> tuple[int, float, float]:
@@ -197,10 +195,10 @@ class EventMemory:
         times, states = self.times[:count], self.states[: count * size].reshape(count, size)
         if self.count == 1:
             return [(times.copy(), states.copy())]
-        places = self.places[:count]
+        indices = self.places[:count]
         # NumPy sorts 8-bit and 16-bit integers by radix sort. Indexing rows with [order] takes ten times as long as
         # `take`.
-        order = places.astype(np.min_scalar_type(self.count)).argsort(kind="stable")
-        ends = np.bincount(places, minlength=self.count).cumsum().tolist()
+        order = indices.astype(np.min_scalar_type(self.count)).argsort(kind="stable")
+        ends = np.bincount(indices, minlength=self.count).cumsum().tolist()
         times, states = times.take(order), states.take(order, axis=0)
         return [(times[a:b], states[a:b]) for a, b in pairwise((0, *ends))]

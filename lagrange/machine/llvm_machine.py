@@ -52,9 +52,9 @@ class MembersCode:
         numbers = np.arange(self.lanes, dtype=np.int64)
         self._known: Mapping[str, Any] = {LANE: numbers, ACTIVE: np.ones_like(numbers), "lanes": self.lanes}
 
-    def __call__(self, given: Mapping[str, Any]) -> None:
-        """Run members, with the arguments `given` by name."""
-        known = {**given, **self._known}
+    def __call__(self, arguments: Mapping[str, Any]) -> None:
+        """Run members, with arguments by name."""
+        known = {**arguments, **self._known}
         values = [known[parameter.name] for parameter in self._parameters]
         self._call(*[value.ctypes.data if isinstance(value, np.ndarray) else value for value in values])
 

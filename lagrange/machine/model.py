@@ -182,9 +182,9 @@ class Model:
     ) -> FloatArray:
         """Return the generalized accelerations, (n,) or (n, batch)."""
         if parameters is None:
-            found = self._quick["rhs"].parts(t, q, v)
-            if found is not None:
-                return found[self.layout.v]
+            derivative = self._quick["rhs"].parts(t, q, v)
+            if derivative is not None:
+                return derivative[self.layout.v]
         state = self._state(q, v)
         if state[0].ndim > 1:
             return self._run("accelerations", t, state, parameters)
@@ -196,8 +196,8 @@ class Model:
         Velocities of coordinates without inertia follow from their equations. If y has zeros instead of them, y would
         not change: StatementError is raised, here and in `accelerations`, `jacobian` and `multipliers`.
         """
-        found = self._quick_rhs(t, y) if parameters is None else None
-        return self._run("rhs", t, self._checked_state(y), parameters) if found is None else found
+        derivative = self._quick_rhs(t, y) if parameters is None else None
+        return self._run("rhs", t, self._checked_state(y), parameters) if derivative is None else derivative
 
     def _first_rhs(self, t: Any, y: Any) -> FloatArray | None:
         """Return the right-hand side by a quick call, or None.
@@ -224,8 +224,8 @@ class Model:
 
     def jacobian(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return d rhs / d y, (2n, 2n), or (2n, 2n, batch)."""
-        found = self._quick["jacobian"].whole(t, y) if parameters is None else None
-        return self._run("jacobian", t, self._checked_state(y), parameters) if found is None else found
+        matrix = self._quick["jacobian"].whole(t, y) if parameters is None else None
+        return self._run("jacobian", t, self._checked_state(y), parameters) if matrix is None else matrix
 
     def mass_matrix(
         self, q: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None, v: ArrayLike | None = None
@@ -325,9 +325,9 @@ class Model:
     def _of_parts(self, name: str, t: Any, q: Any, v: Any, parameters: Parameters) -> FloatArray:
         """Return a quantity at (t, q, v). A quick call is used for one plain state with the default parameters."""
         if parameters is None:
-            found = self._quick[name].parts(t, q, v)
-            if found is not None:
-                return found
+            value = self._quick[name].parts(t, q, v)
+            if value is not None:
+                return value
         return self._run(name, t, self._state(q, v), parameters)
 
     @cached_property
@@ -406,9 +406,9 @@ class Model:
         if not self._alone:
             return None
         quick = self._masses.quick(self.parameter_array(parameters))
-        found = None if quick is None else quick.parts(t, q, v)
-        if found is not None:
-            return 0 if 0.0 in found.tolist() else None
+        masses = None if quick is None else quick.parts(t, q, v)
+        if masses is not None:
+            return 0 if 0.0 in masses.tolist() else None
         q, v = self._state(q, v)
         inputs = [part.reshape(len(part), -1) for part in (q, v)]
         zeros = (self._masses.columns(self._time(t, q), inputs, self.parameter_array(parameters)) == 0.0).any(axis=0)
@@ -462,11 +462,11 @@ MOST_NODES = 10_000_000
 """Largest number of nodes in a list. The iteration over a list of a user's class may be endless."""
 
 
-def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:
+def _nodes(candidates: Iterable[Any]) -> tuple[Node, ...]:
     """Return an iterable of graph nodes as a tuple. Raises StatementError for other objects."""
-    nodes = tuple(islice(given, MOST_NODES)) if isinstance(given, (tuple, list)) else None
+    nodes = tuple(islice(candidates, MOST_NODES)) if isinstance(candidates, (tuple, list)) else None
     if nodes is None or not all(isinstance(node, Node) for node in nodes):
-        raise StatementError(f"{shown(given)} is not a tuple of nodes: give those of the model's equations.")
+        raise StatementError(f"{shown(candidates)} is not a tuple of nodes: give those of the model's equations.")
     return nodes
 
 

@@ -54,21 +54,21 @@ def by_parameters(
             f"parameters has shape {parameters.shape} and the states have {q.shape[1:] or 'no'} columns: give (k,), or "
             "one column for each state."
         )
-    times, found = np.broadcast_to(t, q.shape[1:]), np.empty(0)
+    times, results = np.broadcast_to(t, q.shape[1:]), np.empty(0)
     unique, which = np.unique(parameters, axis=1, return_inverse=True)
     for i, values in enumerate(unique.T if unique.shape[1] else np.ones((1, len(unique)))):
         columns = np.flatnonzero(which.reshape(-1) == i)
         part = call(times[columns], (q[:, columns], v[:, columns]), np.ascontiguousarray(values))
-        found = found if i else np.empty((*part.shape[:-1], q.shape[1]))
-        found[..., columns] = part
-    return found
+        results = results if i else np.empty((*part.shape[:-1], q.shape[1]))
+        results[..., columns] = part
+    return results
 
 
-def with_zero_inputs(statement: Statement, given: Parameters) -> Parameters:
+def with_zero_inputs(statement: Statement, parameters: Parameters) -> Parameters:
     """Return the parameters, with 0 for each input (open given function) that has no value."""
-    if isinstance(given, np.ndarray) or not statement.inputs:
-        return given
-    stated = table_of(given, "parameters", "parameter to value")
+    if isinstance(parameters, np.ndarray) or not statement.inputs:
+        return parameters
+    stated = table_of(parameters, "parameters", "parameter to value")
     names = {label_of(key) for key in stated}
     return {**stated, **{symbol.name: 0.0 for symbol, _ in statement.inputs if symbol.name not in names}}
 
@@ -79,25 +79,25 @@ class ParameterValues:
     def __init__(self, statement: Statement) -> None:
         self._statement = statement
 
-    def by_symbol(self, given: Mapping[Any, Any] | None) -> dict[Any, float]:
-        """Return a value for every parameter: the defaults, replaced by the values `given` by symbol or name."""
-        return dict(self._defaults) if given is None else self._overlaid(given)
+    def by_symbol(self, values: Mapping[Any, Any] | None) -> dict[Any, float]:
+        """Return a value for every parameter: the defaults, replaced by `values` by symbol or name."""
+        return dict(self._defaults) if values is None else self._overlaid(values)
 
-    def array(self, given: Parameters) -> FloatArray:
+    def array(self, values: Parameters) -> FloatArray:
         """Return the values (k,) in the statement's order.
 
         An array, (k,) or (k, batch), is checked and returned unchanged.
         """
-        if given is None:
+        if values is None:
             return self._default_array
-        if isinstance(given, np.ndarray):
-            return self._checked(given)
-        if isinstance(given, Mapping) and not given:
+        if isinstance(values, np.ndarray):
+            return self._checked(values)
+        if isinstance(values, Mapping) and not values:
             return self._default_array
-        return ordered(self._overlaid(given), self._statement.parameters)
+        return ordered(self._overlaid(values), self._statement.parameters)
 
-    def _overlaid(self, given: Mapping[Any, Any] | None) -> dict[Any, float]:
-        return parameter_values(given, self._statement.parameters, self._statement.defaults)
+    def _overlaid(self, values: Mapping[Any, Any] | None) -> dict[Any, float]:
+        return parameter_values(values, self._statement.parameters, self._statement.defaults)
 
     @cached_property
     def _defaults(self) -> dict[Any, float]:
@@ -107,9 +107,9 @@ class ParameterValues:
     def _default_array(self) -> FloatArray:
         return ordered(self._defaults, self._statement.parameters)
 
-    def _checked(self, given: FloatArray) -> FloatArray:
-        plain = type(given) is np.ndarray and given.dtype is DOUBLE
-        array = given if plain else real_array(given, "parameters")
+    def _checked(self, values: FloatArray) -> FloatArray:
+        plain = type(values) is np.ndarray and values.dtype is DOUBLE
+        array = values if plain else real_array(values, "parameters")
         parameters = self._statement.parameters
         if array.ndim == 2 and len(array) == len(parameters):
             for column in np.unique(array, axis=1).T:
@@ -120,12 +120,12 @@ class ParameterValues:
                 f"parameters has shape {array.shape}: give ({len(parameters)},), the values of "
                 f"{listing(p.name for p in parameters)} in this order, or a dict."
             )
-        values = array.tolist()
-        if values and not (
-            math.isfinite(sum(values)) and (min(values) >= 0.0 or all(values[i] >= 0.0 for i in self._positive))
+        numbers = array.tolist()
+        if numbers and not (
+            math.isfinite(sum(numbers)) and (min(numbers) >= 0.0 or all(numbers[i] >= 0.0 for i in self._positive))
         ):
             # An array must satisfy the same conditions as a dict. The dict raises the error.
-            self._overlaid(dict(zip(parameters, values, strict=True)))
+            self._overlaid(dict(zip(parameters, numbers, strict=True)))
         return array
 
     @cached_property

@@ -113,8 +113,8 @@ class _PythonPrinter(SourcePrinter):
     literals = LITERALS
 
     def head(self) -> list[str]:
-        given = ", ".join(self.text(parameter.ref) for parameter in self.procedure.parameters)
-        return [f"def {self.function_name(self.procedure)}({given}):", f'    """{self.procedure.about}"""']
+        parameters = ", ".join(self.text(parameter.ref) for parameter in self.procedure.parameters)
+        return [f"def {self.function_name(self.procedure)}({parameters}):", f'    """{self.procedure.about}"""']
 
     def legal(self, stem: str) -> str:
         return f"{stem.strip('_')}_" if keyword.iskeyword(stem) or stem.startswith("_") else stem
@@ -163,8 +163,8 @@ class _PythonPrinter(SourcePrinter):
     def opening(self, kind: str, *texts: str) -> str:
         match kind, texts:
             case "for", (index, start, stop, step):
-                places = f"{start}, {stop}" if start != "0" or step != "1" else stop
-                return f"for {index} in range({places}{'' if step == '1' else f', {step}'}):"
+                bounds = f"{start}, {stop}" if start != "0" or step != "1" else stop
+                return f"for {index} in range({bounds}{'' if step == '1' else f', {step}'}):"
             case _:
                 return " ".join([{"forever": "while True"}.get(kind, kind), *texts]) + ":"
 

@@ -50,7 +50,7 @@ class StepFunction(NamedTuple):
 
 
 class Happened(NamedTuple):
-    """Events found since the last call: indices `which` of event functions, times `when` (k,), states `there` (k, 2n).
+    """Events found since the last call: indices `which`, times `when` (k,) and states `event_states` (k, 2n).
 
     `rows` are the rows after which the motion changes and another smooth piece begins. `times` (m,) and `states` (m,
     2n) are the ends of the steps that were shortened at these rows. The time is NaN for a step that was not shortened.
@@ -58,7 +58,7 @@ class Happened(NamedTuple):
 
     which: WholeArray
     when: FloatArray
-    there: FloatArray
+    event_states: FloatArray
     rows: WholeArray
     times: FloatArray
     states: FloatArray
@@ -79,11 +79,11 @@ class StepEventMemory:
         self.states = np.empty((MOST_WAITING + 4 + WIDEST_VECTOR, size))
         self.sign, self.near, self.remaining, self.came, self.until_end = np.zeros((5, events), dtype=np.int64)
         self.stayed = np.zeros(events)
-        self.direction = np.array([one.direction for one in reactions], dtype=np.int64)
+        self.direction = np.array([r.direction for r in reactions], dtype=np.int64)
         self.which = np.empty(STEP_EVENT_ROOM + MOST_ZEROS, dtype=np.int64)
         self.when, self.there = np.empty(STEP_EVENT_ROOM + MOST_ZEROS), np.empty((STEP_EVENT_ROOM + MOST_ZEROS, size))
-        resets = [[one.first for one in reactions], [len(one.entries) for one in reactions], [0] * events]
-        entries = [entry for one in reactions for entry in one.entries]
+        resets = [[r.first for r in reactions], [len(r.entries) for r in reactions], [0] * events]
+        entries = [entry for r in reactions for entry in r.entries]
         self.settings = np.array([*(x for block in resets for x in block), *entries, 0], dtype=np.int64)
         self.until_end = self.settings[(SETTINGS - 1) * events : SETTINGS * events]
         self.break_rows, self.break_times = np.empty(STEP_EVENT_ROOM + 1, dtype=np.int64), np.empty(STEP_EVENT_ROOM + 1)
@@ -131,9 +131,9 @@ class StepEventMemory:
 
     def happened(self) -> Happened:
         """Return the events and changes of the motion that were found since the last call."""
-        found, breaks = self.review.found, self.run.breaks
+        count, breaks = self.review.found, self.run.breaks
         self.review.found = self.run.breaks = self.run.proven = 0
-        zeros = self.which[:found].copy(), self.when[:found].copy(), self.there[:found].copy()
+        zeros = self.which[:count].copy(), self.when[:count].copy(), self.there[:count].copy()
         rows = self.break_rows[:breaks].copy(), self.break_times[:breaks].copy(), self.break_states[:breaks].copy()
         return Happened(*zeros, *rows)
 

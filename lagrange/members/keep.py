@@ -109,11 +109,11 @@ def event_states(k: int) -> str:
     return f"y_event_{k}"
 
 
-def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
+def keep_of(keep: Any, model: Model, events: Sequence[Any]) -> Keep:
     """Return the checked `keep` option. Raises StatementError for unknown names and invalid expressions."""
-    listed = entries((given,) if isinstance(given, str) or _is_reduction(given) or _is_first(given) else given, "keep")
+    listed = entries((keep,) if isinstance(keep, str) or _is_reduction(keep) or _is_first(keep) else keep, "keep")
     if not listed:
-        raise StatementError(f'keep is {shown(given)}: give at least one result, such as ("end", ("max", theta)).')
+        raise StatementError(f'keep is {shown(keep)}: give at least one result, such as ("end", ("max", theta)).')
     names: dict[str, None] = {}
     occurrences = 0
     reductions: list[Reduction] = []
@@ -136,13 +136,13 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
     return Keep(END in names, COUNTS in names, DRIFT in names, occurrences, tuple(reductions))
 
 
-def _add(reductions: list[Reduction], given: Reduction) -> None:
+def _add(reductions: list[Reduction], added: Reduction) -> None:
     """Append a reduction unless it is in the list. A numeric suffix distinguishes expressions that print alike."""
-    if any((reduction.how, reduction.expression) == (given.how, given.expression) for reduction in reductions):
+    if any((reduction.how, reduction.expression) == (added.how, added.expression) for reduction in reductions):
         return
     names = {reduction.name for reduction in reductions}
-    numbered = (f"{given.name} {k}" for k in count(2))
-    reductions.append(given._replace(name=next(name for name in chain([given.name], numbered) if name not in names)))
+    numbered = (f"{added.name} {k}" for k in count(2))
+    reductions.append(added._replace(name=next(name for name in chain([added.name], numbered) if name not in names)))
 
 
 def reduction_label(key: Any, model: Model) -> str | None:
@@ -177,14 +177,14 @@ def _is_reduction(entry: Any) -> bool:
     return _is_pair(entry) and entry[0] in REDUCTIONS
 
 
-def _reduction(how: str, given: Any, model: Model) -> Reduction:
+def _reduction(how: str, quantity: Any, model: Model) -> Reduction:
     """Return the reduction of an expression, or of a coordinate or velocity given by name."""
     statement = model.statement
-    expression = given
-    if isinstance(given, str):
+    expression = quantity
+    if isinstance(quantity, str):
         names = statement.state_names
-        one_of(given, names, "{given} in keep is neither a coordinate nor a velocity; these are {known}.")
-        expression = (*statement.coordinates, *statement.velocities)[names.index(given)]
+        one_of(quantity, names, "{given} in keep is neither a coordinate nor a velocity; these are {known}.")
+        expression = (*statement.coordinates, *statement.velocities)[names.index(quantity)]
     # Raise an error for an unknown symbol here, not in the run of the first member.
     model.evaluate_expression(
         expression, np.zeros(1), np.array(statement.initial)[:, None], np.ones(len(statement.parameters))
@@ -368,15 +368,15 @@ class _Extremum:
         value = steps.inside(self.reduction.expression, which, near) if len(which) else near
         rises = value * SIGNS[self.reduction.how] >= np.maximum(f[which, first], f[which, first + 1])
         kept, ends = which[rises], np.ones(int(rises.sum()))
-        places = np.array([x[first] * ends, near[rises], x[first + 1] * ends])
-        return kept, places, np.array([values[kept, first], value[rises], values[kept, first + 1]])
+        points = np.array([x[first] * ends, near[rises], x[first + 1] * ends])
+        return kept, points, np.array([values[kept, first], value[rises], values[kept, first + 1]])
 
-    def _search(self, steps: _Steps, which: Any, places: FloatArray, values: FloatArray) -> None:
+    def _search(self, steps: _Steps, which: Any, points: FloatArray, values: FloatArray) -> None:
         """Search for the largest value in brackets, fractions (3, k) with values (3, k), and update `best`."""
         search, sign = called(largest_between.form()), SIGNS[self.reduction.how]
         for k in range(len(which)):
             step = partial(self._value, steps, which[k : k + 1]), 0.0, 0.0, 0.0, 0, NONE, NONE, 0
-            self.best = float(search(*step, sign, *places[:, k].tolist(), *values[:, k].tolist(), self.best))
+            self.best = float(search(*step, sign, *points[:, k].tolist(), *values[:, k].tolist(), self.best))
 
     def _value(self, steps: _Steps, which: Any, fraction: float, *_: Any) -> float:
         """Return the value of the expression at a fraction of the step `which` (1,)."""

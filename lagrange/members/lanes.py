@@ -123,19 +123,19 @@ class Compiled:
     events: int
 
 
-def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
+def compiled_members(model: Model, plan: Plan, tasks: MemberTasks) -> Compiled:
     """Compile the members of a model for a plan."""
     laws = {name: model.law(name).program for name in ("rhs", "energy", "momenta")}
     step = plan.step if isinstance(plan, StepPlan) else None
     if step is not None:
         laws["step"] = model.law(LAWS[step.law].quantity).program
-    nodes = tuple(node_of(reduction.expression, model.statement, model.equations) for reduction in wanted.reductions)
+    nodes = tuple(node_of(reduction.expression, model.statement, model.equations) for reduction in tasks.reductions)
     different = tuple(dict.fromkeys(nodes))
     if nodes:
         laws["expressions"] = model.function("expressions", different).program
-    if wanted.watched is not None:
+    if tasks.watched is not None:
         along = plan.series.program.values if isinstance(plan, TaylorPlan) else None
-        laws["watched"] = along or model.function("events", wanted.watched.nodes).program
+        laws["watched"] = along or model.function("events", tasks.watched.nodes).program
     prepared = PreparedLayout.of([*laws.values()])
     kernels = {name: kernel(program, prepared, name, f"The quantity {name}.") for name, program in laws.items()}
     preparing, size = prepare(prepared, ABOUT), prepared.size
@@ -143,7 +143,7 @@ def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
     observed = Observed(observing, 1 + len(model.layout.rates))
     sampled = None
     if nodes:
-        pairs = zip(wanted.reductions, nodes, strict=True)
+        pairs = zip(tasks.reductions, nodes, strict=True)
         reductions = tuple((reduction.how, different.index(node)) for reduction, node in pairs)
         instructions = laws["expressions"].instructions
         entries = dict.fromkeys(instruction.place for instruction in instructions if instruction.op == "state")
@@ -152,36 +152,36 @@ def compiled_members(model: Model, plan: Plan, wanted: MemberTasks) -> Compiled:
     parameters = len(model.statement.parameters)
     members: MemberMethod
     if isinstance(plan, TaylorPlan):
-        series = TaylorProcedures(plan.series.program, prepared.size, watches=wanted.watched is not None)
+        series = TaylorProcedures(plan.series.program, prepared.size, watches=tasks.watched is not None)
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
         jet: WrittenJet | ByOrderJet
         if single_operations(series.packing, plan.order) > MOST_WRITTEN_OUT:
             jet = ByOrderJet(series.single, series.numbers)
         else:
             jet = WrittenJet(series.single, series.numbers, plan.order)
-        numbers = SystemNumbers(size, parameters, preparing if wanted.varying else None)
-        events = None if wanted.watched is None else _events(plan, wanted.watched, kernels["watched"])
+        numbers = SystemNumbers(size, parameters, preparing if tasks.varying else None)
+        events = None if tasks.watched is None else _events(plan, tasks.watched, kernels["watched"])
         members = TaylorMembers(jet.layout, plan.order, jet.build(), numbers, observed, sampled, events)
-        if wanted.watched is not None:
+        if tasks.watched is not None:
             sizes = np.array([getattr(jet.layout, name) for name in SIZES.places], dtype=np.int64)
-            memory = EventMemory(model.layout.size, 0, wanted.watched.reactions)
+            memory = EventMemory(model.layout.size, 0, tasks.watched.reactions)
             read |= {"sizes": sizes, "settings": memory.settings, "tilts": memory.tilts}
     else:
         assert step is not None
-        numbers = SystemNumbers(size, parameters, preparing if wanted.varying else None)
-        dense = None if wanted.path is None else MemberDenseOutput(wanted.path, kernels["rhs"])
+        numbers = SystemNumbers(size, parameters, preparing if tasks.varying else None)
+        dense = None if tasks.path is None else MemberDenseOutput(tasks.path, kernels["rhs"])
         watch = None
-        if wanted.path is not None:
-            read["table"] = wanted.path.table
-        if wanted.path is not None and wanted.watched is not None:
-            screened = step.control is not None and wanted.path.degree > hermite_polynomial(3).degree
-            watch = StepEvents(kernels["watched"], wanted.watched.events, screened)
-            read |= wanted.watched.arrays_of_steps(model.layout.size)
+        if tasks.path is not None:
+            read["table"] = tasks.path.table
+        if tasks.path is not None and tasks.watched is not None:
+            screened = step.control is not None and tasks.path.degree > hermite_polynomial(3).degree
+            watch = StepEvents(kernels["watched"], tasks.watched.events, screened)
+            read |= tasks.watched.arrays_of_steps(model.layout.size)
         members = StepMembers(step, model.layout.size, kernels["step"], numbers, observed, dense, sampled, watch)
-    preparation = None if wanted.varying else Pruner().pruned(preparing)
+    preparation = None if tasks.varying else Pruner().pruned(preparing)
     code = model.machine.members(members.build())
     assert code is not None, f"{model.target} runs no members side by side"
-    event_count = 0 if wanted.watched is None else wanted.watched.events
+    event_count = 0 if tasks.watched is None else tasks.watched.events
     return Compiled(code, preparation, size, observed.size, read, event_count)
 
 
@@ -274,17 +274,17 @@ class LaneEngine:
         ends = Ends({column.name: columns[column.name] for column in alone.columns})
         return alone.again(starts, ends, np.flatnonzero(doubtful))
 
-    def complete(self, outputs: FloatArray, wanted: FloatArray, states: FloatArray, times: FloatArray) -> None:
-        """Complete the states `outputs` (m, K, 2n) of m members at the output times `wanted` (K,), in place.
+    def complete(self, outputs: FloatArray, output_times: FloatArray, states: FloatArray, times: FloatArray) -> None:
+        """Complete the states `outputs` (m, K, 2n) of m members at `output_times` (K,), in place.
 
         The runs ended at `times` (m,) in `states` (m, 2n). If a run ended exactly at an output time, write its last
         state there. Write NaN at output times after the end of a run.
         """
         t0, t1 = self.alone.span
-        for index in np.flatnonzero((wanted == times[:, None]).any(axis=0)):
-            ended = times == wanted[index]
+        for index in np.flatnonzero((output_times == times[:, None]).any(axis=0)):
+            ended = times == output_times[index]
             outputs[ended, index] = states[ended]
-        behind = (wanted - times[:, None]) * (1.0 if t1 >= t0 else -1.0) > 0
+        behind = (output_times - times[:, None]) * (1.0 if t1 >= t0 else -1.0) > 0
         outputs[behind] = np.nan
 
     def unexplained(

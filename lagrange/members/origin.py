@@ -137,22 +137,24 @@ def _steps(method: Any) -> str | None:
     return hashlib.sha256(written.encode()).hexdigest()
 
 
-def difference(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """Return a text that lists the entries in which the stored description `found` differs from `wanted`, or ""."""
-    differ = [name for name in wanted if found.get(name) != wanted[name]]
+def difference(stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
+    """Return a text that lists the entries in which the `stored` description differs from the `current` one, or ""."""
+    differ = [name for name in current if stored.get(name) != current[name]]
     if not differ:
         return ""
-    labels = [f"{name} (its {listing(_parts(found, wanted))})" if name == "statement" else name for name in differ]
+    labels = [f"{name} (its {listing(_parts(stored, current))})" if name == "statement" else name for name in differ]
     short = next((name for name in differ if name not in LONG_ENTRIES), None)
-    return listing(labels) + (f": {short} was {shown(found.get(short))} and is {shown(wanted[short])}" if short else "")
+    return listing(labels) + (
+        f": {short} was {shown(stored.get(short))} and is {shown(current[short])}" if short else ""
+    )
 
 
-def _parts(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
+def _parts(stored: Mapping[str, Any], current: Mapping[str, Any]) -> list[str]:
     """Return the names of the parts in which two statements differ."""
     try:
-        old = tomllib.loads(str(found.get("statement")))
+        old = tomllib.loads(str(stored.get("statement")))
     except ValueError:
         return ["form: a development version before lagrange 0.1.0 wrote it as JSON"]
-    new = tomllib.loads(wanted["statement"])
+    new = tomllib.loads(current["statement"])
     names = [name for name in {**new, **old} if name != "definitions" and old.get(name) != new.get(name)]
     return names or ["definitions"]

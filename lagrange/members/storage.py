@@ -46,13 +46,13 @@ class ResultStorage(ABC):
     @property
     def form(self) -> str:
         """How members were run, with a note if their last digits may differ from those of this machine."""
-        said = ["; ".join(self.forms) or "all members were stored"]
+        notes = ["; ".join(self.forms) or "all members were stored"]
         machine = self.job.problem.model.machine
         if machine.processor and any(form.endswith(BY_NUMPY) for form in self.forms):
-            said.append("a worker has no llvmlite")
+            notes.append("a worker has no llvmlite")
         if others := [processor for processor in self.processors if processor != machine.processor]:
-            said.append(f"workers compiled for {listing(others)}, not for {machine.processor}")
-        return "; ".join(said) + (": the last digits may differ from those of this machine" if said[1:] else "")
+            notes.append(f"workers compiled for {listing(others)}, not for {machine.processor}")
+        return "; ".join(notes) + (": the last digits may differ from those of this machine" if notes[1:] else "")
 
     def reporting(self, report: Report, before: int) -> Callable[[int, ChunkResult], None]:
         """Return a callback that stores the results of a chunk and reports the number of finished members.
@@ -90,10 +90,10 @@ class ArrayStorage(ResultStorage):
 def kept_in_memory(job: Job, table: MemberTable) -> ArrayStorage:
     """Return the storage of results in memory. Raises StatementError if they need more than a quarter of the memory."""
     members, columns = len(table), job.columns
-    taken, limit = members * sum(column.bytes for column in columns), machine_memory() / MEMORY_DIVISOR
-    if taken > limit:
+    size, limit = members * sum(column.bytes for column in columns), machine_memory() / MEMORY_DIVISOR
+    if size > limit:
         raise StatementError(
-            f"the results of {counted(members, 'member')} take {taken:.3g} bytes, more than a quarter of the memory, "
+            f"the results of {counted(members, 'member')} take {size:.3g} bytes, more than a quarter of the memory, "
             f'{limit:.3g} bytes: give store="runs.zarr", which writes them to a folder block by block, or fewer '
             "members or output times."
         )

@@ -149,18 +149,19 @@ def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any
     return of_state, of_rates, of_parameters
 
 
-def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
+def _divided(what: str, argument: Any) -> tuple[dict[Any, Any], list[Varied]]:
     """Return the values by key that all members share, and the varying values, of the argument named `what`."""
-    if given is None:
+    if argument is None:
         return {}, []
-    if isinstance(given, Varied):
-        return {}, [given]
-    if not isinstance(given, Mapping):
+    if isinstance(argument, Varied):
+        return {}, [argument]
+    if not isinstance(argument, Mapping):
         raise StatementError(
-            f"{what} is {shown(given)}: give a dict from name to number or array, or lg.grid(...), or lg.sample(...)."
+            f"{what} is {shown(argument)}: give a dict from name to number or array, or lg.grid(...), or "
+            "lg.sample(...)."
         )
     plain, arrays = {}, {}
-    for key, value in given.items():
+    for key, value in argument.items():
         # Numbers of NumPy and SymPy, and arrays without dimensions, are one value for all members.
         if isinstance(value, (list, tuple, range)) or (hasattr(value, "__array__") and bool(getattr(value, "ndim", 0))):
             arrays[key] = _values(label_of(key), value)
@@ -170,9 +171,9 @@ def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
     return plain, [Arrays({key: values}) for key, values in arrays.items()]
 
 
-def _values(label: str, given: Any) -> FloatArray:
+def _values(label: str, array_like: Any) -> FloatArray:
     """Return the values (members,) of a key. Raises StatementError for other shapes and values that are not finite."""
-    values = real_array(given, label)
+    values = real_array(array_like, label)
     if values.ndim != 1:
         raise StatementError(
             f"{label} has an array of shape {values.shape}: give (members,), a value for each, or lg.grid(...)."
@@ -191,9 +192,9 @@ def _together(sources: list[Varied]) -> Varied:
         return sources[0]
     lengths = {label_of(key): len(source) for source in sources for key in source.keys}
     if len(set(lengths.values())) > 1:
-        said = listing(f"{label} has {counted(length, 'value')}" for label, length in lengths.items())
+        text = listing(f"{label} has {counted(length, 'value')}" for label, length in lengths.items())
         raise StatementError(
-            f"{said}: give arrays of one length, a value for each member, or, for all combinations, one lg.grid(...) "
+            f"{text}: give arrays of one length, a value for each member, or, for all combinations, one lg.grid(...) "
             "of all that varies."
         )
     keys = [label_of(key) for source in sources for key in source.keys]

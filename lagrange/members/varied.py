@@ -114,15 +114,15 @@ def grid(axes: Mapping[Any, Any]) -> Grid:
     return Grid(axis_values)
 
 
-def _axis(label: str, given: Any) -> FloatArray:
+def _axis(label: str, axis: Any) -> FloatArray:
     """Return the values of an axis as an array."""
-    if isinstance(given, tuple):
-        if len(given) != 3:
+    if isinstance(axis, tuple):
+        if len(axis) != 3:
             raise StatementError(
-                f"the axis {label} is {shown(given)}: give (low, high, count), or a list of values, such as [0.0, 1.0]."
+                f"the axis {label} is {shown(axis)}: give (low, high, count), or a list of values, such as [0.0, 1.0]."
             )
-        low, high = (real_number(end, f"an end of {label}") for end in given[:2])
-        count = whole_number(given[2], f"the number of values of {label}", 1, MOST_NUMBERS)
+        low, high = (real_number(end, f"an end of {label}") for end in axis[:2])
+        count = whole_number(axis[2], f"the number of values of {label}", 1, MOST_NUMBERS)
         if count == 1 and low != high:
             raise StatementError(
                 f"the axis {label} has 1 value between {low:g} and {high:g}, and both ends belong to it: give at least "
@@ -131,11 +131,9 @@ def _axis(label: str, given: Any) -> FloatArray:
         with np.errstate(all="ignore"):
             values = np.linspace(low, high, count)
     else:
-        values = real_array(given, label)
+        values = real_array(axis, label)
     if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
-        raise StatementError(
-            f"the axis {label} is {shown(given)}: give (low, high, count), or a list of finite values."
-        )
+        raise StatementError(f"the axis {label} is {shown(axis)}: give (low, high, count), or a list of finite values.")
     return values
 
 
@@ -178,20 +176,20 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
     return Arrays(values, ({"sample": method, "seed": start, "of": [label_of(key) for key in values]},))
 
 
-def _drawn(label: str, given: Any, parts: FloatArray) -> FloatArray:
+def _drawn(label: str, distribution: Any, parts: FloatArray) -> FloatArray:
     """Return the quantiles (m,) of a range (low, high) or a distribution at the probabilities `parts` (m,)."""
-    quantile = getattr(given, "ppf", None)
+    quantile = getattr(distribution, "ppf", None)
     if callable(quantile):
         # At probability 0, which a sequence may contain, a normal distribution has no value.
         values = _quantiles(label, quantile, np.clip(parts, 2.0**-53, 1.0 - 2.0**-53))
-    elif isinstance(given, (tuple, list)) and len(given) == 2:
-        low, high = (real_number(end, f"an end of {label}") for end in given)
+    elif isinstance(distribution, (tuple, list)) and len(distribution) == 2:
+        low, high = (real_number(end, f"an end of {label}") for end in distribution)
         if not low < high:
             raise StatementError(f"the range of {label} goes from {low:g} to {high:g}: give (low, high), low first.")
         values = low + (high - low) * parts
     else:
         raise StatementError(
-            f"the range of {label} is {shown(given)}: give (low, high), or a distribution of scipy.stats."
+            f"the range of {label} is {shown(distribution)}: give (low, high), or a distribution of scipy.stats."
         )
     if not np.isfinite(values).all():
         first = float(values[np.argmin(np.isfinite(values))])
@@ -214,9 +212,9 @@ def _quantiles(label: str, quantile: Callable[[FloatArray], Any], parts: FloatAr
     return values
 
 
-def _named(given: Any, what: str, entries: str) -> Any:
+def _named(mapping: Any, what: str, entries: str) -> Any:
     """Return the (key, value) entries of a dict. Raises StatementError for an empty dict or a key given twice."""
-    table = table_of(given, what, entries)
+    table = table_of(mapping, what, entries)
     if not table:
         raise StatementError(f"{what} is empty: give a dict from {entries}.")
     labels = [label_of(key) for key in table]

@@ -58,13 +58,13 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
         singular = regularity(model, parameters, (problem.t0, problem.y0), (t, y))
         return "" if singular is None or not singular[0] < LOST_INERTIA else rank_lost(problem, y, *singular)
     kernel = model.kernel("mass_matrix")
-    before, here = kernel(problem.t0, problem.y0, parameters), kernel(t, y, parameters)
-    sizes = np.abs(np.diag(before))
+    initial_mass, mass = kernel(problem.t0, problem.y0, parameters), kernel(t, y, parameters)
+    sizes = np.abs(np.diag(initial_mass))
     units = np.sqrt(np.where(sizes > 0, sizes, 1.0))
-    if not (np.isfinite(before).all() and np.isfinite(here).all()):
+    if not (np.isfinite(initial_mass).all() and np.isfinite(mass).all()):
         return ""
-    least = float(np.abs(np.linalg.eigvalsh(before / np.outer(units, units))).min())
-    values, vectors = np.linalg.eigh(here / np.outer(units, units))
+    least = float(np.abs(np.linalg.eigvalsh(initial_mass / np.outer(units, units))).min())
+    values, vectors = np.linalg.eigh(mass / np.outer(units, units))
     which = int(np.argmin(np.abs(values)))
     left, null = float(abs(values[which])), vectors[:, which]
     if not left < LOST_INERTIA * least or not _moves_along(problem, t, y, null / units, units**2):
@@ -78,25 +78,25 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     )
 
 
-def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) -> str:
+def rank_lost(problem: Problem, y: FloatArray, share: float, singular: Singular) -> str:
     """Return the message for a run that ends at a state (2n,) with nearly singular constraints or inertia.
 
-    `share` is the least singular value of G or M relative to the start. `found` has the dependent constraints, or the
-    motion without inertia.
+    `share` is the least singular value of G or M relative to the start. `singular` has the dependent constraints, or
+    the motion without inertia.
     """
     state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
     left = f"{share:.2g} of what it was at the start"
-    if found.motion is not None:
+    if singular.motion is not None:
         return (
-            f"the inertia of a motion with {motion_along(problem.model.layout.rates, found.motion)}, which satisfies "
-            f"the constraints, vanishes there, at {state}: it is {left}. End the run before it, or state a Lagrangian "
-            "that keeps its inertia."
+            f"the inertia of a motion with {motion_along(problem.model.layout.rates, singular.motion)}, which "
+            f"satisfies the constraints, vanishes there, at {state}: it is {left}. End the run before it, or state a "
+            "Lagrangian that keeps its inertia."
         )
     what = f"their least singular value is {left}"
-    if len(found.rows) == 1:
+    if len(singular.rows) == 1:
         what = f"these derivatives are {share:.2g} of what they were at the start"
     return (
-        f"{dependent_rows(problem.model.equations.constraints.names, found)} there, at {state}: {what}, and the "
+        f"{dependent_rows(problem.model.equations.constraints.names, singular)} there, at {state}: {what}, and the "
         "accelerations grow beyond all bounds. End the run before it, or, if the motion is smooth there, pass it with "
         "equal steps, such as those of rk4."
     )
@@ -163,34 +163,34 @@ is a point at which the least singular value of the constraints is below this fr
 
 
 def until_dependent(
-    problem: Problem, rtol: float, found: Trajectory, accepted: tuple[FloatArray, FloatArray]
+    problem: Problem, rtol: float, run: Trajectory, accepted: tuple[FloatArray, FloatArray]
 ) -> Trajectory:
-    """Return the run `found`, cut before the first configuration after which rounding errors decide its motion.
+    """Return `run`, cut before the first configuration after which rounding errors decide its motion.
 
     `accepted` has the times (S+1,) and states (S+1, 2n) of its accepted steps.
     """
     times, states = accepted
-    stopped = not found.status.complete and found.status is not Status.STEP_TOO_SMALL
+    stopped = not run.status.complete and run.status is not Status.STEP_TOO_SMALL
     passed = dependent_passage(problem.model, times, states, problem.parameter_array, rtol, stopped=stopped)
     if passed is None:
-        return found
+        return run
     row, dependent = passed
     detail = crossing(problem, dependent, states[row])
-    return _shortened(problem, found, (float(times[row]), states[row]), row, detail)
+    return _shortened(problem, run, (float(times[row]), states[row]), row, detail)
 
 
-def until_discontinuity(problem: Problem, found: Trajectory, passed: Discontinuity, *, series: bool) -> Trajectory:
-    """Return the run `found`, cut at the last state before the discontinuity `passed` of its constraints.
+def until_discontinuity(problem: Problem, run: Trajectory, passed: Discontinuity, *, series: bool) -> Trajectory:
+    """Return `run`, cut at the last state before the discontinuity `passed` of its constraints.
 
     If the steps are `series`, a step that ends at the discontinuity is kept: it is the motion up to there, even if the
     projection moves its end.
     """
-    steps = found.steps - passed.steps
+    steps = run.steps - passed.steps
     if not series or passed.part < 1.0 - AT_THE_END:
-        return _shortened(problem, found, (passed.t, passed.y), steps, passed.what)
+        return _shortened(problem, run, (passed.t, passed.y), steps, passed.what)
     end = math.nextafter(passed.after, passed.t)
-    y = found.dense(np.array([end]))[:, 0]
-    short = _shortened(problem, found, (end, y), steps + 1, passed.what)
+    y = run.dense(np.array([end]))[:, 0]
+    short = _shortened(problem, run, (end, y), steps + 1, passed.what)
     if problem.t_eval is not None:
         return short
     return replace(short, t=np.append(short.t, end), y=np.column_stack([short.y, y]))
@@ -216,13 +216,11 @@ def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> s
     return "" if lowest is None or not lowest[1].rows else crossing(problem, lowest[1], y)
 
 
-def _shortened(
-    problem: Problem, found: Trajectory, end: tuple[float, FloatArray], steps: int, detail: str
-) -> Trajectory:
-    """Return the run `found` cut at `end`, a time and a state, with `steps` steps, status SINGULAR and a `detail`."""
+def _shortened(problem: Problem, run: Trajectory, end: tuple[float, FloatArray], steps: int, detail: str) -> Trajectory:
+    """Return `run` cut at `end`, a time and a state, with `steps` steps, status SINGULAR and a `detail`."""
     t, y = end
-    told = message(Status.SINGULAR, problem, t, y, found.method, detail=detail)
-    return replace(run_until(found, t), status=Status.SINGULAR, message=told, steps=steps)
+    told = message(Status.SINGULAR, problem, t, y, run.method, detail=detail)
+    return replace(run_until(run, t), status=Status.SINGULAR, message=told, steps=steps)
 
 
 CLEAR = 1e-5

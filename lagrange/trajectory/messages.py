@@ -237,19 +237,19 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     if not short:
         return
     row = min(short, key=sizes.__getitem__)
-    entry, asked = (
+    entry, request = (
         f"{problem.model.layout.names()[row]} does not exceed {sizes[row]:.3g}",
         f"rtol = {tolerances.rtol:g} asks for",
     )
     lower = tolerances.rtol * sizes[row]
     if tolerances.share or lower < sys.float_info.min:
-        yield f"{entry}, near the smallest of all doubles, and has fewer digits than {asked}: {UNITS}."
+        yield f"{entry}, near the smallest of all doubles, and has fewer digits than {request}: {UNITS}."
     else:
         # Without atol the steps would also follow entries that are rounding noise.
         rounded = any(0 < size <= least for size, least in zip(sizes, noise, strict=True))
         leave = "" if rounded else "leave atol out, and it follows the size of each entry, or "
         yield (
-            f"{entry}, so atol = {tolerances.atol:g} leaves it fewer digits than {asked}: {leave}lower it to some "
+            f"{entry}, so atol = {tolerances.atol:g} leaves it fewer digits than {request}: {leave}lower it to some "
             f"{lower:.0e}."
         )
 

@@ -149,12 +149,12 @@ class FollowedSteps:
     Ctrl-C leaves it consistent.
     """
 
-    def __init__(self, problem: Problem, wanted: FloatArray, path_of: PathOf, breaks: Breaks | None) -> None:
-        self._wanted, self._path_of = wanted, path_of
+    def __init__(self, problem: Problem, times: FloatArray, path_of: PathOf, breaks: Breaks | None) -> None:
+        self._times, self._path_of = times, path_of
         self._breaks = Breaks(len(problem.y0)) if breaks is None else breaks
-        self._rising = wanted if problem.t1 >= problem.t0 else -wanted
+        self._rising = times if problem.t1 >= problem.t0 else -times
         self._forward = 1.0 if problem.t1 >= problem.t0 else -1.0
-        self._y = np.empty((len(problem.y0), len(wanted)))
+        self._y = np.empty((len(problem.y0), len(times)))
         self._done = 0
         self._known = np.array([problem.t0]), problem.y0[None], 0, 0, 1
         """Times and states of the kept rows, number of the first row, number of passed breaks, and number of read
@@ -176,22 +176,22 @@ class FollowedSteps:
         times = np.concatenate([times, *(part.times for part in new)])
         states = np.concatenate([states, *(part.states for part in new)])
         rows, ends, whole = self._breaks.since(ended)
-        here = rows[rows < first + len(times)] - first
-        begins, lasts = np.append(0, here + 1), np.append(here, len(times) - 1)
+        break_rows = rows[rows < first + len(times)] - first
+        begins, lasts = np.append(0, break_rows + 1), np.append(break_rows, len(times) - 1)
         until = np.searchsorted(self._rising, self._forward * times[lasts])
         # The smooth pieces that contain output times.
         for motion in np.flatnonzero(np.diff(until, prepend=self._done) > 0).tolist():
             begin, end = int(begins[motion]), int(lasts[motion])
-            if motion == len(here) and not last:
+            if motion == len(break_rows) and not last:
                 break
             t, y = times[begin : end + 1], states[begin : end + 1]
-            if motion < len(here) and not math.isnan(ends[motion]):
+            if motion < len(break_rows) and not math.isnan(ends[motion]):
                 t, y = np.append(t[:-1], ends[motion]), np.concatenate([y[:-1], whole[motion][None]])
             if len(t) > 1:
                 self._write(t, y, float(times[end]))
         keep = self._finish(times[begins[-1] :], states[begins[-1] :], last=last)
         kept = times[len(times) - keep :].copy(), states[len(times) - keep :].copy()
-        self._known = *kept, first + len(times) - keep, ended + len(here), removed + len(parts)
+        self._known = *kept, first + len(times) - keep, ended + len(break_rows), removed + len(parts)
 
     def _finish(self, times: FloatArray, states: FloatArray, *, last: bool) -> int:
         """Evaluate the outputs on the present smooth piece. Return the number of its states that must be kept."""
@@ -204,7 +204,7 @@ class FollowedSteps:
         """Write the states at output times up to `end`, by the dense output of the steps."""
         until = self._done + int(np.searchsorted(self._rising[self._done :], self._forward * end))
         if self._done < until:
-            self._path_of(times, states).write(self._wanted[self._done : until], self._y[:, self._done : until])
+            self._path_of(times, states).write(self._times[self._done : until], self._y[:, self._done : until])
             self._done = until
 
 

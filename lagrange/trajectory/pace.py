@@ -169,10 +169,10 @@ def machine_memory() -> int:
 
 def compiled_late(problem: Problem) -> str:
     """Return a sentence with the remedy if compilation exceeded the time limit of the run, else ""."""
-    taken = time.perf_counter() - problem.began
-    if problem.max_wall is None or taken <= max(problem.max_wall, COMPILE_SECONDS):
+    seconds = time.perf_counter() - problem.began
+    if problem.max_wall is None or seconds <= max(problem.max_wall, COMPILE_SECONDS):
         return ""
     return (
-        f"Compiling took {taken:.3g} s, more than max_wall = {problem.max_wall:.6g} s. What is compiled stays with the "
-        "model: run it again, raise max_wall, or take a method that compiles less, such as dop853."
+        f"Compiling took {seconds:.3g} s, more than max_wall = {problem.max_wall:.6g} s. What is compiled stays with "
+        "the model: run it again, raise max_wall, or take a method that compiles less, such as dop853."
     )

@@ -118,9 +118,11 @@ class StepPlan:
         fixed = self.step.control is None
         return StepWatch(problem, driver, partial(self.path_of, problem), fixed=fixed, memory=memory)
 
-    def followed(self, problem: Problem, wanted: FloatArray, watch: Any) -> FollowedSteps:
-        """Return the evaluator of output times `wanted` (K,) during a run."""
-        return FollowedSteps(problem, wanted, partial(self.path_of, problem), None if watch is None else watch.breaks)
+    def followed(self, problem: Problem, output_times: FloatArray, watch: Any) -> FollowedSteps:
+        """Return the evaluator of `output_times` (K,) during a run."""
+        return FollowedSteps(
+            problem, output_times, partial(self.path_of, problem), None if watch is None else watch.breaks
+        )
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PathFunction:
         """Return the dense output of the method, separately for each smooth piece between two resets."""
@@ -221,7 +223,7 @@ class PreparedPlan:
     def give(
         self,
         problem: Problem,
-        taken: IdleDriver | None,
+        reused: IdleDriver | None,
         driver: Driver,
         state: DriverState,
         steps: int,
@@ -229,17 +231,17 @@ class PreparedPlan:
     ) -> None:
         """Keep the driver of a successful run for the next run with its parameters.
 
-        `taken` is the idle driver that the run used, None for a new driver.
+        `reused` is the idle driver that the run used, None for a new driver.
         """
         if self.method is None:
             return
         memory = None if watch is None else watch.memory
-        if taken is None and memory is not None and memory.nbytes > MOST_BYTES:
+        if reused is None and memory is not None and memory.nbytes > MOST_BYTES:
             self.steps = steps
             return
         state.outputs = NO_OUTPUTS
-        if taken is not None:
-            first = taken.first
+        if reused is not None:
+            first = reused.first
         else:
             # A run with events has its state outside of the memory of the driver.
             if memory is None:

@@ -261,10 +261,10 @@ def _check_memory(problem: Problem) -> None:
     """Raise StatementError for output times that do not fit into the memory of the run."""
     if problem.t_eval is None:
         return
-    taken, limit = 8 * len(problem.t_eval) * (len(problem.y0) + 1), memory_limit(problem)
-    if taken > limit:
+    size, limit = 8 * len(problem.t_eval) * (len(problem.y0) + 1), memory_limit(problem)
+    if size > limit:
         raise StatementError(
-            f"t_eval has {len(problem.t_eval)} times, which take {taken:.4g} bytes with their states, more than "
+            f"t_eval has {len(problem.t_eval)} times, which take {size:.4g} bytes with their states, more than "
             f"max_memory = {limit:.6g} bytes: give fewer times, raise max_memory, or run the span in parts."
         )
 

@@ -256,9 +256,9 @@ class _Run:
                     result = REACHED
                 else:
                     result = pace.look(state, rows.parts, self.after_call(outcome))
-                taken = time.perf_counter() - before
-                if taken < SECONDS_PER_CALL:
-                    growth = MOST_GROWTH if MOST_GROWTH * taken < SECONDS_PER_CALL else 2
+                seconds = time.perf_counter() - before
+                if seconds < SECONDS_PER_CALL:
+                    growth = MOST_GROWTH if MOST_GROWTH * seconds < SECONDS_PER_CALL else 2
                     per_call = min(growth * per_call, MOST_STEPS_PER_CALL)
                 if problem.progress is not None:
                     problem.progress(state.t)

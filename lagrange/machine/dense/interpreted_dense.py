@@ -54,10 +54,10 @@ class NumpyDense:
         """Return the callback that writes the polynomials of a block of steps."""
 
         def write(_: Any, columns: int, *arrays: Any) -> None:
-            own, beside, work, out = (
+            block, beside, work, out = (
                 array if isinstance(array, np.ndarray) else np.frombuffer(array) for array in arrays
             )
-            self.write(columns, own, beside, work, out)
+            self.write(columns, block, beside, work, out)
 
         return BlockPolynomial(write, np.empty(0).data, WIDEST_VECTOR, self.size(WIDEST_VECTOR), self.both, ())
 
@@ -69,34 +69,34 @@ class NumpyDense:
             coefficients[:, :, part] = self._block(times, states, steps[part])
         return coefficients
 
-    def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
-        """Write the states at the times `wanted` (K,), sorted in the direction of the run, to `out` (2n, K)."""
+    def at(self, times: FloatArray, states: FloatArray, requested_times: FloatArray, out: FloatArray) -> None:
+        """Write the states at `requested_times` (K,), sorted in the direction of the run, to `out` (2n, K)."""
         sign = 1.0 if times[-1] >= times[0] else -1.0
-        step_of = np.searchsorted(sign * times, sign * wanted, side="right") - 1
+        step_of = np.searchsorted(sign * times, sign * requested_times, side="right") - 1
         step_of = np.clip(step_of, 0, len(times) - 2)
-        for low in range(0, len(wanted), TIMES_PER_BLOCK):
+        for low in range(0, len(requested_times), TIMES_PER_BLOCK):
             part = slice(low, low + TIMES_PER_BLOCK)
-            steps, here = step_of[part], wanted[part]
+            steps, part_times = step_of[part], requested_times[part]
             used, which = np.unique(steps, return_inverse=True)
             with np.errstate(all="ignore"):
-                theta = (here - times[steps]) / (times[steps + 1] - times[steps])
+                theta = (part_times - times[steps]) / (times[steps + 1] - times[steps])
                 c = self.coefficients(times, states, used)
                 out[:, part] = polyval(theta, c[:, :, which], tensor=False)
             for rows in (steps, steps + 1):
-                exact = times[rows] == here
+                exact = times[rows] == part_times
                 out[:, part][:, exact] = states[rows[exact]].T
 
     def _block(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
         """Return the polynomial coefficients (degree + 1, 2n, K) of a block of K steps."""
         n, count = self.dimension, len(steps)
         out = np.empty((self.degree + 1) * n * count)
-        own, beside = _gathered(times, states, steps), np.empty(0)
+        block, beside = _gathered(times, states, steps), np.empty(0)
         if self.both:
-            there = np.where(steps > 0, steps - 1, min(1, len(times) - 2))
+            neighbours = np.where(steps > 0, steps - 1, min(1, len(times) - 2))
             alone = len(times) < 3
-            beside = _gathered(times, states, there, np.where(steps > 0, -1.0, 0.0 if alone else 1.0))
+            beside = _gathered(times, states, neighbours, np.where(steps > 0, -1.0, 0.0 if alone else 1.0))
         with np.errstate(all="ignore"):
-            self.write(count, own, beside, np.empty(self.size(count)), out)
+            self.write(count, block, beside, np.empty(self.size(count)), out)
         return out.reshape(-1, n, count)
 
 

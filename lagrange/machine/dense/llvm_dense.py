@@ -35,11 +35,11 @@ from lagrange.procedure.form import Procedure
 @lru_cache(maxsize=64)
 def compiled_polynomial(procedure: Procedure) -> Module:
     """Return the module of a procedure that writes polynomials, called through the function `polynomial`."""
-    own = len(procedure.parameters) - len(POLYNOMIAL.parameters) + 1
+    context_size = len(procedure.parameters) - len(POLYNOMIAL.parameters) + 1
     e = Emitter()
     kinds = [argument_type(parameter.type) for parameter in procedure.parameters]
-    given = [f"{kind} {e.get('%given', place, kind)}" for place, kind in enumerate(kinds[:own])]
-    handed = ", ".join([*given, "i64 %columns", *(f"ptr %{name}" for name in ("own", "beside", "work", "out"))])
+    context = [f"{kind} {e.get('%given', index, kind)}" for index, kind in enumerate(kinds[:context_size])]
+    handed = ", ".join([*context, "i64 %columns", *(f"ptr %{name}" for name in ("own", "beside", "work", "out"))])
     e.do(f"call void @{procedure.name}({handed})")
     e.do("ret void")
     head = "define void @polynomial(ptr %given, i64 %columns, ptr %own, ptr %beside, ptr %work, ptr %out) #1"
@@ -82,15 +82,17 @@ class LlvmDense:
         c = out[:-WIDEST_VECTOR].reshape(blocks, self.degree + 1, n, columns)
         return np.moveaxis(c, 0, 2).reshape(self.degree + 1, n, -1)[:, :, :count]
 
-    def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
-        """Write the states at the times `wanted` (K,), sorted in the direction of the run, to `out` (2n, K)."""
+    def at(self, times: FloatArray, states: FloatArray, requested_times: FloatArray, out: FloatArray) -> None:
+        """Write the states at `requested_times` (K,), sorted in the direction of the run, to `out` (2n, K)."""
         if (written := self._written()) is None:
             out[:] = np.nan
             return
         c = np.empty((self.degree + 1) * self.dimension * written.columns + WIDEST_VECTOR)
         sign = 1.0 if times[-1] >= times[0] else -1.0
-        own = {"wanted": np.ascontiguousarray(wanted), "count": len(wanted), "sign": sign}
-        self._run(outputs.form(), written, times, states, **own, c=c, out=out, stride=out.strides[0] // out.itemsize)
+        arguments = {"wanted": np.ascontiguousarray(requested_times), "count": len(requested_times), "sign": sign}
+        self._run(
+            outputs.form(), written, times, states, **arguments, c=c, out=out, stride=out.strides[0] // out.itemsize
+        )
 
     def _written(self) -> BlockPolynomial | None:
         """Return the callback that writes polynomials, or None if a constant mass matrix is singular."""
@@ -100,16 +102,16 @@ class LlvmDense:
             return None
 
     def _run(
-        self, procedure: Procedure, written: BlockPolynomial, times: FloatArray, states: FloatArray, **own: Any
+        self, procedure: Procedure, written: BlockPolynomial, times: FloatArray, states: FloatArray, **arguments: Any
     ) -> None:
-        """Run a procedure on the steps of a run. `written` writes their polynomials, `own` are further arguments.
+        """Run a procedure on the steps of a run. `written` writes their polynomials, `arguments` are additional.
 
         The procedure serves all kinds of steps, and is compiled once per process.
         """
         n = self.dimension
-        given = {
+        values = {
             "polynomial": written.function,
-            "given": written.given,
+            "given": written.context,
             "dimension": n,
             "degree": self.degree,
             "columns": written.columns,
@@ -120,10 +122,10 @@ class LlvmDense:
             "own": np.zeros(block_size(n, written.columns) + WIDEST_VECTOR),
             "beside": np.zeros(block_size(n, written.columns) + WIDEST_VECTOR),
             "work": workspace(written.work),
-            **own,
+            **arguments,
         }
         run = compiled(procedure)
-        run(*[given[name] for name in run.places])
+        run(*[values[name] for name in run.places])
 
 
 def step_dense(
@@ -139,16 +141,16 @@ def _of_steps(
 ) -> BlockPolynomial:
     """Return the callback that writes the polynomials of steps, with the addresses of the kernels."""
     code, n = compiled_polynomial(kind.procedure), kernel.program.states
-    kept: list[Any] = [code, kind.table]
-    places = []
+    references: list[Any] = [code, kind.table]
+    addresses = []
     for called in (kernel, jacobian):
         prepared = None if called is None else called.prepare(parameters)
-        kept.append(prepared)
-        places += [0, 0] if called is None or prepared is None else [called.columns_address, address(prepared)]
-    places.append(inversion().address(invert_columns.form().name) if kind.derivative else 0)
-    given = np.array([*places, address(kind.table), kind.stages, kind.degree, n], dtype=np.int64)
+        references.append(prepared)
+        addresses += [0, 0] if called is None or prepared is None else [called.columns_address, address(prepared)]
+    addresses.append(inversion().address(invert_columns.form().name) if kind.derivative else 0)
+    context = np.array([*addresses, address(kind.table), kind.stages, kind.degree, n], dtype=np.int64)
     work = kind.size(n, WIDEST_VECTOR)
-    return BlockPolynomial(code.address("polynomial"), given, WIDEST_VECTOR, work, kind.derivative, tuple(kept))
+    return BlockPolynomial(code.address("polynomial"), context, WIDEST_VECTOR, work, kind.derivative, tuple(references))
 
 
 def of_series(jet: int, numbers: tuple[FloatArray, FloatArray], layout: TaylorLayout, order: int) -> BlockPolynomial:
@@ -157,6 +159,6 @@ def of_series(jet: int, numbers: tuple[FloatArray, FloatArray], layout: TaylorLa
     `jet` is the address of the series. `numbers` are its arrays: prepared parameters and constants.
     """
     code, padded = compiled_polynomial(series_polynomial.form()), layout.padded
-    places = [jet, *map(address, numbers), order, layout.width, padded, layout.dimension]
-    given, work = np.array(places, dtype=np.int64), 2 * padded + layout.size(order)
-    return BlockPolynomial(code.address("polynomial"), given, 1, work, both=False, kept=(code, numbers))
+    words = [jet, *map(address, numbers), order, layout.width, padded, layout.dimension]
+    context, work = np.array(words, dtype=np.int64), 2 * padded + layout.size(order)
+    return BlockPolynomial(code.address("polynomial"), context, 1, work, both=False, kept=(code, numbers))

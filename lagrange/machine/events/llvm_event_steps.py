@@ -61,17 +61,17 @@ class LlvmEventSteps:
         written, prepared = self._written, kernel.prepare(parameters)
         self.both = written.both
         results = 0 if resets is None else resets.shape[0]
-        given: dict[str, Any] = {
+        arguments: dict[str, Any] = {
             "polynomial": written.function,
-            "given": written.given,
+            "given": written.context,
             "degree": dense.degree,
             "both": int(written.both),
             **{name: np.zeros(block_size(n, WIDEST_VECTOR) + WIDEST_VECTOR) for name in ("own", "beside")},
             "screen": self._screen.function,
-            "screen_given": self._screen.given,
+            "screen_given": self._screen.context,
             # The arguments of a block polynomial begin with the law over columns and its parameters.
-            "law": int(self._screen.given[0]),
-            "law_parameters": int(self._screen.given[1]),
+            "law": int(self._screen.context[0]),
+            "law_parameters": int(self._screen.context[1]),
             "screens": screens,
             "path_work": workspace(max(written.work, self._screen.work)),
             "c": workspace((dense.degree + 1) * n * WIDEST_VECTOR + WIDEST_VECTOR),
@@ -90,7 +90,7 @@ class LlvmEventSteps:
             "scratch": np.zeros(n + 2 * count + results + WIDEST_VECTOR),
         }
         self._call = compiled(event_steps.form()).bound()
-        self._call.give(**given)
+        self._call.give(**arguments)
         self._memory: StepEventMemory | None = None
         self._function: StepFunction | None = None
         self._state: DriverState | None = None

@@ -47,17 +47,17 @@ class Arithmetic:
     ) -> list[Any]:
         """Return the outputs of a program, as a list, at time `t`, for the inputs `y` and the parameters."""
         values: list[Any] = []
-        for op, args, place, value, order, _ in program.instructions:
+        for op, args, index, value, order, _ in program.instructions:
             if op == "state":
-                values.append(y[place])
+                values.append(y[index])
             elif op == "parameter":
-                values.append(parameters[place])
+                values.append(parameters[index])
             elif op == "time":
                 values.append(t)
             elif op == "constant":
                 values.append(self.number(value))
             elif op == "component":
-                values.append(values[args[0]][place])
+                values.append(values[args[0]][index])
             elif op in self.systems:
                 values.append(self.systems[op](order, *[values[arg] for arg in args]))
             else:
@@ -124,9 +124,9 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
     for j in range(n):
         pick = j + np.argmax(np.abs(a[j:, j]) * preference[j:], axis=0)
         for array in (a, b, preference):
-            here, there = array[j].copy(), array[pick, ..., lanes]
-            array[j] = np.moveaxis(there, 0, -1)
-            array[pick, ..., lanes] = np.moveaxis(here, -1, 0)
+            row, pivot_rows = array[j].copy(), array[pick, ..., lanes]
+            array[j] = np.moveaxis(pivot_rows, 0, -1)
+            array[pick, ..., lanes] = np.moveaxis(row, -1, 0)
         # A pivot that is zero within rounding errors; matrices that are not finite are skipped.
         singular = finite & (np.abs(a[j, j]) <= PIVOT)
         if singular.any():

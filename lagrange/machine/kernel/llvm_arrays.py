@@ -268,18 +268,18 @@ def quick_calls(
 
 
 def _made(kernel: tuple[Module, int], prepared: FloatArray, size: int, shape: tuple[int, ...]) -> QuickCalls:
-    module, api, given = _module(), ctypes.pythonapi, (shape,)
-    objects = (np.empty, given, None, np.ndarray, DOUBLE, float, np.float64)
+    module, api, arguments = _module(), ctypes.pythonapi, (shape,)
+    objects = (np.empty, arguments, None, np.ndarray, DOUBLE, float, np.float64)
     calls = (api.PyObject_CallObject, api.Py_DecRef, api.Py_IncRef)
     numbers = (kernel[1], address(prepared), size, math.prod(shape))
     entries = (*numbers, *map(id, objects), *(ctypes.cast(call, ctypes.c_void_p).value or 0 for call in calls))
     record: NDArray[Any] = np.array(entries, dtype=np.uint64)
-    found = []
+    functions = []
     for name in ("whole", "parts"):
         method, keeper = _MethodEntry(name.encode(), module.address(name), METH_FASTCALL, None), record.view(_Record)
         keeper.kept = (method, module, kernel, prepared, *objects)
-        found.append(_new(ctypes.byref(method), keeper, None))
-    return QuickCalls(*found)
+        functions.append(_new(ctypes.byref(method), keeper, None))
+    return QuickCalls(*functions)
 
 
 _new: Callable[..., Any] = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)(

@@ -155,37 +155,37 @@ class KernelCode:
         with e.loop(0, len(program.outputs)) as k:
             e.put(e.get(out, k), "%out", _at(e, k))
         e.do(f"ret i32 {status}")
-        given = ", ".join(f"ptr noalias {base}" for base in (*self._bases, "%p", "%out"))
-        return e.function(f"define internal i32 @{name}_alone(i64 %count, i64 %column, {given}) noinline #1")
+        arguments = ", ".join(f"ptr noalias {base}" for base in (*self._bases, "%p", "%out"))
+        return e.function(f"define internal i32 @{name}_alone(i64 %count, i64 %column, {arguments}) noinline #1")
 
     def _columns(self, lanes: int, by_value: Procedure | None) -> str:
         e, name = Emitter(), self.program.name
-        given = ", ".join(f"ptr {base}" for base in (*self._bases, "%p", "%out"))
+        arguments = ", ".join(f"ptr {base}" for base in (*self._bases, "%p", "%out"))
         if by_value is not None and len(self._places) < len(self.program.outputs):
             with e.loop(0, e.value(f"mul nsw i64 %count, {len(self.program.outputs)}")) as k:
                 e.put("0.0", "%out", k)
         with e.loop(0, "%count", lanes) as i:
             if by_value is None:
-                _leave_if(e, e.value(f"call i32 @{name}_alone(i64 %count, i64 {i}, {given})"), i)
+                _leave_if(e, e.value(f"call i32 @{name}_alone(i64 %count, i64 {i}, {arguments})"), i)
             else:
-                self._block(e, i, lanes, given, by_value)
+                self._block(e, i, lanes, arguments, by_value)
         e.do("ret i64 -1")
-        return e.function(f"define i64 @{name}_columns(i64 %count, {given.replace('ptr', 'ptr noalias')}) #0")
+        return e.function(f"define i64 @{name}_columns(i64 %count, {arguments.replace('ptr', 'ptr noalias')}) #0")
 
-    def _block(self, e: Emitter, i: str, lanes: int, given: str, by_value: Procedure) -> None:
+    def _block(self, e: Emitter, i: str, lanes: int, arguments: str, by_value: Procedure) -> None:
         """Emit the evaluation of `lanes` states from the state with index `i` on.
 
-        `given` are the arguments of the kernel as IR, and `by_value` is its procedure. States whose matrix needs
+        `arguments` are those of the kernel as IR, and `by_value` is its procedure. States whose matrix needs
         pivoting are evaluated again one by one.
         """
         program = self.program
         kind = f"<{lanes} x double>"
-        rows = [(f"%{block.name}", place) for block in program.inputs for place in range(block.size)]
+        rows = [(f"%{block.name}", row) for block in program.inputs for row in range(block.size)]
         times = e.load(e.address("%t", i), kind)
-        state = [e.load(e.address(base, _row(e, place, i)), kind) for base, place in rows]
+        state = [e.load(e.address(base, _row(e, row, i)), kind) for base, row in rows]
         *results, bad = _spliced(e, by_value, lanes, [splat(e, "true", FLAG, lanes), times, *state, "%p"])
-        for place, value in zip(self._places, results, strict=True):
-            e.store(value, e.address("%out", _row(e, place, i)), kind)
+        for row, value in zip(self._places, results, strict=True):
+            e.store(value, e.address("%out", _row(e, row, i)), kind)
         if not bad.startswith("%"):
             return
         bits = e.value(f"bitcast <{lanes} x i1> {bad} to i{lanes}")
@@ -193,7 +193,7 @@ class KernelCode:
             picked = e.value(f"extractelement <{lanes} x i1> {bad}, i64 {lane}")
             with e.when(picked):
                 column = e.value(f"add nsw i64 {i}, {lane}")
-                _leave_if(e, e.value(f"call i32 @{program.name}_alone(i64 %count, i64 {column}, {given})"), i)
+                _leave_if(e, e.value(f"call i32 @{program.name}_alone(i64 %count, i64 {column}, {arguments})"), i)
 
 
 def _spliced(e: Emitter, procedure: Procedure, lanes: int, arguments: Sequence[str]) -> list[str]:
@@ -221,9 +221,9 @@ def _leave_if(e: Emitter, status: str, column: str) -> None:
         e.label(e.fresh("never"))
 
 
-def _row(e: Emitter, place: int, column: str) -> str:
-    """Return the index of entry `place` of a state in a C-ordered array with one column for each state."""
-    return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {place}')}, {column}") if place else column
+def _row(e: Emitter, row: int, column: str) -> str:
+    """Return the index of a row and a column in a C-ordered array with one column for each state."""
+    return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {row}')}, {column}") if row else column
 
 
 def _at(e: Emitter, k: str) -> str:

@@ -75,8 +75,8 @@ def tangents_are_fast() -> bool:
     """
     if sys.platform != "linux" or not hasattr(np.lib, "introspect"):
         return False
-    found = np.lib.introspect.opt_func_info(func_name="^tan$", signature="float64")
-    kinds = [kind["current"] for signatures in found.values() for kind in signatures.values()]
+    features = np.lib.introspect.opt_func_info(func_name="^tan$", signature="float64")
+    kinds = [kind["current"] for signatures in features.values() for kind in signatures.values()]
     return any(kind.startswith(("AVX512", "X86_V4")) for kind in kinds)
 
 
@@ -164,12 +164,12 @@ class PythonKernel:
             return self._by_blocks(self._blocks(half_angles=False), t, [y], parameters)
         function = self._one_state(parameters)
         try:
-            found = None if function is None else function(float(t), y.tolist())
+            values = None if function is None else function(float(t), y.tolist())
         except NO_VALUE:
-            found = None
-        if found is None:
+            values = None
+        if values is None:
             return InterpretedKernel(self.program)(t, y, parameters)
-        out = np.array(found)
+        out = np.array(values)
         shape = self.program.shape
         return out if out.shape == shape else out.reshape(shape)
 
@@ -194,8 +194,8 @@ class PythonKernel:
         def parts(t: Any, q: Any, v: Any) -> FloatArray | None:
             if not made:
                 made.append(self._parts(values) or nothing)
-            found: FloatArray | None = made[0](t, q, v)
-            return found
+            result: FloatArray | None = made[0](t, q, v)
+            return result
 
         return QuickCalls(whole, parts)
 
@@ -240,17 +240,17 @@ class PythonKernel:
         with np.errstate(all="ignore"):
             for low in range(0, count, length):
                 part = slice(low, min(low + length, count))
-                block, here = [row[part] for row in rows], times[part]
-                if run is None or not run(here, block, out[:, part], work[:, : len(here)]):
-                    out[:, part] = self._by_interpreter(here, block, parameters, low)
+                block, part_times = [row[part] for row in rows], times[part]
+                if run is None or not run(part_times, block, out[:, part], work[:, : len(part_times)]):
+                    out[:, part] = self._by_interpreter(part_times, block, parameters, low)
         return out.reshape(*program.shape, count)
 
     def _by_interpreter(self, t: FloatArray, rows: Sequence[FloatArray], parameters: FloatArray, low: int) -> Any:
         try:
-            found = InterpretedKernel(self.program).columns(t, [np.array(rows)], parameters)
+            results = InterpretedKernel(self.program).columns(t, [np.array(rows)], parameters)
         except SingularMassMatrix as error:
             raise SingularMassMatrix(None if error.column is None else low + error.column) from error
-        return found.reshape(len(self.program.outputs), len(t))
+        return results.reshape(len(self.program.outputs), len(t))
 
     @cached_property
     def _lines(self) -> StraightLines:

@@ -45,14 +45,14 @@ def _noisy(name: str) -> Callable[..., Noisy]:
 
     It evaluates both ends of the error interval of each argument.
     """
-    operation, own = OPERATIONS[name], 0.0 if name in EXACT_OPERATIONS else UNIT
+    operation, rounding = OPERATIONS[name], 0.0 if name in EXACT_OPERATIONS else UNIT
 
     def apply(*args: Noisy) -> Noisy:
         values = [number.value for number in args]
         value = operation(*values)
         if name in JUMPING:
             return Noisy(value, 0.0)
-        noise = own * abs(float(value))
+        noise = rounding * abs(float(value))
         for k, number in enumerate(args):
             if number.noise:
                 ends = [
@@ -120,9 +120,9 @@ def _solve(order: int, matrix: Noisy, *right: Noisy) -> list[Noisy]:
     """
     value, noise = np.array([number.value for number in right]), np.array([number.noise for number in right])
     inverse = np.linalg.inv(matrix.value)
-    found = inverse @ value
-    left = noise + (matrix.noise + order * UNIT * _factorization_sizes(matrix.value)) @ abs(found)
-    return list(map(Noisy, found, abs(inverse) @ left))
+    solution = inverse @ value
+    left = noise + (matrix.noise + order * UNIT * _factorization_sizes(matrix.value)) @ abs(solution)
+    return list(map(Noisy, solution, abs(inverse) @ left))
 
 
 _LINEAR = ("add", "sub", "mul", "div", "fma")
@@ -139,7 +139,7 @@ def rounding_noise(program: Program, t: float, y: FloatArray, parameters: FloatA
     """Return the rounding noise of each output of a program at a state (2n,), NaN if a matrix in it is singular."""
     state = [Noisy(value, abs(value) * UNIT) for value in y]
     try:
-        found = _NOISY.evaluate(program, Noisy(t, 0.0), state, [Noisy(value, 0.0) for value in parameters])
+        outputs = _NOISY.evaluate(program, Noisy(t, 0.0), state, [Noisy(value, 0.0) for value in parameters])
     except (np.linalg.LinAlgError, ArithmeticError, ValueError):
         return np.full(len(y), np.nan)
-    return np.array([output.noise for output in found])
+    return np.array([output.noise for output in outputs])

@@ -152,9 +152,9 @@ class _Floats(Printer):
             printer.name_parameters()
             for statement in printer.procedure.body:
                 printer.statement(statement)
-        given = [f"{listed('p', count)} = p"] if count else []
+        unpacking = [f"{listed('p', count)} = p"] if count else []
         inner = [f"def {name}({self.arguments}):", *("    " + line for line in self.unpacked()), *self.lines]
-        lines = [*given, *outer.once, *self.once, *inner, f"return {name}"]
+        lines = [*unpacking, *outer.once, *self.once, *inner, f"return {name}"]
         return "\n".join([f"def {name}(p):", *(f"    {line}" for line in lines), ""])
 
     def unpacked(self) -> list[str]:
@@ -249,23 +249,23 @@ class _Checked(_Floats):
         return [*lines, *(["t = float(t)"] if reads_time else []), "try:", *names]
 
     def give(self, results: Sequence[int]) -> None:
-        found = []
+        names = []
         for k, ref in enumerate(results):
             text = self.text(ref)
             # A result is read twice: an expression gets a name.
             if not text.isidentifier() and ref not in self.constants:
                 self.put(f"r{k} = {text}")
                 text = f"r{k}"
-            found.append(text)
-        given = ", ".join(found)
-        if len(found) <= MOST_ADDED:
-            self.leave_if(f"not isfinite({' + '.join([*found, 't'])})")
+            names.append(text)
+        arguments = ", ".join(names)
+        if len(names) <= MOST_ADDED:
+            self.leave_if(f"not isfinite({' + '.join([*names, 't'])})")
         else:
-            self.put(f"r = ({given})")
+            self.put(f"r = ({arguments})")
             self.leave_if("not isfinite(sum(r) + t)")
-            given = "*r"
+            arguments = "*r"
         self.depth = 1
-        for line in ("except NO_VALUE:", "    return None", "out = new()", f"pack(out, 0, {given})", "return out"):
+        for line in ("except NO_VALUE:", "    return None", "out = new()", f"pack(out, 0, {arguments})", "return out"):
             self.put(line)
 
 
@@ -284,15 +284,19 @@ class _RowPrinter(_Floats):
         self.free: list[str] = []
         self.rows: dict[int, str] = {}
         """Index of the working row of each value, by the number of the value."""
-        self.last = {ref: i for i, one in enumerate(procedure.body) for ref in operands(one)}
+        self.last = {ref: i for i, statement in enumerate(procedure.body) for ref in operands(statement)}
         """Index of the last statement that reads each value."""
         *results, _ = operands(procedure.body[-1])
         self.outputs = {ref: k for k, ref in enumerate(results)}
         """Index of each value among the results. For a value that occurs several times it is the last one."""
 
     def unpacked(self) -> list[str]:
-        given = ("y", "y", self.states), ("o", "out", len(operands(self.procedure.body[-1])) - 1), ("b", "b", self.most)
-        return [f"{listed(letter, count)} = {name}" for letter, name, count in given if count]
+        arrays = (
+            ("y", "y", self.states),
+            ("o", "out", len(operands(self.procedure.body[-1])) - 1),
+            ("b", "b", self.most),
+        )
+        return [f"{listed(letter, count)} = {name}" for letter, name, count in arrays if count]
 
     def statement(self, statement: Statement) -> None:
         """Print a statement, and free the rows that no later statement reads."""

@@ -25,9 +25,9 @@ _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 
 @lru_cache(maxsize=256)
-def _function_at(place: int) -> Any:
+def _function_at(code_address: int) -> Any:
     """Return the compiled function at an address, from a cache: making one takes about as long as a call."""
-    return _CALL(place)
+    return _CALL(code_address)
 
 
 STEPS = ("budget", "times", "rows")
@@ -51,7 +51,7 @@ class CompiledProcedure(Shared):
         needs: Callable[..., None] | None = None,
     ) -> None:
         kinds = [parameter.type for parameter in procedure.parameters]
-        self.places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
+        self.places = {parameter.name: index for index, parameter in enumerate(procedure.parameters)}
         self.reals = frozenset(parameter.name for parameter in procedure.parameters if parameter.type is REAL)
         self.results = [(len(kinds) + i, kind) for i, kind in enumerate(procedure.results)]
         self.only_whole = len(kinds) if procedure.results == (WHOLE,) else None
@@ -106,26 +106,26 @@ class CompiledCall:
 
     def give(self, **arguments: Any) -> None:
         """Set arguments by name. Arrays and records are not copied. None stands for no array or no function."""
-        places, reals, kept, words = self.code.places, self.code.reals, self._kept, self._wholes
+        indices, reals, kept, words = self.code.places, self.code.reals, self._kept, self._wholes
         for name, value in arguments.items():
             if name in reals:
-                self._reals[places[name]] = value
-            elif name in places:
-                kept[name], words[places[name]] = value, _word(value)
+                self._reals[indices[name]] = value
+            elif name in indices:
+                kept[name], words[indices[name]] = value, _word(value)
 
     def __call__(self) -> Any:
         """Run the procedure with the arguments set before; return None, a value or a tuple of values."""
         self._run(self._address)
         if self.code.only_whole is not None:
             return self._wholes[self.code.only_whole]
-        results = [self._result(place, kind) for place, kind in self.code.results]
+        results = [self._result(index, kind) for index, kind in self.code.results]
         return results[0] if len(results) == 1 else tuple(results) or None
 
-    def _result(self, place: int, kind: Any) -> Any:
-        """Return the result in the word with the index `place`, converted from its kind."""
+    def _result(self, index: int, kind: Any) -> Any:
+        """Return the result in the word `index`, converted from its kind."""
         if kind is REAL:
-            return self._reals[place]
-        return bool(self._wholes[place]) if kind is FLAG else self._wholes[place]
+            return self._reals[index]
+        return bool(self._wholes[index]) if kind is FLAG else self._wholes[index]
 
     @property
     def is_final(self) -> bool:
@@ -178,11 +178,11 @@ def _steps(procedure: Procedure) -> str:
     the words: so LLVM knows in the caller that the steps change them.
     """
     e = Emitter()
-    places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
+    indices = {parameter.name: index for index, parameter in enumerate(procedure.parameters)}
     for name in STEPS:
-        e.put(f"%{name}", "%words", places[name], "i64" if name == "budget" else "ptr")
+        e.put(f"%{name}", "%words", indices[name], "i64" if name == "budget" else "ptr")
     e.do("call void @run(ptr %words)")
-    e.do(f"ret i64 {e.get('%words', len(places), 'i64')}")
+    e.do(f"ret i64 {e.get('%words', len(indices), 'i64')}")
     return e.function(
         "define i64 @steps(ptr %words, ptr %reals, ptr %counts, ptr %work, i64 %budget, ptr %times, ptr %rows)"
     )
@@ -194,18 +194,18 @@ def _run(procedure: Procedure) -> str:
     A flag is stored as an integer.
     """
     e = Emitter()
-    given = []
-    for place, parameter in enumerate(procedure.parameters):
+    arguments = []
+    for index, parameter in enumerate(procedure.parameters):
         kind = argument_type(WHOLE if parameter.type is FLAG else parameter.type)
-        word = e.get("%words", place, kind)
-        given.append(f"i1 {e.value(f'icmp ne i64 {word}, 0')}" if parameter.type is FLAG else f"{kind} {word}")
-    call = f"call {result_type(procedure.results)} @{procedure.name}({', '.join(given)})"
+        word = e.get("%words", index, kind)
+        arguments.append(f"i1 {e.value(f'icmp ne i64 {word}, 0')}" if parameter.type is FLAG else f"{kind} {word}")
+    call = f"call {result_type(procedure.results)} @{procedure.name}({', '.join(arguments)})"
     if procedure.results:
         results = separated(e, [argument_type(kind) for kind in procedure.results], e.value(call))
         for i, (result_kind, result) in enumerate(zip(procedure.results, results, strict=True)):
             is_flag = result_kind is FLAG
             word = e.value(f"zext i1 {result} to i64") if is_flag else result
-            e.put(word, "%words", len(given) + i, argument_type(WHOLE if is_flag else result_kind))
+            e.put(word, "%words", len(arguments) + i, argument_type(WHOLE if is_flag else result_kind))
     else:
         e.do(call)
     e.do("ret void")

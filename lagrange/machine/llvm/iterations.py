@@ -46,7 +46,7 @@ class IterationBlock:
     lanes: int
     offset: str
     mask: str
-    places: str
+    indices: str
     """The vector of the indices of the iterations, as an LLVM operand."""
 
 
@@ -82,20 +82,20 @@ class Lanes:
             self.rest(sums, whole, known)
         printer.current = None
         printer.spread.clear()
-        for fold, found in zip(each.folds, sums, strict=True):
-            printer.define(fold.ref, self.total(fold, found), REAL)
+        for fold, partials in zip(each.folds, sums, strict=True):
+            printer.define(fold.ref, self.total(fold, partials), REAL)
 
     def outside(self) -> list[int]:
         """Return the ids of single values that the iterations use and that are defined outside of the loop."""
         if self.lanes == 1:
             return []
-        wanted: dict[int, None] = {}
+        refs: dict[int, None] = {}
         for statement in walk(self.each.body):
             stored = (statement.value,) if isinstance(statement, (Store, Declare, Set)) else ()
             for ref in statement.args if isinstance(statement, Let) else stored:
                 if ref in self.printer.values and ref in self.printer.kinds:
-                    wanted[ref] = None
-        return list(wanted)
+                    refs[ref] = None
+        return list(refs)
 
     def rest(self, sums: list[list[str]], begin: int, count: int) -> None:
         """Write out the iterations from `begin` to before `count` without a loop, and add their results to `sums`."""
@@ -111,7 +111,7 @@ class Lanes:
         `sums` are the partial results of the reductions.
         """
         e = self.e
-        flat = [(i, k) for i, found in enumerate(sums) for k in range(len(found))]
+        flat = [(i, k) for i, partials in enumerate(sums) for k in range(len(partials))]
         carried = [(type_of(REAL, self.lanes), sums[i][k]) for i, k in flat]
         with e.carry(0, count, carried, self.stride) as loop:
             for (i, k), value in zip(flat, loop.values, strict=True):
@@ -154,30 +154,30 @@ class Lanes:
     def collect(self, sums: list[list[str]], begin: int, mask: str) -> None:
         """Combine the results of one vector of iterations with the partial results `sums`, where the mask is true."""
         kind = type_of(REAL, self.lanes)
-        for fold, found in zip(self.each.folds, sums, strict=True):
-            slot = begin // self.lanes % len(found)
-            value, before = self.printer.operand(fold.value, self.lanes), found[slot]
+        for fold, partials in zip(self.each.folds, sums, strict=True):
+            slot = begin // self.lanes % len(partials)
+            value, before = self.printer.operand(fold.value, self.lanes), partials[slot]
             if fold.factor is None:
-                found[slot] = joined(self.e, fold.op, before, value, self.lanes)
+                partials[slot] = joined(self.e, fold.op, before, value, self.lanes)
             else:
                 factor = self.printer.operand(fold.factor, self.lanes)
-                found[slot] = spell(self.e, "fma", (REAL,) * 3, [value, factor, before], self.lanes)
+                partials[slot] = spell(self.e, "fma", (REAL,) * 3, [value, factor, before], self.lanes)
             if mask:
-                both = f"{kind} {found[slot]}, {kind} {before}"
-                found[slot] = self.e.value(f"select <{self.lanes} x i1> {mask}, {both}")
+                both = f"{kind} {partials[slot]}, {kind} {before}"
+                partials[slot] = self.e.value(f"select <{self.lanes} x i1> {mask}, {both}")
 
-    def total(self, fold: Fold, found: list[str]) -> str:
+    def total(self, fold: Fold, partials: list[str]) -> str:
         """Return the result of a reduction from its partial results, which are combined in a fixed order."""
         e = self.e
         if fold.op == "magnitude" and self.lanes > 1:
-            return largest_magnitude(e, found[0], self.lanes)
+            return largest_magnitude(e, partials[0], self.lanes)
         if self.lanes > 1:
             kind = type_of(REAL, self.lanes)
-            found = [e.value(f"extractelement {kind} {found[0]}, i64 {k}") for k in range(self.lanes)]
+            partials = [e.value(f"extractelement {kind} {partials[0]}, i64 {k}") for k in range(self.lanes)]
         op = "add" if fold.op == "dot" else fold.op
-        while len(found) > 1:
-            found = [joined(e, op, *pair) for pair in zip(found[::2], found[1::2], strict=True)]
-        return found[0]
+        while len(partials) > 1:
+            partials = [joined(e, op, *pair) for pair in zip(partials[::2], partials[1::2], strict=True)]
+        return partials[0]
 
 
 def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
@@ -210,11 +210,11 @@ def widest(block: Block) -> int:
 
 def base_arrays(block: Block) -> dict[int, int]:
     """Return {part of an array: whole array} by ids, for each part defined in a block."""
-    found: dict[int, int] = {}
+    bases: dict[int, int] = {}
     for statement in walk(block):
         if isinstance(statement, Part):
-            found[statement.ref] = found.get(statement.array, statement.array)
-    return found
+            bases[statement.ref] = bases.get(statement.array, statement.array)
+    return bases
 
 
 def number(value: str) -> int | None:

@@ -82,8 +82,8 @@ def splat(e: Emitter, value: str, kind: Kind, lanes: int) -> str:
     if not value.startswith("%"):
         return "<" + ", ".join([f"{KINDS[kind]} {value}"] * lanes) + ">"
     vector = type_of(kind, lanes)
-    one = e.value(f"insertelement {vector} poison, {KINDS[kind]} {value}, i64 0")
-    return e.value(f"shufflevector {vector} {one}, {vector} poison, <{lanes} x i32> zeroinitializer")
+    inserted = e.value(f"insertelement {vector} poison, {KINDS[kind]} {value}, i64 0")
+    return e.value(f"shufflevector {vector} {inserted}, {vector} poison, <{lanes} x i32> zeroinitializer")
 
 
 def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes: int = 1) -> str:
@@ -93,7 +93,7 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
     """
     types = [type_of(kind, lanes) for kind in kinds]
     kind = types[-1]
-    typed = ", ".join(f"{one} {arg}" for one, arg in zip(types, args, strict=True))
+    typed = ", ".join(f"{operand_type} {arg}" for operand_type, arg in zip(types, args, strict=True))
     real = kinds[-1] is REAL
     if op in ("and", "or"):
         return e.value(f"{op} {kind} {args[0]}, {args[1]}")
@@ -149,8 +149,8 @@ def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
     Integer comparisons are faster than comparisons of doubles that may be NaN.
     """
     kind, bits = type_of(REAL, lanes), type_of(WHOLE, lanes)
-    one, other = (e.value(f"bitcast {kind} {e.fabs(arg, kind)} to {bits}") for arg in args)
-    larger = e.value(f"call {bits} @llvm.umax.{whole_suffix(lanes)}({bits} {one}, {bits} {other})")
+    first, second = (e.value(f"bitcast {kind} {e.fabs(arg, kind)} to {bits}") for arg in args)
+    larger = e.value(f"call {bits} @llvm.umax.{whole_suffix(lanes)}({bits} {first}, {bits} {second})")
     return e.value(f"bitcast {bits} {larger} to {kind}")
 
 
@@ -169,9 +169,9 @@ def _two_to(e: Emitter, k: str, lanes: int) -> str:
 
 def _exponent(e: Emitter, x: str, lanes: int) -> str:
     whole = type_of(WHOLE, lanes)
-    places, low, bias = (splat(e, value, WHOLE, lanes) for value in ("52", "2047", "1023"))
+    shift, low, bias = (splat(e, value, WHOLE, lanes) for value in ("52", "2047", "1023"))
     bits = e.value(f"bitcast {type_of(REAL, lanes)} {x} to {whole}")
-    biased = e.value(f"and {whole} {e.value(f'lshr {whole} {bits}, {places}')}, {low}")
+    biased = e.value(f"and {whole} {e.value(f'lshr {whole} {bits}, {shift}')}, {low}")
     return e.value(f"sub {whole} {biased}, {bias}")
 
 

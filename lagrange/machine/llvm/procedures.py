@@ -208,14 +208,14 @@ class Printer(Visitor):
 
     def function(self, linkage: str, merging: str, *, quickly: bool = False) -> str:
         """Return the IR of the procedure."""
-        given = []
+        parameters = []
         for parameter in self.procedure.parameters:
             kind = parameter.type
             self.define(parameter.ref, f"%{parameter.name}", kind)
             # In inlined code LLVM would add alias metadata to each access, which takes half of the inlining time.
             attributes = " noalias" if isinstance(kind, (Array, Record)) and not merging else ""
             attributes += " readonly" if isinstance(kind, Array) and kind.read else ""
-            given.append(f"{argument_type(kind)}{attributes} %{parameter.name}")
+            parameters.append(f"{argument_type(kind)}{attributes} %{parameter.name}")
         self.block(self.procedure.body)
         if self.open:
             self.e.do("ret void")
@@ -224,7 +224,7 @@ class Printer(Visitor):
         merging += "#0" if widest(self.procedure.body) > PARTIAL else "#1"
         merging = "#2" if quickly else merging
         linkage += convention(self.procedure.results) if self.foreign else ""
-        return self.e.function(f"define {linkage}{results} @{self.procedure.name}({', '.join(given)}) {merging}")
+        return self.e.function(f"define {linkage}{results} @{self.procedure.name}({', '.join(parameters)}) {merging}")
 
     def result_types(self) -> list[str]:
         """Return LLVM's types of the results. In a function called from outside, flags are C's ints."""
@@ -242,9 +242,9 @@ class Printer(Visitor):
 
     def array(self, ref: int) -> Array:
         """Return the type of the array with the id `ref`."""
-        found = self.types[ref]
-        assert isinstance(found, Array)
-        return found
+        array_type = self.types[ref]
+        assert isinstance(array_type, Array)
+        return array_type
 
     def lanes(self, ref: int) -> int:
         """Return the number of entries of a value or variable: the lanes of the present iterations, or 1."""
@@ -258,7 +258,7 @@ class Printer(Visitor):
     def operand(self, ref: int, lanes: int) -> str:
         """Return the operand of a value as a vector of `lanes` entries; a single number is broadcast."""
         if self.current is not None and ref == self.current.each.place:
-            return self.current.places
+            return self.current.indices
         if lanes == 1 or ref in self.wide:
             return self.values[ref]
         return self.spread.get(ref) or splat(self.e, self.values[ref], self.kinds[ref], lanes)
@@ -311,11 +311,11 @@ class Printer(Visitor):
 
     def store_together(self) -> None:
         """Print the delayed stores; adjacent numbers are stored four or two at a time."""
-        e, found = self.e, self.together
+        e, stores = self.e, self.together
         self.together = []
-        while found:
-            width = next(width for width in (4, 2, 1) if width <= len(found))
-            part, found = found[:width], found[width:]
+        while stores:
+            width = next(width for width in (4, 2, 1) if width <= len(stores))
+            part, stores = stores[:width], stores[width:]
             total, kind = part[0][2] if width == 1 else "poison", type_of(REAL, width)
             for lane, (_, _, value) in enumerate(part if width > 1 else ()):
                 total = e.value(f"insertelement {kind} {total}, double {value}, i64 {lane}")
@@ -345,8 +345,8 @@ class Printer(Visitor):
             self.define(statement.ref, self.e.reserve(numbers := f"[{count} x i64]"), statement.record)
             return self.e.store("zeroinitializer", self.values[statement.ref], numbers)
         held = self.array(statement.array)
-        place = self.e.address(self.values[statement.array], self.values[statement.start], KINDS[held.kind])
-        return self.define(statement.ref, place, replace(held, size=None))
+        address = self.e.address(self.values[statement.array], self.values[statement.start], KINDS[held.kind])
+        return self.define(statement.ref, address, replace(held, size=None))
 
     @visits(Let)
     def let(self, let: Let) -> None:
@@ -399,8 +399,8 @@ class Printer(Visitor):
             case Store():
                 self.store(statement)
             case Read(ref=ref, kind=kind, record=record, field=field):
-                found = e.load(self.field(record, field), type_of(kind, self.record(record).lanes))
-                self.define(ref, found, self.record(record).type_of(field))
+                entry = e.load(self.field(record, field), type_of(kind, self.record(record).lanes))
+                self.define(ref, entry, self.record(record).type_of(field))
             case Write(record=record, field=field, value=value):
                 e.store(
                     self.values[value], self.field(record, field), argument_type(self.record(record).type_of(field))
@@ -408,9 +408,9 @@ class Printer(Visitor):
 
     def record(self, ref: int) -> Record:
         """Return the type of the record with the id `ref`."""
-        found = self.types[ref]
-        assert isinstance(found, Record)
-        return found
+        record_type = self.types[ref]
+        assert isinstance(record_type, Record)
+        return record_type
 
     def field(self, ref: int, field: str) -> str:
         """Return the address of a field of a record."""
@@ -426,14 +426,14 @@ class Printer(Visitor):
             if len(self.together) == MOST_TOGETHER:
                 self.store_together()
             return
-        place = e.address(self.values[store.array], self.values[store.place], KINDS[array.kind])
+        address = e.address(self.values[store.array], self.values[store.place], KINDS[array.kind])
         value, kind, current = self.operand(store.value, lanes), type_of(array.kind, lanes), self.current
         count = None if current is None else number(self.values[current.each.iterations])
         if current is None or not current.mask or current.each.spill or (count is not None and array.size == count):
-            e.store(value, place, kind)
+            e.store(value, address, kind)
             return
         e.do(
-            f"call void @llvm.masked.store.v{lanes}f64.p0({kind} {value}, ptr {place}, i32 8, "
+            f"call void @llvm.masked.store.v{lanes}f64.p0({kind} {value}, ptr {address}, i32 8, "
             f"<{lanes} x i1> {current.mask})"
         )
 
@@ -455,14 +455,16 @@ class Printer(Visitor):
         """Print a call and define its results."""
         if isinstance(call.callee, Procedure):
             types = tuple(parameter.type for parameter in call.callee.parameters)
-            given = [f"{argument_type(kind)} {self.values[arg]}" for kind, arg in zip(types, call.args, strict=True)]
+            arguments = [
+                f"{argument_type(kind)} {self.values[arg]}" for kind, arg in zip(types, call.args, strict=True)
+            ]
             foreign = call.callee in self.outside
-            self.called(call, f"@{call.callee.name}({', '.join(given)})", call.callee.results, foreign=foreign)
+            self.called(call, f"@{call.callee.name}({', '.join(arguments)})", call.callee.results, foreign=foreign)
             return
         held = self.types[call.callee]
         assert isinstance(held, Callee)
-        given = [self.handed(kind, arg) for kind, arg in zip(held.parameters, call.args, strict=True)]
-        self.called(call, f"{self.values[call.callee]}({', '.join(given)})", held.results, foreign=True)
+        arguments = [self.handed(kind, arg) for kind, arg in zip(held.parameters, call.args, strict=True)]
+        self.called(call, f"{self.values[call.callee]}({', '.join(arguments)})", held.results, foreign=True)
 
     def handed(self, kind: Kind | Array, arg: int) -> str:
         """Return an argument of a callback, with its type, as the callback's parameter of a kind requires.
@@ -483,10 +485,10 @@ class Printer(Visitor):
             e.do(made)
             return
         value = e.value(made)
-        for ref, kind, one, found in zip(call.refs, results, types, separated(e, types, value), strict=True):
+        for ref, kind, type_name, result in zip(call.refs, results, types, separated(e, types, value), strict=True):
             # Flags of procedures are 0 or 1. By C's convention any nonzero int is true.
-            flag = f"trunc i32 {found} to i1" if isinstance(call.callee, Procedure) else f"icmp ne i32 {found}, 0"
-            self.define(ref, e.value(flag) if one == "i32" else found, kind)
+            flag = f"trunc i32 {result} to i1" if isinstance(call.callee, Procedure) else f"icmp ne i32 {result}, 0"
+            self.define(ref, e.value(flag) if type_name == "i32" else result, kind)
 
     @visits(Leave)
     def leave(self, leave: Leave) -> None:

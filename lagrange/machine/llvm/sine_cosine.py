@@ -59,14 +59,14 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     e.label(f"{name}.far")
     # A lane in the near range has the same bits whatever the other lanes contain.
     far = [
-        e.value(f"select {type_of(FLAG, lanes)} {near}, {kind} {here}, {kind} {there}")
-        for here, there in zip(pair, _by_library(e, x, lanes), strict=True)
+        e.value(f"select {type_of(FLAG, lanes)} {near}, {kind} {near_value}, {kind} {far_value}")
+        for near_value, far_value in zip(pair, _by_library(e, x, lanes), strict=True)
     ]
     e.jump(f"{name}.join")
     e.label(f"{name}.join")
     sine, cosine = (
-        e.value(f"phi {kind} [ {here}, %{before} ], [ {there}, %{name}.far ]")
-        for here, there in zip(pair, far, strict=True)
+        e.value(f"phi {kind} [ {near_value}, %{before} ], [ {far_value}, %{name}.far ]")
+        for near_value, far_value in zip(pair, far, strict=True)
     )
     return sine, cosine
 

@@ -46,9 +46,9 @@ def printed(known: PrinterState, statement: VectorLet | Reduce | VectorLoad | Ga
 
 def _vector(known: PrinterState, ref: int) -> Vector:
     """Return the type of a vector."""
-    found = known.types[ref]
-    assert isinstance(found, Vector)
-    return found
+    vector = known.types[ref]
+    assert isinstance(vector, Vector)
+    return vector
 
 
 def _operation(known: PrinterState, let: VectorLet) -> str:
@@ -71,34 +71,34 @@ def _permuted(known: PrinterState, let: VectorLet) -> str:
     for arg in let.args:
         held = known.types[arg]
         count = held.width if isinstance(held, Vector) else 1
-        here = {k: place - begin for k, place in enumerate(let.places) if begin <= place < begin + count}
+        sources = {k: source - begin for k, source in enumerate(let.places) if begin <= source < begin + count}
         begin += count
-        if not here or not isinstance(held, Vector):
-            single |= dict.fromkeys(here, known.values[arg])
+        if not sources or not isinstance(held, Vector):
+            single |= dict.fromkeys(sources, known.values[arg])
             continue
-        part = _moved(e, kind, known.values[arg], count, here, width)
-        made = _merged(e, kind, made, part, frozenset(here), width) if made else part
-        filled |= frozenset(here)
+        part = _moved(e, kind, known.values[arg], count, sources, width)
+        made = _merged(e, kind, made, part, frozenset(sources), width) if made else part
+        filled |= frozenset(sources)
     return _inserted(e, kind, made, filled, single, width) if single else made
 
 
-def _moved(e: Emitter, kind: Kind, vector: str, count: int, here: Mapping[int, int], width: int) -> str:
-    """Return a vector of `width` entries: `here` maps an index in it to the index of the entry in `vector`.
+def _moved(e: Emitter, kind: Kind, vector: str, count: int, sources: Mapping[int, int], width: int) -> str:
+    """Return a vector of `width` entries: `sources` maps an index in it to an index in `vector`.
 
     Other entries are undefined. `count` is the width of `vector`.
     """
-    if width == count and all(k == place for k, place in here.items()):
+    if width == count and all(k == source for k, source in sources.items()):
         return vector
-    mask = ", ".join(f"i32 {here[k]}" if k in here else "i32 poison" for k in range(width))
-    given = type_of(kind, count)
-    return e.value(f"shufflevector {given} {vector}, {given} poison, <{width} x i32> <{mask}>")
+    mask = ", ".join(f"i32 {sources[k]}" if k in sources else "i32 poison" for k in range(width))
+    vector_type = type_of(kind, count)
+    return e.value(f"shufflevector {vector_type} {vector}, {vector_type} poison, <{width} x i32> <{mask}>")
 
 
 def _merged(e: Emitter, kind: Kind, a: str, b: str, chosen: frozenset[int], width: int) -> str:
     """Return vector a with the entries at the indices `chosen` replaced by those of vector b."""
-    given = type_of(kind, width)
-    places = [width + k if k in chosen else k for k in range(width)]
-    return e.value(f"shufflevector {given} {a}, {given} {b}, {_listed(places)}")
+    vector_type = type_of(kind, width)
+    indices = [width + k if k in chosen else k for k in range(width)]
+    return e.value(f"shufflevector {vector_type} {a}, {vector_type} {b}, {_listed(indices)}")
 
 
 def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single: Mapping[int, str], width: int) -> str:
@@ -145,9 +145,9 @@ def _total(e: Emitter, kind: Kind, vector: str, width: int) -> str:
     return vector
 
 
-def _listed(places: Sequence[int]) -> str:
+def _listed(indices: Sequence[int]) -> str:
     """Return indices of entries as the mask operand of LLVM's `shufflevector`."""
-    return f"<{len(places)} x i32> <{', '.join(f'i32 {place}' for place in places)}>"
+    return f"<{len(indices)} x i32> <{', '.join(f'i32 {index}' for index in indices)}>"
 
 
 def _gathered(known: PrinterState, gather: Gather) -> str:
@@ -155,20 +155,20 @@ def _gathered(known: PrinterState, gather: Gather) -> str:
     e, (kind, width), made = known.e, gather.vector, "poison"
     if gather.mask is not None:
         vector = type_of(kind, width)
-        given = f"{_pointers(known, gather, kind, width)}, i32 8, <{width} x i1> {known.values[gather.mask]}"
+        arguments = f"{_pointers(known, gather, kind, width)}, i32 8, <{width} x i1> {known.values[gather.mask]}"
         name = f"llvm.masked.gather.{suffix(vector)}.v{width}p0"
-        return e.value(f"call {vector} @{name}(<{width} x ptr> {given}, {vector} zeroinitializer)")
+        return e.value(f"call {vector} @{name}(<{width} x ptr> {arguments}, {vector} zeroinitializer)")
     for k in range(width):
-        place = e.value(f"extractelement <{width} x i64> {known.values[gather.places]}, i64 {k}")
-        value = e.get(known.values[gather.array], place, KINDS[kind])
+        index = e.value(f"extractelement <{width} x i64> {known.values[gather.places]}, i64 {k}")
+        value = e.get(known.values[gather.array], index, KINDS[kind])
         made = e.value(f"insertelement {type_of(kind, width)} {made}, {KINDS[kind]} {value}, i64 {k}")
     return made
 
 
 def _pointers(known: PrinterState, statement: Gather | Scatter, kind: Kind, width: int) -> str:
     """Return the vector of addresses of the array entries that a gather reads or a scatter writes."""
-    places = f"{type_of(WHOLE, width)} {known.values[statement.places]}"
-    return known.e.value(f"getelementptr {KINDS[kind]}, ptr {known.values[statement.array]}, {places}")
+    indices = f"{type_of(WHOLE, width)} {known.values[statement.places]}"
+    return known.e.value(f"getelementptr {KINDS[kind]}, ptr {known.values[statement.array]}, {indices}")
 
 
 def _place(known: PrinterState, access: VectorLoad | VectorStore, vector: Vector) -> tuple[str, str]:
@@ -176,40 +176,40 @@ def _place(known: PrinterState, access: VectorLoad | VectorStore, vector: Vector
 
     Without a mask the operand is an empty string.
     """
-    place = known.e.address(known.values[access.array], known.values[access.place], KINDS[vector.kind])
-    return place, "" if access.mask is None else f"<{vector.width} x i1> {known.values[access.mask]}"
+    address = known.e.address(known.values[access.array], known.values[access.place], KINDS[vector.kind])
+    return address, "" if access.mask is None else f"<{vector.width} x i1> {known.values[access.mask]}"
 
 
 def _loaded(known: PrinterState, load: VectorLoad) -> str:
     """Return adjacent entries of an array as a vector."""
-    place, mask = _place(known, load, load.vector)
+    address, mask = _place(known, load, load.vector)
     vector = type_of(*load.vector)
     if not mask:
-        return known.e.load(place, vector)
-    given = f"ptr {place}, i32 8, {mask}, {vector} zeroinitializer"
-    return known.e.value(f"call {vector} @llvm.masked.load.{suffix(vector)}.p0({given})")
+        return known.e.load(address, vector)
+    arguments = f"ptr {address}, i32 8, {mask}, {vector} zeroinitializer"
+    return known.e.value(f"call {vector} @llvm.masked.load.{suffix(vector)}.p0({arguments})")
 
 
 def scatter(known: PrinterState, scatter: Scatter) -> None:
     """Print the store of a vector to the entries of an array at the indices in another vector."""
     kind, width = _vector(known, scatter.value)
     vector, mask = type_of(kind, width), f"<{width} x i1> {known.values[scatter.mask]}"
-    given = f"{vector} {known.values[scatter.value]}, <{width} x ptr> {_pointers(known, scatter, kind, width)}"
-    known.e.do(f"call void @llvm.masked.scatter.{suffix(vector)}.v{width}p0({given}, i32 8, {mask})")
+    arguments = f"{vector} {known.values[scatter.value]}, <{width} x ptr> {_pointers(known, scatter, kind, width)}"
+    known.e.do(f"call void @llvm.masked.scatter.{suffix(vector)}.v{width}p0({arguments}, i32 8, {mask})")
 
 
 def store(known: PrinterState, store: VectorStore) -> None:
     """Print the store of a vector to adjacent entries of an array."""
     kind, value = _vector(known, store.value), known.values[store.value]
-    place, mask = _place(known, store, kind)
+    address, mask = _place(known, store, kind)
     vector = type_of(*kind)
     if not mask:
-        known.e.store(value, place, vector)
+        known.e.store(value, address, vector)
     elif store.all_there:
         # Without `freeze` LLVM makes this a masked store, and later loads then wait until it has reached the cache.
-        before = known.e.value(f"freeze {vector} {known.e.load(place, vector)}")
-        kept = known.e.value(f"select {mask}, {vector} {value}, {vector} {before}")
-        known.e.store(kept, place, vector)
+        before = known.e.value(f"freeze {vector} {known.e.load(address, vector)}")
+        merged = known.e.value(f"select {mask}, {vector} {value}, {vector} {before}")
+        known.e.store(merged, address, vector)
     else:
         name = f"llvm.masked.store.{suffix(vector)}.p0"
-        known.e.do(f"call void @{name}({vector} {value}, ptr {place}, i32 8, {mask})")
+        known.e.do(f"call void @{name}({vector} {value}, ptr {address}, i32 8, {mask})")

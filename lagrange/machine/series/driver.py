@@ -57,11 +57,11 @@ class SeriesDriver:
             self._numbers = numbers
             self._point(numbers, sizes)
             return
-        place = memory.hold(parameters[len(parameters) - memory.surfaces :], len(numbers))
+        offset = memory.hold(parameters[len(parameters) - memory.surfaces :], len(numbers))
         if self._numbers is None:
             self._numbers = np.zeros(len(numbers) * (1 + len(memory.combinations)))
             self._point(self._numbers, sizes)
-        self._numbers[place : place + len(numbers)] = numbers
+        self._numbers[offset : offset + len(numbers)] = numbers
 
     def _point(self, numbers: FloatArray, sizes: Sequence[int]) -> None:
         """Set the three arrays that the loop reads: parts of `numbers` with the lengths `sizes`."""

@@ -55,14 +55,14 @@ class Jet:
         for k in range(1, order + 1):
             x[k, :n] = x[k - 1, list(program.rates)] * scale / k
             self._fill(x, k, program.before, scale)
-            for stage, matrix, trial, found in zip(
+            for stage, matrix, trial, following in zip(
                 program.stages, matrices, program.trials, program.found, strict=True
             ):
                 self._fill(x, k, trial, scale)
                 rate = [x[k - 1, f] * scale / k if f is not None else 0 * y[0] for f in stage.right]
                 right = [r if p is None else r - x[k, p] for r, p in zip(rate, stage.left, strict=True)]
                 x[k, list(stage.unknowns)] = matrix.solve(right)
-                self._fill(x, k, found, scale)
+                self._fill(x, k, following, scale)
         return x
 
     @cached_property

@@ -63,10 +63,10 @@ class StepDriver:
         self._state: DriverState | None = None
         self._function: StepFunction | None = None
 
-    def _record(self, record: Record, place: int) -> Any:
-        """Return the record that begins at index `place` of the work array."""
+    def _record(self, record: Record, index: int) -> Any:
+        """Return the record that begins at index `index` of the work array."""
         memory: Any = self._work
-        return record.structure.from_buffer(memory, 8 * place)
+        return record.structure.from_buffer(memory, 8 * index)
 
     def adopt(self, state: DriverState) -> None:
         """Do nothing: the state keeps its own memory."""

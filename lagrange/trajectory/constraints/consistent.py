@@ -162,9 +162,9 @@ def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, dur
     # In a structure that cannot move, velocities, and so all terms that contain them, are rounding errors. During
     # `duration` they move no coordinate by more than rounding.
     units, q = units_of(at.metric(y)), y[model.layout.q]
-    places, rates = (residuals.of_part(part, t, y, parameters, units) for part in (0, 1))
+    positions, rates = (residuals.of_part(part, t, y, parameters, units) for part in (0, 1))
     sizes = np.abs(rates.gradient) @ (np.abs(units * q).max(initial=0.0) / units)
-    if places.largest <= ON_SURFACE and (np.abs(rates.values) * duration <= ON_SURFACE * sizes).all():
+    if positions.largest <= ON_SURFACE and (np.abs(rates.values) * duration <= ON_SURFACE * sizes).all():
         return ""
     return (
         f"The state at the end violates the constraint {name!r} by {share:.2g} of its terms: the run does not follow "

@@ -114,6 +114,6 @@ def _vanishing(model: Model, t: float, off: FloatArray, on: FloatArray, paramete
 
     This happens for a squared constraint, such as x**2 = 0.
     """
-    before, here = (np.abs(residuals_of(model).gradient(t, y, parameters)).max(axis=1) for y in (off, on))
-    which = np.flatnonzero(here < VANISHING_RATIO * before)
+    off_sizes, on_sizes = (np.abs(residuals_of(model).gradient(t, y, parameters)).max(axis=1) for y in (off, on))
+    which = np.flatnonzero(on_sizes < VANISHING_RATIO * off_sizes)
     return Singular(0.0, rows=((int(which[0]), 1.0),)) if len(which) else None

@@ -120,7 +120,7 @@ class Discontinuities:
         passed = np.flatnonzero(jumping.any(axis=0))
         if not len(passed):
             return None
-        first = min(passed.tolist(), key=lambda place: (rows[place], parts[place]))
+        first = min(passed.tolist(), key=lambda column: (rows[column], parts[column]))
         which = int(np.argmax(jumping[:, first]))
         return int(rows[first]), float(parts[first]), self._told(which, int(surfaces[first]))
 
@@ -149,8 +149,8 @@ class Discontinuities:
         columns = np.arange(len(rows))
 
         def values(parts: FloatArray) -> FloatArray:
-            here = self.residuals.surfaces(*_chord(times, states, rows, parts), self.parameters)
-            return np.asarray(here[surfaces, columns])
+            surface_values = self.residuals.surfaces(*_chord(times, states, rows, parts), self.parameters)
+            return np.asarray(surface_values[surfaces, columns])
 
         low, high = np.zeros(len(rows)), np.ones(len(rows))
         begin = values(low)
@@ -208,7 +208,7 @@ class _Surface:
     values: FloatArray
     sizes: FloatArray
     rows: FloatArray
-    places: NDArray[np.intp]
+    positions: NDArray[np.intp]
 
     @classmethod
     def at(cls, residuals: ConstraintResiduals, t: FloatArray, y: FloatArray, parameters: FloatArray) -> _Surface:
@@ -217,17 +217,17 @@ class _Surface:
         rows = residuals.gradients(t, y, parameters)
         lengths = np.linalg.norm(rows, axis=1)
         lengths = np.where(lengths > 0, lengths, 1.0)
-        places = np.flatnonzero(residuals.holonomic)
-        units = np.concatenate([lengths[places], lengths])
-        return cls(values / units, sizes / units, rows / lengths[:, None], places)
+        positions = np.flatnonzero(residuals.holonomic)
+        units = np.concatenate([lengths[positions], lengths])
+        return cls(values / units, sizes / units, rows / lengths[:, None], positions)
 
     def change(self, other: _Surface) -> FloatArray:
         """Return the changes (p + m, k) of phi, then of psi or G, from these states to `other`, relative to terms."""
         signs = np.where((self.rows * other.rows).sum(axis=1) < 0, -1.0, 1.0)
         turned = np.abs(self.rows - signs[:, None] * other.rows).max(axis=1)
-        signs = np.concatenate([signs[self.places], signs])
+        signs = np.concatenate([signs[self.positions], signs])
         values = np.abs(self.values - signs * other.values) / (self.sizes + other.sizes)
-        values[len(self.places) :] = np.maximum(values[len(self.places) :], turned)
+        values[len(self.positions) :] = np.maximum(values[len(self.positions) :], turned)
         return values
 
 

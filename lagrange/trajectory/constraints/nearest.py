@@ -107,10 +107,10 @@ class Nearest:
             x, residuals = x + share * correction, trial_residuals
         return x, residuals
 
-    def _step(self, found: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
+    def _step(self, residuals: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
         """Return the displacement d with G d = `right` that is closest to `towards`; zero if d overflows."""
         free, n = self._free, len(self._free)
-        gradient = found.gradient[:, free]
+        gradient = residuals.gradient[:, free]
         matrix = np.block([[self._metric[np.ix_(free, free)], gradient.T], [gradient, np.zeros((len(right),) * 2)]])
         step = np.zeros_like(towards)
         with np.errstate(all="ignore"):

@@ -82,8 +82,8 @@ class StatesPassed:
             return self._all
         dropped = self._count - STEPS_PER_LOOK - 1
         if dropped > 0:
-            for kept in (self._times, self._states):
-                kept[: STEPS_PER_LOOK + 1] = kept[dropped : self._count].copy()
+            for array in (self._times, self._states):
+                array[: STEPS_PER_LOOK + 1] = array[dropped : self._count].copy()
             self._count -= dropped
         return self._times[self._count :], self._states[self._count :]
 
@@ -148,8 +148,8 @@ def _short_steps(sizes: FloatArray) -> list[tuple[int, range]]:
         short = np.array([np.argmin(sizes)])
     series = np.split(short, np.flatnonzero(np.diff(short) > 1) + 1)
     least = [(int(rows[np.argmin(sizes[rows])]), int(rows[0]), int(rows[-1])) for rows in series]
-    kept = sorted(sorted(least, key=lambda places: float(sizes[places[0]]))[:MOST_PLACES])
-    return [(FIRST_STEPS + row, range(FIRST_STEPS + first, FIRST_STEPS + last + 2)) for row, first, last in kept]
+    chosen = sorted(sorted(least, key=lambda entry: float(sizes[entry[0]]))[:MOST_PLACES])
+    return [(FIRST_STEPS + row, range(FIRST_STEPS + first, FIRST_STEPS + last + 2)) for row, first, last in chosen]
 
 
 def _few(rows: range) -> list[int]:
@@ -225,8 +225,8 @@ class Nearness:
     def found(self, t: float, y: FloatArray) -> Singular | None:
         """Return the most dependent combination of constraints at a state (2n,); None if G is not finite."""
         unit = np.eye(self._longest.shape[1])
-        here = self._residuals.gradient(t, y, self._parameters)[self._rows]
-        return least_regular(unit, here, scales(unit, self._longest))
+        gradient = self._residuals.gradient(t, y, self._parameters)[self._rows]
+        return least_regular(unit, gradient, scales(unit, self._longest))
 
 
 FIRST_TEST = 2**18
@@ -243,15 +243,15 @@ NEARLY_DEPENDENT = 1e-2
 """Constraints are nearly dependent if their least singular value is at most this fraction of its value at the start."""
 
 
-def regularity(model: Model, parameters: FloatArray, start: State, here: State) -> tuple[float, Singular] | None:
-    """Return the least singular value at `here`, relative to `start`, and the nearly singular rows or motion there.
+def regularity(model: Model, parameters: FloatArray, start: State, end: State) -> tuple[float, Singular] | None:
+    """Return the least singular value at `end`, relative to `start`, and the nearly singular rows or motion there.
 
     The matrices are the gradient G of the constraints and the mass matrix. Returns None if an entry is not finite.
     """
     before = matrices_at(model, model.equations, *start, parameters)
     scale = scales(*before)
     first = least_regular(*before, scale)
-    singular = least_regular(*matrices_at(model, model.equations, *here, parameters), scale)
+    singular = least_regular(*matrices_at(model, model.equations, *end, parameters), scale)
     if first is None or singular is None or not first.regularity:
         return None
     return singular.regularity / first.regularity, singular
@@ -276,8 +276,8 @@ class Approach:
         if steps < self.next_test:
             return None
         self.next_test = 2 * steps
-        here = regularity(self.model, self.parameters, self.start, (state.t, state.y))
-        share = 1.0 if here is None else here[0]
+        singular = regularity(self.model, self.parameters, self.start, (state.t, state.y))
+        share = 1.0 if singular is None else singular[0]
         self.times.append(state.t)
         self.nearness.append(share)
         if len(self.times) < 4 or share > NEARLY_DEPENDENT:
@@ -285,4 +285,4 @@ class Approach:
         last, before = (abs(end - begin) for end, begin in zip(self.times[-1:-3:-1], self.times[-2:-4:-1], strict=True))
         slower = last <= SLOWER * before
         nearer = all(b <= NEARER * a for a, b in zip(self.nearness[-3:-1], self.nearness[-2:], strict=True))
-        return here if slower and nearer else None
+        return singular if slower and nearer else None

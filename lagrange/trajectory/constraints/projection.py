@@ -152,7 +152,7 @@ class Projection:
         point, residuals = search.of(y[rows]) if nearest else search.restored(y[rows])
         return moved(point), residuals
 
-    def differentiable(self, found: Residuals, part: int, y: FloatArray) -> None:
+    def differentiable(self, residuals: Residuals, part: int, y: FloatArray) -> None:
         """Raise StatementError if a constraint has no value, or no derivative, at a state.
 
         `part` is 0 for constraints on coordinates, 1 for constraints on velocities.
@@ -161,13 +161,13 @@ class Projection:
         if corner is not None:
             raise StatementError(self._not_differentiable(all_stated[corner], y))
         for row, stated in enumerate(self._stated(part)):
-            if not np.isfinite(found.values[row]):
+            if not np.isfinite(residuals.values[row]):
                 raise StatementError(
                     f"the constraint {stated.name!r}, {_text(stated, self.model)} = 0, has no finite value at the "
                     f"initial state ({self.place(y)}): look for a division by zero, or a sqrt or log outside its "
                     "domain, or give another initial state."
                 )
-            if not np.isfinite(found.gradient[row]).all():
+            if not np.isfinite(residuals.gradient[row]).all():
                 raise StatementError(self._not_differentiable(stated, y))
 
     def _not_differentiable(self, stated: Constraint, y: FloatArray) -> str:
@@ -188,25 +188,25 @@ class Projection:
         """Return the stated constraints on coordinates (part 0), or on velocities (part 1)."""
         return [constraint for constraint in self.residuals.stated if part or constraint.holonomic]
 
-    def _values(self, found: Residuals, rows: list[int], part: int) -> str:
+    def _values(self, residuals: Residuals, rows: list[int], part: int) -> str:
         """Return a text with the values of the constraints `rows` on coordinates (part 0) or velocities (part 1)."""
         stated = self._stated(part)
         told = [
-            f"{stated[row].name!r} ({_zero(stated[row], part, self.model)}) is {found.values[row]:.6g}, with terms of "
-            f"size {found.terms[row]:.3g}"
+            f"{stated[row].name!r} ({_zero(stated[row], part, self.model)}) is {residuals.values[row]:.6g}, with terms "
+            f"of size {residuals.terms[row]:.3g}"
             for row in rows[:NAMED_CONSTRAINTS]
         ]
         more = f", and {len(rows) - NAMED_CONSTRAINTS} more are violated" if len(rows) > NAMED_CONSTRAINTS else ""
         return f"{listing(told)}{more}"
 
-    def _violated(self, found: Residuals, rows: list[int], part: int, y: FloatArray) -> str:
+    def _violated(self, residuals: Residuals, rows: list[int], part: int, y: FloatArray) -> str:
         stated = self._stated(part)
         entered = any(stated[row].name.startswith(RELATION) for row in rows)
         leave_out = ", leave out the velocities of coordinates without inertia, which follow" if entered else ""
         what = "velocities do" if part else "state does"
         many = "constraints" if len(rows) > 1 else "constraint"
         return (
-            f"the initial {what} not satisfy the {many} at t = {self.t:g}: {self._values(found, rows, part)}. "
+            f"the initial {what} not satisfy the {many} at t = {self.t:g}: {self._values(residuals, rows, part)}. "
             f"Give values that satisfy {'them' if len(rows) > 1 else 'it'} to {TYPED_ROUNDING:g}{leave_out}"
             f"{self._nearest_in_words(y)}."
         )
@@ -218,20 +218,20 @@ class Projection:
         statement, names = self.model.statement, self.model.layout.names()
         entries = list(zip(names, y.tolist(), statement.initial, strict=True))
         # Entries that the call omits have the values of the statement.
-        given = [(name, x) for name, x, stated in entries if x or x != stated]
-        if len(given) > MOST_ENTRIES:
-            given = [(name, x) for name, x, stated in entries if x != stated]
+        values = [(name, x) for name, x, stated in entries if x or x != stated]
+        if len(values) > MOST_ENTRIES:
+            values = [(name, x) for name, x, stated in entries if x != stated]
         pairs = zip(statement.parameters, self.parameters.tolist(), strict=True)
         changed = ", ".join(f"{str(p)!r}: {x!r}" for p, x in pairs if statement.defaults.get(p) != x)
-        arguments = [f"{{{', '.join(f'{name!r}: {x:.12g}' for name, x in given)}}}"]
+        arguments = [f"{{{', '.join(f'{name!r}: {x:.12g}' for name, x in values)}}}"]
         arguments += [f"parameters={{{changed}}}"] * bool(changed)
         arguments += [f"t={self.t!r}"] * bool(self.t)
         return f", or take the nearest ones, system.consistent({', '.join(arguments)}).initial"
 
-    def _not_met(self, found: Residuals, part: int, y: FloatArray) -> str:
+    def _not_met(self, residuals: Residuals, part: int, y: FloatArray) -> str:
         stated = self._stated(part)
         with np.errstate(all="ignore"):
-            shares = np.abs(found.values) / np.where(found.sizes > 0, found.sizes, 1.0)
+            shares = np.abs(residuals.values) / np.where(residuals.sizes > 0, residuals.sizes, 1.0)
         left = [stated[row].name for row in range(len(stated)) if not shares[row] <= ON_SURFACE]
         row = int(np.nanargmax(shares))
         fixed = [name for name, free in zip(self.model.layout.names(".dot"), self.free, strict=True) if not free]
@@ -239,20 +239,21 @@ class Projection:
             f"Hold fewer values (held: {listing(fixed)}), or give others"
             if fixed
             else "All its derivatives vanish there: give a state away from it"
-            if not found.gradient[row].any()
+            if not residuals.gradient[row].any()
             else "Give values that are nearer to them, and look for constraints that contradict one another"
         )
         many = "constraints" if len(left) > 1 else "constraint"
         what = "velocities satisfy" if part else "state near the one given satisfies"
         return (
             f"no {what} the {many} {listing(map(repr, left))}: {stated[row].name!r} "
-            f"({_zero(stated[row], part, self.model)}) stays at {found.values[row]:.6g}, at {self.place(y)}. {remedy}."
+            f"({_zero(stated[row], part, self.model)}) stays at {residuals.values[row]:.6g}, at {self.place(y)}. "
+            f"{remedy}."
         )
 
 
-def _far(found: Residuals) -> list[int]:
+def _far(residuals: Residuals) -> list[int]:
     """Return the indices of residuals that exceed the rounding of typed numbers, or are not finite."""
-    near = np.abs(found.values) <= np.maximum(TYPED_ROUNDING * found.terms, ON_SURFACE * found.sizes)
+    near = np.abs(residuals.values) <= np.maximum(TYPED_ROUNDING * residuals.terms, ON_SURFACE * residuals.sizes)
     return np.flatnonzero(~near).tolist()
 
 

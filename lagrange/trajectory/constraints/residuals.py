@@ -43,12 +43,12 @@ class ConstraintResiduals:
         )
         self.names = constraints.names
         self.holonomic = np.array([phi is not None for phi in constraints.positions])
-        places = [phi for phi in constraints.positions if phi is not None]
-        self.places = len(places)
+        positions = [phi for phi in constraints.positions if phi is not None]
+        self.places = len(positions)
         moving = [any(entry.binding >= Binding.VELOCITY for entry in row) for row in equations.constraints.gradient]
         self.turning = np.flatnonzero(moving)
         """Indices of the constraints whose row of G depends on velocities."""
-        stated = (*places, *constraints.velocities)
+        stated = (*positions, *constraints.velocities)
         entries = [entry for row in constraints.gradient for entry in row]
         # Nearly all entries of a long chain are zero, and are not evaluated. If all are zero, one entry is kept.
         self._entries = len(entries)

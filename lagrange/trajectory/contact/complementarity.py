@@ -117,22 +117,22 @@ def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArr
     return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(bias) + np.abs(bias).max(initial=0.0)))
 
 
-def _displaces(one: Balance, other: Balance, contacts: Sequence[Friction]) -> bool:
-    """Return True if surfaces that stick in solution `one` and slide in `other` must stay at rest.
+def _displaces(balance: Balance, other: Balance, contacts: Sequence[Friction]) -> bool:
+    """Return True if surfaces that stick in solution `balance` and slide in `other` must stay at rest.
 
     By Coulomb's law a surface at rest slides only if no force in its cone holds it. All surfaces that stick in `other`
-    must stick in `one`. Any other difference, such as a contact that opens, must follow from the slip: kinetic friction
-    could not hold what static friction holds.
+    must stick in `balance`. Any other difference, such as a contact that opens, must follow from the slip: kinetic
+    friction could not hold what static friction holds.
     """
-    if any(b == STICKING != a for a, b in zip(one.states, other.states, strict=True)):
+    if any(b == STICKING != a for a, b in zip(balance.states, other.states, strict=True)):
         return False
-    pairs = zip(rows_of(contacts), contacts, one.states, other.states, strict=True)
+    pairs = zip(rows_of(contacts), contacts, balance.states, other.states, strict=True)
     held = [
-        (contact, one.forces[normal], one.forces[along])
+        (contact, balance.forces[normal], balance.forces[along])
         for (normal, along), contact, a, b in pairs
         if a == STICKING and b == SLIDING
     ]
-    differences = sum(a != b for a, b in zip(one.states, other.states, strict=True))
+    differences = sum(a != b for a, b in zip(balance.states, other.states, strict=True))
     by_static = any(np.linalg.norm(f) > (contact.kinetic + NOISE * contact.static) * n for contact, n, f in held)
     return bool(held) and (differences == len(held) or by_static)
 

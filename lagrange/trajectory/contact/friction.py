@@ -55,9 +55,9 @@ class WrittenFriction:
 
         `way` is the initial direction of sliding, 1 or -1, or 0 for sticking. `moment` is the value of the parameter.
         """
-        places = [self.model.layout.q.stop - 1, len(problem.y0)]
-        y0 = np.insert(problem.y0, places, [way, 0.0])
-        largest = None if problem.largest is None else np.insert(problem.largest, places, [1.0, 0.0])
+        indices = [self.model.layout.q.stop - 1, len(problem.y0)]
+        y0 = np.insert(problem.y0, indices, [way, 0.0])
+        largest = None if problem.largest is None else np.insert(problem.largest, indices, [1.0, 0.0])
         parameters = {**problem.parameters, self.moment: moment}
         return replace(problem, model=self.model, y0=y0, largest=largest, parameters=parameters)
 
@@ -76,8 +76,8 @@ class WrittenFriction:
 
         The results are the times (k,), the states before the changes (k, 2n + 2), and the ways after them (k,).
         """
-        place, row = -len(self.events), self.model.layout.q.stop - 1
-        times, _, states = in_order(part.t_events[place:], part.y_events[place:])
+        first, row = -len(self.events), self.model.layout.q.stop - 1
+        times, _, states = in_order(part.t_events[first:], part.y_events[first:])
         return times, states, np.append(states[:, row], last[row])[1:]
 
 

@@ -217,8 +217,8 @@ class ContactRun:
             for i, each in enumerate(self.model.statement.contacts):
                 if y is not None and mode.states[i] == SLIDING:
                     pairs = zip(_friction(each, mode, i), each.slip, strict=True)
-                    taken = sympy.Add(*(-force * slip for force, slip in pairs))
-                    total[where] += self._in_mode(mode, taken, times[where], y)
+                    power = sympy.Add(*(-force * slip for force, slip in pairs))
+                    total[where] += self._in_mode(mode, power, times[where], y)
         return total
 
 

@@ -180,8 +180,8 @@ class Modes:
     def without_time(self, expressions: Iterable[Any]) -> bool:
         """Return True if expressions depend on time through coordinates and velocities only."""
         stated = self.model.statement
-        rates, places = ({x: sympy.Dummy() for x in of} for of in (stated.velocities, stated.coordinates))
-        return not any(expression.xreplace(rates).xreplace(places).has(time) for expression in expressions)
+        rates, positions = ({x: sympy.Dummy() for x in of} for of in (stated.velocities, stated.coordinates))
+        return not any(expression.xreplace(rates).xreplace(positions).has(time) for expression in expressions)
 
     def leaves_no_freedom(self, mode: Mode) -> bool:
         """Return True if the constraints of a mode allow no motion, so that all bodies stay at rest forever.

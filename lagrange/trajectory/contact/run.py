@@ -70,12 +70,12 @@ def run_through_contacts(problem: Problem, run: Callable[[Problem], Trajectory])
 class _ContactRun:
     """A run in progress: its parts, and the mode, time and state at which it continues.
 
-    `prepared` is the mode of the last segment, `found` its trajectory, and `end_state` (2n,) the state at its end
+    `prepared` is the mode of the last segment, `part` its trajectory, and `end_state` (2n,) the state at its end
     before any reset.
     """
 
     prepared: PreparedMode
-    found: Trajectory
+    part: Trajectory
     end_state: FloatArray
 
     def __init__(self, problem: Problem, run: Callable[[Problem], Trajectory]) -> None:
@@ -180,7 +180,7 @@ class _ContactRun:
         if self.parts and mode.still and self.modes.without_time(zeros):
             # The mode lasts forever, and no event of the user occurs.
             part, friction = resting_part(replace(segment, t1=until), self.parts[-1]), None
-            self.found, self.end_state, self.fired = part, segment.y0, []
+            self.part, self.end_state, self.fired = part, segment.y0, []
         while part is None:
             self.prepared = prepared = self.modes.prepared(mode, segment, written, friction, most)
             chosen = replace(
@@ -194,7 +194,7 @@ class _ContactRun:
             )
             if friction is not None:
                 chosen = friction.of_whole(chosen, mode.ways[friction.which] or 0, self.moment)
-            self.found, self.fired = self.run(chosen), []
+            self.part, self.fired = self.run(chosen), []
             if friction is not None:
                 passed = self._passed_changes(friction, mode)
                 if passed is None:
@@ -206,10 +206,10 @@ class _ContactRun:
                 continue
             if tries < MOST_REPEATS and self._is_begin(segment.t0):
                 tries += 1
-                segment = replace(segment, y0=prepared.plain(last_state(self.found)))
+                segment = replace(segment, y0=prepared.plain(last_state(self.part)))
                 continue
             self._locate_end(chosen)
-            part = replace(self.found, t_events=self.found.t_events[:users], y_events=self.found.y_events[:users])
+            part = replace(self.part, t_events=self.part.t_events[:users], y_events=self.part.y_events[:users])
         if friction is not None and not part.status.complete:
             # The message names coordinates of the system only.
             at_end = part.status, self.problem, part.span[1], last_state(part)
@@ -240,7 +240,7 @@ class _ContactRun:
         None means that the segment must be run again without compiled changes: a step failed, or rounding opened the
         gap or began a slip.
         """
-        segment, last = self.found, last_state(self.found)
+        segment, last = self.part, last_state(self.part)
         if segment.status in FAILED:
             return None
         times, before, ways = friction.ways(segment, last)
@@ -258,7 +258,7 @@ class _ContactRun:
 
         Impacts of several contacts at one instant, and steps that fail, need a test of each impact.
         """
-        segment, users, end = self.found, len(self.problem.events), self.found.span[1]
+        segment, users, end = self.part, len(self.problem.events), self.part.span[1]
         if segment.status in FAILED:
             return False
         times, which, before = in_order(segment.t_events[users:], segment.y_events[users:])
@@ -285,17 +285,17 @@ class _ContactRun:
 
     def _fired(self) -> list[tuple[int, str]]:
         """Return the indices of the contacts whose events ended the last segment, each with the kind of its event."""
-        if self.found.status is not Status.EVENT:
+        if self.part.status is not Status.EVENT:
             return []
-        pairs = zip(self.prepared.ends, self.found.t_events[self.prepared.own], strict=True)
-        return [which for which, when in pairs if len(when) and when[-1] == self.found.span[1]]
+        pairs = zip(self.prepared.ends, self.part.t_events[self.prepared.own], strict=True)
+        return [which for which, when in pairs if len(when) and when[-1] == self.part.span[1]]
 
     def _is_begin(self, begin: float) -> bool:
         """Return True if a segment ends where it begins, at a gap that opens or a slip that begins."""
-        end, fired = self.found.span[1], self._fired()
+        end, fired = self.part.span[1], self._fired()
         if not fired or abs(end - begin) > CLOSEST * max(abs(end), EARLIEST):
             return False
-        y = self.prepared.plain(last_state(self.found))
+        y = self.prepared.plain(last_state(self.part))
         rates = self.kinematics.at(end, y).rates[self.kinematics.normals]
         return all((kind == GAP and rates[i] >= 0) or (kind == SLIP and i in self.freed) for i, kind in fired)
 
@@ -305,7 +305,7 @@ class _ContactRun:
         A series locates the zero only up to the tolerance of the run. The run continues from the corrected end. Also
         stores the contacts whose events ended the segment.
         """
-        part, (begin, end), users = self.found, self.found.span, len(self.problem.events)
+        part, (begin, end), users = self.part, self.part.span, len(self.problem.events)
         fired = zip(part.t_events[users:], part.y_events[users:], strict=True)
         at_end = (states[-1] for times, states in fired if len(times) and times[-1] == end)
         y = next(map(np.ascontiguousarray, at_end), None)
@@ -320,11 +320,11 @@ class _ContactRun:
             if CLOSEST * abs(end) < abs(late) < h and end - late < self.problem.t1:
                 y, end = y - late * rates, end - late
                 part = replace(part, t=np.where(part.t == part.span[1], end, part.t), span=(begin, end))
-        self.end_state, self.found = self.prepared.plain(y), self.prepared.plain_run(_ended(part, y))
+        self.end_state, self.part = self.prepared.plain(y), self.prepared.plain_run(_ended(part, y))
 
     def _after(self, mode: Mode, fired: Sequence[tuple[int, str]]) -> Behind:
         """Return the state and the mode after the last segment, and after the impacts at its end."""
-        t, y = self.found.span[1], self.end_state
+        t, y = self.part.span[1], self.end_state
         by_kind = {kind: [i for i, other in fired if other == kind] for kind in (RELEASE, GAP, SLIP, CONE)}
         ends = {"met": by_kind[GAP], "released": by_kind[RELEASE], "stopped": by_kind[SLIP], "freed": by_kind[CONE]}
         behind = self.transitions.behind(t, y, mode, **ends)

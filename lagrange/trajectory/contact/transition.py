@@ -219,14 +219,16 @@ class Transitions:
         impulses[rows] = balance.forces
         return impulses
 
-    def _only(self, found: Sequence[Balance], touch: Touch, y: FloatArray, chosen: Sequence[int], what: str) -> Balance:
-        """Return the solution in `found` if it is the only one. Raises `Undetermined` if there are none or several.
+    def _only(
+        self, balances: Sequence[Balance], touch: Touch, y: FloatArray, chosen: Sequence[int], what: str
+    ) -> Balance:
+        """Return the only solution in `balances`. Raises `Undetermined` if there are none or several.
 
         The other arguments are for the message: `chosen` contacts at the state y, and `what` they do.
         """
-        if len(found) == 1:
-            return found[0]
-        raise undetermined(self.kinematics, touch, y, chosen, len(found), what)
+        if len(balances) == 1:
+            return balances[0]
+        raise undetermined(self.kinematics, touch, y, chosen, len(balances), what)
 
     def _next(
         self,

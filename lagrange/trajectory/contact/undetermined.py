@@ -55,8 +55,8 @@ def _where(kin: Kinematics, touch: Touch, y: FloatArray, chosen: Sequence[int]) 
                 if region:
                     return f"as friction presses {kin.contacts[i].name!r} together where {region} <= 0"
     layout = kin.model.layout
-    places = zip(layout.coordinates, layout.split(y)[0].tolist(), strict=False)
-    return f"at {listing(f'{name} = {value:.6g}' for name, value in places)}"
+    coordinates = zip(layout.coordinates, layout.split(y)[0].tolist(), strict=False)
+    return f"at {listing(f'{name} = {value:.6g}' for name, value in coordinates)}"
 
 
 def _region(model: Model, which: int, way: int) -> str:

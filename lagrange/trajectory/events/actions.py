@@ -156,11 +156,11 @@ def impacts(model: Model, events: Sequence[Event]) -> tuple[Impact, ...]:
     kernel = model.function("reset", tuple(map(equations.translate, values))) if values else None
     translated, first = [], 0
     for event in events:
-        places = tuple(rows[key] for key in event.reset)
-        reset = kernel if places else None
+        indices = tuple(rows[key] for key in event.reset)
+        reset = kernel if indices else None
         node = equations.translate(event.expression)
-        translated.append(Impact(node, event.direction, event.terminal, places, reset, first, model=model))
-        first += len(places)
+        translated.append(Impact(node, event.direction, event.terminal, indices, reset, first, model=model))
+        first += len(indices)
     return tuple(translated)
 
 

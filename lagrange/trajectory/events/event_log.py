@@ -104,13 +104,13 @@ class EventLog:
         self.occurrences = [Occurrences(size) for _ in range(events)]
         self.state: DriverState | None = None
 
-    def first_change(self, found: Iterable[EventZero], impacts: Sequence[Impact]) -> EventZero | None:
-        """Return the first zero in `found` whose event resets the state or ends the run, or None.
+    def first_change(self, zeros: Iterable[EventZero], impacts: Sequence[Impact]) -> EventZero | None:
+        """Return the first zero in `zeros` whose event resets the state or ends the run, or None.
 
         `impacts` are all events; a zero refers to its event by index.
         """
         seen = [len(times) for times in self.occurrences]
-        for zero in found:
+        for zero in zeros:
             index = zero.which
             if impacts[index].counts(zero.root.rising):
                 seen[index] += 1
@@ -118,25 +118,25 @@ class EventLog:
                     return zero
         return None
 
-    def occur(self, places: Sequence[int], impacts: Sequence[Impact], state: DriverState) -> bool:
-        """Record the events `places`, indices of `impacts`, at the present state. Return True if one ends the run."""
-        for i in places:
+    def occur(self, indices: Sequence[int], impacts: Sequence[Impact], state: DriverState) -> bool:
+        """Record the events `indices` of `impacts` at the present state. Return True if one ends the run."""
+        for i in indices:
             self.occurrences[i].append(state.t, state.y.copy(), state.count(DriverState.STEPS))
-        return any(0 < impacts[i].terminal <= len(self.occurrences[i]) for i in places)
+        return any(0 < impacts[i].terminal <= len(self.occurrences[i]) for i in indices)
 
-    def keep(self, which: NDArray[np.int64], when: FloatArray, there: FloatArray, steps: int) -> None:
+    def keep(self, which: NDArray[np.int64], when: FloatArray, states: FloatArray, steps: int) -> None:
         """Add k occurrences, which count once `steps` steps are accepted.
 
-        `which` (k,) are the indices of the events, `when` (k,) the times in order, and `there` (k, 2n) the states.
+        `which` (k,) are the indices of the events, `when` (k,) the times in order; the states are (k, 2n).
         """
         if len(self.occurrences) == 1:
-            self.occurrences[0].extend(when, there, steps)
+            self.occurrences[0].extend(when, states, steps)
         elif len(which):
             order = np.argsort(which, kind="stable")
-            when, there = when[order], there[order]
+            when, states = when[order], states[order]
             ends = np.cumsum(np.bincount(which, minlength=len(self.occurrences))).tolist()
             for zeros, begin, end in zip(self.occurrences, [0, *ends], ends, strict=False):
-                zeros.extend(when[begin:end], there[begin:end], steps)
+                zeros.extend(when[begin:end], states[begin:end], steps)
 
     @property
     def t_events(self) -> tuple[FloatArray, ...]:

@@ -131,10 +131,10 @@ class WatchedEvents:
         memory = self.memory
         waits, proven, happened = memory.waits, memory.run.proven, memory.happened()
         if waits:
-            log.keep(happened.which[:proven], happened.when[:proven], happened.there[:proven], memory.taken)
-            log.keep(happened.which[proven:], happened.when[proven:], happened.there[proven:], memory.reviewed)
+            log.keep(happened.which[:proven], happened.when[:proven], happened.event_states[:proven], memory.taken)
+            log.keep(happened.which[proven:], happened.when[proven:], happened.event_states[proven:], memory.reviewed)
         else:
-            log.keep(happened.which, happened.when, happened.there, log.steps)
+            log.keep(happened.which, happened.when, happened.event_states, log.steps)
         breaks.extend(happened.rows, happened.times, happened.states)
 
     @property

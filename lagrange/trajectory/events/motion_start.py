@@ -74,19 +74,19 @@ of the largest value on the step counts as zero.
 """
 
 
-def passes_anyhow(model: Model, kernel: Kernel, impacts: Sequence[Impact], place: int, sample: Sample) -> bool:
-    """Return True if the motion after the reset of event `place` still passes zero in the event's direction.
+def passes_anyhow(model: Model, kernel: Kernel, impacts: Sequence[Impact], index: int, sample: Sample) -> bool:
+    """Return True if the motion after the reset of event `index` still passes zero in the event's direction.
 
     The reset is then useless. `sample` is the step that begins at the event.
     """
-    t, y, impact, parameters = sample.t, sample.state(0.0), impacts[place], sample.batch.parameters
+    t, y, impact, parameters = sample.t, sample.state(0.0), impacts[index], sample.batch.parameters
     after = y.copy()
     impact.apply(t, y, parameters, after)
     slope = model.rhs(t, after, parameters)
     h = SMALL_FRACTION * sample.h
-    around = [float(kernel(t + s * h, after + s * h * slope, parameters)[place]) for s in (-1, 0, 1)]
+    around = [float(kernel(t + s * h, after + s * h * slope, parameters)[index]) for s in (-1, 0, 1)]
     rise = (around[2] - around[0]) / (2 * SMALL_FRACTION)
-    return impact.direction * rise > SMALL_FRACTION * float(np.abs(sample.values[place]).max())
+    return impact.direction * rise > SMALL_FRACTION * float(np.abs(sample.values[index]).max())
 
 
 def sent_through(
@@ -110,14 +110,14 @@ def sent_through(
     return None
 
 
-def entry(batch: StepBatch, step: int, place: int, span: float) -> float:
-    """Return the size up to which contact `place` counts as zero where it is reached.
+def entry(batch: StepBatch, step: int, index: int, span: float) -> float:
+    """Return the size up to which contact `index` counts as zero where it is reached.
 
     It is the noise of the event function, or its change during the spacing of floating-point times. `span` is the
     duration of the run, which sets the spacing.
     """
     steps = abs(span / (batch.path.times[step + 1] - batch.path.times[step]))
-    return float(max(batch.noise[place, step], batch.sensitive[place, step] * (EPSILON / DENSE_ROUND_OFF) * steps))
+    return float(max(batch.noise[index, step], batch.sensitive[index, step] * (EPSILON / DENSE_ROUND_OFF) * steps))
 
 
 def lie(begun: MotionStart, impacts: Sequence[Impact], sample: Sample) -> set[int]:

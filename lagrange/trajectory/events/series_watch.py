@@ -235,9 +235,9 @@ class SeriesWatch(EventLog):
         return events
 
     def _jump(
-        self, zeros: Sequence[EventZero], found: Sequence[EventZero], state: DriverState, *, ends: bool
+        self, zeros: Sequence[EventZero], all_zeros: Sequence[EventZero], state: DriverState, *, ends: bool
     ) -> EventResult:
-        """Reset the state by the events in `zeros`, and start a new motion. `found` has all events at this time."""
+        """Reset the state by the events in `zeros`, and start a new motion. `all_zeros` has all at this time."""
         before = self.ahead(state)
         resets = {self.impact_of(m): m.which for m in sorted(zeros, key=lambda m: m.which)}
         after, broken = reset_state(resets, self.names, state.t, state.y, self.parameters)
@@ -248,7 +248,7 @@ class SeriesWatch(EventLog):
         self.driver.restart(state)
         if ends:
             return EventResult(Status.EVENT, jumped=True)
-        happened = {m.which: abs(float(before.watched[0, m.which])) for m in found}
+        happened = {m.which: abs(float(before.watched[0, m.which])) for m in all_zeros}
         began = self.start(state, happened, before)
         if began.status is None:
             for m in zeros:

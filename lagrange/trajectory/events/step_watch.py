@@ -171,9 +171,9 @@ class EventDriver:
         """Return the steps that are not yet reviewed, and the driver, as an argument of the functions of the loop."""
         memory, size = self._memory, len(state.y)
 
-        def drive(*given: Any) -> Outcome:
+        def drive(*arguments: Any) -> Outcome:
             try:
-                return self._driver.advance(state, given[4], memory.times[2:], memory.states[2:])
+                return self._driver.advance(state, arguments[4], memory.times[2:], memory.states[2:])
             except KeyboardInterrupt:
                 state.counts[:], state.reals[:], state.y[:] = memory.kept_counts, memory.kept_reals, memory.states[1]
                 raise
@@ -200,8 +200,8 @@ class EventDriver:
         if not memory.waits:
             return None
         shift = 1 - run.before
-        here = slice(shift, run.count + 2)
-        path = memory.times[here].copy(), memory.states[here].copy()
+        rows = slice(shift, run.count + 2)
+        path = memory.times[rows].copy(), memory.states[rows].copy()
         cut = self._watch.review(*path, run.begin - shift, last + 1 - shift, memory.taken - 1 + shift)
         if cut is not None:
             self._set_back(state, cut, cut.steps - 1 + shift, waiting)
@@ -307,9 +307,6 @@ class StepWatch(EventLog):
         """Return False: the driver reports each event at once, so no event waits where steps are impossible."""
         return False
 
-    def continue_past(self, state: DriverState) -> None:
-        """Return None: steps of a step program need no series, so no point has to be passed over."""
-
     def compiled(self, driver: Driver, t: float, steps: int) -> EventSteps | None:
         """Return the compiled loop that takes and reviews steps; None if the run seems short after `steps` steps."""
         return self.memory.compiled(self.problem, driver, t, steps, self.jumps, fixed=self._fixed)
@@ -318,14 +315,14 @@ class StepWatch(EventLog):
         """Return the path through accepted times (S+1,) and states (S+1, 2n)."""
         return self.memory.path(self._path_of, times, states)
 
-    def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, taken: int) -> Cut | None:
+    def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, steps_before: int) -> Cut | None:
         """Find the events on the steps `begin` to before `end` of times (S+1,) and states (S+1, 2n), on arrays.
 
-        Returns the first change of the motion, whose events are then pending for `process`, or None. `taken` is the
-        number of steps that the run took before `times[0]`.
+        Returns the first change of the motion, whose events are then pending for `process`, or None. `steps_before`
+        counts the steps before `times[0]`.
         """
         path = self.path(times, states)
-        cut = self._ahead(Window(path, begin, end), taken + begin)
+        cut = self._ahead(Window(path, begin, end), steps_before + begin)
         return None if cut is None else replace(cut, steps=cut.steps + begin)
 
     @property
@@ -365,11 +362,8 @@ class StepWatch(EventLog):
         """Read only the events and resets that machine code has written."""
         self.memory.collect(self, self.breaks)
 
-    def _ahead(self, path: StepsPath, taken: int) -> Cut | None:
-        """Find the events on all steps of a path. Return the first change of the motion, or None.
-
-        `taken` is the number of steps that the run took before the path.
-        """
+    def _ahead(self, path: StepsPath, steps_before: int) -> Cut | None:
+        """Find the events on all steps of a path. Return the first change of the motion, or None."""
         times = path.times
         batch = StepBatch.of(self.kernel, self._rates, self.parameters, path)
         doubtful = ~batch.certain
@@ -384,7 +378,7 @@ class StepWatch(EventLog):
             if step == len(times) - 1:
                 return None
             watched = [i for i in range(len(self.impacts)) if i in unsettled or doubtful[i, step]]
-            cut = self._step(batch, step, watched, taken)
+            cut = self._step(batch, step, watched, steps_before)
             if cut is not None:
                 return cut
             step += 1
@@ -404,11 +398,8 @@ class StepWatch(EventLog):
         values = self.kernel(state.t, state.y, self.parameters)
         return EventResult() if np.isfinite(values).all() else undefined(self.names(), values[None])
 
-    def _step(self, batch: StepBatch, step: int, watched: Sequence[int], taken: int) -> Cut | None:
-        """Record the zeros of the events `watched` on a step. Return the first change of the motion, or None.
-
-        `taken` is the number of steps that the run took before the batch.
-        """
+    def _step(self, batch: StepBatch, step: int, watched: Sequence[int], steps_before: int) -> Cut | None:
+        """Record the zeros of the events `watched` on a step. Return the first change of the motion, or None."""
         sample, begun = batch.sample(step), self._start
         last = bool(batch.path.times[step + 1] == self.problem.t1)
         zero = self._at_zero(batch, step, watched)
@@ -421,7 +412,7 @@ class StepWatch(EventLog):
                 continue
             level, noise = self._levels.get(i, 0.0), float(batch.noise[i, step])
             # Rounding errors of the steps add up, half a spacing each. At the end of the run no later step can decide.
-            noise = max(noise, float(batch.edge[i, step + 1]) / NOISE_HALVES * (taken + step)) if last else noise
+            noise = max(noise, float(batch.edge[i, step + 1]) / NOISE_HALVES * (steps_before + step)) if last else noise
             traces[i] = trace(
                 sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last, isolate=self._isolate
             )
@@ -431,15 +422,15 @@ class StepWatch(EventLog):
             return _cut(batch, step, sample, 0.0)
         resting = frozenset(i for i in zero if i in self._resting and self.impacts[i].reset)
         self._start = replace(begun, rested=resting) if begun is not None and resting else None
-        zeros = [EventZero(i, root) for i, step_zeros in traces.items() for root in step_zeros.found]
+        zeros = [EventZero(i, root) for i, step_zeros in traces.items() for root in step_zeros.zeros]
         zeros.sort(key=lambda m: m.root.time)
         without = min(traces, key=lambda i: traces[i].until, default=0)
         until = traces[without].until if traces else math.inf
         first = self.first_change((m for m in zeros if m.root.time < until), self.impacts)
         if first is not None:
-            self._part(first, zeros, traces, sample, taken + step)
+            self._part(first, zeros, traces, sample, steps_before + step)
             return _cut(batch, step, sample, first.root.time)
-        self._record((m for m in zeros if m.root.time < until), sample, taken + step)
+        self._record((m for m in zeros if m.root.time < until), sample, steps_before + step)
         if until < math.inf:
             value = float(sample.events(np.array([until]))[without, 0])
             self._verdict = without_value(self.names()[without], value)
@@ -495,40 +486,45 @@ class StepWatch(EventLog):
         return bool(self._pending) or self._verdict is not None
 
     def _part(
-        self, first: EventZero, found: Sequence[EventZero], traces: Mapping[int, StepZeros], sample: Sample, taken: int
+        self,
+        first: EventZero,
+        zeros: Sequence[EventZero],
+        traces: Mapping[int, StepZeros],
+        sample: Sample,
+        steps_before: int,
     ) -> None:
         """Record the events on a step before its first change of the motion. Events at the time of it become pending.
 
-        `first` is the zero of the change. `found` are all zeros on the step, and `traces` the analysis of each event
+        `first` is the zero of the change. `zeros` are all on the step, and `traces` the analysis of each event
         function.
         """
         s = first.root.time
         close = TOGETHER * max(abs(sample.t / sample.h), s)
         jump = max(close, SAME_JUMP) if first.root.jump else close
-        here = [m for m in found if abs(m.root.time - s) <= (jump if m.root.jump else close)]
-        mine = {m.which: m for m in reversed(here)}
-        before = [m for m in found if m.root.time < s - close and m not in here]
+        simultaneous = [m for m in zeros if abs(m.root.time - s) <= (jump if m.root.jump else close)]
+        mine = {m.which: m for m in reversed(simultaneous)}
+        before = [m for m in zeros if m.root.time < s - close and m not in simultaneous]
         for i, step_zeros in traces.items():
             # A contact within its noise of zero keeps its side, and may act after this change.
-            zeros, side = ended(step_zeros, s, self._isolate, decided=not self.impacts[i].reset)
+            step_roots, side = ended(step_zeros, s, self._isolate, decided=not self.impacts[i].reset)
             self._relay[i] = side
-            at_end = [root for root in zeros if root.time >= s - close]
+            at_end = [root for root in step_roots if root.time >= s - close]
             if at_end and i not in mine:
                 # Another event that is zero there is recorded there, and not a second time before.
                 mine[i] = EventZero(i, Root(s, at_end[0].rising))
-            early = [m for m in before if m.which == i][: len(zeros) - len(at_end)]
-            self._record(early, sample, taken)
+            early = [m for m in before if m.which == i][: len(step_roots) - len(at_end)]
+            self._record(early, sample, steps_before)
         self._pending = [mine[i] for i in sorted(mine)]
 
-    def _record(self, found: Iterable[EventZero], sample: Sample, taken: int) -> None:
-        """Record the zeros `found` on a step whose direction makes them events."""
-        for m in found:
+    def _record(self, zeros: Iterable[EventZero], sample: Sample, steps_before: int) -> None:
+        """Record the `zeros` on a step whose direction makes them events."""
+        for m in zeros:
             if self.impacts[m.which].counts(m.root.rising):
                 s = m.root.time
-                self.occurrences[m.which].append(sample.t + s * sample.h, sample.state(s), taken + 1)
+                self.occurrences[m.which].append(sample.t + s * sample.h, sample.state(s), steps_before + 1)
 
-    def _jump(self, zeros: Sequence[EventZero], found: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Reset the state by the events in `zeros`, and start a new motion. `found` has all events at this time."""
+    def _jump(self, zeros: Sequence[EventZero], all_zeros: Sequence[EventZero], state: DriverState) -> EventResult:
+        """Reset the state by the events in `zeros`, and start a new motion. `all_zeros` has all at this time."""
         before, model = state.y.copy(), self.problem.model
         values = self.kernel(state.t, before, self.parameters)
         resets = {self.impacts[m.which]: m.which for m in zeros}
@@ -551,17 +547,17 @@ class StepWatch(EventLog):
         earlier |= self._stayed if self.jumps and state.t == self.changed else {}
         self.jumps += 1
         self.changed, self._changed_at = state.t, state.count(S.STEPS)
-        met = {m.which: m.root.rising for m in found if not m.root.jump}
+        met = {m.which: m.root.rising for m in all_zeros if not m.root.jump}
         self._stayed = {**earlier, **{i: abs(float(values[i])) for i in met}}
         self._start = MotionStart(
             stayed=self._stayed,
             zeros=met,
-            jumped=frozenset(m.which for m in found if m.root.jump),
+            jumped=frozenset(m.which for m in all_zeros if m.root.jump),
         )
         result = self._defined(state)
         moved = self.kernel(state.t, after, self.parameters)
         noise = state_noise(self.kernel, self.parameters, np.array([state.t]), before[:, None], values[:, None])[:, 0]
-        happened = {m.which for m in found} | earlier.keys()
+        happened = {m.which for m in all_zeros} | earlier.keys()
         self._relay = sides_behind(self._relay, self.impacts, (values, moved), noise, happened)
         where = (state.t, *model.layout.split(after), self.parameters)
         if result.status is None and model.column_without_inertia(*where) is not None:

@@ -154,8 +154,8 @@ class Continuations:
         least = 64 * 2.0**-52 * max(abs(state.t), 2.0**-60 * span)
         return [state.t + math.copysign(min(x, abs(left)), left) for x in lengths if x > least]
 
-    def landing(self, state: DriverState, there: float, *, switched: Callable[[float], bool]) -> FloatArray | None:
-        """Return the state (2n,) after a leap to the time `there`, or None if forces change too much for a leap.
+    def landing(self, state: DriverState, end: float, *, switched: Callable[[float], bool]) -> FloatArray | None:
+        """Return the state (2n,) after a leap to the time `end`, or None if forces change too much for a leap.
 
         `switched` takes a duration and returns True if the equations switch within this time. Then the forces after the
         switch are compared with those at the end.
@@ -163,7 +163,7 @@ class Continuations:
         part = replace(
             self.problem,
             t0=state.t,
-            t1=there,
+            t1=end,
             y0=state.y.copy(),
             t_eval=None,
             rtol=None,
@@ -177,29 +177,29 @@ class Continuations:
         y = run.y[:, -1]
         if run.status is not Status.SUCCESS:
             return None
-        begun, start = state.t + BEHIND * (there - state.t), (state.t, state.y)
+        begun, start = state.t + BEHIND * (end - state.t), (state.t, state.y)
         if switched(abs(begun - state.t) / 2):
             start = begun, run.dense(np.array([begun]))[:, 0]
-        early = state.t + EARLY * (there - state.t)
+        early = state.t + EARLY * (end - state.t)
         between = early, run.dense(np.array([early]))[:, 0]
-        return y if self._steady(start, between, (there, y)) else None
+        return y if self._steady(start, between, (end, y)) else None
 
-    def land(self, state: DriverState, there: float, y: FloatArray, row: int) -> None:
-        """Set the driver's state to y (2n,) at the time `there`, the end of a leap from the accepted state `row`."""
+    def land(self, state: DriverState, end: float, y: FloatArray, row: int) -> None:
+        """Set the driver's state to y (2n,) at the time `end`, the end of a leap from the accepted state `row`."""
         taylor = state.taylor
         self.rows.append(row)
         self.continuations_in_a_row = self.continuations_in_a_row + 1 if state.t == self.landed else 1
-        self.landed, length = there, there - state.t
-        state.outputs.write(there, length, self._path(state, there, y))
-        state.reals[DriverState.T] = there
+        self.landed, length = end, end - state.t
+        state.outputs.write(end, length, self._path(state, end, y))
+        state.reals[DriverState.T] = end
         taylor.low, taylor.scale = 0.0, length
         taylor.next_limit = taylor.limit = math.inf
         taylor.rescalings = taylor.failures = 0
         state.y[:] = y
 
-    def _path(self, state: DriverState, there: float, y: FloatArray) -> StepPath:
-        """Return the dense output of a leap: the path from the driver's state to y (2n,) at the time `there`."""
-        return hermite_path(4)(self.problem, np.array([state.t, there]), np.array([state.y, y]))
+    def _path(self, state: DriverState, end: float, y: FloatArray) -> StepPath:
+        """Return the dense output of a leap: the path from the driver's state to y (2n,) at the time `end`."""
+        return hermite_path(4)(self.problem, np.array([state.t, end]), np.array([state.y, y]))
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:
         """Return True if the accelerations at both ends of a leap are nearly equal, or grow from the first end.

@@ -222,7 +222,7 @@ SAME_JUMP = 2.0**-44
 
 @dataclass(frozen=True, eq=False)
 class StepZeros:
-    """The zeros `found` of an event function on a step, in order, with times as fractions of the step.
+    """The `zeros` of an event function on a step, in order, with times as fractions of the step.
 
     `parts` are the parts of the step with the side before each. `after` is the side at the end. `until` is the fraction
     of the step from which the event function has no value, else infinity. For a function that starts at zero, `leaving`
@@ -230,19 +230,19 @@ class StepZeros:
     """
 
     parts: tuple[tuple[LocalPolynomial, Side], ...]
-    found: tuple[Root, ...]
+    zeros: tuple[Root, ...]
     after: Side
     until: float
     leaving: tuple[int, int]
 
     def behind_jump(self, least: float) -> StepZeros:
         """Return the zeros without jumps in the first fraction `least` of the step, which repeat an earlier jump."""
-        return replace(self, found=tuple(root for root in self.found if not root.jump or root.time > least))
+        return replace(self, zeros=tuple(root for root in self.zeros if not root.jump or root.time > least))
 
 
 def trace(
     sample: Sample,
-    place: int,
+    index: int,
     noise: float,
     before: Side,
     *,
@@ -251,7 +251,7 @@ def trace(
     last: bool = False,
     isolate: Isolate | None = None,
 ) -> StepZeros:
-    """Return the zeros on a step of event function number `place` minus `level`, with the sides.
+    """Return the zeros on a step of event function number `index` minus `level`, with the sides.
 
     `noise` is the error of the function, and `before` its side before the step. `zero` is True if the function starts
     at `level` with an undecided side. `last` is True if no step follows. `isolate` is the procedure that isolates
@@ -261,7 +261,7 @@ def trace(
     located: list[Root] = []
     leaving = (0, 0)
     for piece in local_polynomials(
-        lambda s: sample.events(s)[place] - level, sample.values[place] - level, noise, smooth=zero
+        lambda s: sample.events(s)[index] - level, sample.values[index] - level, noise, smooth=zero
     ):
         if not len(piece.coefficients):
             return StepZeros(tuple(parts), tuple(located), before, piece.start, leaving)
@@ -269,7 +269,7 @@ def trace(
             piece = _divided(piece)
             leaving = _leaving(piece)
             if leaving[1] != 1:
-                piece = _integrated(sample, place, piece)
+                piece = _integrated(sample, index, piece)
                 leaving = _leaving(piece)
             before = Side(leaving[0])
         if len(piece.coefficients):
@@ -283,26 +283,26 @@ def trace(
     return StepZeros(tuple(parts), _merged(located), before, math.inf, leaving)
 
 
-def ended(found: StepZeros, s: float, isolate: Isolate | None = None, *, decided: bool) -> tuple[list[Root], Side]:
+def ended(step_zeros: StepZeros, s: float, isolate: Isolate | None = None, *, decided: bool) -> tuple[list[Root], Side]:
     """Return the zeros up to the fraction `s` of the step at which the motion ends, and the side at this point.
 
     If the function is zero at this point, its slope decides the side if `decided`; otherwise the side is undecided.
     """
     zeros: list[Root] = []
-    side = found.parts[0][1] if found.parts else found.after
-    for piece, before in found.parts:
+    side = step_zeros.parts[0][1] if step_zeros.parts else step_zeros.after
+    for piece, before in step_zeros.parts:
         length = (s - piece.start) / piece.width
         if length > 0:
             cut, last = min(length, 1.0), decided and length <= 1
-            here, side = roots(piece.coefficients, cut, before, noise=piece.noise, last=last, isolate=isolate)
-            zeros += [replace(root, time=piece.start + piece.width * root.time) for root in here]
+            part_zeros, side = roots(piece.coefficients, cut, before, noise=piece.noise, last=last, isolate=isolate)
+            zeros += [replace(root, time=piece.start + piece.width * root.time) for root in part_zeros]
     return zeros, side
 
 
-def _merged(found: list[Root]) -> tuple[Root, ...]:
+def _merged(located: list[Root]) -> tuple[Root, ...]:
     """Return the roots with repeated crossings of one jump merged. A rounded path may cross a jump several times."""
     kept: list[Root] = []
-    for root in found:
+    for root in located:
         if kept and kept[-1].jump and root.jump and root.time - kept[-1].time <= SAME_JUMP:
             kept.pop()
         else:
@@ -325,12 +325,12 @@ def _divided(piece: LocalPolynomial) -> LocalPolynomial:
     return replace(piece, coefficients=piece.coefficients[1:], noise=2 * rank * rank * piece.noise)
 
 
-def _integrated(sample: Sample, place: int, piece: LocalPolynomial) -> LocalPolynomial:
-    """Return event function `place` divided by time, computed from the integral of its derivative.
+def _integrated(sample: Sample, index: int, piece: LocalPolynomial) -> LocalPolynomial:
+    """Return event function `index` divided by time, computed from the integral of its derivative.
 
     This avoids the rounding of a large constant in the function, such as the height of the floor on which a ball lands.
     """
-    values = sample.rates(piece.width * nodes())[place] * piece.width
+    values = sample.rates(piece.width * nodes())[index] * piece.width
     if not np.isfinite(values).all():
         return piece
     chebyshev = to_chebyshev() @ values
@@ -351,15 +351,15 @@ def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
     return int(np.sign(piece.coefficients[first])), 1 + first
 
 
-def rests(batch: StepBatch, step: int, sample: Sample, place: int) -> bool:
+def rests(batch: StepBatch, step: int, sample: Sample, index: int) -> bool:
     """Return True if an event function that started at zero is zero on the whole step, like a conserved quantity.
 
     The test uses its derivative along the motion, since the path deviates from the motion by more than rounding.
     """
-    return bool((np.abs(sample.rates(nodes())[place]) <= batch.sensitive[place, step]).all())
+    return bool((np.abs(sample.rates(nodes())[index]) <= batch.sensitive[index, step]).all())
 
 
-def velocity(sample: Sample, place: int) -> float:
+def velocity(sample: Sample, index: int) -> float:
     """Return the time derivative of an event function at the start of a step; 0 if it is within its noise."""
-    rates = sample.rates(nodes())[place]
+    rates = sample.rates(nodes())[index]
     return 0.0 if abs(rates[0]) <= RATE_NOISE * np.abs(rates).max() else float(rates[0])

@@ -107,8 +107,8 @@ def drive_stepwise(
     warnings and messages of the package; the last message explains a divergence.
     """
     tolerances = adaptive_settings(name, problem, None, None, None)
-    with np.errstate(all="ignore"), listening as said:
-        return drive(problem, SolverPlan(problem, tolerances, package, start, said, first), name)
+    with np.errstate(all="ignore"), listening as messages:
+        return drive(problem, SolverPlan(problem, tolerances, package, start, messages, first), name)
 
 
 @dataclass(eq=False)
@@ -119,7 +119,7 @@ class SolverPlan:
     tolerances: Tolerances
     package: str
     start: StartSolver
-    said: Sequence[Any]
+    messages: Sequence[Any]
     writes_outputs = False
     first: int = 0
     """Power of the first step with which its error grows, or 0 if the solver chooses that step well."""
@@ -190,8 +190,8 @@ class SolverDriver:
                 fault = Fault(fault.status, state.t, state.y.copy())
         finally:
             state.counts[S.EVALUATIONS] = law.evaluations
-        if fault is not None and fault.status is Status.DIVERGED and plan.said:
-            fault = replace(fault, detail=f"{plan.package} says: {plan.said[-1].message}")
+        if fault is not None and fault.status is Status.DIVERGED and plan.messages:
+            fault = replace(fault, detail=f"{plan.package} says: {plan.messages[-1].message}")
         state.fault = fault
         if fault is not None:
             return Outcome.UNSCALED if self._asks(state, fault) else Outcome.BROKEN

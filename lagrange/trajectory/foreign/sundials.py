@@ -175,11 +175,11 @@ class _CvodeStepper:
         def interpolant(times: FloatArray) -> FloatArray:
             return np.array([self.cvode.step(s, "normal").y for s in times.tolist()]).T
 
-        found = StepInterpolant.read((t, self.t), (y, self.state), (self.begin, self.s), interpolant, self.degree)
+        dense = StepInterpolant.read((t, self.t), (y, self.state), (self.begin, self.s), interpolant, self.degree)
         if not self.reached:
             # The next step starts from the time that was requested last.
             self.cvode.step(self.s, "normal")
-        return found
+        return dense
 
 
 class _OtherThreads:

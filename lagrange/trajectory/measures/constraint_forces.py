@@ -131,13 +131,13 @@ class ConstraintForces:
         `rows` (n, N) is the constraint's row of G. Then phi is a function of the positions r of the points, and the
         force on each point is lambda dphi/dr. Raises StatementError if there is no such set, or if there are several.
         """
-        places = np.unique(np.linspace(0, len(self.t) - 1, POINT_SAMPLES).astype(int)) if len(self.t) else np.arange(0)
-        moving = [label for label, slopes in self._slopes.items() if np.abs(slopes[:, :, places]).max(initial=0.0) > 0]
+        samples = np.unique(np.linspace(0, len(self.t) - 1, POINT_SAMPLES).astype(int)) if len(self.t) else np.arange(0)
+        moving = [label for label, slopes in self._slopes.items() if np.abs(slopes[:, :, samples]).max(initial=0.0) > 0]
         for count in range(1, MOST_RELATED_POINTS + 1):
             candidates = [
                 chosen
                 for chosen in combinations(moving, count)
-                if all(_unique(slopes, rows[:, k]) for k, slopes in self._at(chosen, places))
+                if all(_unique(slopes, rows[:, k]) for k, slopes in self._at(chosen, samples))
             ]
             if len(candidates) == 1:
                 return candidates[0]
@@ -153,8 +153,8 @@ class ConstraintForces:
             "where there is no constraint, or take the generalized forces, constraint_force(name)."
         )
 
-    def _at(self, chosen: Sequence[str], places: Any) -> Iterator[tuple[int, FloatArray]]:
-        for k in places.tolist():
+    def _at(self, chosen: Sequence[str], samples: Any) -> Iterator[tuple[int, FloatArray]]:
+        for k in samples.tolist():
             yield k, np.concatenate([self._slopes[label][:, :, k] for label in chosen])
 
 

@@ -168,7 +168,7 @@ def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: Fl
     residuals, mass = residuals_of(model), model.interpreted("mass_matrix")
     m = len(model.equations.stated)
     largest = np.zeros(2 * m)
-    places, velocities = np.flatnonzero(residuals.holonomic[:m]), np.arange(m, 2 * m)
+    positions, velocities = np.flatnonzero(residuals.holonomic[:m]), np.arange(m, 2 * m)
     for i in dict.fromkeys(np.linspace(0, len(t) - 1, DRIFT_SAMPLES).astype(int).tolist()):
         point = (
             float(t[i]),
@@ -178,7 +178,7 @@ def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: Fl
         if not np.isfinite(point[1]).all():
             continue
         units = units_of(mass(*point))
-        for part, rows in enumerate((places, velocities)):
+        for part, rows in enumerate((positions, velocities)):
             sizes = residuals.of_part(part, *point, units).sizes[: len(rows)]
             largest[rows] = np.maximum(largest[rows], np.where(np.isfinite(sizes), sizes, 0.0))
     return largest

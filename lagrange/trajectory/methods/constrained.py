@@ -44,9 +44,9 @@ class LobattoPair:
         before, *_ = g(t, q, v, none)
 
         def stages(speeds: Any, pushes: Any) -> list[tuple[Any, Any, Any, Any, Any]]:
-            places = [q + weighted(row, speeds) * h for row in self.A]
-            arguments = zip(self.c, places, speeds, pushes, strict=False)
-            return [g(t + h * ci, place, speed, push) for ci, place, speed, push in arguments]
+            positions = [q + weighted(row, speeds) * h for row in self.A]
+            arguments = zip(self.c, positions, speeds, pushes, strict=False)
+            return [g(t + h * ci, position, speed, push) for ci, position, speed, push in arguments]
 
         def residuals(*unknowns: Any) -> list[Any]:
             speeds, pushes = unknowns[:count], unknowns[count:]
@@ -60,15 +60,15 @@ class LobattoPair:
         solution = solve(residuals, (*(v,) * count, *(none,) * (count - 1)))
         speeds, pushes = solution[:count], solution[count:]
         momentum = before + weighted(b[:-1], [f + c for _, f, c, _, _ in stages(speeds, pushes)]) * h
-        place = q + weighted(b, speeds) * h
+        position = q + weighted(b, speeds) * h
 
         def ends(end: Any, push: Any) -> tuple[Any, Any]:
-            _, f, c, _, _ = g(t + h, place, speeds[-1], push)
-            after, _, _, _, psi = g(t + h, place, end, push)
+            _, f, c, _, _ = g(t + h, position, speeds[-1], push)
+            after, _, _, _, psi = g(t + h, position, end, push)
             return momentum + (f + c) * (h * b[-1]) - after, psi
 
         end, _ = solve(ends, (speeds[-1], none))
-        return place, end
+        return position, end
 
 
 RATTLE, LOBATTO4 = (LobattoPair(*lobatto_pair(stages)) for stages in (2, 3))

@@ -223,11 +223,11 @@ def tableau(
     return method.hermite()
 
 
-def _listed(name: str, given: Any) -> list[Any] | None:
+def _listed(name: str, array: Any) -> list[Any] | None:
     """Return the rows of a matrix, or the entries of a row, as lists. A single row or column counts as a matrix."""
-    if isinstance(given, (np.ndarray, sympy.MatrixBase)) and len(given.shape) == 2 and max(given.shape) <= MOST_ENTRIES:
-        return list(given.tolist())
-    return entries(given, f"a row of the tableau {shown(name)}")
+    if isinstance(array, (np.ndarray, sympy.MatrixBase)) and len(array.shape) == 2 and max(array.shape) <= MOST_ENTRIES:
+        return list(array.tolist())
+    return entries(array, f"a row of the tableau {shown(name)}")
 
 
 def _entries(name: str, line: Any) -> Coefficients:

@@ -72,10 +72,10 @@ class RadauStep:
         return tuple(value - old[-1] for value in continued((0.0, *c), c, ratio, (old[0] * 0, *old)))
 
 
-def continued(points: Sequence[float], wanted: Sequence[float], ratio: Any, old: Sequence[Any]) -> list[Any]:
+def continued(points: Sequence[float], next_points: Sequence[float], ratio: Any, old: Sequence[Any]) -> list[Any]:
     """Return values on the next step of the polynomial through the values `old` at `points` of the last step.
 
-    Points are fractions of a step. `wanted` are points of the next step, which is `ratio` times as long.
+    Points are fractions of a step. `next_points` are those of the next step, which is `ratio` times as long.
     """
     basis = [np.poly1d(line[::-1]) for line in lagrange_basis(points)]
 
@@ -85,7 +85,7 @@ def continued(points: Sequence[float], wanted: Sequence[float], ratio: Any, old:
             value = value * (1 + ratio * ci) + float(coefficient)
         return value
 
-    return [weighted([at(basis_polynomial, ci) for basis_polynomial in basis], old) for ci in wanted]
+    return [weighted([at(basis_polynomial, ci) for basis_polynomial in basis], old) for ci in next_points]
 
 
 RADAU3, RADAU5 = RadauStep(2), RadauStep(3)

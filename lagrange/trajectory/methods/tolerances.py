@@ -70,8 +70,8 @@ def adaptive_settings(
         raise StatementError(
             f"{name} chooses its steps by itself: give rtol and atol, or a fixed-step method such as rk4."
         )
-    asked, absolute = _tolerance(name, "rtol", problem.rtol, rtol), _tolerance(name, "atol", problem.atol, atol)
-    relative = RTOL if asked is None else asked
+    requested, absolute = _tolerance(name, "rtol", problem.rtol, rtol), _tolerance(name, "atol", problem.atol, atol)
+    relative = RTOL if requested is None else requested
     notes: tuple[str, ...] = ()
     if relative < least:
         notes = (f"rtol = {relative:g} is below round-off and was raised to {least:.3g}.",)
@@ -150,12 +150,12 @@ def check_unconstrained(name: str, problem: Problem) -> None:
         )
 
 
-def _tolerance(name: str, what: str, asked: Any, own: Any) -> float | None:
-    """Return a tolerance: `asked`, the value of the run, else `own`, the value of the method, else None.
+def _tolerance(name: str, what: str, run_value: Any, method_value: Any) -> float | None:
+    """Return a tolerance: the value of the run, else that of the method, else None.
 
     Raises StatementError if the run and the method state different values.
     """
-    both = [_number(what, value) for value in (asked, own) if value is not None]
+    both = [_number(what, value) for value in (run_value, method_value) if value is not None]
     if len(both) == 2 and both[0] != both[1]:
         raise StatementError(
             f"{what} is given twice, {both[0]:g} for the run and {both[1]:g} for {name} itself: give it in one place."

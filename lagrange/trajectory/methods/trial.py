@@ -35,11 +35,11 @@ def refusal(name: str, what: str) -> StatementError:
     )
 
 
-def kind_of(thing: object) -> str:
+def kind_of(value: object) -> str:
     """Return a description of the type of an object, for messages."""
-    if isinstance(thing, Fraction) and thing.denominator == 1:
-        thing = thing.numerator
-    return f"the number {shown(thing)}" if isinstance(thing, Real) else f"a {type(thing).__name__}"
+    if isinstance(value, Fraction) and value.denominator == 1:
+        value = value.numerator
+    return f"the number {shown(value)}" if isinstance(value, Real) else f"a {type(value).__name__}"
 
 
 def number(value: Real) -> Coefficient:

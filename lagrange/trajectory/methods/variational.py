@@ -72,8 +72,8 @@ class Galerkin:
 
         def residuals(*velocities: Any) -> list[Any]:
             *inner, end = velocities
-            places = [q + weighted(row, inner) * h for row in A]
-            stages = [g(t + h * ci, position, vi) for ci, position, vi in zip(c, places, inner, strict=True)]
+            positions = [q + weighted(row, inner) * h for row in A]
+            stages = [g(t + h * ci, position, vi) for ci, position, vi in zip(c, positions, inner, strict=True)]
             forces = [f for _, f in stages]
             off = [before + weighted(row, forces) * h - p for row, (p, _) in zip(A, stages, strict=True)]
             after, _ = g(t + h, q + weighted(b, inner) * h, end)

@@ -32,21 +32,21 @@ class OutputPath:
         forward = len(self.times) < 2 or bool(self.times[-1] >= self.times[0])
         return sorted_along(forward, times, self._sorted)
 
-    def _sorted(self, wanted: FloatArray) -> FloatArray:
+    def _sorted(self, requested_times: FloatArray) -> FloatArray:
         forward = len(self.times) < 2 or bool(self.times[-1] >= self.times[0])
-        output_times, sought = (self.times, wanted) if forward else (-self.times, -wanted)
+        output_times, sought = (self.times, requested_times) if forward else (-self.times, -requested_times)
         index = np.searchsorted(output_times, sought, side="right") - 1
         is_inside = index >= 0
         is_inside[is_inside] = output_times[index[is_inside]] == sought[is_inside]
         if is_inside.all():
             return self.states[:, index]
-        between = wanted[~is_inside]
+        between = requested_times[~is_inside]
         if self.path is None:
             raise RunError(f"there is no state at t = {between[0]:.16g}: {self.refusal}")
         states = self.path(between)
         if not is_inside.any():
             return states
-        result = np.empty((len(states), len(wanted)))
+        result = np.empty((len(states), len(requested_times)))
         result[:, ~is_inside], result[:, is_inside] = states, self.states[:, index[is_inside]]
         return result
 

@@ -35,16 +35,16 @@ class StepInterpolant:
         cls,
         times: tuple[float, float],
         ends: tuple[FloatArray, FloatArray],
-        own: tuple[float, float],
+        solver_times: tuple[float, float],
         interpolant: Callable[[FloatArray], FloatArray],
         degree: int,
     ) -> StepInterpolant:
         """Return the polynomial of a degree over a step between two `times`, with the states at both `ends`.
 
-        `interpolant` maps times of the solver (k,) to states (2n, k). `own` are the solver's times at both ends, which
-        may count from another origin.
+        `interpolant` maps times of the solver (k,) to states (2n, k). `solver_times` are those at both ends, which may
+        count from another origin.
         """
-        first, last = own
+        first, last = solver_times
         x = nodes(degree)[:, None]
         if len(x) == 2 or abs(last - first) < FEWEST_SPACINGS * float(np.spacing(max(abs(first), abs(last)))):
             values = (1 - x) * ends[0] + x * ends[1]

@@ -33,22 +33,24 @@ class SeriesPath:
             return np.repeat(self.states[:1].T, len(times), axis=1)
         return sorted_along(bool(self.times[-1] >= self.times[0]), times, self._sorted)
 
-    def _sorted(self, wanted: FloatArray) -> FloatArray:
+    def _sorted(self, requested_times: FloatArray) -> FloatArray:
         """Return the states (2n, K) at times (K,) that are sorted in the direction of the run."""
-        states = np.empty((self.states.shape[1], len(wanted)))
+        states = np.empty((self.states.shape[1], len(requested_times)))
         if len(self.epochs) == 1 and not self.continuations:
-            self.series.dense(self.order, self.epochs[0][1]).at(self.times, self.states, wanted, states)
+            self.series.dense(self.order, self.epochs[0][1]).at(self.times, self.states, requested_times, states)
             return states
         sign = 1.0 if self.times[-1] >= self.times[0] else -1.0
-        steps = np.searchsorted(sign * self.times, sign * wanted, side="right") - 1
+        steps = np.searchsorted(sign * self.times, sign * requested_times, side="right") - 1
         steps = np.clip(steps, 0, len(self.times) - 2)
         begins = np.searchsorted(steps, [begin for begin, _ in self.epochs]).tolist()
         for (_, values), first, last in zip(self.epochs, begins, [*begins[1:], len(steps)], strict=True):
             if first < last:
                 part = slice(first, last)
-                self.series.dense(self.order, values).at(self.times, self.states, wanted[part], states[:, part])
+                self.series.dense(self.order, values).at(
+                    self.times, self.states, requested_times[part], states[:, part]
+                )
         for step, path in self.continuations.items():
             first, last = np.searchsorted(steps, [step, step + 1])
             if first < last:
-                states[:, first:last] = path(wanted[first:last])
+                states[:, first:last] = path(requested_times[first:last])
         return states

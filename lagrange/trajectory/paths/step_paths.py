@@ -47,14 +47,14 @@ class StepPath:
             return np.repeat(self.states[:1].T, len(times), axis=1)
         return sorted_along(bool(self.times[-1] >= self.times[0]), times, self._sorted)
 
-    def _sorted(self, wanted: FloatArray) -> FloatArray:
-        out = np.empty((self.states.shape[1], len(wanted)))
-        self.write(wanted, out)
+    def _sorted(self, requested_times: FloatArray) -> FloatArray:
+        out = np.empty((self.states.shape[1], len(requested_times)))
+        self.write(requested_times, out)
         return out
 
-    def write(self, wanted: FloatArray, out: FloatArray) -> None:
+    def write(self, requested_times: FloatArray, out: FloatArray) -> None:
         """Write the states at times (K,), sorted along the run, to `out` (2n, K), which must be contiguous."""
-        self.dense.at(self.times, self.states, wanted, out)
+        self.dense.at(self.times, self.states, requested_times, out)
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
         """Return the states (2n, k, K) at the fractions theta (K,) of each of the steps (k,)."""

@@ -192,11 +192,11 @@ class ButcherTableau:
             condition = f"the condition of order {size(tree)}, {what} {formula(tree)}".rstrip() + f" = {expected},"
             self._check(condition, value, expected, max(1.0, float(scale)))
 
-    def _check(self, condition: str, given: Coefficient, expected: Coefficient, scale: float = 1.0) -> None:
-        off = given - expected
+    def _check(self, condition: str, actual: Coefficient, expected: Coefficient, scale: float = 1.0) -> None:
+        off = actual - expected
         exact = isinstance(off, Fraction)
         if not abs(float(off)) <= (0.0 if exact else CONDITION_TOLERANCE * scale):
-            pair = (given, expected) if exact else (f"{float(given):.17g}", f"{float(expected):.17g}")
+            pair = (actual, expected) if exact else (f"{float(actual):.17g}", f"{float(expected):.17g}")
             raise self._refuse(f"{condition} fails by {float(off):.3g} ({pair[0]} instead of {pair[1]})")
 
     def _check_kinds(self) -> None:

@@ -75,11 +75,11 @@ def formula(tree: Tree) -> str:
     return _formula(tree, next(letters), letters)
 
 
-def _formula(tree: Tree, here: str, letters: Iterator[str]) -> str:
+def _formula(tree: Tree, index: str, letters: Iterator[str]) -> str:
     leaves = tree.count(())
-    parts = [f"c_{here}" + (f"^{leaves}" if leaves > 1 else "")] if leaves else []
+    parts = [f"c_{index}" + (f"^{leaves}" if leaves > 1 else "")] if leaves else []
     for child in tree:
         if child:
             letter = next(letters)
-            parts.append(f"a_{here}{letter} {_formula(child, letter, letters)}")
+            parts.append(f"a_{index}{letter} {_formula(child, letter, letters)}")
     return " ".join(parts)
