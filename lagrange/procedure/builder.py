@@ -57,7 +57,7 @@ class OpenBranches:
 
     @contextmanager
     def otherwise(self) -> Iterator[None]:
-        """Run the body if the condition did not hold."""
+        """Add the second block of the branch: the body of the `with` runs if the condition does not hold."""
         with self._builder.block() as body:
             yield
         statement = self._builder.current[self._index]
@@ -69,7 +69,7 @@ class OpenBranches:
 
 
 class Builder:
-    """A procedure under construction. Its methods accept Python numbers in place of values."""
+    """A procedure under construction. Its methods add statements, and accept Python numbers for values."""
 
     def __init__(self, name: str, about: str, *, apart: bool = False) -> None:
         self.name, self.about, self._apart = name, about, apart
@@ -91,16 +91,20 @@ class Builder:
     def array(
         self, name: str, kind: Kind = REAL, *, size: int | None = None, read: bool = False, room: int = 1
     ) -> Memory:
-        """Add a parameter that is an array, and return it. `form.Array` defines the options."""
+        """Add a parameter that is an array of values of one kind, and return it.
+
+        `size` is the number of values, or None if the caller decides. With `read` the array is only read. Blocks of
+        `room` values may be accessed as a whole; the last block may reach beyond `size`.
+        """
         memory: Memory = self.given(name, Array(kind, size, read, room))
         return memory
 
     def record(self, name: str, record: Record) -> Any:
-        """Add a parameter that is a record, and return it."""
+        """Add a parameter that is a record (named numbers that persist across calls), and return it."""
         return RecordFields(self, self._parameter(name, record), record)
 
     def function(self, name: str, callee: Callee) -> GivenFunction:
-        """Add a parameter that is a function, and return it."""
+        """Add a parameter that is a function of the type `callee`, and return it."""
         return GivenFunction(self, self._parameter(name, callee), callee)
 
     def _parameter(self, name: str, kind: Kind | Array | Record | Callee) -> int:
@@ -193,7 +197,10 @@ class Builder:
         return Flag.of(self.constant(value=False, kind=FLAG))
 
     def operand(self, value: Any, kind: Kind | Vector) -> int:
-        """Return the id of a value. Raises LagrangeError for a value of another kind."""
+        """Return the id of a value, or of a constant for a Python number.
+
+        Raises LagrangeError for a value that is not of the given kind.
+        """
         if not isinstance(value, (Value, Entries)) and isinstance(kind, Kind):
             value = self.constant(value, kind)
         if _kind_of(value) != kind:
@@ -267,7 +274,10 @@ class Builder:
         return Variable(self, ref, kind)
 
     def reserve(self, size: int, kind: Kind = REAL, *, room: int = 1, name: str = "") -> Memory:
-        """Return a local array with undefined values. `form.Array` defines `room`."""
+        """Return a new local array of `size` undefined values of one kind.
+
+        Blocks of `room` values may be accessed as a whole; the last block may reach beyond `size`.
+        """
         array, ref = Array(kind, size, room=room), self.unused()
         self.add(form.Reserve(ref, array))
         if name:
@@ -299,7 +309,8 @@ class Builder:
     ) -> None:
         """Copy the first `count` numbers of `source` to `target`.
 
-        With `spill`, whole blocks are copied, which may write beyond `count`. `form.Each` defines the options.
+        Up to `width` numbers are copied at a time. With `spill`, whole blocks are copied, which may write beyond
+        `count`. With `unrolled` no loop is printed.
         """
         with self.each(count, width=width, spill=spill, unrolled=unrolled) as i:
             target[i] = source[i]
@@ -320,7 +331,11 @@ class Builder:
 
     @contextmanager
     def when(self, condition: Flag, *, likely: bool | None = None) -> Iterator[OpenBranches]:
-        """Run the body if the condition holds. Yields an object whose `otherwise` opens the second branch."""
+        """Add a branch: the body of the `with` runs if the condition holds.
+
+        Yields an object whose `otherwise` adds the second block. `likely` is the usual value of the condition, or
+        None if neither is usual.
+        """
         branches = OpenBranches(self, len(self.current))
         with self.block() as body:
             yield branches
@@ -328,7 +343,7 @@ class Builder:
 
     @contextmanager
     def loop(self, start: Any, stop: Any, step: int = 1) -> Iterator[Whole]:
-        """Run the body for each index from `start` in steps of `step`, while the index is below `stop`."""
+        """Add a loop: the body of the `with` runs for each index from `start` in steps of `step`, below `stop`."""
         first, last, index = self.operand(start, WHOLE), self.operand(stop, WHOLE), self.unused()
         with self.block() as body:
             yield Whole(self, index)
@@ -336,7 +351,7 @@ class Builder:
 
     @contextmanager
     def repeat(self, test: Callable[[], Flag]) -> Iterator[None]:
-        """Run the body while a condition holds.
+        """Add a loop: the body of the `with` runs while a condition holds.
 
         `test` builds the condition, which is evaluated before each iteration.
         """
@@ -348,9 +363,10 @@ class Builder:
 
     @contextmanager
     def each(self, count: Any, *, width: int = PARTIAL, spill: bool = False, unrolled: bool = False) -> Iterator[Whole]:
-        """Run the body for each index below `count`, in any order.
+        """Add a loop: the body of the `with` runs for each index below `count`, in any order.
 
-        The body may use `fold`. `form.Each` defines the options.
+        The body may use `fold`. Up to `width` iterations may run at a time. With `spill` these may write beyond
+        `count`. With `unrolled` all iterations are written out.
         """
         number = self.operand(count, WHOLE)
         index, outside, self._folds = self.unused(), self._folds, []
@@ -362,9 +378,10 @@ class Builder:
         self._folds = None
 
     def fold(self, op: str, value: Any, factor: Any = None) -> Real:
-        """Return the reduction `op` of a value over the iterations of the enclosing `each`, as `form.Fold` defines it.
+        """Return the reduction `op` of a value over the iterations of the enclosing `each`, known after it.
 
-        "dot" is the sum of value * factor. The result is known after the loop.
+        "add" is the sum, "dot" the sum of value * factor. "max" is the largest value, NaN if any value is, and "most"
+        ignores NaN. "magnitude" is the largest |value|.
         """
         if self._folds is None:
             raise LagrangeError(f"procedure {self.name}: a sum of values stands outside of `each`.")
@@ -373,7 +390,7 @@ class Builder:
         return Real(self, self._folds[-1].ref)
 
     def call(self, callee: Procedure, *args: Any) -> Any:
-        """Call another procedure, and return its results: None, a value or a tuple of values."""
+        """Add a call of another procedure, and return its results: None, a value or a tuple of values."""
         return self.call_function(
             callee, callee.numbers, tuple(parameter.type for parameter in callee.parameters), args
         )
@@ -394,11 +411,11 @@ class Builder:
         return values[0] if len(values) == 1 else values or None
 
     def leave(self, *values: Any) -> None:
-        """Return from the procedure with results. Python integers become wholes."""
+        """Add a return from the procedure with results. Python integers become wholes."""
         self.add(form.Leave(tuple(self.operand(value, _kind_of(value)) for value in values)))
 
     def leave_if(self, condition: Flag, *values: Any, likely: bool | None = None) -> None:
-        """Return from the procedure with results if a condition holds.
+        """Add a return from the procedure with results under a condition.
 
         `likely` is the usual value of the condition, or None if neither is usual.
         """

@@ -26,7 +26,7 @@ from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 
 class Kind(enum.StrEnum):
-    """The type of a value."""
+    """The type of a value: real (a double), whole (a 64-bit integer) or flag (true or false)."""
 
     REAL = "real"
     WHOLE = "whole"
@@ -57,7 +57,7 @@ class Record:
 
     @cached_property
     def places(self) -> Mapping[str, int]:
-        """The index of each field."""
+        """The index of each field, by the name of the field."""
         return {name: i for i, (name, _) in enumerate(self.fields)}
 
     def kind(self, field: str) -> Kind:
@@ -136,7 +136,7 @@ class Parameter(NamedTuple):
 
 
 class Let(NamedTuple):
-    """The result of an operation on earlier values. `name` is its name in the algorithm, or ""."""
+    """The result of the operation `op` on earlier values, the ids `args`. `data` is the value of a constant."""
 
     ref: int
     kind: Kind
@@ -157,7 +157,7 @@ class SineCosine(NamedTuple):
 
 
 class VectorLet(NamedTuple):
-    """A vector: an operation on vectors of one width, entry by entry, or `permute`.
+    """A vector: the result of an operation `op` on vectors of one width, entry by entry, or of `permute`.
 
     `permute` chooses entries of its operands, which are vectors and single values. All their entries are numbered
     consecutively, and `places` are the numbers of the chosen ones.
@@ -359,7 +359,7 @@ class Fold(NamedTuple):
 
     @property
     def first(self) -> float:
-        """The result if there are no iterations."""
+        """The result of the reduction if there are no iterations."""
         return 0.0 if self.op in (*SUMS, "magnitude") else float("-inf")
 
 

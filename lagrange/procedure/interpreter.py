@@ -61,7 +61,10 @@ def _block(block: Sequence[Any], known: Environment) -> Results | None:
 
 
 def _effect(statement: Statement, known: Environment) -> Results | None:
-    """Run a statement that changes memory or variables, or directs control. The result is that of `_block`."""
+    """Run a statement that changes memory or variables, or directs control.
+
+    Return the results of the procedure if the statement ends it, else None. `known` maps ids to values.
+    """
     match statement:
         case form.Store(array=array, place=place, value=value):
             known[array][known[place]] = known[value]
@@ -101,7 +104,7 @@ def _effect(statement: Statement, known: Environment) -> Results | None:
 
 
 def _iterations(loop: form.Loop | form.Repeat, known: Environment) -> Iterator[None]:
-    """Yield once for each iteration of a loop."""
+    """Yield once for each iteration of a loop, after setting its index or computing its condition."""
     if isinstance(loop, form.Loop):
         for index in range(known[loop.start], known[loop.stop], loop.step):
             known[loop.place] = index
@@ -165,7 +168,7 @@ _VALUES: Mapping[type, Callable[[Any, Environment], Any]] = {
 
 
 def _field(value: Any) -> Any:
-    """Return a field of a record: a number, or the entries of a vector."""
+    """Return the value of a record's field: a number, or the entries of a vector as a tuple."""
     return value if isinstance(value, (int, float)) else tuple(value)
 
 
@@ -255,7 +258,7 @@ def _power(a: float, b: float) -> float:
 
 
 def _total(function: Callable[[float], float], *, pole: float = math.nan) -> Callable[[float], float]:
-    """Return a function that never raises: NaN outside the domain, infinite on overflow, and `pole` at zero."""
+    """Return `function` without exceptions: NaN outside the domain, infinite on overflow, and `pole` at zero."""
 
     def value(x: float) -> float:
         try:

@@ -26,8 +26,8 @@ class MemberMemory:
     """An array or a record of the new procedure, which runs all members at once.
 
     `own` is true if each member has its own values: entry i of all members is then adjacent in memory. `apart` is the
-    id of a vector of indices if the part of each member begins at another index, else None. `level` is the depth of
-    branches at the allocation, or -1 for an array of the caller.
+    id of a vector of indices if the part of each member begins at another index, else None. `level` is the number of
+    enclosing branches that only some members take, at the allocation, or -1 for an array of the caller.
     """
 
     ref: int
@@ -37,7 +37,10 @@ class MemberMemory:
 
 
 class MemberVariable(NamedTuple):
-    """A variable of the new procedure. `level` is the number of enclosing masked branches at its declaration."""
+    """A variable of the new procedure.
+
+    `level` is the number of enclosing branches, at its declaration, that only some members take.
+    """
 
     ref: int
     kind: Kind
@@ -45,7 +48,7 @@ class MemberVariable(NamedTuple):
 
 
 class MemberStatements:
-    """Statements of a new procedure, with the kind and the width (single or vector) of each id that they define."""
+    """Collects the statements of a new procedure, with the kind and width (single or vector) of each id."""
 
     def __init__(self, lanes: int) -> None:
         self.lanes = lanes

@@ -46,7 +46,10 @@ UNROLLED = 64
 
 
 class MemberProcedures:
-    """Rewrites procedures for `lanes` members, 2, 4 or 8. Each procedure is rewritten once for every signature."""
+    """Rewrites procedures so that one call runs `lanes` members (2, 4 or 8), each in its own lane of vectors.
+
+    A procedure is rewritten once for every signature, which says which arguments differ between members.
+    """
 
     def __init__(self, lanes: int) -> None:
         self.lanes = lanes
@@ -55,11 +58,12 @@ class MemberProcedures:
         self.numbers = count()
 
     def of(self, procedure: Procedure, signature: Signature) -> Procedure:
-        """Return the procedure that runs all members at once. `signature` says which arguments differ between members.
+        """Return the rewritten procedure, which runs all members at once.
 
-        The first argument is the mask of the members to run. An argument or result that differs is a vector. An array
-        with own values for each member holds entry i of all members side by side. If the part of each member begins at
-        another index, the vector of these indices follows the array.
+        `signature` says which arguments differ between members. The first argument is the mask of the members to run.
+        An argument or result that differs is a vector. An array with own values for each member holds entry i of all
+        members side by side. If the part of each member begins at another index, the vector of these indices follows
+        the array.
         """
         key = procedure, signature
         if key not in self.known:
@@ -68,10 +72,11 @@ class MemberProcedures:
         return self.known[key]
 
     def entry(self, procedure: Procedure, signature: Signature) -> Procedure:
-        """Return the procedure that runs all members, with their numbers in arrays, for callers without vectors.
+        """Return the procedure that runs all members, for callers without vectors: arrays replace the vectors.
 
-        The first argument has a whole number for each member, above zero if the member is to run. An argument that
-        differs is an array with a number for each member. So is each result, `result0` and so on; flags are wholes.
+        `signature` says which arguments differ between members. The first argument has a whole number for each
+        member, above zero if the member is to run. An argument that differs is an array with a number for each
+        member. So is each result, `result0` and so on; flags are wholes.
         """
         called = self.of(procedure, signature)
         p = MemberStatements(self.lanes)
@@ -182,7 +187,7 @@ class _Rewriter(Visitor, MemberStatements):
     # --- variables
 
     def declared(self, value: int) -> MemberVariable:
-        """Return a new variable with its first value."""
+        """Declare a new variable whose first value has the id `value`, and return it."""
         kind, wide = self.kinds[value], value in self.vectors
         variable = MemberVariable(self.new(kind, wide=wide), kind, self.level)
         self.out.append(form.Declare(variable.ref, of_width(kind, self.lanes if wide else 1), value))
@@ -491,7 +496,7 @@ class _Rewriter(Visitor, MemberStatements):
     # --- iterations
 
     def each(self, each: form.Each) -> None:
-        """Rewrite an `each` as a loop of single iterations, because the lanes hold members instead of iterations."""
+        """Rewrite an `each` (a loop in any order) as a loop of single iterations: the lanes hold members instead."""
         uneven, iterations = self.differs(each.iterations), self.values[each.iterations]
         known = self.constants.get(iterations)
         sums: list[list[int]] = []
@@ -511,7 +516,10 @@ class _Rewriter(Visitor, MemberStatements):
             self.values[fold.ref] = self.total(partial, iterations)
 
     def looped(self, each: form.Each, sums: Sequence[Sequence[int]], *, uneven: bool) -> list[list[int]]:
-        """Rewrite the iterations as a loop from initial values `sums`; return the partial results of each reduction."""
+        """Rewrite the iterations of an `each` as a loop, and return the partial results of each reduction.
+
+        `sums` has the initial partial results. `own` is true if members may have different numbers of iterations.
+        """
         partial = [[self.declared(value) for value in initial] for initial in sums]
         start, stop, before = self.constant(WHOLE, 0), self.values[each.iterations], self.mask
 
@@ -547,7 +555,10 @@ class _Rewriter(Visitor, MemberStatements):
         return [[self.got(variable) for variable in variables] for variables in partial]
 
     def collected(self, fold: form.Fold, partial: Sequence[int]) -> list[int]:
-        """Return the partial results after one more value: the first one, with the value added, moves to the end."""
+        """Return the partial results of a reduction after one more iteration.
+
+        The value of the iteration is added to the first partial result, which then moves to the end.
+        """
         before, value = partial[0], self.values[fold.value]
         if fold.factor is not None:
             new = self.put("fma", REAL, value, self.values[fold.factor], before)

@@ -111,7 +111,7 @@ class Pruner:
 
 
 class _Pass:
-    """One backward pass over a procedure.
+    """One backward pass over a procedure, which removes statements whose results are never read.
 
     `got` are the ids of the variables that are read anywhere in the procedure.
     """
@@ -157,7 +157,7 @@ def _variables_read(block: Block) -> frozenset[int]:
 
 
 def unpacked(procedure: Procedure) -> Procedure:
-    """Return a procedure with one value for each entry of a vector. A procedure without vectors is returned unchanged.
+    """Return a procedure in which each entry of a vector is a single value. It is unchanged if it has no vectors.
 
     Callees keep their vectors; their printers unpack them.
     """
@@ -174,7 +174,7 @@ def unpacked(procedure: Procedure) -> Procedure:
 
 
 class _Unpacker:
-    """Rewrites blocks without vectors. `entries` maps the id of a vector to the ids of its entries."""
+    """Replaces vectors in blocks by single values. `entries` maps the id of a vector to the ids of its entries."""
 
     def __init__(self, first: int) -> None:
         self.unused = count(first)

@@ -66,7 +66,7 @@ class SourcePrinter(Visitor, Syntax):
     # --- what languages share
 
     def function(self) -> str:
-        """Return the text of the function."""
+        """Return the source text of the procedure, as a function of the language."""
         self.name_parameters()
         self.block(self.procedure.body)
         lines = [*self.head(), *self.lines, *self.tail()]
@@ -107,17 +107,17 @@ class SourcePrinter(Visitor, Syntax):
         return name
 
     def put(self, line: str) -> None:
-        """Print a line without printing pending values first."""
+        """Add a line to the text. Values whose text waits for its use are not printed before it."""
         if line:
             self.lines.append(self.indent * self.depth + line)
 
     def write(self, line: str) -> None:
-        """Print a statement, after the pending values that it might change."""
+        """Print a statement, after the values whose text waits for its use: the statement might change them."""
         self.settle()
         self.put(line)
 
     def settle(self) -> None:
-        """Print an assignment for every pending value, because the next statement may change its operands."""
+        """Print an assignment for every value whose text waits for its use, before its operands may change."""
         for ref in list(self.waiting):
             _, text = self.texts[ref]
             self.put(self.define(self.name(ref), self.kind(ref), text))
@@ -142,7 +142,7 @@ class SourcePrinter(Visitor, Syntax):
         return text if level >= least else f"({text})"
 
     def block(self, block: Block) -> None:
-        """Print statements."""
+        """Print the statements of a block; an empty block gets a placeholder."""
         before = len(self.lines)
         for statement in block:
             self.statement(statement)

@@ -34,7 +34,7 @@ class Operator(NamedTuple):
 
 
 def call(text: str) -> Operator:
-    """Return an operation that is printed as a function call, whose arguments need no parentheses."""
+    """Return the operator of a function call, printed from the template `text`. Its arguments need no parentheses."""
     return Operator(ATOM, text)
 
 
@@ -92,7 +92,7 @@ class Literals:
 
 
 class Syntax(ABC):
-    """Spelling of a procedure in a language.
+    """Base class of printers: how a language spells the parts of a procedure.
 
     `operators` has the operations that are printed as operators; all others are functions. `literals` prints constants.
     `greater` has the texts of comparisons with exchanged operands, used if the first operand is a constant.
@@ -111,10 +111,10 @@ class Syntax(ABC):
 
     @abstractmethod
     def head(self) -> list[str]:
-        """Return the lines before the body. The names of the parameters are already chosen."""
+        """Return the lines of the function before its body. The names of the parameters are already chosen."""
 
     def tail(self) -> list[str]:
-        """Return the lines after the body."""
+        """Return the lines of the function after its body."""
         return []
 
     def broken(self, line: str) -> list[str]:

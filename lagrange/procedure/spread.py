@@ -64,9 +64,9 @@ Spreads = dict[tuple[Procedure, Signature], Spread]
 
 
 def spread_of(procedure: Procedure, signature: Signature, known: Spreads) -> Spread:
-    """Return the analysis of a procedure for a signature, which says which arguments differ between members.
+    """Return which values, arrays and results of a procedure differ between members.
 
-    `known` has the analyses so far.
+    `signature` says which arguments differ. `known` caches the analyses of all procedures so far.
     """
     key = procedure, signature
     if key not in known:
@@ -94,7 +94,7 @@ class _SpreadSearch:
                 self.written.add(parameter.ref)
 
     def spread(self) -> Spread:
-        """Run passes until nothing changes, and return the result."""
+        """Run passes until no further value differs between members, and return the values that differ."""
         before = None
         # The counts of ids and results that differ grow until the iteration ends.
         while before != (before := (len(self.own), len(self.apart), self.parting, sum(self.results))):
@@ -110,12 +110,15 @@ class _SpreadSearch:
             self.apart.add(ref)
 
     def block(self, block: Block, *, parted: bool) -> None:
-        """Visit the statements of a block. `parted` is true if only some of the members reach them."""
+        """Record which ids in a block differ between members. `parted` is true if only some members reach it."""
         for statement in block:
             self.statement(statement, parted=parted)
 
     def statement(self, statement: Statement, *, parted: bool) -> None:
-        """Record which ids that a statement defines differ between members."""
+        """Record which of the ids that a statement defines or sets differ between members.
+
+        `parted` is true if only some of the members reach the statement.
+        """
         match statement:
             case form.Load(ref=ref, array=array, place=place):
                 common = self.own.isdisjoint((array, place)) and array not in self.apart and array not in self.written

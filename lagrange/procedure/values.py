@@ -61,7 +61,7 @@ class _Ordered(Value):
 
 
 class Real(_Ordered):
-    """A double."""
+    """A real value of a procedure under construction: a double."""
 
     kind = REAL
     __truediv__, __rtruediv__ = _operator("div"), _reflected("div")
@@ -70,14 +70,14 @@ class Real(_Ordered):
 
 
 class Whole(_Ordered):
-    """A 64-bit integer."""
+    """A whole value of a procedure under construction: a 64-bit integer."""
 
     kind = WHOLE
     __floordiv__ = _operator("quotient")
 
 
 class Flag(Value):
-    """True or false."""
+    """A flag of a procedure under construction: true or false."""
 
     kind = FLAG
     __and__, __or__ = _operator("and"), _operator("or")
@@ -94,7 +94,10 @@ VALUES: dict[Kind, Callable[[Builder, int], Any]] = {REAL: Real, WHOLE: Whole, F
 
 
 class Entries:
-    """A short vector. Operators work entry by entry. If the other operand is a number or flag, it is broadcast."""
+    """A short vector of a procedure under construction. Operators work entry by entry.
+
+    If the other operand is a number or flag, it is used for every entry.
+    """
 
     __add__, __sub__, __mul__ = _operator("add"), _operator("sub"), _operator("mul")
     __truediv__, __rtruediv__ = _operator("div"), _reflected("div")
@@ -126,7 +129,7 @@ class Entries:
 
 
 class Variable:
-    """A number or a vector that can change. Its attribute `value` reads and sets it."""
+    """A variable of a procedure, a number or a vector. Its attribute `value` reads and sets it."""
 
     def __init__(self, builder: Builder, ref: int, kind: Kind | Vector) -> None:
         self.builder, self.ref = builder, ref
@@ -134,7 +137,7 @@ class Variable:
 
     @property
     def value(self) -> Any:
-        """The current value."""
+        """The current value of the variable. Setting it adds an assignment."""
         return self.builder.made(self.kind, lambda ref: form.Get(ref, self.kind, self.ref))
 
     @value.setter
@@ -183,7 +186,7 @@ class Memory:
 
 
 class RecordFields:
-    """A record. Its fields are read and set as attributes."""
+    """A record of a procedure under construction. Its fields are read and set as attributes."""
 
     def __init__(self, builder: Builder, ref: int, record: Record) -> None:
         object.__setattr__(self, "_builder", builder)

@@ -37,7 +37,7 @@ def verify(procedure: Procedure) -> None:
 
 
 class _Check:
-    """Walks a procedure with the types of the values defined so far."""
+    """Checks a procedure statement by statement, with the types of the values defined so far."""
 
     def __init__(self, procedure: Procedure) -> None:
         self.procedure = procedure

@@ -149,7 +149,7 @@ def visits(*kinds: type) -> Callable[[Method], Method]:
 
 
 class Visitor:
-    """Calls the method for the class of a statement.
+    """Base class of passes over a procedure: calls the method for the class of each statement.
 
     A subclass has one method for each class of statements, marked by `visits`. A visitor of `unpacked` procedures needs
     none for vectors.

@@ -29,7 +29,8 @@ class Quantity:
 
     `results` is a function from the equations to the result nodes, by name. `indices` is 0 for a number, 1 for a
     vector, 2 for a matrix. A matrix has `rows` rows, or is square without `rows`. `inputs` is a function from the
-    equations to the input nodes, except t. `solved` and `returned` are fields of the `Program`.
+    equations to the input nodes, except t. `solved` is true if results are solutions of a system with the mass
+    matrix. `returned` names the results that a call from a step returns in registers.
     """
 
     results: Callable[[Equations], Named]
@@ -41,11 +42,12 @@ class Quantity:
 
 
 def jacobian(equations: Equations) -> Named:
-    """Return d rhs / dy, (2n, 2n).
+    """Return the nodes of the Jacobian d[dq/dt, a] / d[q, v] of the right-hand side by rows, (2n, 2n).
 
-    With r = M a - h - G^T lambda and r = G a + gamma as functions of y at fixed a and lambda, the lower rows solve
-    [[M, G^T], [G, 0]] d[a, -lambda]/dy = -dr/dy. The rows M a - h are one forward sweep over p along (v, a, 1), so that
-    no entry of M is differentiated, and G a + gamma one over the constraints.
+    The upper rows are the derivatives of dq/dt. The lower rows are those of the accelerations a. They follow from the
+    residual r = [M a - h - G^T lambda, G a + gamma] as a function of y = [q, v] at fixed a and lambda: they solve
+    [[M, G^T], [G, 0]] d[a, -lambda]/dy = -dr/dy. The residual is computed as the rate of change of the momenta and
+    constraints along (v, a), so that no entry of M is differentiated.
     """
     graph, held = equations.graph, equations.constraints
     n, m = len(equations.v), len(equations.constraints)
@@ -69,7 +71,10 @@ def jacobian(equations: Equations) -> Named:
 
 
 def momentum_jacobian(equations: Equations) -> Named:
-    """Return d[p, f] / d[q, v], (2n, 2n); its upper right block is the mass matrix."""
+    """Return the nodes of d[p, f] / d[q, v] by rows, (2n, 2n), with momenta p and forces f.
+
+    The upper right block is the mass matrix.
+    """
     rows = [*equations.momenta, *equations.forces]
     columns = [tangents(rows, {symbol: equations.graph.one}) for symbol in (*equations.q, *equations.v)]
     return {"momentum_jacobian": [column(row) for row in rows for column in columns]}
@@ -84,7 +89,10 @@ def constraint_forces(equations: Equations) -> Named:
 
 
 def constraint_sizes(equations: Equations) -> Named:
-    """Return for each constraint the sum of the magnitudes of its terms: first for phi, then for psi."""
+    """Return the size of each constraint: the sum of the magnitudes of its terms.
+
+    First come the sizes of the constraints phi(q, t), then those of their rates of change psi.
+    """
     held = equations.stated
     sizes = term_sizes([*constraint_positions(held), *held.velocities])
     return {"positions": sizes[: len(held)], "velocities": sizes[len(held) :]}
@@ -140,12 +148,12 @@ state [q, v] onto the constraints, with the violation before and after.
 
 
 def quantities_of(equations: Equations) -> dict[str, Quantity]:
-    """Return the quantities of a system by name."""
+    """Return the quantities that a system offers, by name; those of constraints only if it has constraints."""
     return {**QUANTITIES, **(CONSTRAINT_QUANTITIES if len(equations.stated) else {})}
 
 
 def program_of(name: str, equations: Equations) -> Program:
-    """Return the program of a quantity of the system, lowered at the first call."""
+    """Return the program that computes the quantity `name` of a system. It is built at the first call, then kept."""
     if name in equations.programs:
         program: Program = equations.programs[name]
         return program

@@ -1,4 +1,4 @@
-"""Programs of constraints: the projection of a state onto them, and the law of methods with multipliers as unknowns.
+"""Programs of constraints: the projection of a state onto them, and equations for methods with unknown multipliers.
 
 The projection makes the least change in the metric of the mass matrix. One Newton step from (q, v): dq minimises
 dq^T M dq / 2 with phi + (dphi/dq) dq = 0, and dv minimises dv^T M dv / 2 with psi + (dpsi/dq) dq + G dv = 0. Both are
@@ -26,20 +26,21 @@ LEAST_TERM_SIZE = Fraction(1, 2**1000)
 
 
 def constraint_positions(held: ConstraintEquations) -> list[Node]:
-    """Return phi of every constraint; zero for constraints that are stated as equations of velocities."""
+    """Return phi of each constraint phi(q, t) = 0; zero for those that are stated as equations of velocities."""
     pairs = zip(held.positions, held.velocities, strict=True)
     return [psi.graph.zero if phi is None else phi for phi, psi in pairs]
 
 
 def projection(equations: Equations) -> Named:
-    """Return the corrections [dq, dv] of a state, its violation, and the remainder after the corrections.
+    """Return the nodes of the corrections [dq, dv] that move a state onto the constraints, and of two error measures.
 
-    Violation and remainder are relative to the sizes of the constraints' terms. The violation is that of the worst
-    constraint. The remainder is the sum, over all constraints, of the second-order term along the corrections. Near a
-    configuration with dependent constraints the corrections are large, and the remainder may exceed the violation.
+    The violation is the error before the correction: the largest |phi| or |psi|, relative to the size of its terms.
+    The remainder estimates the error after it: the sum over all constraints of the second-order terms along the
+    corrections, again relative to the sizes of terms. Near a configuration with dependent constraints the corrections
+    are large, and the remainder may exceed the violation.
 
     Some constraints may be relations that determine the velocities of coordinates of first order. Then a second
-    violation follows, of the other constraints alone.
+    violation follows, that of the other constraints alone.
     """
     graph, held = equations.graph, equations.constraints
     n, zero = len(equations.q), equations.graph.zero
@@ -76,28 +77,29 @@ def projection(equations: Equations) -> Named:
 
 
 def _shares(values: Sequence[Node], sizes: Sequence[Node]) -> list[Node]:
-    """Return nodes |value| / size for each of `values` and its size."""
+    """Return the nodes |value| / size for the constraint `values` and the `sizes` of their terms."""
     graph = values[0].graph
     return [graph.call("abs", value) / (size + LEAST_TERM_SIZE) for value, size in zip(values, sizes, strict=True)]
 
 
 def multiplier_symbols(equations: Equations) -> list[Node]:
-    """Return the symbols of the padded multipliers, n of them."""
+    """Return the symbols of n multipliers: one for each of the m constraints, then n - m for padding."""
     return [equations.graph.symbol(f"multiplier {i}", Binding.ACCELERATION) for i in range(len(equations.q))]
 
 
 def constrained_inputs(equations: Equations) -> dict[str, Sequence[Node]]:
-    """Return the inputs of the law by name: the state, followed by the multipliers."""
+    """Return the inputs of `constrained` by name: the state [q, v], then n multipliers."""
     return {**equations.state, "multipliers": multiplier_symbols(equations)}
 
 
 def constrained(equations: Equations) -> Named:
-    """Return p, f, G^T lambda, phi and psi, n entries each: the law of methods whose unknowns are multipliers.
+    """Return the nodes of p, f, G^T lambda, phi and psi, n of each, for methods whose unknowns are the multipliers.
 
-    The m multipliers and constraints are padded to n entries. A padding entry of the constraints is the padding
-    multiplier itself. A step makes all entries zero, hence also the padding multipliers, and the matrix of Newton's
-    method is square and regular. A constraint on velocities has no phi: its multiplier takes the place of phi. Momenta
-    and forces are those of the solved form, whose mass matrix is regular.
+    These are the momenta, the forces, the constraint forces, the constraints and their rates of change. The m
+    multipliers and constraints are padded to n entries. A padding entry of the constraints is the padding multiplier
+    itself. A step makes all entries zero, hence also the padding multipliers, and the matrix of Newton's method is
+    square and regular. A constraint on velocities has no phi: its multiplier takes the place of phi. Momenta and
+    forces are those of the solved form, whose mass matrix is regular.
     """
     held, multipliers = equations.constraints, multiplier_symbols(equations)
     count = len(held)
@@ -113,7 +115,7 @@ def constrained(equations: Equations) -> Named:
 
 
 def constrained_jacobian(equations: Equations) -> Named:
-    """Return the derivative of `constrained` by q, v and lambda, (5n, 3n)."""
+    """Return the derivative of the 5n results of `constrained` by q, v and lambda, by rows: (5n, 3n)."""
     rows = [node for block in constrained(equations).values() for node in block]
     symbols = [symbol for block in constrained_inputs(equations).values() for symbol in block]
     columns = [tangents(rows, {symbol: equations.graph.one}) for symbol in symbols]

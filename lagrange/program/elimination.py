@@ -24,9 +24,10 @@ MOST_MULTIPLICATIONS = 30_000
 
 @dataclass(frozen=True)
 class Elimination:
-    """Structure of a symmetric matrix of size `order`.
+    """Structure of the factors A = L D L^T of a sparse symmetric matrix A of size `order`.
 
-    `entries` are the index pairs (i, j), i >= j, of its nonzero entries. `negative` are the indices of negative pivots.
+    `entries` are the index pairs (i, j), i >= j, of the nonzero entries of A. `negative` are the indices of the
+    pivots in D that are negative.
     """
 
     order: int
@@ -66,10 +67,10 @@ class Elimination:
 
     @cached_property
     def ranks(self) -> tuple[int, ...]:
-        """Position of each unknown in the matrix that is factored with pivoting.
+        """Position of each unknown in the order that a factorization with pivoting uses.
 
-        Matrices with multipliers are sparse: this order puts coupled unknowns close to each other, for a small
-        bandwidth.
+        A matrix with multipliers is sparse: the order puts coupled unknowns close to each other, for a small
+        bandwidth. Without multipliers it is the given order.
         """
         if not self.negative:
             return tuple(range(self.order))
@@ -87,7 +88,7 @@ class Elimination:
         return max((abs(self.ranks[i] - self.ranks[j]) for i, j in self.entries), default=0)
 
     def band_place(self, i: int, j: int) -> int:
-        """Return the index of entry (i, j) in the band storage of `lagrange.algorithm.linear.pivoted`."""
+        """Return the index of matrix entry (i, j) in the band array of a factorization with pivoting."""
         first, second = sorted((self.ranks[i], self.ranks[j]))
         return first * self.band + second
 
@@ -98,13 +99,17 @@ class Elimination:
 
     @property
     def written_out(self) -> bool:
-        """True if the operations are printed one by one, and not as loops."""
+        """True if printed code has the operations of the factorization one by one, without loops."""
         return self.order <= LARGEST_IN_LINE or (bool(self.negative) and self.operations <= MOST_MULTIPLICATIONS)
 
 
 @lru_cache(maxsize=256)
 def elimination(order: int, entries: frozenset[tuple[int, int]], negative: tuple[int, ...] = ()) -> Elimination:
-    """Return the elimination of a matrix; equal arguments give the same object. `Elimination` has the arguments."""
+    """Return the `Elimination` of a symmetric matrix of size `order`; equal arguments give the same object.
+
+    `entries` are the index pairs (i, j), i >= j, of its nonzero entries, and `negative` the indices of negative
+    pivots.
+    """
     return Elimination(order, entries, negative)
 
 
@@ -119,9 +124,10 @@ def block_eliminations(plan: SolvePlan) -> list[Elimination]:
 
 
 def is_factored(plan: SolvePlan) -> bool:
-    """Return True if a matrix that depends on the state is factored for its solves, False if it is inverted.
+    """Return True if the matrix of a solve plan is factored anew at each state.
 
-    Factors are used for matrices with multipliers, which are sparse.
+    False if it is diagonal, constant in time, or inverted instead. Factors are used for matrices with multipliers,
+    which are sparse.
     """
     blocks = [block for block in block_eliminations(plan) if block.order > 1]
     return plan.inverted and all(block.negative and block.written_out for block in blocks)

@@ -43,7 +43,7 @@ class Momentum:
 
 @dataclass(frozen=True, eq=False)
 class Form:
-    """Equations dp/dt = f.
+    """Equations of motion dp/dt = f, with momenta and forces as sums of terms.
 
     `momenta` and `forces` are in the order of the coordinates. `parts` maps the node of each momentum to its parts.
     """
@@ -54,7 +54,7 @@ class Form:
 
     @property
     def nodes(self) -> list[Node]:
-        """All nodes of the form, except the momenta themselves."""
+        """All nodes in the forces and in the parts of the momenta, without the momenta themselves."""
         found = [node for terms in self.forces for _, node in terms]
         for part in self.parts.values():
             found += [node for _, node in part.terms]
@@ -63,7 +63,11 @@ class Form:
 
 
 def forms(p: Sequence[Node], f: Sequence[Node], q: Sequence[Node], v: Sequence[Node], time: Node) -> list[Form]:
-    """Return the forms of the equations, whose costs the caller compares. The first one is the momentum form."""
+    """Return the forms of the equations dp/dt = f for the coordinates q with rates v.
+
+    The first form has `p` and `f` as they are. The others are the expanded sums and d'Alembert's form, if these do
+    not have too many terms. The caller compares the costs.
+    """
     graph = time.graph
     whole = Form(tuple(p), {node: Momentum(((1, node),)) for node in p}, tuple(((1, node),) for node in f))
     whole_sums = _used_again([*p, *f])
@@ -86,7 +90,7 @@ _Term = tuple[tuple[Node, ...], Exact]
 
 
 def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
-    """Return the nodes that are not expanded to sums of products.
+    """Return the nodes below the outputs that are kept whole when the outputs are expanded to sums of products.
 
     These are nodes other than products that are read more than once, and products that are outputs and are also read
     elsewhere.
@@ -145,11 +149,11 @@ def _terms(graph: Graph, expansion: Expansion) -> LinearTerms:
 
 
 class _ByParts:
-    """Builder of d'Alembert's form.
+    """Builds d'Alembert's form of dp/dt = f: C dY/dt = f - Y dC/dt for the terms C Y of a momentum.
 
-    `slopes` has for each momentum the expanded sum of Y dC/dt over its terms C Y. A momentum may contain other momenta,
-    as in a chain with relative angles. Its slope and its force then contain those of the other coordinates. Therefore
-    the remaining force of one coordinate replaces those of all later coordinates.
+    `slopes` has for each momentum its slope, the expanded sum of Y dC/dt over its terms C Y. A momentum may contain
+    other momenta, as in a chain with relative angles. Its slope and its force then contain those of the other
+    coordinates. Therefore the remaining force of one coordinate replaces those of all later coordinates.
     """
 
     def __init__(
@@ -167,7 +171,7 @@ class _ByParts:
         self.slopes: dict[Node, Node] = {}
 
     def form(self) -> Form | None:
-        """Return the form, or None if it has too many terms."""
+        """Return d'Alembert's form of the equations, or None if it has too many terms."""
         graph = self.graph
         for momentum in sorted(self.p, key=lambda node: node.id):
             if not self.split(momentum):
@@ -186,7 +190,10 @@ class _ByParts:
         return Form(tuple(self.p), self.parts, tuple(_terms(graph, left[i]) for i in range(len(self.p))))
 
     def split(self, momentum: Node) -> bool:
-        """Split a momentum into its parts and compute its slope. Return False if there are too many terms."""
+        """Store the parts of a momentum and its slope, the sum of Y dC/dt over its terms C Y.
+
+        Return False if there are too many terms.
+        """
         graph = self.graph
         expansion = _expanded(momentum, self.whole)
         if expansion is None:
@@ -224,7 +231,7 @@ def _term(node: Node) -> _Term:
 
 
 class _FinishedCoordinates:
-    """The coordinates whose equations are finished.
+    """The coordinates whose equations are in d'Alembert's form already.
 
     Each has its force, the slope of its momentum (the sum of Y dC/dt over terms C Y), and the difference of both.
     """

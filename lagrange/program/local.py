@@ -1,4 +1,4 @@
-"""Law of Munthe-Kaas's methods: the equations of motion in local coordinates about the start of a step.
+"""Equations of motion in local coordinates about the start of a step, for Munthe-Kaas's methods.
 
 A rotation that has turned by the angle a about a unit vector n since then has Cayley's coordinates u = tan(a/2) n. With
 the rates w of the body, u' = (w + u x w + (u.w) u)/2. A local state has u as a quaternion Q = q (1, u), where q is the
@@ -24,15 +24,16 @@ HALF = Fraction(1, 2)
 
 
 def local_inputs(equations: Equations) -> dict[str, Sequence[Node]]:
-    """Return the inputs of the law by name: a local state, then the coordinates at the start of the step."""
+    """Return the inputs of `local` by name: a local state (Q, V), then the coordinates at the start of the step."""
     start = [equations.graph.symbol(f"start {i}", Binding.CONFIGURATION) for i in range(len(equations.q))]
     return {**equations.state, "start": start}
 
 
 def local(equations: Equations) -> Named:
-    """Return the derivatives of a local state, then the state [q, v] that it represents, n entries in each part.
+    """Return the nodes of dQ/dt, dV/dt, q and v for a local state (Q, V) about the start of a step, n of each.
 
-    Quaternions of the state have length one, and their velocities are perpendicular to them.
+    [q, v] is the state that (Q, V) represents. Its quaternions have length one, and their velocities are
+    perpendicular to them.
     """
     e, graph, start = equations, equations.graph, local_inputs(equations)["start"]
     rates, coordinates, velocities, known = [*e.rate], [*e.q], [*e.v], {}
@@ -56,7 +57,7 @@ def local(equations: Equations) -> Named:
 
 
 def _quaternions(equations: Equations) -> list[list[Node]]:
-    """Return the four coordinates of each rotation."""
+    """Return for each rotation of the system the four coordinates of its quaternion."""
     names = dict.fromkeys(name for name in map(rotation_name, equations.leaves) if name is not None)
     return [[equations.leaves[q] for q in rotation_of(name).quaternion] for name in names]
 

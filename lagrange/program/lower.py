@@ -31,10 +31,10 @@ def lower(
     returned: tuple[str, ...] = (),
     solved: bool = False,
 ) -> Program:
-    """Return the program that computes `results` from t, `inputs` and parameters.
+    """Return the program that computes the nodes `results` from t, `inputs` and parameters.
 
-    The results fill `shape` in C order; the default is a vector. `returned` and `solved` have the meaning that they
-    have in `Program`.
+    The results fill `shape` in C order; the default is a vector. `returned` names the results that a call from a step
+    returns in registers. `solved` is true if results are solutions of a system with the mass matrix.
     """
     outputs, state = ([node for block in named.values() for node in block] for named in (results, inputs))
     lowering = _Lowering(outputs[0].graph, outputs, state, time, parameters)
@@ -55,9 +55,9 @@ def lower(
 
 
 class _Lowering:
-    """Emits instructions, with value numbering.
+    """Translates graph nodes to the instructions of a program. Equal instructions are emitted once.
 
-    `level` of an instruction is its binding time: constant, parameter or moving.
+    The level of an instruction says what it depends on: nothing (a constant), parameters alone, or the motion.
     """
 
     def __init__(
@@ -96,7 +96,8 @@ class _Lowering:
     def emit(self, op: str, *args: int, level: Binding = Binding.CONSTANT, **data: Any) -> int:
         """Return the index of an instruction: that of an equal one if it exists, else of a new one.
 
-        `args` are the indices of its operands, `level` is its least binding time, and `data` are its other fields.
+        `args` are the indices of its operands, `level` says on what it depends at least (nothing, parameters or the
+        motion), and `data` are its other fields.
         """
         instruction = Instruction(op, args, **data)
         if instruction not in self.numbers:
@@ -121,7 +122,7 @@ class _Lowering:
         return self.emit("constant", value=nearest)
 
     def compute(self, node: Node) -> int:
-        """Emit the instructions of one node, and return the index of its result. Those of its arguments exist."""
+        """Emit the instructions of one node, after those of its arguments, and return the index of its result."""
         if node.kind is Kind.CONSTANT:
             return self.constant(node.data)
         if node.kind is Kind.SUM:
@@ -291,9 +292,10 @@ def _beyond_doubles(value: Exact, what: str) -> StatementError:
 
 
 def _split_factors(factors: Sequence[Node], uses: dict[Node, int]) -> tuple[list[Node], list[Node]]:
-    """Divide factors of a product into multipliers and divisors.
+    """Return the multipliers and the divisors among the factors of a product.
 
     Divisors come from negative powers that are used only in this product, of bases that are not parameters alone.
+    `uses` counts the uses of each node.
     """
     under = [
         node

@@ -61,7 +61,7 @@ class Instruction(NamedTuple):
 
 
 class ProgramBlock(NamedTuple):
-    """A named block of numbers, such as the coordinates or the momenta."""
+    """The name and the size of a block of inputs or results, such as the coordinates or the momenta."""
 
     name: str
     size: int
@@ -74,10 +74,11 @@ class ProgramBlock(NamedTuple):
 class Program:
     """A checked straight-line program.
 
-    `shape` is the shape of its result, `outputs` its entries in C order. `inputs` are the blocks of numbers that
-    "state" instructions read, in order. `results` divides the outputs into blocks. `returned` names the results that a
-    call from a step returns in registers; the caller knows the other results already. `solved` is true if results are
-    solutions of a system with the mass matrix: with a zero inertia they are infinite or NaN.
+    The first `hoisted` instructions depend on parameters alone. `shape` is the shape of its result, `outputs` its
+    entries in C order. `inputs` are the blocks of numbers that "state" instructions read, in order. `results` divides
+    the outputs into blocks. `returned` names the results that a call from a step returns in registers; the caller
+    knows the other results already. `solved` is true if results are solutions of a system with the mass matrix: with
+    a zero inertia they are infinite or NaN.
     """
 
     name: str
@@ -105,11 +106,11 @@ class Program:
 
     @property
     def states(self) -> int:
-        """Total length of the inputs."""
+        """Total number of entries of the input blocks."""
         return sum(block.size for block in self.inputs)
 
     def part(self, name: str) -> tuple[int, ...]:
-        """Return the indices of the instructions that compute the entries of the result with a name."""
+        """Return the indices of the instructions that compute the entries of the result block `name`."""
         place = 0
         for block in self.results:
             if block.name == name:
@@ -131,7 +132,7 @@ class Program:
 
     @property
     def saved(self) -> tuple[int, ...]:
-        """Indices of hoisted results that the rest of the program reads, without constants and parameters.
+        """Indices of hoisted instructions that the rest of the program reads, except constants and parameters.
 
         Matrix entries of a hoisted factor are included: a solve may have to factor the matrix again with pivoting.
         """
@@ -241,7 +242,7 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
 
 
 def _parts(solves: list[int], most: int) -> list[tuple[int, ...]]:
-    """Divide solves into groups of about the same size, of at most `most` solves. Omit groups of one solve."""
+    """Divide solves with one matrix into groups of similar size, at most `most` each. Omit groups of one solve."""
     if min(len(solves), most) < 2:
         return []
     size = -(-len(solves) // -(-len(solves) // most))

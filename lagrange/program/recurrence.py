@@ -27,12 +27,13 @@ from the left.
 
 
 class RecurrenceBuilder:
-    """Builds the series values of graph nodes, each once, and numbers them.
+    """Builds series values for graph nodes: each is a Taylor series with a rule for its coefficients.
 
-    `nodes` has for each value the node that computes it at order 0, or None. `rate` is dq/dt, by default v. `unknowns`
-    maps the symbols that a stage solves for, except velocities, to their number among all unknowns. `integrals` maps
-    other symbols to their derivatives. With `apart` the factor a' - b' in the rate of sin(a - b) is multiplied term by
-    term, because cos(a - b) a' may exist already.
+    A node gets one series value, which other rules name by its index. `nodes` has for each value the node that
+    computes it at order 0, or None. `rate` is dq/dt, by default v. `unknowns` maps the symbols that a linear system
+    determines, except velocities, to their index among all unknowns. `integrals` maps other symbols to their
+    derivatives. With `apart` the factor a' - b' in the rate of sin(a - b) is multiplied term by term, because cos(a -
+    b) a' may exist already.
     """
 
     def __init__(
@@ -78,9 +79,9 @@ class RecurrenceBuilder:
                 self.value(node)
 
     def _pairs(self, order: Sequence[Node]) -> Counter[tuple[Node, Node]]:
-        """Return the number of products that contain each pair of factors.
+        """Return for each pair of factors the number of products that contain it.
 
-        A product of only these two factors counts as many times as there are products, because its value exists
+        A product of only these two factors counts as many times as there are products, because its series exists
         already. The same holds for cos(q) and sin(q) times the velocity, which the series of sin(q) and cos(q) need.
         """
         counts: Counter[tuple[Node, Node]] = Counter()
@@ -98,7 +99,7 @@ class RecurrenceBuilder:
         return counts
 
     def add(self, rule: SeriesRule, node: Node | None, constant: Node | None = None) -> int:
-        """Return the number of the value with a rule; an equal value is reused.
+        """Return the index of the series value with the given rule; an equal value is reused.
 
         `node` computes the value at order 0; None for an integral without a start. `constant` is a term of order 0
         that is not part of the rule: x - 1 and x - 2 are two values.
@@ -114,7 +115,7 @@ class RecurrenceBuilder:
         return self.numbers[key]
 
     def reserve(self, node: Node) -> int:
-        """Return a number for a node whose rule follows later, for functions that depend on themselves."""
+        """Return the index of a new series value for a node. Its rule is set later, and may read the value."""
         self.rules.append(SeriesRule("constant"))
         self.nodes.append(node)
         self.offsets.append(None)
@@ -127,7 +128,7 @@ class RecurrenceBuilder:
         return self.constants.setdefault(node, len(self.constants))
 
     def value(self, node: Node) -> int:
-        """Return the number of the value of a node that varies in time, or of a constant force."""
+        """Return the index of the series value of a node that varies in time, or of a constant force."""
         if node not in self.values:
             self.values[node] = self._make(node)
         return self.values[node]
@@ -152,7 +153,7 @@ class RecurrenceBuilder:
         raise AssertionError(f"{node} has no series")
 
     def linear(self, terms: Iterable[tuple[Exact, Node]], node: Node) -> int:
-        """Return the number of the value of a linear combination, the node `node` with these `terms`.
+        """Return the index of the series value of `node`, the linear combination of `terms`.
 
         Constant terms enter at order 0 only.
         """
@@ -172,7 +173,7 @@ class RecurrenceBuilder:
         return self.add(SeriesRule("linear", args, tuple(self.constant(c) for c in scales)), node, constant)
 
     def split(self, node: Node) -> tuple[Node, int]:
-        """Return the constant factor of a node, and the number of the value of the other factors."""
+        """Return the constant factor of a node, and the index of the series value of the other factors."""
         if node.kind is not Kind.PRODUCT or node in self.values:
             return self.graph.one, self.value(node)
         scale = self.graph.product([a for a in node.args if a.binding <= Binding.PARAMETER])
@@ -188,7 +189,7 @@ class RecurrenceBuilder:
         return scale, value
 
     def product(self, factors: Sequence[Node]) -> int:
-        """Return the number of the value of the product of `factors`, nodes that vary in time.
+        """Return the index of the series value of the product of `factors`, nodes that vary in time.
 
         The factors are multiplied pair by pair, first the pairs that other products need.
         """
@@ -205,18 +206,18 @@ class RecurrenceBuilder:
         return self.multiply(*map(self.value, rest))
 
     def multiply(self, a: int, b: int) -> int:
-        """Return the number of the value of the product of the values with numbers a and b."""
+        """Return the index of the series value that is the product of the values with the indices a and b."""
         node = self.node_of(a) * self.node_of(b)
         if a == b:
             return self.add(SeriesRule("square", (a,)), node)
         return self.add(SeriesRule("mul", (min(a, b), max(a, b))), node)
 
     def node_of(self, value: int) -> Node:
-        """Return the node that computes the value with a number at order 0."""
+        """Return the node that computes the series value with the index `value` at order 0."""
         return known_node(self.nodes[value])
 
     def power(self, node: Node) -> int:
-        """Return the number of the value of a power with a constant exponent."""
+        """Return the index of the series value of `node`, a power with a constant exponent."""
         base, exponent = node.args[0], node.data
         a = self.value(base)
         if isinstance(exponent, int) and 2 <= exponent <= LARGEST_POWER:
@@ -230,7 +231,7 @@ class RecurrenceBuilder:
         return self.add(SeriesRule("power", (a,), (self.constant(exponent),)), node)
 
     def rate(self, node: Node) -> Node | None:
-        """Return da/dt for a node a that is a combination of velocities with constant coefficients, else None."""
+        """Return da/dt if the node a is a linear combination of coordinates with constant coefficients, else None."""
         if node not in self.rates:
             self.rates[node] = self._rate(node)
         return self.rates[node]
@@ -254,7 +255,7 @@ class RecurrenceBuilder:
         return self.graph.sum(terms)
 
     def integrate(self, value: int, a: Node, w: int, sign: int = 1) -> None:
-        """Set the rule of a reserved value u to u' = sign * w * a', with the node a and the value number w."""
+        """Set the rule of a reserved series value u: u' = sign * w * a', for a node a and the index w of a value."""
         rate = self.rate(a)
         if rate is None:
             self.rules[value] = SeriesRule("along", (self.value(a), w), (self.constant(sign),))
@@ -268,7 +269,7 @@ class RecurrenceBuilder:
         self.rules[value] = SeriesRule("integral", (product,), (self.constant(self.graph.sum(((sign, scale),))),))
 
     def integral(self, node: Node, rates: Mapping[Node, Node]) -> None:
-        """Set the rule of the symbol `node`, and of symbols in its derivative, to the integral of the derivative.
+        """Give the symbol `node`, and symbols in its derivative, series values: the integrals of their derivatives.
 
         `rates` maps symbols to their derivatives.
         """
@@ -283,7 +284,10 @@ class RecurrenceBuilder:
             self.rules[value] = SeriesRule("integral", (self.value(rates[symbol]),), (self.constant(1),))
 
     def split_rate(self, rate: Node, w: int) -> list[tuple[Exact, Node]]:
-        """Return the terms of rate * w as (coefficient, node), where each product with the value w has a value."""
+        """Return the terms of rate * w as pairs (coefficient, node), where w is the series value with that index.
+
+        Each product with w gets a series value.
+        """
         terms = []
         for coefficient, node in [*zip(rate.data[1], rate.args, strict=True), (rate.data[0], self.graph.one)]:
             scale, moving = (node, None) if node.binding <= Binding.PARAMETER else self.split(node)
@@ -294,12 +298,13 @@ class RecurrenceBuilder:
         return [(c, node) for c, node in terms if c]
 
     def initial(self, table: Sequence[Node], low: Mapping[int, Node]) -> list[Node | None]:
-        """Return a node for every value at order 0, with constants from the `table` of the higher orders.
+        """Return for every series value the node that computes it at order 0, with the constants from `table`.
 
-        If constants were rounded in another way, G m1 m2 would differ by a unit in the last place between a force and
-        its derivatives. This error would have the same sign at every step, and the error of the energy would grow in
-        proportion to time. `low` maps the numbers of coordinates and velocities to symbols of their rounding errors.
-        These errors enter differences of coordinates, so that bodies may move together far from the origin.
+        The rules of higher orders read the same table. If constants were rounded in another way, G m1 m2 would differ
+        by a unit in the last place between a force and its derivatives. This error would have the same sign at every
+        step, and the error of the energy would grow in proportion to time. `low` maps the indices of coordinates and
+        velocities to symbols of their rounding errors. These errors enter differences of coordinates, so that bodies
+        may move together far from the origin.
         """
         found: list[Node | None] = []
         replaced = Substitution()
@@ -344,7 +349,7 @@ FunctionRule = Callable[["RecurrenceBuilder", Node], int]
 
 
 def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
-    """Return the builder of two functions, each the derivative of the other up to a sign, such as sin and cos."""
+    """Return the rule builder of two functions, each the derivative of the other up to sign, such as sin and cos."""
 
     def build(b: RecurrenceBuilder, node: Node) -> int:
         a = node.args[0]
@@ -360,7 +365,10 @@ def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
 
 
 def _exponential(b: RecurrenceBuilder, node: Node, exponent: Node | None = None) -> int:
-    """Return the number of the value u = exp(a), by u' = u a'. By default a is the argument of the node."""
+    """Return the index of the series value u = exp(a), by u' = u a'.
+
+    By default a is the argument of the node, else `exponent`.
+    """
     a = node.args[0] if exponent is None else exponent
     b.value(a)
     value = b.reserve(node)
@@ -369,7 +377,7 @@ def _exponential(b: RecurrenceBuilder, node: Node, exponent: Node | None = None)
 
 
 def _tangent(sign: int) -> FunctionRule:
-    """Return the builder of a function u of a with u' = (1 + sign * u**2) * a': tan or tanh."""
+    """Return the rule builder of a function u of a with u' = (1 + sign * u**2) * a': tan or tanh."""
 
     def build(b: RecurrenceBuilder, node: Node) -> int:
         b.value(node.args[0])
@@ -390,7 +398,7 @@ def _tangent(sign: int) -> FunctionRule:
 
 
 def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
-    """Return the builder of a function u of a with slope(a) * u' = sign * a'; the sign is -1 for acos."""
+    """Return the rule builder of a function u of a with slope(a) * u' = sign * a'; the sign is -1 for acos."""
 
     def build(b: RecurrenceBuilder, node: Node) -> int:
         a = node.args[0]
@@ -404,7 +412,7 @@ def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
 
 
 def _error_function(b: RecurrenceBuilder, node: Node) -> int:
-    """Return the number of the value u = erf(a), by u' = 2/sqrt(pi) * exp(-a**2) * a'."""
+    """Return the index of the series value u = erf(a), by u' = 2/sqrt(pi) * exp(-a**2) * a'."""
     a = node.args[0]
     b.value(a)
     w = b.value(ELEMENTARY["erf"].partial(node, a))
@@ -414,7 +422,7 @@ def _error_function(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _atan2(b: RecurrenceBuilder, node: Node) -> int:
-    """Return the number of the value u = atan2(y, x), by (x**2 + y**2) u' = x y' - y x'."""
+    """Return the index of the series value u = atan2(y, x), by (x**2 + y**2) u' = x y' - y x'."""
     y, x = node.args
     w = b.value(x**2 + y**2)
     terms = []
@@ -428,14 +436,14 @@ def _atan2(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _swept(b: RecurrenceBuilder, a: Node, w: Node, sign: int) -> int:
-    """Return the number of the value sign times the integral of w da, up to a constant."""
+    """Return the index of the series value that is `sign` times the integral of w da, up to a constant."""
     if w.binding <= Binding.PARAMETER:
         return b.add(SeriesRule("linear", (b.value(a),), (b.constant(b.graph.sum(((sign, w),))),)), None)
     return b.add(SeriesRule("along", (b.value(a), b.value(w)), (b.constant(sign),)), None)
 
 
 def _pow(b: RecurrenceBuilder, node: Node) -> int:
-    """Return the number of the value base ** exponent, or exp(exponent * log(base)) if the exponent varies."""
+    """Return the index of the series value base ** exponent, or exp(exponent * log(base)) if the exponent varies."""
     base, exponent = node.args
     if exponent.binding <= Binding.PARAMETER:
         return b.add(SeriesRule("power", (b.value(base),), (b.constant(exponent),)), node)
@@ -443,7 +451,10 @@ def _pow(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _piecewise(b: RecurrenceBuilder, node: Node) -> int:
-    """Return the number of the value of the first branch whose condition holds; it is constant along a series."""
+    """Return the index of the series value of the first branch whose condition holds.
+
+    The conditions are constant along a series.
+    """
     value = b.value(node.args[-1])
     rest = node.args[-1]
     for condition, chosen in list(zip(node.args[:-1:2], node.args[1::2], strict=True))[::-1]:

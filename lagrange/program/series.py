@@ -1,4 +1,4 @@
-"""Series programs: the Taylor coefficients of a motion, order by order, as a record that can be printed and checked.
+"""Series programs: the Taylor coefficients of a motion, order by order, as data that can be printed and checked.
 
 Write x[k] for the k-th normalised Taylor coefficient of x(t). From dp/dt = f and dq/dt = v follow
 
@@ -11,7 +11,7 @@ coefficients of order k; `RULES` lists the rules. Order 0 is an ordinary program
 For every k from 1 to the highest order a machine
 
   1. computes q[k], and the values of the list `before`, which do not depend on an unknown of order k;
-  2. for each stage, of which the velocities are the first: computes the values of its list of `trials` with unknowns of
+  2. for each stage, of which the velocities are the first: computes the values of its list `trials` with unknowns of
      zero, hence p^[k]; solves for the unknowns; then computes the values of its list `found`, hence f[k].
 
 A constant mass matrix needs no p^: the rate of change of the part of p beside M v is one of the forces.
@@ -69,9 +69,10 @@ OWN = -1
 
 
 class Factor(NamedTuple):
-    """A factor of a sum over lower orders: the number of an argument, or `OWN`.
+    """One factor x in the sum of x[j] y[k-j] over lower orders j that a rule reads.
 
-    If `ranked`, the coefficient of order j is multiplied by j.
+    `argument` is the position of x among the arguments of the rule, or `OWN` for the computed value itself. If
+    `ranked`, x[j] is multiplied by j.
     """
 
     argument: int
@@ -96,7 +97,7 @@ SUMS: dict[str, tuple[tuple[Factor, Factor], ...]] = {
 class SeriesRule(NamedTuple):
     """Recurrence of one value's Taylor coefficients: operation, arguments, and indices in the table of constants.
 
-    `args` are the numbers of the argument values. If the operation is "unknown", `coefficients` has the number of the
+    `args` are the indices of the argument values. If the operation is "unknown", `coefficients` has the index of the
     unknown among all unknowns instead of indices of constants.
     """
 
@@ -109,9 +110,9 @@ class SeriesRule(NamedTuple):
 class Stage:
     """The linear system A x[k] = right[k-1] / k - left[k] of each order k, with left[k] computed for x[k] = 0.
 
-    `unknowns`, `left` and `right` are numbers of values, one of each for each equation; None is zero. For velocities,
-    `left` are the momenta up to a constant, and `right` the forces. `plan` describes the structure and the solution of
-    A, the matrix of order 0.
+    `unknowns`, `left` and `right` have the index of a value for each equation; None is zero. For velocities, `left`
+    are the momenta up to a constant, and `right` the forces. `plan` describes the structure and the solution of A,
+    the matrix of order 0.
     """
 
     unknowns: tuple[int, ...]
@@ -122,17 +123,20 @@ class Stage:
 
 @dataclass(frozen=True)
 class SeriesProgram:
-    """The series of a motion of n coordinates.
+    """Taylor series of a motion of `dimension` coordinates: rules for all orders, and programs for order 0.
 
-    `constants` is the program of the table of constants. `numbers` has each constant that is a number, and None for
-    each that depends on parameters. `start` is the program of the values `started` at order 0, followed by the lower
-    triangles of the matrices, stage by stage; `constants` computes the constant matrices instead. Both programs take
-    the parameters, then the `sides` of the switching surfaces (`lagrange.program.switching`), which are the signs of
-    the results of `surfaces`. `start` also takes the table. Its state is [q, v] and the rounding errors of q and v.
+    `rules` has the rule of each series value; other fields name values by their index. Rules read a table of
+    constants, which the program `constants` computes. `numbers` has each constant that is a number, and None for each
+    that depends on parameters.
 
-    `rates` are the values of dq/dt; `watched` are the values of the surfaces and events. `values` computes the watched
-    values from a state, the parameters and the sides. `projection` computes the corrections of a state onto the
-    constraints.
+    The program `start` computes the values `started` at order 0, then the lower triangles of the matrices of the
+    `stages`; `constants` computes matrices that are constant. Both programs take the parameters, then the sides,
+    which are the signs of the results of `surfaces`, the switching functions (`lagrange.program.switching`). `start`
+    also takes the table. Its state is [q, v] and the rounding errors of q and v.
+
+    `rates` are the values of dq/dt; `watched` are the values of the surfaces and events. `values` computes the
+    watched values from a state, the parameters and the sides. `projection` computes the corrections of a state onto
+    the constraints.
     """
 
     name: str
@@ -161,7 +165,7 @@ class SeriesProgram:
 
     @cached_property
     def depth(self) -> tuple[int, ...]:
-        """Number of stages that must be solved, at each order, before each value is known."""
+        """For each value, the number of stages (linear systems) that are solved at each order before it is known."""
         solved = {unknown: place for place, stage in enumerate(self.stages, 1) for unknown in stage.unknowns}
         depths: list[int] = []
         for i in range(len(self.rules)):
@@ -169,33 +173,33 @@ class SeriesProgram:
         return tuple(depths)
 
     def direct(self, i: int) -> tuple[int, ...]:
-        """Return the arguments of value number i that its rule reads at the order that it computes."""
+        """Return the arguments of value number i whose coefficients of order k its rule reads to compute order k."""
         op, args, _ = self.rules[i]
         return tuple(arg for place, arg in enumerate(args) if LAGGED.get(op) != place)
 
     @cached_property
     def before(self) -> tuple[int, ...]:
-        """Values to compute at each order before any stage is solved, in order."""
+        """The values to compute at each order before any stage (linear system) is solved, in order."""
         return tuple(i for i in self._needed(self._outputs(left=True)) if not self.depth[i])
 
     @cached_property
     def trials(self) -> tuple[tuple[int, ...], ...]:
-        """For each stage, the values that its right-hand side needs, computed with unknowns of zero, in order."""
+        """For each stage, the values to compute with unknowns of zero, in order, for the right side of its system."""
         wanted = ([value for value in stage.left if value is not None] for stage in self.stages)
         return tuple(self._at(self._needed(values), place) for place, values in enumerate(wanted, 1))
 
     @cached_property
     def found(self) -> tuple[tuple[int, ...], ...]:
-        """For each stage, the values to compute after its solution, in order, that this order or a later one reads."""
+        """For each stage, the values to compute after its solution that this order or a later one reads, in order."""
         needed = self._needed(self._outputs(left=len(self.stages) > 1))
         return tuple(self._at(needed, place) for place in range(1, len(self.stages) + 1))
 
     def _at(self, values: Sequence[int], place: int) -> tuple[int, ...]:
-        """Return the values, of `values`, that need exactly `place` stages to be solved, without unknowns."""
+        """Return those of `values` that are known after exactly `place` stages, without the unknowns themselves."""
         return tuple(i for i in values if self.depth[i] == place and self.rules[i].op != "unknown")
 
     def _outputs(self, *, left: bool) -> list[int]:
-        """Return the values that are not only read by rules at their own order; with `left` also the momenta."""
+        """Return the values that stages, events, dq/dt or later orders read; with `left` also the momenta."""
         named = [value for stage in self.stages for value in (*(stage.left if left else ()), *stage.right)]
         kept = self.kept | self.ranked | self.lagged
         return [value for value in (*named, *self.watched, *self.rates, *sorted(kept)) if value is not None]
@@ -212,12 +216,12 @@ class SeriesProgram:
 
     @cached_property
     def lagged(self) -> frozenset[int]:
-        """Values whose coefficients some rule reads at the previous order."""
+        """Values whose coefficient of order k - 1 some rule reads for order k: the integrands of integrals."""
         return lagged_values(self.rules)
 
     @cached_property
     def watched_degree(self) -> int:
-        """Highest power of the state in a watched value.
+        """Highest power of the state in a watched value, a switching function or an event.
 
         A series of lower order may not contain the term of this power.
         """
@@ -239,11 +243,14 @@ class SeriesProgram:
 
     @cached_property
     def may_cross(self) -> bool:
-        """True if coefficients that grow from below rounding may be noise, as where constrained motions branch."""
+        """True if the radius of convergence must not limit steps, as where two constrained motions cross.
+
+        Coefficients that grow from below rounding may be noise there.
+        """
         return any(stage.plan.multipliers for stage in self.stages) and not self.hides_growth
 
     def _needed(self, outputs: list[int]) -> list[int]:
-        """Return the values that the outputs need at the same order, in order of computation."""
+        """Return the values `outputs` and all that they read at the same order, in order of computation."""
         marked = set(outputs)
         for i in range(len(self.rules) - 1, -1, -1):
             if i in marked:
@@ -267,7 +274,7 @@ class SeriesProgram:
 
 
 def convolutions(rules: Sequence[SeriesRule]) -> int:
-    """Return a measure of the cost of one order: twice the number of sums over lower orders.
+    """Return a measure of the cost of one order of the series: twice the number of sums over lower orders.
 
     The sum of a square counts half, because its terms occur in pairs.
     """
@@ -286,7 +293,7 @@ def kept_values(rules: Sequence[SeriesRule], *, ranked: bool = False) -> frozens
 
 
 def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, ...]:
-    """Return those of the values `rates`, of dq/dt, that a rule computes: they are not unknowns of a solve."""
+    """Return those of the values `rates` (dq/dt) that a rule computes; the others are unknowns of a linear system."""
     return tuple(rate for rate in rates if not 0 <= rate < len(rules) or rules[rate].op != "unknown")
 
 

@@ -28,7 +28,7 @@ NO_OPERATION = (*GIVEN, "component")
 
 
 class Signed(NamedTuple):
-    """A result of the new program, or its negative."""
+    """The result with the index `ref` in the new program, or its negative."""
 
     ref: int
     negative: bool = False
@@ -56,7 +56,7 @@ def operations(program: Program) -> int:
 
 
 class _Simplifier:
-    """Writes a program again. Each value has its sign stored separately, and each operation occurs once."""
+    """Rewrites a program: the sign of each value is stored separately, and each operation occurs once."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
@@ -91,7 +91,7 @@ class _Simplifier:
         )
 
     def needed(self, outputs: Sequence[int]) -> list[int]:
-        """Return the indices of the instructions that the outputs need, in order."""
+        """Return the indices of the instructions of the new program that the outputs need, in order."""
         marked = [False] * len(self.code)
         for ref in outputs:
             marked[ref] = True
@@ -116,7 +116,7 @@ class _Simplifier:
         return self.numbers[one]
 
     def again(self, one: Instruction) -> Signed:
-        """Return the result in the new program of `one`, an instruction of the old program."""
+        """Emit `one`, an instruction of the old program, and return its signed result in the new program."""
         if one.op == "constant" and one.value < 0.0:
             return Signed(self.emit("constant", value=-one.value), negative=True)
         if one.op == "neg":
@@ -139,7 +139,7 @@ class _Simplifier:
         return Signed(self.emit(op, a.ref, b.ref), a.negative != b.negative)
 
     def sum(self, a: Signed, b: Signed) -> Signed:
-        """Return the sum of two values; terms that cancel are removed."""
+        """Emit the sum of two signed values, without terms that cancel, and return its signed value."""
         terms = [*self.terms(a), *self.terms(b)]
         if len(terms) > MOST_COMPARED_TERMS:
             return self.added(a, b)
@@ -199,7 +199,7 @@ class _Simplifier:
         return [Signed(one.args[0]), Signed(one.args[1], one.op == "sub")]
 
     def terms(self, value: Signed) -> list[Term]:
-        """Return the terms of a value. A sum that nothing else reads has several; any other value is one term."""
+        """Return a value as a list of products: several for a sum that nothing else reads, otherwise one."""
         found = self.sums.get(value.ref, [(False, self.factors[value.ref])])
         return [(negative != value.negative, factors) for negative, factors in found]
 

@@ -1,16 +1,16 @@
 """One step of an integrator as a program: written once in plain Python, traced to calls and combinations.
 
 A step function `step(f, t, y, h)` uses only f, sums, differences and multiples by numbers made of t and h. Given
-arrays it computes. Given the `TracedVector`s of this module it leaves a record that a machine compiles: every argument
-and result is a linear combination of the state and of earlier slopes. The function f is one of `LAWS`.
+arrays it computes. With the `TracedVector`s of this module its operations are recorded, for a machine to compile:
+every argument and result is a linear combination of the state and of earlier slopes. The function f is one of `LAWS`.
 
 An implicit step has one more argument, `solve`, which introduces unknown vectors. Backward Euler is
 
     k = solve(lambda k: f(t + h, y + k * h) - k, lambda: f(t, y))
     return y + k * h
 
-and a machine finds k by Newton's method, whose matrix follows from the record: a residual is a combination of
-unknowns and of calls at combinations of unknowns.
+and a machine finds k by Newton's method, whose matrix follows from the recorded operations: a residual is a
+combination of unknowns and of calls at combinations of unknowns.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ calls and solves, in order."""
 
 
 def parts(combination: Combination, h: Node) -> tuple[Combination, tuple[tuple[int, Exact], ...]]:
-    """Split a linear combination in two: terms with coefficients of any form, and terms with multiples of h.
+    """Return the terms of a linear combination in two groups: the second has coefficients that are multiples of h.
 
-    The second part has exact numbers as coefficients; its sum is multiplied by the step size h.
+    A coefficient c h is given as the exact number c: the sum of these terms is multiplied by the step size h.
     """
     plain, scaled = [], []
     for vector, node in combination:
@@ -56,7 +56,7 @@ def in_doubles(number: Exact) -> tuple[float, float]:
 class Law:
     """The function of the model that a step evaluates, such as the right-hand side.
 
-    `states`, `arguments` and `results` are numbers of vectors: in the state, in the arguments of a call, and in its
+    `states`, `arguments` and `results` count the vectors of the state, of the arguments of a call, and of its
     results. `quantity` is the name of the model's quantity that a call evaluates, and `derivative` that of its
     derivative by the arguments. `inputs` is the number of vectors of n entries that both quantities read.
     """
@@ -70,9 +70,9 @@ class Law:
 
     @property
     def through_memory(self) -> bool:
-        """True if calls pass arrays, for states of any size.
+        """True if calls of the function pass arrays in memory, for states of any size.
 
-        A law with multipliers has too many numbers for registers.
+        A function of three vectors has too many numbers for registers.
         """
         return self.inputs > 2
 
@@ -106,7 +106,10 @@ their rates psi, all padded to n entries (`lagrange.program.constraints`).
 
 @dataclass(frozen=True, eq=False)
 class LawCall:
-    """One evaluation of the law at a time and arguments. The numbers of its result vectors begin at `first`."""
+    """One evaluation of the model's function (the law) at a time and arguments.
+
+    Its result vectors have the indices from `first` on.
+    """
 
     time: Node
     arguments: tuple[Combination, ...]
@@ -120,11 +123,11 @@ class LawCall:
 
 @dataclass(frozen=True, eq=False)
 class Solve:
-    """Unknown vectors that make the residuals zero. Their numbers begin at `first`.
+    """Unknown vectors that make the `residuals` zero. They have the indices from `first` on.
 
     `calls` are the calls inside the residuals; they may depend on the unknowns but not on each other. `guesses` are the
     start values of Newton's method if no previous steps can be extrapolated; `preparation` are the calls that the
-    guesses need. `predicted` extrapolates the unknowns of the previous step, which have the same numbers. Without it,
+    guesses need. `predicted` extrapolates the unknowns of the previous step, which have the same indices. Without it,
     steps of equal size are extrapolated by a polynomial.
     """
 
@@ -141,7 +144,7 @@ class Solve:
         return len(self.residuals)
 
     def reach(self, unknown: int, place: int) -> list[Node]:
-        """Return the coefficients of an unknown in the first or second argument (`place` 0 or 1) of all calls."""
+        """Return the coefficients of an unknown vector in argument `place` (0 or 1) of all calls in the residuals."""
         return [
             factor for call in self.calls for vector, factor in call.arguments[place] if vector == self.first + unknown
         ]
@@ -149,9 +152,9 @@ class Solve:
 
 @dataclass(frozen=True, eq=False)
 class Damp:
-    """The vector (I - factor J)^-1 times a combination. J is the last Jacobian of the solve with number `of`.
+    """The vector (I - factor J)^-1 times a combination. J is the last Jacobian of the solve with index `of`.
 
-    `result` is the number of the vector, and `vector` the combination.
+    `result` is the index of the new vector, and `vector` the combination.
     """
 
     result: int
@@ -217,22 +220,22 @@ class StepProgram:
 
     @cached_property
     def calls(self) -> tuple[LawCall, ...]:
-        """The calls outside the solves, in order."""
+        """The evaluations of the model's function outside the solves, in order."""
         return tuple(action for action in self.actions if isinstance(action, LawCall))
 
     @cached_property
     def solves(self) -> tuple[Solve, ...]:
-        """The solves, in order."""
+        """The solves for unknown vectors, in order."""
         return tuple(action for action in self.actions if isinstance(action, Solve))
 
     @cached_property
     def damps(self) -> tuple[Damp, ...]:
-        """The damped vectors, in order."""
+        """The damped vectors (I - factor J)^-1 times a combination, in order."""
         return tuple(action for action in self.actions if isinstance(action, Damp))
 
     @cached_property
     def numbers(self) -> tuple[Node, ...]:
-        """Coefficients of the step that depend on t, h and the ratio of steps, each once."""
+        """The coefficients and times in the step, as nodes in t, h and the ratio of step sizes, each once."""
         combinations: list[Combination] = [*self.results, *self.errors]
         calls: list[LawCall] = []
         for action in self.actions:
@@ -271,14 +274,14 @@ class StepProgram:
 
     @property
     def starts_with_slope(self) -> bool:
-        """True if the first call is at the state at which the step starts."""
+        """True if the first evaluation of the model's function is at the state at which the step starts."""
         first = self.actions[0]
         known = isinstance(first, LawCall) and LAWS[self.law].results == 1 and self.starter is None
         return known and self.calls[0].time is self.time and self.calls[0].argument == ((0, self.graph.one),)
 
     @property
     def ends_with_slope(self) -> bool:
-        """True if the last call is at the state at which the step ends, so that the next step can reuse it."""
+        """True if the last evaluation is at the state at which the step ends, so that the next step can reuse it."""
         if not self.starts_with_slope or self.solves:
             return False
         last = self.calls[-1]
@@ -427,14 +430,14 @@ class TracedVector:
         return -self + other
 
     def combination(self) -> Combination:
-        """Return the terms in the order of the vectors."""
+        """Return the linear combination as pairs (index of a vector, coefficient), sorted by index."""
         return tuple(sorted(self.terms.items()))
 
 
 class Recorder:
-    """Records the calls of the law and the solves of a step function.
+    """Records the operations of a step function: the evaluations of the model's function (the law), and the solves.
 
-    The method `call` is the argument f, a or g of that function, and the recorder itself the argument `solve`.
+    The method `call` is the argument f, a or g of the step function, and the recorder itself the argument `solve`.
     """
 
     def __init__(self, name: str, law: str, graph: Graph, states: int) -> None:
@@ -447,12 +450,12 @@ class Recorder:
         self.ratio = graph.symbol("ratio", Binding.TIME)
 
     def new(self) -> TracedVector:
-        """Return a vector with the next number."""
+        """Return a new vector of the step, with the next free index."""
         self.vectors += 1
         return TracedVector({self.vectors - 1: self.graph.one})
 
     def call(self, at: Any, *arguments: Any) -> Any:
-        """Record an evaluation of the law at the time `at`, and return its results as vectors.
+        """Record an evaluation of the model's function at the time `at`, and return its results as vectors.
 
         The step function gets this method as its argument f, a or g.
         """

@@ -26,11 +26,12 @@ SWITCHES = frozenset(("abs", "sign", "min", "max", "less", "less_equal", "equal"
 
 @dataclass(frozen=True, eq=False)
 class Switched:
-    """Expressions made smooth: `outputs` in terms of `sides`, one symbol for each of the `surfaces`.
+    """Expressions without switches: `outputs` contain `sides`, a symbol for each switching function in `surfaces`.
 
-    `stated` has the surfaces as functions of the state alone, with the switches inside them. `expressions` has the
-    surfaces as in the statement, without the conditions of their branches. `starts` maps each angle that jumps on a
-    surface to its value at order 0, which depends on the side of the surface.
+    A side is the sign of its function: 1, -1 or 0. `stated` has the surfaces as functions of the state alone, with
+    the switches inside them. `expressions` has the surfaces as in the statement, without the conditions of their
+    branches. `starts` maps each angle that jumps on a surface to its value at order 0, which depends on the side of
+    the surface.
     """
 
     outputs: tuple[Node, ...]
@@ -42,7 +43,7 @@ class Switched:
 
 
 def switch(graph: Graph, outputs: Sequence[Node], events: Sequence[Node] = ()) -> Switched:
-    """Replace every switch that depends on the motion by an expression in the sides of its surface.
+    """Replace every switch that depends on the motion by an expression in the side (the sign) of its surface.
 
     Switches of parameters alone remain. The smooth `events` follow the outputs. Steps also end at jumps of an atan2 in
     an event. Its series is smooth through the jump, and would not show zeros after it.
@@ -64,7 +65,10 @@ def switch(graph: Graph, outputs: Sequence[Node], events: Sequence[Node] = ()) -
 
 
 class _Switches:
-    """Collects the surfaces of switches; a surface and its negative are one."""
+    """Replaces switches by expressions in the sides of surfaces, and collects the surfaces.
+
+    A surface is where a node g is zero, and its side is the sign of g. The nodes g and -g have one surface.
+    """
 
     def __init__(self, graph: Graph, read: Callable[[Node], Node], sided: Container[Node]) -> None:
         self.graph, self.read, self.sided = graph, read, sided
@@ -102,7 +106,7 @@ class _Switches:
         return self.conditions[surface] if limited else self.graph.one
 
     def side(self, g: Node, stated: Node, when: Node) -> Node:
-        """Return the side of g: a symbol, its negative if the surface -g exists, or the sign of a constant.
+        """Return the sign of g: a symbol, its negative if the surface -g exists, or the sign of a constant.
 
         `stated` is g with the switches inside it, and `when` the condition under which g is evaluated.
         """
@@ -122,7 +126,10 @@ class _Switches:
         return side
 
     def replace(self, node: Node, args: Sequence[Node]) -> Node:
-        """Return a switch expressed by sides. `args` are its arguments in smooth form."""
+        """Return the smooth form of the switch `node`: an expression in the side (the sign) of its surface.
+
+        `args` are its arguments in smooth form.
+        """
         graph, name, when = self.graph, node.data, self.read(node)
         if name in ("abs", "sign"):
             side = self.side(args[0], node.args[0], when)

@@ -28,7 +28,7 @@ from lagrange.program.switching import Switched, switch
 
 
 def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[SeriesProgram, Switched]:
-    """Return the series of a system, and its switching surfaces.
+    """Return the series program of a system, and its switching surfaces.
 
     The watched values are the surfaces, followed by the nodes `watched` (of events).
     """
@@ -53,9 +53,10 @@ def in_rates(e: Equations) -> Equations:
 
 
 def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Switched:
-    """Return the nodes of a series, smooth between switching surfaces. `_Parts` divides its outputs.
+    """Return the nodes of the equations of motion and the `watched` ones, with smooth expressions for switches.
 
-    In the watched nodes, symbols replace accelerations and multipliers that a linear system determines.
+    `_Parts` names the outputs. In the watched nodes, symbols replace accelerations and multipliers that a linear
+    system determines.
     """
     e, held = equations, equations.constraints
     gradient = [entry for row in held.gradient for entry in row]
@@ -106,9 +107,10 @@ class _Parts(NamedTuple):
 
 
 def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> list[_Assembly]:
-    """Return builders of the series for each form of the equations, for a comparison of their costs.
+    """Return the builders of the series, two for each form of the equations. The caller chooses the cheapest.
 
-    `solved` is true if accelerations or multipliers are watched.
+    The two differ in whether the factors a' - b' in rates of sin(a - b) are multiplied out. `solved` is true if
+    accelerations or multipliers are watched.
     """
     parts = _Parts.of(e, switched, solved=solved)
     p, f = list(parts.momenta), list(parts.forces)
@@ -128,7 +130,7 @@ def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> lis
 
 
 class _Assembly:
-    """Builder of the series of one form of the equations: its values and their rules."""
+    """Builds the series of one form of the equations of motion: its values and their rules."""
 
     def __init__(
         self,
@@ -209,7 +211,7 @@ class _Assembly:
         ]
 
     def constrain(self, velocities: Sequence[Node], gradient: Sequence[Node]) -> None:
-        """Add the constraints to the linear system.
+        """Add the constraints to the linear system that determines the velocities.
 
         `velocities` are psi, the constraints on velocities, and `gradient` is G by rows. The unknown of each constraint
         is the integral of -lambda. The integral of G^T times its differential is part of the momenta, and psi = 0.
@@ -228,13 +230,16 @@ class _Assembly:
         self.forces += [None] * m
 
     def spin(self, rate: Node, pull: Node) -> int:
-        """Return the number of the value rate - 2 * pull * t, which determines the velocity of a quaternion entry."""
+        """Return the index of the value rate - 2 * pull * t, which determines the velocity of a quaternion entry."""
         b = self.builder
         pulled = b.add(SeriesRule("integral", (b.add(SeriesRule("constant"), pull, pull),), (b.constant(1),)), None)
         return b.add(SeriesRule("linear", (b.value(rate), pulled), (b.constant(1), b.constant(-2))), None)
 
     def inertia(self, i: int) -> list[tuple[int, Node]]:
-        """Return momentum number i as a list of (value, constant factor); for a constant mass matrix entry i of M v."""
+        """Return momentum number i as a sum of terms (index of a value, constant factor).
+
+        For a constant mass matrix it is entry i of M v.
+        """
         known, b, e = self.momenta[i], self.builder, self.equations
         if known is not None:
             return [(known, b.graph.one)]
@@ -242,9 +247,9 @@ class _Assembly:
         return [(self.unknowns[j], entry) for j, entry in entries.items()] if self.steady else []
 
     def impulse(self, multiplier: int, entry: Node) -> tuple[Node, int]:
-        """Return the integral of an `entry` of G along the value `multiplier`, as (constant factor, value).
+        """Return the integral of an `entry` of G times d(multiplier), as (constant factor, index of a value).
 
-        `multiplier` is the number of the value that is the integral of -lambda.
+        `multiplier` is the index of the value that is the integral of -lambda.
         """
         b = self.builder
         if entry.binding <= Binding.PARAMETER:
@@ -253,9 +258,9 @@ class _Assembly:
         return scale, b.add(SeriesRule("along", (multiplier, value), (b.constant(1),)), None)
 
     def momentum(self, node: Node) -> int | None:
-        """Return the index, in the program, of the value of a momentum without its constant terms; None for zero.
+        """Return the index of the value of a momentum without its constant terms, or None for zero.
 
-        If the momentum contains other momenta, the program first gets the values of these.
+        If the momentum contains other momenta, the values of these are built first.
         """
         todo = [node]
         while todo:
@@ -268,7 +273,7 @@ class _Assembly:
         return self.known[node]
 
     def combined(self, part: Momentum) -> int | None:
-        """Return the number of the value of a momentum, computed from its parts, or None for zero."""
+        """Return the index of the value of a momentum, computed from its parts, or None for zero."""
         b, graph = self.builder, self.equations.graph
         args: dict[int, Node] = {}
 
@@ -292,7 +297,7 @@ class _Assembly:
         return b.add(SeriesRule("linear", tuple(args), tuple(b.constant(c) for c in args.values())), None, graph.zero)
 
     def force(self, terms: LinearTerms) -> int | None:
-        """Return the number of the value of a force, a sum of `terms`, or None for zero."""
+        """Return the index of the value of a force, a sum of `terms`, or None for zero."""
         graph = self.equations.graph
         if not terms:
             return None
@@ -303,7 +308,7 @@ class _Assembly:
 
     @property
     def cost(self) -> tuple[int, int]:
-        """Cost of one order: the number of sums over lower orders, then the number of values."""
+        """Cost of one order of the series: the number of sums over lower orders, then the number of values."""
         return convolutions(self.builder.rules), len(self.builder.rules)
 
     def program(self, name: str) -> SeriesProgram:
@@ -350,9 +355,9 @@ class _Assembly:
         )
 
     def stages(self) -> tuple[Stage, ...]:
-        """Return the stage of the velocities, then the stage of accelerations and multipliers if these are watched.
+        """Return the linear systems of each order: for velocities, then for watched accelerations and multipliers.
 
-        For a system in angular rates of bodies, the second stage has the velocities of quaternions instead.
+        For a system in angular rates of bodies, the second system has the velocities of quaternions instead.
         """
         b = self.builder
         first = Stage((*self.unknowns, *self.impulses), tuple(self.momenta), tuple(self.forces), self.plan)

@@ -1,4 +1,4 @@
-"""Build a procedure from a rewritten function: each step of the function adds statements of the form.
+"""Build a procedure from a rewritten function: each step of the function adds statements to it.
 
 Values known at build time (numbers, options, layouts, tuples) remain Python values. A condition on such values selects
 a branch, and a loop over them is unrolled. A name whose number is set again by a branch or loop becomes a variable,
@@ -55,14 +55,17 @@ class Local:
 
 
 class Tracer(Names):
-    """The receiver that builds a procedure. `results` are the kinds of the procedure's results."""
+    """Builds a procedure: a rewritten function calls a method of it for each step, which adds statements.
+
+    `results` are the kinds of the procedure's results.
+    """
 
     Ended = Ended
 
     # --- control flow
 
     def branches(self, test: Any) -> Branches | KnownBlock:
-        """Return the two branches of a condition.
+        """Return the branches of an `if` statement with the condition `test`.
 
         If the condition is known at build time, return only the branch to build.
         """
@@ -76,7 +79,7 @@ class Tracer(Names):
         return Branches(self, condition, weighed.likely if weighed is test else None)
 
     def loop(self, *bounds: Any) -> LoopBlock:
-        """Return the loop over `range(*bounds)`."""
+        """Return the loop of a `for` statement over `range(*bounds)`."""
         start, stop, step = bounds if len(bounds) == 3 else (*bounds, 1) if len(bounds) == 2 else (0, *bounds, 1)
         if not isinstance(step, int) or step <= 0:
             raise Error("the step of `range` is a whole number above zero that is known when the procedure is built.")
@@ -103,9 +106,10 @@ class Tracer(Names):
         return KnownBlock(values)
 
     def each(self, count: Any, *, disjoint: bool = False, **options: Any) -> EachBlock:
-        """Return the loop of an `each` with `count` iterations.
+        """Return the loop of an `each` with `count` iterations, which may run in any order.
 
-        `vocabulary.each` describes `disjoint` and the options.
+        With `disjoint` the function promises that parts of an array do not overlap if one of them is written. The
+        options are `width` (the most iterations at a time), `spill` (these may write beyond `count`) and `unrolled`.
         """
         if self.iterations is not None:
             raise Error("an `each` stands in another: use `range` inside.")
@@ -336,9 +340,9 @@ class Tracer(Names):
         return self._of_values(function, args, options)
 
     def call_procedure(self, callee: Procedure, args: list[Any]) -> Any:
-        """Call a procedure with arguments, and return its results.
+        """Add a call of a procedure with arguments, and return its results.
 
-        Each field of a bundle is passed as an argument of its own.
+        `args` has each field of a bundle (a dataclass) as an argument of its own.
         """
         self._outside_each(callee.name)
         if len(args) != len(callee.parameters):
