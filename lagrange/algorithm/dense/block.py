@@ -242,12 +242,12 @@ def parabola(dimension: int, columns: int, degree: int, y: In, new: In, first: I
     total = dimension * columns
     for b in range(columns):
         nothing = 0.0
-        for place in range((degree + 1) * dimension):
-            nothing = fma(out[place * columns + b], 0.0, nothing)
+        for index in range((degree + 1) * dimension):
+            nothing = fma(out[index * columns + b], 0.0, nothing)
         if nothing != 0.0:
             for j in range(dimension):
-                place = j * columns + b
-                out[place], out[total + place] = y[place], first[place]
-                out[total * 2 + place] = new[place] - y[place] - first[place]
+                index = j * columns + b
+                out[index], out[total + index] = y[index], first[index]
+                out[total * 2 + index] = new[index] - y[index] - first[index]
                 for k in range(3, degree + 1):
-                    out[k * total + place] = 0.0
+                    out[k * total + index] = 0.0

@@ -52,14 +52,14 @@ def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> 
     basis: list[Polynomial] = []
     nodes = np.concatenate([[0.0], points])
     for i in range(1, s + 1):
-        others = np.delete(nodes, i)
-        basis.append(Polynomial.fromroots(others) / np.prod(nodes[i] - others))
+        other_nodes = np.delete(nodes, i)
+        basis.append(Polynomial.fromroots(other_nodes) / np.prod(nodes[i] - other_nodes))
     # The integral over the step is zero, because Radau's formula integrates polynomials of higher degree exactly.
-    rates = np.array([one.deriv().coef for one in basis])
+    rates = np.array([polynomial.deriv().coef for polynomial in basis])
     parts = [points, np.array(A), np.linalg.inv(np.array(A)), rates, zero.coef]
     powers = np.zeros((s + 2, s + 1))
-    for i, one in enumerate(basis):
-        powers[: s + 1, i] = one.coef
+    for i, polynomial in enumerate(basis):
+        powers[: s + 1, i] = polynomial.coef
     powers[:, s] = zero.integ().coef
     table = np.concatenate([part.ravel() for part in (*parts, powers)])
     matrices = 1 + 2 * (s - 1) ** 2
@@ -108,8 +108,8 @@ def linearize(block: PolynomialBlock, step: OwnStep) -> None:
     matrix = derivative[n * block.total :]
     singular = block.jacobian(columns, time, step.new, step.new[half:], block.constants, derivative) >= 0
     if unlikely(singular):
-        for place in range(n * block.total):
-            derivative[place] = math.nan
+        for index in range(n * block.total):
+            derivative[index] = math.nan
     inner = stages - 1
     for i in range(inner):
         for j in range(inner):
@@ -118,9 +118,9 @@ def linearize(block: PolynomialBlock, step: OwnStep) -> None:
                 for c in range(n):
                     source = derivative[(r * n + c) * columns :]
                     target = entry(block, matrix, i * n + r, j * n + c)
-                    one = 1.0 if i == j and r == c else 0.0
+                    identity = 1.0 if i == j and r == c else 0.0
                     for b in block.each_column():
-                        target[b] = one - source[b] * a * step.h[b]
+                        target[b] = identity - source[b] * a * step.h[b]
     block.invert(inner * n, columns, matrix, row)
 
 
@@ -238,16 +238,16 @@ def join(block: PolynomialBlock, gains: In, beside_gains: In) -> None:
 
     `gains` and `beside_gains` are the changes of the state at the stages, of the steps and of their neighbours.
     """
-    own = steps_in(block.own, block.dimension, block.columns)
+    step = steps_in(block.own, block.dimension, block.columns)
     beside = steps_in(block.beside, block.dimension, block.columns)
     total, stages = block.total, block.stages
     inverse, rates, nodes, powers = parts_of(block.table, stages)
-    (state, spread, there, missing), (row, place, rate), _ = block.lay_out(JOINED)
+    (state, spread, correction, missing), (row, fraction, rate), _ = block.lay_out(JOINED)
     nearest = block.table[0]
     for b in block.each_column():
-        ratio = beside.h[b] / own.h[b]
+        ratio = beside.h[b] / step.h[b]
         rate[b] = ratio
-        place[b] = fma(ratio, nearest, 1.0) if beside.side[b] > 0.5 else 0.0
+        fraction[b] = fma(ratio, nearest, 1.0) if beside.side[b] > 0.5 else 0.0
     block.spread(beside.side, spread)
     block.spread(rate, state)
     last = inverse[(stages - 1) * stages :]
@@ -255,17 +255,17 @@ def join(block: PolynomialBlock, gains: In, beside_gains: In) -> None:
         before = weighted(0.0, beside_gains, total, x, last, 0, stages)
         after = weighted(0.0, beside_gains, total, x, inverse, 0, stages)
         slope = after if spread[x] > 0.5 else before
-        there[x] = slope / state[x]
+        correction[x] = slope / state[x]
     for i in range(stages):
-        write_at_place(block, rates[i * stages :], stages, place, row)
+        write_at_fraction(block, rates[i * stages :], stages, fraction, row)
         block.spread(row, state)
         gain = gains[i * total :]
         for x in block.entries():
-            there[x] = fma(-state[x], gain[x], there[x])
-    write_at_place(block, nodes, stages + 1, place, row)
+            correction[x] = fma(-state[x], gain[x], correction[x])
+    write_at_fraction(block, nodes, stages + 1, fraction, row)
     block.spread(row, state)
     for x in block.entries():
-        multiple = there[x] / state[x]
+        multiple = correction[x] / state[x]
         missing[x] = 0.0 if spread[x] == 0.0 else multiple
     for power in range(1, block.degree + 1):
         share, coefficients = powers[power * (stages + 1) + stages], block.out[power * total :]
@@ -274,10 +274,10 @@ def join(block: PolynomialBlock, gains: In, beside_gains: In) -> None:
 
 
 @inline
-def write_at_place(block: PolynomialBlock, coefficients: In, count: int, place: In, row: Out) -> None:
-    """Write the value of a polynomial with `count` coefficients at the fraction `place` of the step in each column."""
+def write_at_fraction(block: PolynomialBlock, coefficients: In, count: int, fraction: In, row: Out) -> None:
+    """Write the value of a polynomial with `count` coefficients at a `fraction` of the step in each column."""
     for b in block.each_column():
         value = 0.0
         for k in range(count):
-            value = fma(value, place[b], coefficients[count - 1 - k])
+            value = fma(value, fraction[b], coefficients[count - 1 - k])
         row[b] = value

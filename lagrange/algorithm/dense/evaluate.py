@@ -31,24 +31,33 @@ def horner(
         for i in each(count, width=WIDEST_VECTOR, disjoint=True):
             values = tuple(source[degree * row] for source in sources)
             for k in range(degree):
-                place = (degree - 1 - k) * row
+                index = (degree - 1 - k) * row
                 pairs = zip(values, sources, strict=True)
-                values = tuple(fma(value, theta[i], source[place]) for value, source in pairs)
+                values = tuple(fma(value, theta[i], source[index]) for value, source in pairs)
             first[i], second[i] = values
 
 
 @procedure
 def gather(
-    dimension: int, columns: int, starts: WholesIn, steps: int, times: In, states: In, both: int, own: Out, beside: Out
+    dimension: int,
+    columns: int,
+    starts: WholesIn,
+    steps: int,
+    times: In,
+    states: In,
+    with_neighbours: int,
+    own: Out,
+    beside: Out,
 ) -> None:
-    """Write the steps with numbers `starts` to `own` by columns. If `both` is 1, write a neighbour of each to `beside`.
+    """Write the steps with numbers `starts` to `own` by columns.
 
-    The neighbour is the previous step; for the first step it is the next one.
+    If `with_neighbours` is 1, write a neighbour of each to `beside`: the previous step, or the next one of the
+    first step.
     """
     for b in range(columns):
         s = starts[b]
         gather_one(dimension, columns, b, s, times, states, own)
-        if both == 1:
+        if with_neighbours == 1:
             is_first = s == 0
             gather_one(dimension, columns, b, min(s + 1, steps - 1) if is_first else s - 1, times, states, beside)
             side = 0.0 if steps == 1 else 1.0 if is_first else -1.0
@@ -64,8 +73,8 @@ def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: 
     step.side[b] = 0.0
     y, new = states[s * dimension :], states[(s + 1) * dimension :]
     for j in range(dimension):
-        place = j * columns + b
-        step.y[place], step.new[place] = y[j], new[j]
+        index = j * columns + b
+        step.y[index], step.new[index] = y[j], new[j]
 
 
 @dataclass(frozen=True)
@@ -110,38 +119,38 @@ def polynomials(path: RunPath, starts: WholesIn, blocks: int, out: Out) -> None:
 
 
 @procedure
-def locate(times: In, steps: int, step: int, wanted: float, sign: float) -> int:
-    """Return the index of the last step that begins at or before the time `wanted`, searching from `step` on.
+def locate(times: In, steps: int, step: int, time: float, sign: float) -> int:
+    """Return the index of the last step that begins at or before a `time`, searching from `step` on.
 
     Times increase with `sign` 1.0 and decrease with -1.0. The search interval is doubled until it contains the time,
     then bisected.
     """
     low, reach = step, 1
-    while has_begun(times, steps, low + reach, wanted, sign):
+    while has_begun(times, steps, low + reach, time, sign):
         low = low + reach
         reach = reach * 2
     while reach > 1:
         reach = quotient(reach, 2)
-        low = low + reach if has_begun(times, steps, low + reach, wanted, sign) else low
+        low = low + reach if has_begun(times, steps, low + reach, time, sign) else low
     return low
 
 
 @inline
-def has_begun(times: In, steps: int, step: int, wanted: float, sign: float) -> bool:
-    """Return True if step number `step` exists and begins at or before the time `wanted`."""
+def has_begun(times: In, steps: int, step: int, time: float, sign: float) -> bool:
+    """Return True if step number `step` exists and begins at or before a `time`."""
     begin = times[min(step, steps - 1)]
-    return (begin - wanted) * sign <= 0.0 and step < steps
+    return (begin - time) * sign <= 0.0 and step < steps
 
 
 @inline
-def lies_before(wanted: In, count: int, place: int, end: float, sign: float) -> bool:
-    """Return True if the output time `wanted[place]` exists and is before the time `end` in the direction `sign`."""
-    time = wanted[min(place, count - 1)]
-    return (time - end) * sign < 0.0 and place < count
+def lies_before(output_times: In, count: int, index: int, end: float, sign: float) -> bool:
+    """Return True if output time number `index` exists and is before the time `end` in the direction `sign`."""
+    time = output_times[min(index, count - 1)]
+    return (time - end) * sign < 0.0 and index < count
 
 
 @procedure(path=path_type, out=lambda: BLOCKS)
-def outputs(path: RunPath, wanted: In, count: int, sign: float, out: Out, stride: int, c: Out) -> None:
+def outputs(path: RunPath, output_times: In, count: int, sign: float, out: Out, stride: int, c: Out) -> None:
     """Write the states at many sorted times along a run, entries `stride` apart.
 
     Each polynomial is computed once. Accepted states are copied; of two at the same time the later one. `sign` is the
@@ -149,25 +158,25 @@ def outputs(path: RunPath, wanted: In, count: int, sign: float, out: Out, stride
     """
     times, columns, dimension = path.times, path.columns, path.dimension
     starts, begins = wholes(WIDEST_VECTOR), wholes(WIDEST_VECTOR + 1)
-    place, step = 0, 0
-    while place < count:
+    index, step = 0, 0
+    while index < count:
         used = 0
-        while used < columns and place < count:
-            step = locate(times, path.steps, step, wanted[place], sign)
-            starts[used], begins[used] = step, place
+        while used < columns and index < count:
+            step = locate(times, path.steps, step, output_times[index], sign)
+            starts[used], begins[used] = step, index
             used += 1
             end = times[step + 1]
-            place += 1
-            while lies_before(wanted, count, place, end, sign):
-                place += 1
-        begins[used] = place
+            index += 1
+            while lies_before(output_times, count, index, end, sign):
+                index += 1
+        begins[used] = index
         for b in range(used, columns):
             starts[b] = starts[used - 1]
         path.write(starts, c)
         for b in range(used):
             first, s = begins[b], starts[b]
-            here, target = (times[s:], path.states[s * dimension :]), (wanted[first:], begins[b + 1] - first)
-            on_step(path.degree, dimension, columns, c[b:], *here, *target, out[first:], stride)
+            step_ends, target = (times[s:], path.states[s * dimension :]), (output_times[first:], begins[b + 1] - first)
+            on_step(path.degree, dimension, columns, c[b:], *step_ends, *target, out[first:], stride)
 
 
 @procedure(c=lambda: READ_BLOCKS, times=lambda: READ_BLOCKS, states=lambda: READ_BLOCKS, out=lambda: BLOCKS)
@@ -178,30 +187,30 @@ def on_step(
     c: In,
     times: In,
     states: In,
-    wanted: In,
+    output_times: In,
     count: int,
     out: Out,
     stride: int,
 ) -> None:
-    """Write the states at the `wanted` times on one step, entries `stride` apart. Accepted states are copied."""
+    """Write the states at the `output_times` on one step, entries `stride` apart. Accepted states are copied."""
     theta = reals(CHUNK, room=WIDEST_VECTOR)
     t, end = times[0], times[1]
     h = end - t
     for begin in range(0, count, CHUNK):
         part = min(count - begin, CHUNK)
-        here = wanted[begin:]
+        block_times = output_times[begin:]
         # Whole vectors are computed. Numbers after the last must not be denormal, because multiplying these is slow.
         behind = theta[part:]
         for i in each(WIDEST_VECTOR, width=WIDEST_VECTOR, spill=True):
             behind[i] = 0.0
         for i in range(part):
-            theta[i] = (here[i] - t) / h
+            theta[i] = (block_times[i] - t) / h
         horner(degree, dimension, dimension * columns, columns, c, theta, part, out[begin:], stride)
     lowest, highest = 0, count
-    while lowest < highest and wanted[max(highest - 1, 0)] == end:
+    while lowest < highest and output_times[max(highest - 1, 0)] == end:
         highest -= 1
         copy_state(states[dimension:], dimension, out[highest:], stride)
-    while lowest < highest and wanted[min(lowest, count - 1)] == t:
+    while lowest < highest and output_times[min(lowest, count - 1)] == t:
         copy_state(states, dimension, out[lowest:], stride)
         lowest += 1
 

@@ -89,21 +89,21 @@ def hermite(block: PolynomialBlock) -> None:
     same differences for the next iterate. `moved` is the change of each column in the last iteration, 0 once the
     iteration diverges.
     """
-    own = steps_in(block.own, block.dimension, block.columns)
+    step = steps_in(block.own, block.dimension, block.columns)
     (h, first, last, _, _), (time, _, _, _), changes = block.lay_out(ROOM)
-    cubic = Cubic(own.y, own.new, first, last)
-    block.spread(own.h, h)
-    block.slopes(own.t, own.y, first)
+    cubic = Cubic(step.y, step.new, first, last)
+    block.spread(step.h, h)
+    block.slopes(step.t, step.y, first)
     for b in block.each_column():
-        time[b] = own.t[b] + own.h[b]
-    block.slopes(time, own.new, last)
+        time[b] = step.t[b] + step.h[b]
+    block.slopes(time, step.new, last)
     for x in block.entries():
         first[x] = h[x] * first[x]
         last[x] = h[x] * last[x]
     if block.stages > 0:
         begin(block, cubic)
         for _ in range(1, block.stages):
-            iterate(block, own, cubic)
+            iterate(block, step, cubic)
             judge(block)
     write(block, cubic, changes)
     mend(block, first)
@@ -139,7 +139,7 @@ def measure(block: PolynomialBlock) -> None:
 
 
 @inline
-def iterate(block: PolynomialBlock, own: OwnStep, cubic: Cubic) -> None:
+def iterate(block: PolynomialBlock, step: OwnStep, cubic: Cubic) -> None:
     """Write the next iterate: the right-hand side minus the cubic's slope, along the integral of the present slopes."""
     total, stages = block.total, block.stages
     (h, _, _, state, _), (time, _, _, _), changes = block.lay_out(ROOM)
@@ -147,7 +147,7 @@ def iterate(block: PolynomialBlock, own: OwnStep, cubic: Cubic) -> None:
     for i in range(stages):
         s, row, trial = block.table[i], to_states[i * stages :], changes[(stages + i) * total :]
         for b in block.each_column():
-            time[b] = fma(own.h[b], s, own.t[b])
+            time[b] = fma(step.h[b], s, step.t[b])
         for x in block.entries():
             state[x] = cubic.value(s, x) + weighted(0.0, changes, total, x, row, 0, stages)
         block.slopes(time, state, trial)
@@ -219,11 +219,11 @@ def weights(count: int) -> FloatArray:
 
     The value of the integral at the end is subtracted along a cubic, so that each contribution is zero there.
     """
-    found = nodes(count)
+    points = nodes(count)
     shares = np.zeros((count, count + 2))
-    for i, node in enumerate(found):
-        others = np.delete(found, i)
-        slope = np.poly1d(others, r=True) / np.prod(node - others)
+    for i, node in enumerate(points):
+        other_points = np.delete(points, i)
+        slope = np.poly1d(other_points, r=True) / np.prod(node - other_points)
         integral = slope.integ()
         share = integral - integral(1.0) * np.poly1d([-2.0, 3.0, 0.0, 0.0])
         shares[i, : len(share.coeffs)] = share.coeffs[::-1]

@@ -36,19 +36,19 @@ def runge_kutta(block: PolynomialBlock) -> None:
     only differences of slopes from the first slope enter: weights of some hundred then multiply less rounding. If a
     slope has no value, the step has no path, even if its coefficients are zero.
     """
-    own = steps_in(block.own, block.dimension, block.columns)
+    step = steps_in(block.own, block.dimension, block.columns)
     total, stages, out = block.total, block.stages, block.out
     (h, moved), (time,), slopes = block.lay_out(ROOM)
     rows = block.table[stages:]
     weights = rows[stages * stages :]
-    block.spread(own.h, h)
-    block.slopes(own.t, own.y, slopes)
+    block.spread(step.h, h)
+    block.slopes(step.t, step.y, slopes)
     for i in range(1, stages):
         c, row = block.table[i], rows[i * stages :]
         for b in block.each_column():
-            time[b] = fma(own.h[b], c, own.t[b])
+            time[b] = fma(step.h[b], c, step.t[b])
         for x in block.entries():
-            moved[x] = fma(h[x], weighted(0.0, slopes, total, x, row, 0, i), own.y[x])
+            moved[x] = fma(h[x], weighted(0.0, slopes, total, x, row, 0, i), step.y[x])
         block.slopes(time, moved, slopes[i * total :])
     for i in range(1, stages):
         slope = slopes[i * total :]
@@ -60,7 +60,7 @@ def runge_kutta(block: PolynomialBlock) -> None:
             coefficients[x] = h[x] * weighted(0.0, slopes, total, x, line, 1, stages)
     linear = out[total:]
     for x in block.entries():
-        out[x] = own.y[x]
+        out[x] = step.y[x]
         first = h[x] * slopes[x]
         moved[x] = first
         linear[x] = linear[x] + first

@@ -267,8 +267,8 @@ class Waiting:
         self.write_rows(kept)
         steps = self.kept_counts[ACCEPTED] + kept
         counts[ACCEPTED] = steps
-        for place in (SLOPE_KNOWN, AFTER_REJECT, KEPT):
-            counts[place] = 0
+        for index in (SLOPE_KNOWN, AFTER_REJECT, KEPT):
+            counts[index] = 0
         reals[T], reals[PREVIOUS] = t, 1.0
         if run.fixed != 0:
             reals[START] = t - float(steps) * reals[STEP]
@@ -339,11 +339,11 @@ def event_steps(loop: EventLoop) -> int:
     `Outcome.WATCHED` means that the caller must change the motion at the present state. A further call continues from
     there. Steps that the caller has reviewed in the meantime are not reviewed again.
     """
-    run, found, waiting = loop.waiting.event_run, loop.watch.review, loop.waiting
+    run, search, waiting = loop.waiting.event_run, loop.watch.review, loop.waiting
     code = GO_ON
     while code == GO_ON:
         if run.begin > run.count:
-            run.proven = found.found
+            run.proven = search.found
             code = waiting.take()
         if code == GO_ON and run.begin <= run.count:
             why = review_steps(loop)
@@ -353,22 +353,22 @@ def event_steps(loop: EventLoop) -> int:
                 go_back(loop)
                 code = GO_ON if reset(loop) else Outcome.WATCHED
             else:
-                code = READ_EVENTS if why == CROWDED and found.found > 0 else LOOK
+                code = READ_EVENTS if why == CROWDED and search.found > 0 else LOOK
     return code
 
 
 @inline
 def review_steps(loop: EventLoop) -> int:
     """Review the steps from number `begin` on, and return the reason why the review ended."""
-    waiting, found = loop.waiting, loop.watch.review
+    waiting, search = loop.waiting, loop.watch.review
     run, shift = waiting.event_run, 1 - waiting.event_run.before
     steps = run.count + 1 - shift
-    found.begin, found.end = run.begin - shift, steps
-    found.starts = run.starts if run.begin == 1 else 0
-    found.last = steps - 1 if waiting.times[run.count + 1] == run.final else -1
-    found.rounded = float(waiting.kept_counts[ACCEPTED] + run.count - 1) * (1.0 / NOISE_HALVES)
+    search.begin, search.end = run.begin - shift, steps
+    search.starts = run.starts if run.begin == 1 else 0
+    search.last = steps - 1 if waiting.times[run.count + 1] == run.final else -1
+    search.rounded = float(waiting.kept_counts[ACCEPTED] + run.count - 1) * (1.0 / NOISE_HALVES)
     why = review(loop.path(shift, steps), loop.watch)
-    run.begin = found.step + shift
+    run.begin = search.step + shift
     run.starts = 0 if run.begin > 1 else run.starts
     return why
 
@@ -496,8 +496,8 @@ def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, 
         noise = edge_noise(before, missed[e * WIDEST_VECTOR + 2])
         begin_side(watch.sign[e:], watch.near[e:], (before, value), noise, is_due=is_due, has_reset=has_reset)
         watch.stayed[e] = abs(before) if is_due else 0.0
-        others = UNKNOWN if has_reset else ANYHOW
-        watch.came[e] = run.way + 2 if is_due else others
+        other_direction = UNKNOWN if has_reset else ANYHOW
+        watch.came[e] = run.way + 2 if is_due else other_direction
     run.starts, run.due = 1, 0
 
 

@@ -10,9 +10,9 @@ PASSES_AT_ONCE = 4
 
 
 @inline
-def sign_of(x: float, doubt: float) -> int:
-    """Return the sign of a number, 1 or -1, or 0 if its size is at most `doubt`."""
-    return 1 if x > doubt else -1 if x < -doubt else 0
+def sign_of(x: float, noise: float) -> int:
+    """Return the sign of a number, 1 or -1, or 0 if its size is at most `noise`."""
+    return 1 if x > noise else -1 if x < -noise else 0
 
 
 @procedure(apart=True)
@@ -26,14 +26,14 @@ def bernstein(c: In, count: int, b: Out) -> None:
     for k in range(count):
         b[k] = c[k] * weight
         weight *= float(k + 1) / float(count - 1 - k)
-    rest = count - 1 - quotient(count - 1, PASSES_AT_ONCE) * PASSES_AT_ONCE
-    for first in range(rest):
+    remainder = count - 1 - quotient(count - 1, PASSES_AT_ONCE) * PASSES_AT_ONCE
+    for first in range(remainder):
         before = b[first]
-        for place in range(first + 1, count):
-            given = b[place]
-            b[place] = given + before
-            before = given
-    for first in range(rest, count - 1, PASSES_AT_ONCE):
+        for index in range(first + 1, count):
+            value = b[index]
+            b[index] = value + before
+            before = value
+    for first in range(remainder, count - 1, PASSES_AT_ONCE):
         add_four_times(b[first:], count - first)
 
 
@@ -44,27 +44,27 @@ def add_four_times(b: Out, count: int) -> None:
     second2, second3 = first2 + first1, first3 + first2
     w, x, y, z = b[3], first3, second3, second3 + second2
     b[1], b[2], b[3] = first1, second2, z
-    for place in range(PASSES_AT_ONCE, count):
-        number = b[place]
+    for index in range(PASSES_AT_ONCE, count):
+        number = b[index]
         once = number + w
         twice = once + x
         thrice = twice + y
-        b[place] = thrice + z
+        b[index] = thrice + z
         w, x, y, z = number, once, twice, thrice
 
 
 @procedure
-def signs(b: In, count: int, first: int, doubt: float) -> tuple[bool, int, float]:
+def signs(b: In, count: int, first: int, noise: float) -> tuple[bool, int, float]:
     """Return True if coefficients have at most one sign change, their last sign, and their largest size.
 
     `first` is the sign of the first coefficient, as decided for the previous interval: rounding must not decide it
-    twice. A coefficient of size up to `doubt` has no sign.
+    twice. A coefficient of size up to `noise` has no sign.
     """
     now, before, changes = first, first, 0
     size = abs(b[0])
     for j in range(1, count):
         x = b[j]
-        sign = sign_of(x, doubt)
+        sign = sign_of(x, noise)
         size = magnitude(size, x)
         if sign != now:
             changes += 1

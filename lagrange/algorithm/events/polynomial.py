@@ -34,8 +34,8 @@ def evaluate(polynomials: tuple[Readable[float], ...], count: int, s: float) -> 
     last = (blocks(count) - 1) * CHAINS
     sums = tuple(c[last + i] for c in polynomials for i in unrolled(CHAINS))
     for j in range(1, blocks(count)):
-        place = last - j * CHAINS
-        terms = tuple(c[place + i] for c in polynomials for i in unrolled(CHAINS))
+        index = last - j * CHAINS
+        terms = tuple(c[index + i] for c in polynomials for i in unrolled(CHAINS))
         sums = tuple(fma(total, fourth, term) for total, term in zip(sums, terms, strict=True))
     starts = unrolled(0, len(sums), CHAINS)
     return tuple(fma(square, fma(s, sums[i + 3], sums[i + 2]), fma(s, sums[i + 1], sums[i])) for i in starts)
@@ -76,22 +76,22 @@ Pair = tuple[float, float]
 
 
 @inline
-def inverse_cubic(places: Pair, values: Pair, slopes: Pair) -> float:
-    """Return the zero of a function between the points `places`, by the cubic that interpolates the inverse function.
+def inverse_cubic(points: Pair, values: Pair, slopes: Pair) -> float:
+    """Return the zero of a function between two `points`, by the cubic that interpolates the inverse function.
 
     The cubic uses values and slopes, by divided differences of the inverse function with double points. If a slope is
     not positive, or the result is not between the points, the zero of the chord is returned.
     """
-    begin, end = places
+    begin, end = points
     below, above = values
     width, over = end - begin, 1.0 / (above - below)
     rate, last_rate = 1.0 / slopes[0], 1.0 / slopes[1]
     chord = width * over
     bend, last_bend = (chord - rate) * over, (last_rate - chord) * over
     twist = (last_bend - bend) * over
-    place = begin - below * (rate - below * (bend - above * twist))
+    point = begin - below * (rate - below * (bend - above * twist))
     is_rising = slopes[0] > 0.0 and slopes[1] > 0.0
-    return place if is_rising and begin < place < end else begin - below * chord
+    return point if is_rising and begin < point < end else begin - below * chord
 
 
 @procedure(apart=True)
@@ -101,10 +101,10 @@ def approach(c: In, slopes: In, count: int, begin: float, end: float, start: flo
     A step that leaves the bracket, or is longer than half of the previous step, is replaced by bisection.
     """
     side = float(sign)
-    low, high, place = begin, end, start
+    low, high, point = begin, end, start
     step, is_quick = end - begin, False
-    while low < place < high:
-        s = place
+    while low < point < high:
+        s = point
         size, slope = tuple(side * x for x in evaluate((c, slopes), count, s))
         if unlikely(size == 0.0):
             return s
@@ -121,8 +121,8 @@ def approach(c: In, slopes: In, count: int, begin: float, end: float, start: flo
         next_change = abs(change) * change * change
         if is_quick and is_good and next_change <= CONVERGED * s * (step * step):
             return s - change
-        step, is_quick, place = change, is_good, s - change
-    return place
+        step, is_quick, point = change, is_good, s - change
+    return point
 
 
 @procedure(apart=True)
@@ -134,17 +134,17 @@ def passage(c: In, count: int, low: float, high: float, sign: int) -> float:
 
 
 @procedure(apart=True)
-def turn(c: In, count: int, low: float, place: float, high: float, depth: float, sign: int, doubt: float) -> float:
-    """Return the point near `place` at which sign times a polynomial has a minimum between `low` and `high`.
+def turn(c: In, count: int, low: float, point: float, high: float, depth: float, sign: int, noise: float) -> float:
+    """Return the position near `point` at which sign times a polynomial has a minimum between `low` and `high`.
 
-    `depth` is its value at `place`.
+    `depth` is its value at `point`.
     """
     slopes, bends = reals(PADDED), reals(PADDED)
     derivative(c, count, slopes)
     derivative(slopes, count, bends)
-    falls = float(sign) * value(slopes, count, place) < 0.0
-    lowest = crossing(slopes, bends, count, place if falls else low, high if falls else place, sign)
-    return lowest if float(sign) * value(c, count, lowest) <= depth + doubt else place
+    falls = float(sign) * value(slopes, count, point) < 0.0
+    lowest = crossing(slopes, bends, count, point if falls else low, high if falls else point, sign)
+    return lowest if float(sign) * value(c, count, lowest) <= depth + noise else point
 
 
 @procedure(apart=True)

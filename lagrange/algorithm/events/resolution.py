@@ -43,11 +43,11 @@ def keeps_sign(coefficients: Reals, noise: float) -> bool:
 
     The unresolved part is estimated as `TAIL` times the last coefficients.
     """
-    others = abs(coefficients[1])
+    variation = abs(coefficients[1])
     for coefficient in coefficients[2:]:
-        others = others + abs(coefficient)
-    others = others + TAIL * magnitude(coefficients[-2], coefficients[-1]) + 4.0 * noise
-    return abs(coefficients[0]) > CERTAINTY * others
+        variation = variation + abs(coefficient)
+    variation = variation + TAIL * magnitude(coefficients[-2], coefficients[-1]) + 4.0 * noise
+    return abs(coefficients[0]) > CERTAINTY * variation
 
 
 @inline
@@ -73,27 +73,27 @@ def chebyshev(values: In, out: Out) -> float:
 
 @procedure
 def local_polynomial(
-    given: In, size: float, noise: float, before: float, least: float, powers: Out
+    chebyshev: In, size: float, noise: float, before: float, least: float, powers: Out
 ) -> tuple[int, float, float]:
-    """Write the coefficients of powers. Return their number, their error, and the size of the last `given` ones.
+    """Write the coefficients of powers. Return their number, error, and the size of the last `chebyshev` ones.
 
-    `given` are the Chebyshev coefficients of a function, `size` is its largest sampled magnitude, and `noise` its
+    `chebyshev` are coefficients of a function, `size` is its largest sampled magnitude, and `noise` its
     rounding error. The number is 0 if the function is not resolved, and 1 if only its sign is certain. Coefficients
     below rounding, or below `least`, are omitted and counted as noise. The coefficients beyond the degree are noise as
     well: at a kink they decrease so slowly that their sum is several times the last one. The last coefficients are also
     noise if halving the interval did not reduce them clearly; `before` is their size before that.
     """
-    coefficients = tuple(given[k] for k in unrolled(DEGREE + 1))
+    coefficients = tuple(chebyshev[k] for k in unrolled(DEGREE + 1))
     tail = magnitude(coefficients[-2], coefficients[-1])
     is_grain = tail > before * 0.25 and tail <= LARGEST_NOISE * size
-    blur = noise + (8.0 * tail if is_grain else TINY)
+    error = noise + (8.0 * tail if is_grain else TINY)
     if unlikely(not size < math.inf):
-        return 0, blur, tail
-    if unlikely(not tail <= blur + 8 * EPSILON * size):
-        if keeps_sign(coefficients, blur):
+        return 0, error, tail
+    if unlikely(not tail <= error + 8 * EPSILON * size):
+        if keeps_sign(coefficients, error):
             powers[0] = coefficients[0]
-            return 1, blur, tail
-        return 0, blur, tail
+            return 1, error, tail
+        return 0, error, tail
     floor = larger(EPSILON * size, least)
     count, left = 1, 0.0
     for k, coefficient in enumerate(coefficients):
@@ -103,4 +103,4 @@ def local_polynomial(
     kept = tuple(coefficient if count > k else 0.0 for k, coefficient in enumerate(coefficients))
     for power, row in enumerate(to_powers(DEGREE).tolist()):
         powers[power] = weighted(kept[power:], row[power:])
-    return count, blur + (left + 4.0 * DEGREE * tail), tail
+    return count, error + (left + 4.0 * DEGREE * tail), tail

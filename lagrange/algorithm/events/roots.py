@@ -59,12 +59,12 @@ class Relay:
 class Search:
     """Root isolation of a polynomial with `count` coefficients `c` on [0, 1], and the arrays for its roots.
 
-    `doubt` is the error of its values.
+    `noise` is the error of its values.
     """
 
     c: Readable[float]
     count: int
-    doubt: float
+    noise: float
     relay: Relay
     h: float
     times: Writable[float]
@@ -72,35 +72,35 @@ class Search:
     room: int
 
     @inline
-    def reach(self, place: float, sign: int) -> None:
-        """Process the sign of the function at the point `place`; 0 means within the noise."""
+    def reach(self, point: float, sign: int) -> None:
+        """Process the sign of the function at a `point`; 0 means within the noise."""
         if unlikely(sign == 0):
-            self.come_near(place)
+            self.come_near(point)
         else:
-            self.count_sign(place, sign)
+            self.count_sign(point, sign)
 
     @inline
-    def come_near(self, place: float) -> None:
-        """Process the point `place` within the noise. The one with the least value of sign times function is stored."""
+    def come_near(self, point: float) -> None:
+        """Process a `point` within the noise. The one with the least value of sign times function is stored."""
         relay = self.relay
         if relay.counted == 0:
-            depth = float(relay.sign) * value(self.c, self.count, place)
+            depth = float(relay.sign) * value(self.c, self.count, point)
             if relay.near == 0 or depth < relay.depth:
                 relay.depth = depth
-                relay.near_at = place
+                relay.near_at = point
             relay.near = 1
 
     @inline
-    def count_sign(self, place: float, sign: int) -> None:
-        """Process a sign beyond the noise at `place`: a crossing if the last sign is opposite, else a touch or none."""
+    def count_sign(self, point: float, sign: int) -> None:
+        """Process a sign beyond the noise at `point`: a crossing if the last sign is opposite, else a touch or none."""
         relay = self.relay
         before = relay.sign
         if sign == -before:
-            self.report(passage(self.c, self.count, relay.low, place, sign), sign)
+            self.report(passage(self.c, self.count, relay.low, point, sign), sign)
         if unlikely(sign == before and relay.near != 0):
-            self.report(self.touch(place), 0)
+            self.report(self.touch(point), 0)
         relay.sign = sign
-        relay.low = place
+        relay.low = point
         relay.near = 0
         relay.counted = 0
 
@@ -108,14 +108,14 @@ class Search:
     def touch(self, high: float) -> float:
         """Return the point with the value nearest to zero, between the point of the last sign and `high`."""
         relay = self.relay
-        return turn(self.c, self.count, relay.low, relay.near_at, high, relay.depth, relay.sign, self.doubt)
+        return turn(self.c, self.count, relay.low, relay.near_at, high, relay.depth, relay.sign, self.noise)
 
     @inline
-    def report(self, place: float, rising: int) -> None:
-        """Write the root `place` if there is room, and count it. `rising` is its direction: 1, -1, or 0 for a touch."""
+    def report(self, point: float, rising: int) -> None:
+        """Write the root `point` if there is room, and count it. `rising` is its direction: 1, -1, or 0 for a touch."""
         slot = self.relay.found
         if likely(slot < self.room):
-            self.times[slot] = self.h * place
+            self.times[slot] = self.h * point
             self.rising[slot] = rising
         self.relay.found = slot + 1
 
@@ -145,11 +145,11 @@ def roots(
     more than `room`. In these two cases the other results are undefined.
     """
     c, relay = reals(PADDED), Relay()
-    doubt, others, rates, end = scaled(coefficients, count, h, noise, c)
-    if unlikely(not doubt < math.inf):
+    total_noise, others, rates, end = scaled(coefficients, count, h, noise, c)
+    if unlikely(not total_noise < math.inf):
         return UNFIT, sign, near
-    search = Search(c, count, doubt, relay, h, times, rising, room)
-    first = sign_of(c[0], doubt)
+    search = Search(c, count, total_noise, relay, h, times, rising, room)
+    first = sign_of(c[0], total_noise)
     begin(search, first, sign, near)
     isolate(search, first, others, rates, end)
     is_near = relay.near != 0 and relay.sign != 0
@@ -163,12 +163,12 @@ def roots(
 
 
 @inline
-def sort_zeros(count: int, times: Any, others: tuple[Any, ...]) -> None:
-    """Sort zeros by time, together with the arrays `others` of the same length. The order of equal times is kept."""
+def sort_zeros(count: int, times: Any, attached: tuple[Any, ...]) -> None:
+    """Sort zeros by time, together with the `attached` arrays of the same length. The order of equal times is kept."""
     for i in range(1, count):
         j = i
         while j > 0 and times[j] < times[max(j - 1, 0)]:
-            for array in (times, *others):
+            for array in (times, *attached):
                 array[j - 1], array[j] = array[j], array[j - 1]
             j = j - 1
 
@@ -199,35 +199,35 @@ def isolate(search: Search, first: int, others: float, rates: float, end: float)
     `first` is the sign at the start, and `end` the value at the end. `others` and `rates` are the sums of magnitudes in
     `scaling.Sums`.
     """
-    c, count, doubt = search.c, search.count, search.doubt
+    c, count, noise = search.c, search.count, search.noise
     parts = reals((DEEPEST_HALVING + 1) * MOST_COEFFICIENTS)
     starts, widths = reals(DEEPEST_HALVING + 1), reals(DEEPEST_HALVING + 1)
     starts[0], widths[0] = 0.0, 1.0
-    part, is_decided, there, size = 0, True, sign_of(end, doubt), 0.0
+    part, is_decided, end_sign, size = 0, True, sign_of(end, noise), 0.0
     # If the first coefficient exceeds the sum of all others, there is no root. If the slope keeps its sign, there is at
     # most one.
-    is_clear = abs(c[0]) > SURELY * (others + doubt)
+    is_clear = abs(c[0]) > SURELY * (others + noise)
     is_monotonic = 2.0 * abs(c[1]) > SURELY * rates
     if not (is_clear or is_monotonic):
         bernstein(c, count, parts)
-        is_decided, there, size = signs(parts, count, first, doubt)
+        is_decided, end_sign, size = signs(parts, count, first, noise)
     reached = first
     while part >= 0:
         begin, width = starts[part], widths[part]
-        half = width * 0.5
+        half_width = width * 0.5
         # Near its noise a function would be halved everywhere, because of its rounding: hence the factor 2.
-        is_narrow = width <= NARROWEST or size <= 2.0 * doubt
+        is_narrow = width <= NARROWEST or size <= 2.0 * noise
         if likely(is_decided or is_narrow):
             if unlikely(not is_decided):
-                search.come_near(begin + half)
-            reached = there
+                search.come_near(begin + half_width)
+            reached = end_sign
             search.reach(begin + width, reached)
             part = part - 1
         else:
             right = parts[part * MOST_COEFFICIENTS :]
             halve(right, count, parts[(part + 1) * MOST_COEFFICIENTS :])
-            starts[part], starts[part + 1] = begin + half, begin
-            widths[part], widths[part + 1] = half, half
+            starts[part], starts[part + 1] = begin + half_width, begin
+            widths[part], widths[part + 1] = half_width, half_width
             part = part + 1
         if unlikely(part >= 0):
-            is_decided, there, size = signs(parts[part * MOST_COEFFICIENTS :], count, reached, doubt)
+            is_decided, end_sign, size = signs(parts[part * MOST_COEFFICIENTS :], count, reached, noise)

@@ -50,11 +50,11 @@ def scaled(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums
 
     If the terms may overflow or underflow, they and their noise are divided by a power of two.
     """
-    doubt, others, rates, end = write_terms(coefficients, count, h, noise, c)
+    total_noise, others, rates, end = write_terms(coefficients, count, h, noise, c)
     pad(c, count, count)
     if unlikely(not (is_plain_step(h, count) and is_plain(abs(c[0]) + others, noise))):
         return scaled_far(coefficients, count, h, noise, c)
-    return doubt, others, rates, end
+    return total_noise, others, rates, end
 
 
 @procedure(apart=True)
@@ -78,18 +78,18 @@ def scaled_far(coefficients: In, count: int, h: float, noise: float, c: Out) -> 
         return math.inf, 0.0, 0.0, 0.0
     exponents = wholes(PADDED)
     unit, unit_exponent = split(h)
-    blur, blur_exponent = split(noise)
-    top = LEAST_POWER if blur == 0.0 else blur_exponent
+    noise_part, noise_exponent = split(noise)
+    top = LEAST_POWER if noise_part == 0.0 else noise_exponent
     power = 1.0
     for k in range(count):
-        fraction, own = split(coefficients[k])
-        term, moved = fraction * power, own + k * unit_exponent
+        fraction, exponent = split(coefficients[k])
+        term, moved = fraction * power, exponent + k * unit_exponent
         c[k], exponents[k] = term, moved
         power *= unit
         top = top if term == 0.0 else max(top, moved)
     for k in range(count):
         c[k] = lowered(c[k], exponents[k] - top)
-    return write_terms(c, count, 1.0, lowered(blur, blur_exponent - top), c)
+    return write_terms(c, count, 1.0, lowered(noise_part, noise_exponent - top), c)
 
 
 @inline

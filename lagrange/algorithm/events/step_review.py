@@ -24,27 +24,27 @@ def review(samples: Samples, watch: ReviewedEvents) -> int:
     review, it is written after them and not counted.
     """
     lines, end, reached = samples.lines(), watch.review.end, watch.review.begin
-    queue, places = wholes(QUEUE), wholes(WIDEST_VECTOR)
+    queue, step_numbers = wholes(QUEUE), wholes(WIDEST_VECTOR)
     zeros = step_zeros(samples, lines, watch)
     while reached < end:
         filled = 0
         while reached < end and filled <= QUEUE - WIDEST_VECTOR:
-            filled = queue_block(samples, lines, watch, places, reached, queue, filled)
+            filled = queue_block(samples, lines, watch, step_numbers, reached, queue, filled)
             reached += WIDEST_VECTOR
         for first in range(0, filled, WIDEST_VECTOR):
             for b in range(WIDEST_VECTOR):
-                places[b] = queue[min(first + b, filled - 1)]
-            is_bad, is_resolved = samples.follow(lines, places), False
-            if unlikely(is_bad or zeros.begin_at_zero(places[0])):
-                watch.review.step = places[0]
+                step_numbers[b] = queue[min(first + b, filled - 1)]
+            is_bad, is_resolved = samples.follow(lines, step_numbers), False
+            if unlikely(is_bad or zeros.begin_at_zero(step_numbers[0])):
+                watch.review.step = step_numbers[0]
                 return IRREGULAR
             for b in range(min(filled - first, WIDEST_VECTOR)):
                 if zeros.some_may_vanish(b):
                     if not is_resolved:
                         is_bad, is_resolved = samples.sample_fully(lines), True
-                    why = zeros.visit(places[b], b, is_bad)
+                    why = zeros.visit(step_numbers[b], b, is_bad)
                     if unlikely(why != ENDED):
-                        watch.review.step = places[b]
+                        watch.review.step = step_numbers[b]
                         return why
     watch.review.step = end
     return ENDED
@@ -52,18 +52,24 @@ def review(samples: Samples, watch: ReviewedEvents) -> int:
 
 @inline
 def queue_block(
-    samples: Samples, lines: Lines, watch: ReviewedEvents, places: WholesOut, first: int, queue: WholesOut, filled: int
+    samples: Samples,
+    lines: Lines,
+    watch: ReviewedEvents,
+    step_numbers: WholesOut,
+    first: int,
+    queue: WholesOut,
+    filled: int,
 ) -> int:
     """Append the steps of a block that may contain zeros, and always the first step of all, to the queue.
 
-    `first` is the number of the first step of the block, and `places` is memory for the numbers of its steps. `filled`
+    `first` is the number of the first step of the block, `step_numbers` is memory for its steps. `filled`
     is the length of the queue; the result is the new length.
     """
     end, is_bad = watch.review.end, False
     for b in range(WIDEST_VECTOR):
-        places[b] = min(first + b, end - 1)
+        step_numbers[b] = min(first + b, end - 1)
     if samples.screens:
-        is_bad = samples.sift(lines, places)
+        is_bad = samples.sift(lines, step_numbers)
     for b in range(min(end - first, WIDEST_VECTOR)):
         is_close = is_bad or first + b == watch.review.begin or not samples.screens
         if is_close or samples.some_doubtful(lines, b):

@@ -141,9 +141,9 @@ class Samples:
     def lines(self) -> Lines:
         """Return the arrays in the work memory."""
         arrays: tuple[Any, ...] = ()
-        rest = self.work
+        unused = self.work
         for size in sizes_of(self.dimension, self.events, self.columns):
-            arrays, rest = (*arrays, rest), rest[size:]
+            arrays, unused = (*arrays, unused), unused[size:]
         return Lines(*arrays)
 
     @inline
@@ -157,31 +157,31 @@ class Samples:
         yield from each(self.columns, width=self.columns, disjoint=True)
 
     @inline
-    def gather(self, lines: Lines, places: WholesIn, both: int) -> None:
-        """Copy the steps with numbers `places` to the memory of the block; with neighbours if `both` is 1."""
+    def gather(self, lines: Lines, step_numbers: WholesIn, with_neighbours: int) -> None:
+        """Copy steps to the memory of the block, with their neighbours if `with_neighbours` is 1."""
         run = self.steps, self.times, self.states
-        gather(self.dimension, self.columns, places, *run, both, self.own, self.beside)
+        gather(self.dimension, self.columns, step_numbers, *run, with_neighbours, self.own, self.beside)
         for b in range(self.columns):
-            lines.t_end[b] = self.times[places[b] + 1]
+            lines.t_end[b] = self.times[step_numbers[b] + 1]
 
     @inline
-    def follow(self, lines: Lines, places: WholesIn) -> bool:
-        """Write the dense output of the steps with numbers `places`, and which events may be zero on each.
+    def follow(self, lines: Lines, step_numbers: WholesIn) -> bool:
+        """Write the dense output of the steps `step_numbers`, and which events may be zero on each.
 
         Return True if an event has no value.
         """
-        self.gather(lines, places, self.both)
+        self.gather(lines, step_numbers, self.both)
         self.polynomial(self.given, self.columns, self.own, self.beside, self.path_work, self.c)
         return self.find_doubtful(lines, self.degree, screening=False)
 
     @inline
-    def sift(self, lines: Lines, places: WholesIn) -> bool:
-        """Write which events may be zero on each of the steps with numbers `places`, by cubics and their defects.
+    def sift(self, lines: Lines, step_numbers: WholesIn) -> bool:
+        """Write which events may be zero on each of the steps `step_numbers`, by cubics and their defects.
 
         A cubic through the ends of a step misses K s**2 (1 - s)**2 of the path. The defect is largest at `SLOPE_AT`
         and gives K. The result is True if an event has no value, or a mass matrix is singular.
         """
-        self.gather(lines, places, 0)
+        self.gather(lines, step_numbers, 0)
         self.screen(self.screen_given, self.columns, self.own, self.beside, self.path_work, self.c)
         columns, total, step = self.columns, self.dimension * self.columns, self.block()
         y, slopes = lines.part_state, lines.state
@@ -223,16 +223,19 @@ class Samples:
             of_event = lines.missed, lines.noise, lines.edge_end, lines.moved, lines.doubtful
             missed, noise, edge_end, moved, doubtful = tuple(line[e * columns :] for line in of_event)
             for b in self.each_column():
-                found = tuple(values[k * columns :][b] for k in unrolled(COARSE + 3))
-                edge, end = edge_noise(found[0], found[COARSE + 1]), edge_noise(found[COARSE], found[COARSE + 2])
+                samples = tuple(values[k * columns :][b] for k in unrolled(COARSE + 3))
+                edge, end = (
+                    edge_noise(samples[0], samples[COARSE + 1]),
+                    edge_noise(samples[COARSE], samples[COARSE + 2]),
+                )
                 edge_end[b] = end
-                wrong = (edge if edge > end else end) + path_noise(found[: COARSE + 1], moved[b])
+                wrong = (edge if edge > end else end) + path_noise(samples[: COARSE + 1], moved[b])
                 noise[b] = wrong
                 if screening:
                     far = lines.far[b]
-                    wrong = wrong + abs(missed[b] - found[0]) * (SAFELY / RELATIVE_PERTURBATION)
+                    wrong = wrong + abs(missed[b] - samples[0]) * (SAFELY / RELATIVE_PERTURBATION)
                     wrong = math.inf if far > 0.0 else wrong
-                doubtful[b] = 0.0 if keeps_sign(transform(found[: COARSE + 1]), wrong) else 1.0
+                doubtful[b] = 0.0 if keeps_sign(transform(samples[: COARSE + 1]), wrong) else 1.0
         return is_bad
 
     @inline
@@ -296,10 +299,10 @@ class Samples:
         for e in range(self.events):
             values, to, size = lines.fine[e * full :], lines.chebyshev[e * full :], lines.size[e * columns :]
             for b in self.each_column():
-                found = tuple(values[k * columns :][b] for k in unrolled(DEGREE + 1))
-                for k, value in enumerate(transform(found)):
+                samples = tuple(values[k * columns :][b] for k in unrolled(DEGREE + 1))
+                for k, value in enumerate(transform(samples)):
                     to[k * columns :][b] = value
-                size[b] = largest(found)
+                size[b] = largest(samples)
         return is_bad
 
     @inline
@@ -310,15 +313,15 @@ class Samples:
         """
         columns, step, part = self.columns, self.block(), Widths.of(self.columns).part
         total, t = self.dimension * columns, step.t[b]
-        h, places = lines.t_end[b] - t, reals(part, room=WIDEST_VECTOR)
+        h, fractions = lines.t_end[b] - t, reals(part, room=WIDEST_VECTOR)
         for k in unrolled(part):
-            places[k] = nodes().tolist()[k] if k <= DEGREE else 1.0
+            fractions[k] = nodes().tolist()[k] if k <= DEGREE else 1.0
         for k in each(part, width=columns):
-            lines.part_time[k] = fma(h, fma(width, places[k], start), t)
+            lines.part_time[k] = fma(h, fma(width, fractions[k], start), t)
         for j in range(self.dimension):
             c, to = self.c[j * columns + b :], lines.part_state[j * part :]
             for k in each(part, width=columns):
-                theta, value = fma(width, places[k], start), c[self.degree * total]
+                theta, value = fma(width, fractions[k], start), c[self.degree * total]
                 for power in range(self.degree):
                     value = fma(value, theta, c[(self.degree - 1 - power) * total])
                 to[k] = value

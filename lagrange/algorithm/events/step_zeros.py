@@ -238,10 +238,10 @@ class ZeroSearch:
         motion changes there. `count` is the number of zeros so far. Returns True if the event is irregular, and the
         new number of zeros.
         """
-        lines, place = self.lines, e * self.samples.columns + b
-        is_last, noise = step == self.watch.review.last, lines.noise[place]
+        lines, index = self.lines, e * self.samples.columns + b
+        is_last, noise = step == self.watch.review.last, lines.noise[index]
         if unlikely(is_last):
-            noise = larger(noise, lines.edge_end[place] * self.watch.review.rounded)
+            noise = larger(noise, lines.edge_end[index] * self.watch.review.rounded)
         self.starts[0], self.widths[0], self.tails[0] = 0.0, 1.0, math.inf
         top, halvings, is_irregular, at_zero = 0, 0, False, self.starting[e] != 0
         while top >= 0 and not is_irregular:
@@ -250,17 +250,17 @@ class ZeroSearch:
             begins = at_zero and start == 0.0
             least = noise if begins else 0.0
             given = size, noise, self.tails[top], least
-            known, blur, tail = local_polynomial(self.coefficients, *given, self.powers)
+            known, error, tail = local_polynomial(self.coefficients, *given, self.powers)
             if unlikely(known == 0):
                 is_hopeless = width <= NARROWEST or halvings >= STEP_HALVINGS or not size < math.inf
                 is_irregular = is_hopeless or is_bad or has_no_value
-                half = width * 0.5
-                self.starts[top + 1], self.widths[top + 1], self.tails[top + 1] = start, half, tail
-                self.starts[top], self.widths[top], self.tails[top] = start + half, half, tail
+                half_width = width * 0.5
+                self.starts[top + 1], self.widths[top + 1], self.tails[top + 1] = start, half_width, tail
+                self.starts[top], self.widths[top], self.tails[top] = start + half_width, half_width, tail
                 top, halvings = top + 1, halvings + 1
             else:
                 is_end = (is_last and start + width == 1.0) or (is_cut and limit <= start + width)
-                length, part = smaller((limit - start) / width, 1.0), (start, width, known, blur, size)
+                length, part = smaller((limit - start) / width, 1.0), (start, width, known, error, size)
                 is_irregular, count = self.keep_roots(e, begins, part, length, is_end, count)
                 top = top - 1
         return is_irregular, count
@@ -293,10 +293,10 @@ class ZeroSearch:
         at the end of the search. Returns True if the roots are irregular, as at a jump over zero, and the new number
         of zeros.
         """
-        start, width, known, blur, size = part
-        first, is_irregular, noise = int(begins), False, blur
+        start, width, known, error, size = part
+        first, is_irregular, noise = int(begins), False, error
         if unlikely(begins):
-            is_irregular, noise = self.leave_zero(e, known, blur)
+            is_irregular, noise = self.leave_zero(e, known, error)
         more = 0
         if length > 0.0:
             given = self.powers[first:], known - first, length, noise
@@ -312,15 +312,15 @@ class ZeroSearch:
         return is_irregular, count + more
 
     @inline
-    def leave_zero(self, e: int, known: int, blur: float) -> tuple[bool, float]:
+    def leave_zero(self, e: int, known: int, error: float) -> tuple[bool, float]:
         """Find the side to which event `e` leaves zero; return True if it is irregular, and the error of its slope.
 
-        `known` is the number of its coefficients, and `blur` their error. The slope decides the side. Chebyshev's
+        `known` is the number of its coefficients, and `error` is their error. The slope decides the side. Chebyshev's
         polynomial of degree k has the slope 2 k**2 at the ends of [0, 1]. An event is irregular if it leaves zero in
         the direction in which it reached zero, or if its slope is zero within its error.
         """
         rank, linear = float(max(known - 1, 1)), self.powers[1]
-        noise, slope = 2.0 * rank * rank * blur, linear if known > 1 else 0.0
+        noise, slope = 2.0 * rank * rank * error, linear if known > 1 else 0.0
         side = 1 if slope > 0.0 else -1
         self.signs[e], self.nears[e] = side, 0
         return not abs(slope) > noise or side == self.watch.came[e] - 2, noise

@@ -85,7 +85,9 @@ class Body:
     def __init__(self, p: Builder, program: Program, inputs: Inputs, style: Style = SOURCE) -> None:
         self.p, self.program, self.inputs, self.style = p, program, inputs, style
         self.values: dict[int, Any] = {}
-        self.places = {one: ref for ref, one in enumerate(program.instructions) if one.op in ANGLES}
+        self.places = {
+            instruction: ref for ref, instruction in enumerate(program.instructions) if instruction.op in ANGLES
+        }
         """Numbers of the instructions that compute a sine or a cosine, by instruction."""
         self.vectors: dict[int, list[Real]] = {}
         self.later: dict[int, list[tuple[Memory, int]]] = {}
@@ -115,17 +117,17 @@ class Body:
 
     def loaded(self, ref: int) -> None:
         """Read the result of instruction `ref` from the inputs, unless it has been read or has to be computed."""
-        one, inputs = self.program.instructions[ref], self.inputs
-        if one.op == "component" and one.args[0] in self.later:
-            memory, place = self.later[one.args[0]][one.place]
-            self.values[ref] = memory[place]
-        elif one.op == "state" and ref not in self.values:
+        instruction, inputs = self.program.instructions[ref], self.inputs
+        if instruction.op == "component" and instruction.args[0] in self.later:
+            memory, index = self.later[instruction.args[0]][instruction.place]
+            self.values[ref] = memory[index]
+        elif instruction.op == "state" and ref not in self.values:
             assert inputs.state is not None
-            self.values[ref] = self._named(ref, inputs.state[one.place])
-        elif one.op == "parameter" and ref not in self.values:
-            self.values[ref] = self._named(ref, inputs.parameters[one.place])
+            self.values[ref] = self._named(ref, inputs.state[instruction.place])
+        elif instruction.op == "parameter" and ref not in self.values:
+            self.values[ref] = self._named(ref, inputs.parameters[instruction.place])
         elif ref in inputs.slots and not self.known(ref):
-            self.restore(ref, one, inputs.slots[ref])
+            self.restore(ref, instruction, inputs.slots[ref])
 
     def known(self, ref: int) -> bool:
         """Return True if statements that compute or read the result of an instruction are already in the procedure."""
@@ -137,30 +139,30 @@ class Body:
 
     def value(self, ref: int) -> Any:
         """Return the value that an instruction computed: a number or a condition."""
-        one = self.program.instructions[ref]
-        if one.op == "constant":
-            return self.p.constant(float(one.value), REAL)
-        if one.op == "time":
+        instruction = self.program.instructions[ref]
+        if instruction.op == "constant":
+            return self.p.constant(float(instruction.value), REAL)
+        if instruction.op == "time":
             assert self.inputs.time is not None
             return self.inputs.time
         if ref not in self.values:
             self.loaded(ref)
         return self.values[ref]
 
-    def restore(self, ref: int, one: Instruction, slot: int) -> None:
-        """Read the prepared result of `one`, instruction number `ref`, from index `slot` of the prepared array on."""
+    def restore(self, ref: int, instruction: Instruction, slot: int) -> None:
+        """Read the prepared result of an instruction, number `ref`, from index `slot` of the prepared array on."""
         inputs, held = self.inputs, self.inputs.parameters
-        if one.op == "factor" and not written_out(self.program.eliminations[ref], inputs.largest):
+        if instruction.op == "factor" and not written_out(self.program.eliminations[ref], inputs.largest):
             self.factors[ref] = self.read_factors(self.program.eliminations[ref], held.at(slot))
-        elif one.op == "factor":
+        elif instruction.op == "factor":
             places = self.program.eliminations[ref].places
-            entries = {place: held[slot + k] for k, place in enumerate(places)}
+            entries = {entry: held[slot + k] for k, entry in enumerate(places)}
             self.factors[ref] = FactoredMatrix(entries, ~held[slot + len(places)].equals(0.0), None)
-        elif one.op == "solve":
-            self.vectors[ref] = [held[slot + k] for k in range(one.order)]
+        elif instruction.op == "solve":
+            self.vectors[ref] = [held[slot + k] for k in range(instruction.order)]
         else:
             value = held[slot]
-            self.values[ref] = ~value.equals(0.0) if one.op in CONDITIONS else self._named(ref, value)
+            self.values[ref] = ~value.equals(0.0) if instruction.op in CONDITIONS else self._named(ref, value)
 
     def read_factors(self, plan: Elimination, memory: Memory) -> FactoredMatrix:
         """Return the factors that `factor_dense` wrote to `memory`, as entries if the elimination is written out."""
@@ -172,20 +174,20 @@ class Body:
 
     def save(self, ref: int, out: Memory, slot: int) -> None:
         """Write the result of a hoisted instruction to the prepared array `out`, from index `slot` on."""
-        one, width = self.program.instructions[ref], width_of(self.program, ref, self.inputs.largest)
-        if one.op == "factor":
+        instruction, width = self.program.instructions[ref], width_of(self.program, ref, self.inputs.largest)
+        if instruction.op == "factor":
             held = self.factors[ref]
             if held.memory is None:
                 places = self.program.eliminations[ref].places
-                for k, place in enumerate(places):
-                    out[slot + k] = held.entries.get(place, 0.0)
+                for k, entry in enumerate(places):
+                    out[slot + k] = held.entries.get(entry, 0.0)
                 assert held.trusted is not None
                 out[slot + len(places)] = self.p.real(held.trusted)
             else:
                 target, source = out.at(slot), held.memory
                 with self.p.loop(0, width) as i:
                     target[i] = source[i]
-        elif one.op == "solve":
+        elif instruction.op == "solve":
             for k, value in enumerate(self.vector(ref)):
                 out[slot + k] = value
         else:
@@ -217,72 +219,78 @@ class Body:
 
     def instruction(self, ref: int) -> None:
         """Add the statements of one instruction to the procedure."""
-        one = self.program.instructions[ref]
-        if one.op in GIVEN or self.known(ref):
+        instruction = self.program.instructions[ref]
+        if instruction.op in GIVEN or self.known(ref):
             return
-        if one.op == "factor":
-            self.factor(ref, one)
-        elif one.op == "solve":
-            self.solve(one.args[0], (ref,))
-        elif one.op == "component":
-            if one.args[0] not in self.later:
-                self.values[ref] = self.vector(one.args[0])[one.place]
-        elif (other := self.partner(one)) is not None:
-            sine, cosine = self.p.sine_cosine(self.value(one.args[0]))
-            self.values[ref], self.values[other] = (sine, cosine) if one.op == "sin" else (cosine, sine)
+        if instruction.op == "factor":
+            self.factor(ref, instruction)
+        elif instruction.op == "solve":
+            self.solve(instruction.args[0], (ref,))
+        elif instruction.op == "component":
+            if instruction.args[0] not in self.later:
+                self.values[ref] = self.vector(instruction.args[0])[instruction.place]
+        elif (partner := self.partner(instruction)) is not None:
+            sine, cosine = self.p.sine_cosine(self.value(instruction.args[0]))
+            self.values[ref], self.values[partner] = (sine, cosine) if instruction.op == "sin" else (cosine, sine)
         else:
-            self.values[ref] = self._named(ref, self.p.operation(one.op, *(self.value(arg) for arg in one.args)))
+            self.values[ref] = self._named(
+                ref, self.p.operation(instruction.op, *(self.value(arg) for arg in instruction.args))
+            )
 
-    def partner(self, one: Instruction) -> int | None:
+    def partner(self, instruction: Instruction) -> int | None:
         """Return the index of the cosine of the angle of a sine, or the converse; None if the program lacks it."""
-        return self.places.get(one._replace(op="cos" if one.op == "sin" else "sin")) if one.op in ANGLES else None
+        if instruction.op not in ANGLES:
+            return None
+        return self.places.get(instruction._replace(op="cos" if instruction.op == "sin" else "sin"))
 
     def vector(self, ref: int) -> list[Real]:
         """Return the solution of a solve instruction, entry by entry."""
         if ref in self.later:
-            return [memory[place] for memory, place in self.later[ref]]
+            return [memory[index] for memory, index in self.later[ref]]
         if ref not in self.vectors:
             self.loaded(ref)
         return self.vectors[ref]
 
-    def entries(self, one: Instruction) -> dict[tuple[int, int], Real]:
+    def entries(self, instruction: Instruction) -> dict[tuple[int, int], Real]:
         """Return the entries (i, j), i >= j, of the matrix of a factor instruction that are not identically zero."""
-        found = {}
-        for i in range(one.order):
+        entries = {}
+        for i in range(instruction.order):
             for j in range(i + 1):
-                arg = one.args[i * (i + 1) // 2 + j]
+                arg = instruction.args[i * (i + 1) // 2 + j]
                 entry = self.program.instructions[arg]
                 if entry.op != "constant" or entry.value != 0.0:
-                    found[i, j] = self.value(arg)
-        return found
+                    entries[i, j] = self.value(arg)
+        return entries
 
-    def matrix(self, one: Instruction) -> Memory:
+    def matrix(self, instruction: Instruction) -> Memory:
         """Return memory with the lower triangle of the matrix of a factor instruction, by columns."""
-        n, entries = one.order, self.entries(one)
+        n, entries = instruction.order, self.entries(instruction)
         memory = self.p.reserve(n * n, name="matrix")
-        places = [(i, j) for j in range(n) for i in range(j, n)]
-        if len(entries) * MOSTLY_ZERO < len(places):
+        indices = [(i, j) for j in range(n) for i in range(j, n)]
+        if len(entries) * MOSTLY_ZERO < len(indices):
             with self.p.each(n * n, width=1) as k:
                 memory[k] = 0.0
-            places = list(entries)
-        for i, j in places:
+            indices = list(entries)
+        for i, j in indices:
             memory[j * n + i] = entries.get((i, j), 0.0)
         return memory
 
-    def factor(self, ref: int, one: Instruction) -> None:
-        """Factor the matrix of `one`, instruction number `ref`: written out or in memory, as size and style decide."""
+    def factor(self, ref: int, instruction: Instruction) -> None:
+        """Factor the matrix of an instruction, number `ref`: written out or in memory, as size and style decide."""
         plan, p = self.program.eliminations[ref], self.p
         if written_out(plan, self.style.largest):
-            entries, trusted = elimination.factored(p, plan, self.entries(one))
+            entries, trusted = elimination.factored(p, plan, self.entries(instruction))
             self.factors[ref] = FactoredMatrix(entries, trusted, None)
         else:
-            self.factors[ref] = FactoredMatrix({}, None, self.factored_in_memory(one))
+            self.factors[ref] = FactoredMatrix({}, None, self.factored_in_memory(instruction))
 
-    def factored_in_memory(self, one: Instruction) -> Memory:
-        """Factor the matrix of the factor instruction `one` in memory, and return the memory of the factors."""
+    def factored_in_memory(self, instruction: Instruction) -> Memory:
+        """Factor the matrix of a factor instruction in memory, and return the memory of the factors."""
         failed = self.fails()
-        factors = self.p.reserve(factor_size(one.order), name="factors")
-        failed.value = failed.value | self.p.call(factor_dense.form(), one.order, self.matrix(one), factors)
+        factors = self.p.reserve(factor_size(instruction.order), name="factors")
+        failed.value = failed.value | self.p.call(
+            factor_dense.form(), instruction.order, self.matrix(instruction), factors
+        )
         return factors
 
     def right(self, ref: int) -> list[Real | None]:
@@ -294,26 +302,28 @@ class Body:
         """Solve the systems of the instructions `solves` with the matrix that the instruction `factor` factored."""
         if factor not in self.factors:
             self.loaded(factor)
-        one = self.program.instructions[factor]
+        instruction = self.program.instructions[factor]
         held = self.factors[factor]
         if held.memory is not None and self.style.side_by_side and len(solves) > 1:
             self.by_rows(held.memory, solves)
             return
         right = [self.right(ref) for ref in solves]
-        if held.memory is None and len(solves) * one.order**2 > self.style.substituted:
-            held = self.factors[factor] = FactoredMatrix(held.entries, held.trusted, self.factored_in_memory(one))
+        if held.memory is None and len(solves) * instruction.order**2 > self.style.substituted:
+            held = self.factors[factor] = FactoredMatrix(
+                held.entries, held.trusted, self.factored_in_memory(instruction)
+            )
         if held.memory is None:
             for ref, x in zip(solves, self.written_out(factor, held, right), strict=True):
                 self.vectors[ref] = x
         else:
-            for ref, x in zip(solves, self.in_memory(one.order, held.memory, right), strict=True):
+            for ref, x in zip(solves, self.in_memory(instruction.order, held.memory, right), strict=True):
                 self.vectors[ref] = x
 
     def in_memory(self, n: int, factors: Memory, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
         """Return the solutions of systems of size n, one for each right-hand side, by `factors` in memory."""
         p = self.p
         vector = p.reserve(n * len(right), name="vector")
-        for k, value in enumerate(entry for one in right for entry in one):
+        for k, value in enumerate(entry for right_side in right for entry in right_side):
             vector[k] = 0.0 if value is None else value
         if len(right) == 1:
             p.call(solve_factored.form(), n, factors, vector)
@@ -353,29 +363,31 @@ class Body:
         self, factor: int, held: FactoredMatrix, right: Sequence[Sequence[Real | None]]
     ) -> list[list[Real]]:
         """Return the solutions by the written-out factors `held`, or by pivoting if a pivot is too small."""
-        p, one, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
+        p, instruction, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
         failed = self.fails()
-        entries = self.entries(one) if plan.negative else {}
-        found = [elimination.solved(p, plan, held.entries, b) for b in right]
+        entries = self.entries(instruction) if plan.negative else {}
+        candidates = [elimination.solved(p, plan, held.entries, b) for b in right]
         assert held.trusted is not None
         satisfied = [
-            flag for x, b in zip(found, right, strict=True) for flag in elimination.satisfied(p, plan, entries, x, b)
+            flag
+            for x, b in zip(candidates, right, strict=True)
+            for flag in elimination.satisfied(p, plan, entries, x, b)
         ]
         if not self.style.pivoting:
             tests = satisfied if factor in self.tested else [held.trusted, *satisfied]
             self.tested[factor] = None
             if tests:
                 failed.value = failed.value | ~reduce(and_, tests)
-            return found
+            return candidates
         good = reduce(and_, satisfied, held.trusted)
-        kept = [[p.variable(value) for value in x] for x in found]
+        kept = [[p.variable(value) for value in x] for x in candidates]
         with p.when(~good, likely=False):
             before = dict(self.values)
             if plan.negative:
-                solutions = self.in_a_band(one, plan, right)
+                solutions = self.in_a_band(instruction, plan, right)
             else:
                 # `factor_dense` recognizes definite matrices in any units.
-                solutions = self.in_memory(plan.order, self.factored_in_memory(one), right)
+                solutions = self.in_memory(plan.order, self.factored_in_memory(instruction), right)
             for variables, values in zip(kept, solutions, strict=True):
                 for variable, value in zip(variables, values, strict=True):
                     variable.value = value
@@ -383,21 +395,21 @@ class Body:
         return [[variable.value for variable in x] for x in kept]
 
     def in_a_band(
-        self, one: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]
+        self, instruction: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]
     ) -> list[list[Real]]:
-        """Return solutions for the right-hand sides `right` by banded pivoting, for the sparse matrix of `one`.
+        """Return solutions for the right-hand sides `right` by banded pivoting; the matrix is sparse.
 
         Rows are in the order `ranks` of the plan.
         """
         p, n, failed = self.p, plan.order, self.fails()
         matrix = p.reserve(band_size(n, plan.band), name="matrix")
-        elimination.write_band(p, plan, self.entries(one), matrix)
+        elimination.write_band(p, plan, self.entries(instruction), matrix)
         factors = p.reserve(pivoted_size(n, plan.band), name="factors")
         failed.value = failed.value | p.call(factor_pivoted.form(), n, plan.band, matrix, factors)
-        vector, found = p.reserve(n, name="vector"), []
+        vector, solutions = p.reserve(n, name="vector"), []
         for b in right:
             for rank, value in zip(plan.ranks, b, strict=True):
                 vector[rank] = 0.0 if value is None else value
             p.call(solve_pivoted.form(), n, plan.band, factors, vector)
-            found.append([vector[rank] for rank in plan.ranks])
-        return found
+            solutions.append([vector[rank] for rank in plan.ranks])
+        return solutions

@@ -72,9 +72,9 @@ def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real |
     """Return the solution by the factors `lower`; an entry None of the right-hand side is zero."""
     x = list(right)
 
-    def less(value: Real | None, entry: Real | None, other: Real | None) -> Real | None:
+    def less(value: Real | None, entry: Real | None, factor: Real | None) -> Real | None:
         return (
-            value if entry is None or other is None else p.real(p.fnma(entry, other, 0.0 if value is None else value))
+            value if entry is None or factor is None else p.real(p.fnma(entry, factor, 0.0 if value is None else value))
         )
 
     for i, row in enumerate(plan.rows):
@@ -94,15 +94,15 @@ def satisfied(p: Builder, plan: Elimination, a: Entries, x: Sequence[Real], righ
     If inertias differ by many digits, pivots may be large and the solution still wrong: the force on a light body is
     then the difference of two nearly equal forces.
     """
-    found = []
+    flags = []
     for i in plan.negative:
         value = right[i]
         left = p.real(0.0) if value is None else value
         size = abs(left)
         for j in range(plan.order):
-            place = max(i, j), min(i, j)
-            if place in a:
-                product = a[place] * x[j]
+            entry = max(i, j), min(i, j)
+            if entry in a:
+                product = a[entry] * x[j]
                 left, size = left - product, size + abs(product)
-        found.append(Flag.of(abs(left) <= size * RESIDUAL))
-    return found
+        flags.append(Flag.of(abs(left) <= size * RESIDUAL))
+    return flags

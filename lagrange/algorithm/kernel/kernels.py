@@ -32,7 +32,7 @@ MANY_ZEROS = 32
 
 def cleared_outputs(program: Program) -> frozenset[int]:
     """Return the indices of outputs that are always zero and are cleared in a loop; none if they are few."""
-    zeros = [place for place, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO_CONSTANT]
+    zeros = [index for index, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO_CONSTANT]
     return frozenset(zeros if len(zeros) >= MANY_ZEROS else ())
 
 
@@ -58,7 +58,11 @@ def prepare(
     given = out if parameters is None else parameters
     body = Body(p, program, Inputs(given, {}, names=names or {}, largest=prepared.largest), style)
     if parameters is not None:
-        known = {one.place: ref for ref, one in enumerate(program.instructions) if one.op == "parameter"}
+        known = {
+            instruction.place: ref
+            for ref, instruction in enumerate(program.instructions)
+            if instruction.op == "parameter"
+        }
         for k in range(program.parameters):
             out[k] = body.value(known[k]) if k in known else parameters[k]
     body.run(range(program.hoisted))
@@ -93,9 +97,9 @@ def kernel(
     if cleared:
         with p.each(len(program.outputs), width=1) as k:
             out[k] = 0.0
-    for place, ref in enumerate(program.outputs):
-        if place not in cleared:
-            out[place] = p.real(body.value(ref))
+    for index, ref in enumerate(program.outputs):
+        if index not in cleared:
+            out[index] = p.real(body.value(ref))
     p.leave(p.false if body.singular is None else body.singular.value)
     return p.finish(FLAG)
 
@@ -108,9 +112,9 @@ def kernel_by_value(
     t, state = p.given("t", REAL), [p.given(f"y{i}", REAL) for i in range(program.states)]
     held = p.array("p", size=prepared.size, read=True)
     body = Body(p, program, Inputs(held, prepared.of_program(program), t, largest=prepared.largest), style)
-    for ref, one in enumerate(program.instructions):
-        if one.op == "state":
-            body.values[ref] = state[one.place]
+    for ref, instruction in enumerate(program.instructions):
+        if instruction.op == "state":
+            body.values[ref] = state[instruction.place]
     body.run(range(program.hoisted, len(program.instructions)))
     results = [p.real(body.value(ref)) for ref in outputs]
     p.leave(*results, p.false if body.singular is None else body.singular.value)
@@ -124,12 +128,12 @@ def kernel_through_values(program: Program, prepared: PreparedLayout, by_value: 
     held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))
     state = [y[i] for i in range(program.states)]
     *results, singular = p.call(by_value, t, *state, held)
-    found, place = iter(results), 0
+    values, index = iter(results), 0
     for block in program.results:
         for ref in program.part(block.name):
-            given = next(found) if block.name in program.returned else state[program.instructions[ref].place]
-            out[place] = given
-            place += 1
+            value = next(values) if block.name in program.returned else state[program.instructions[ref].place]
+            out[index] = value
+            index += 1
     p.leave(singular)
     return p.finish(FLAG)
 
@@ -153,7 +157,7 @@ def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
 
 def array_of(name: str) -> Callable[[Procedure], Any]:
     """Return a function from a procedure `formulas` to the type of its parameter `name`."""
-    return lambda formulas: next(one.type for one in formulas.parameters if one.name == name)
+    return lambda formulas: next(parameter.type for parameter in formulas.parameters if parameter.name == name)
 
 
 @procedure(y=array_of("y"), p=array_of("p"), out=array_of("out"))

@@ -37,17 +37,17 @@ class PreparedLayout:
         count = max((program.parameters for program in programs), default=0)
         merged: dict[Instruction, int] = {}
         moved = [_merged(program, merged) for program in programs]
-        whole = Program("prepare", (), count, tuple(merged), len(merged), (), (), (0,))
-        place, saved = count, dict[int, int]()
+        merged_program = Program("prepare", (), count, tuple(merged), len(merged), (), (), (0,))
+        begin, saved = count, dict[int, int]()
         for program, table in zip(programs, moved, strict=True):
             for ref in program.saved:
                 if table[ref] not in saved:
-                    saved[table[ref]] = place
-                    place += width_of(whole, table[ref], largest)
+                    saved[table[ref]] = begin
+                    begin += width_of(merged_program, table[ref], largest)
         slots = [
             {ref: saved[table[ref]] for ref in program.saved} for program, table in zip(programs, moved, strict=True)
         ]
-        return cls(tuple(programs), whole, saved, tuple(slots), place, largest)
+        return cls(tuple(programs), merged_program, saved, tuple(slots), begin, largest)
 
     def of_program(self, program: Program) -> Mapping[int, int]:
         """Return the indices of a program's saved results."""
@@ -57,8 +57,8 @@ class PreparedLayout:
 def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
     """Add the hoisted instructions of a program to `merged`. Return the index in `merged` of each of them."""
     table: list[int] = []
-    for one in program.instructions[: program.hoisted]:
-        moved = one._replace(args=tuple(table[arg] for arg in one.args))
+    for instruction in program.instructions[: program.hoisted]:
+        moved = instruction._replace(args=tuple(table[arg] for arg in instruction.args))
         table.append(merged.setdefault(moved, len(merged)))
     return table
 
@@ -70,8 +70,8 @@ def written_out(plan: Elimination, largest: int = LARGEST_IN_SOURCE) -> bool:
 
 def width_of(program: Program, ref: int, largest: int = LARGEST_IN_SOURCE) -> int:
     """Return the number of doubles that the result of instruction `ref` occupies in the prepared array."""
-    one = program.instructions[ref]
-    if one.op == "factor":
+    instruction = program.instructions[ref]
+    if instruction.op == "factor":
         plan = program.eliminations[ref]
-        return len(plan.places) + 1 if written_out(plan, largest) else factor_size(one.order)
-    return one.order if one.op == "solve" else 1
+        return len(plan.places) + 1 if written_out(plan, largest) else factor_size(instruction.order)
+    return instruction.order if instruction.op == "solve" else 1

@@ -55,11 +55,11 @@ def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
         eliminate(n, a, pivots, k)
     for back in range(n):
         last = n - 1 - back
-        other = chosen[last]
-        if other != last:
+        chosen_column = chosen[last]
+        if chosen_column != last:
             for i in range(n):
                 line = a[i * stride :]
-                line[other], line[last] = line[last], line[other]
+                line[chosen_column], line[last] = line[last], line[chosen_column]
     return singular
 
 
@@ -101,10 +101,10 @@ def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> in
             best, row = size if larger else best, i if larger else row
         return row
     # Compared in pairs: no comparison waits for more than four others.
-    found = tuple(candidate(a, units, k, i, stride) for i in unrolled(n))
+    candidates = tuple(candidate(a, units, k, i, stride) for i in unrolled(n))
     for _ in unrolled((n - 1).bit_length()):
-        found = larger_of_pairs(found)
-    size, row = found[0]
+        candidates = larger_of_pairs(candidates)
+    size, row = candidates[0]
     return row if size >= 0.0 else k
 
 
@@ -116,10 +116,10 @@ def candidate(a: Readable[float], units: Readable[float], k: int, i: int, stride
 
 
 @inline
-def larger_of_pairs(found: tuple[tuple[float, int], ...]) -> tuple[tuple[float, int], ...]:
-    """Return the larger candidate of each pair of neighbours in `found`."""
-    pairs = tuple(larger_of(a, b) for a, b in zip(found[::2], found[1::2], strict=False))
-    return (*pairs, found[-1]) if len(found) % 2 else pairs
+def larger_of_pairs(candidates: tuple[tuple[float, int], ...]) -> tuple[tuple[float, int], ...]:
+    """Return the larger candidate of each pair of neighbours."""
+    pairs = tuple(larger_of(a, b) for a, b in zip(candidates[::2], candidates[1::2], strict=False))
+    return (*pairs, candidates[-1]) if len(candidates) % 2 else pairs
 
 
 @inline
@@ -137,10 +137,10 @@ def eliminate(n: int, a: Writable[float], pivots: Writable[float], k: int) -> No
     its block.
     """
     stride, short = row_stride(n), n <= UNROLLED_ORDER
-    here = a[k * stride :]
-    reciprocal = 1.0 / here[k]
+    pivot_row = a[k * stride :]
+    reciprocal = 1.0 / pivot_row[k]
     for j in each(n, unrolled=short, spill=True):
-        scaled = here[j] * reciprocal
+        scaled = pivot_row[j] * reciprocal
         pivots[j] = reciprocal if j == k else scaled
     for i in range(n):
         row = a[i * stride :]
@@ -149,4 +149,4 @@ def eliminate(n: int, a: Writable[float], pivots: Writable[float], k: int) -> No
             entry = row[j]
             row[j] = fma(factor, pivots[j], 0.0 if j == k else entry)
     for j in each(n, unrolled=short, spill=True):
-        here[j] = pivots[j]
+        pivot_row[j] = pivots[j]

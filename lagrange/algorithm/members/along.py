@@ -231,11 +231,11 @@ class AlongRun:
     def begin(self, reduced: Reduced, t: float, y: In, numbers: In) -> None:
         """Initialize the reductions with the values of the expressions at the start of a member's run."""
         is_singular = generated(self.sampled.kernel, t, y, numbers, reduced.now)
-        for place in unrolled(self.sampled.size):
-            value = reduced.now[place]
-            reduced.now[place] = math.nan if is_singular else value
-        for k, (how, place) in enumerate(self.sampled.reductions):
-            value = reduced.now[place]
+        for index in unrolled(self.sampled.size):
+            value = reduced.now[index]
+            reduced.now[index] = math.nan if is_singular else value
+        for k, (how, index) in enumerate(self.sampled.reductions):
+            value = reduced.now[index]
             signed = value * SIGNS.get(how, 1.0)
             reduced.best[k] = 0.0 if how == "mean" else signed if value == value else -math.inf
             reduced.lost[k] = 0.0
@@ -248,8 +248,8 @@ class AlongRun:
     @inline
     def accept(self, reduced: Reduced) -> None:
         """Add the sampled step, which was accepted, to the reductions."""
-        for place in unrolled(self.sampled.size):
-            reduced.now[place] = reduced.ahead[place]
+        for index in unrolled(self.sampled.size):
+            reduced.now[index] = reduced.ahead[index]
         for k, (how, _) in enumerate(self.sampled.reductions):
             if how == "mean":
                 reduced.best[k], reduced.lost[k] = compensated(reduced.best[k], reduced.tried[k] + reduced.lost[k])
@@ -259,10 +259,10 @@ class AlongRun:
     @inline
     def write(self, reduced: Reduced, duration: float, to: Out) -> None:
         """Write the results of all reductions after a run of a `duration`, by which integrals are divided to means."""
-        for k, (how, place) in enumerate(self.sampled.reductions):
+        for k, (how, index) in enumerate(self.sampled.reductions):
             value = reduced.best[k]
             if how == "mean":
-                now = reduced.now[place]
+                now = reduced.now[index]
                 to[k] = now if duration == 0.0 else value / (1.0 if duration == 0.0 else duration)
             else:
                 to[k] = math.nan if value == -math.inf else value * SIGNS[how]
@@ -285,24 +285,24 @@ def follow_step(
     of Gauss-Lobatto's rule, followed by the weights.
     """
     t, h, degree, size = step.t, step.h, step.degree, sampled.size
-    samples, state, there = reals(SAMPLE_POINTS * size), reals(dimension), reals(size)
+    samples, state, results = reals(SAMPLE_POINTS * size), reals(dimension), reals(size)
     for j in range(1, SAMPLE_POINTS - 1):
         generated(path, points[j], step.ratio, step.memory, state, degree)
-        is_singular = generated(sampled.kernel, fma(h, points[j], t), state, numbers, there)
-        for place in unrolled(size):
-            samples[j + place * SAMPLE_POINTS] = math.nan if is_singular else there[place]
-    ends_singular = generated(sampled.kernel, step.end, step.y, numbers, there)
-    for place in unrolled(size):
-        reduced.ahead[place] = math.nan if ends_singular else there[place]
-        samples[place * SAMPLE_POINTS] = reduced.now[place]
-        samples[place * SAMPLE_POINTS + SAMPLE_POINTS - 1] = reduced.ahead[place]
-    for k, (how, place) in enumerate(sampled.reductions):
-        values = samples[place * SAMPLE_POINTS :]
+        is_singular = generated(sampled.kernel, fma(h, points[j], t), state, numbers, results)
+        for index in unrolled(size):
+            samples[j + index * SAMPLE_POINTS] = math.nan if is_singular else results[index]
+    ends_singular = generated(sampled.kernel, step.end, step.y, numbers, results)
+    for index in unrolled(size):
+        reduced.ahead[index] = math.nan if ends_singular else results[index]
+        samples[index * SAMPLE_POINTS] = reduced.now[index]
+        samples[index * SAMPLE_POINTS + SAMPLE_POINTS - 1] = reduced.ahead[index]
+    for k, (how, index) in enumerate(sampled.reductions):
+        values = samples[index * SAMPLE_POINTS :]
         if how == "mean":
             reduced.tried[k] = h * integral(values, points[SAMPLE_POINTS:])
         else:
             search = search_on_step(sampled, path, dimension)
-            along = t, h, step.ratio, place, step.memory, numbers, degree
+            along = t, h, step.ratio, index, step.memory, numbers, degree
             reduced.tried[k] = generated(search, *along, SIGNS[how], reduced.best[k], values, points)
 
 
@@ -328,7 +328,7 @@ def value_on_step(
     t: float,
     h: float,
     ratio: float,
-    place: int,
+    index: int,
     coefficients: In,
     numbers: In,
     degree: int,
@@ -340,12 +340,12 @@ def value_on_step(
     """Return the value of an expression at a fraction of a step.
 
     The step begins at t and has the length h, `ratio` in the unit of its polynomial, which has `coefficients` and a
-    `degree`. `place` is the index of the expression among the `sampled` ones. The type of the procedure is `VALUE`.
+    `degree`. `index` is the index of the expression among the `sampled` ones. The type of the procedure is `VALUE`.
     """
-    state, there = reals(dimension), reals(sampled.size)
+    state, results = reals(dimension), reals(sampled.size)
     generated(path, fraction, ratio, coefficients, state, degree)
-    is_singular = generated(sampled.kernel, fma(h, fraction, t), state, numbers, there)
-    return math.nan if is_singular else there[place]
+    is_singular = generated(sampled.kernel, fma(h, fraction, t), state, numbers, results)
+    return math.nan if is_singular else results[index]
 
 
 @procedure(step=expression_type)

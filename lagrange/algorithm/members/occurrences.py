@@ -76,23 +76,23 @@ class FirstOccurrences:
     @inline
     def begin(self, seen: WholesOut) -> None:
         """Reset the counts `seen` of occurrences at the start of a member's run."""
-        for place in unrolled(self.kept):
-            seen[place] = 0
+        for event in unrolled(self.kept):
+            seen[event] = 0
 
     @inline
-    def keep(self, arrays: Any, seen: WholesOut, index: int, place: int, t: float, state: In) -> None:
-        """Store an occurrence of event `place` of member `index`, if it is among the first: its time and state.
+    def keep(self, arrays: Any, seen: WholesOut, index: int, event: int, t: float, state: In) -> None:
+        """Store an occurrence of an `event` of member `index`, if it is among the first: its time and state.
 
         `seen` is the number of occurrences of each event so far.
         """
-        number = seen[min(place, max(self.kept - 1, 0))]
-        if place < self.kept and number < arrays.most:
-            slot = (index * self.kept + place) * arrays.most + number
+        number = seen[min(event, max(self.kept - 1, 0))]
+        if event < self.kept and number < arrays.most:
+            slot = (index * self.kept + event) * arrays.most + number
             arrays.occurrence_times[slot] = t
             target = arrays.occurrence_states[slot * self.dimension :]
             for i in each(self.dimension, width=1):
                 target[i] = state[i]
-            seen[place] = number + 1
+            seen[event] = number + 1
 
 
 @dataclass(frozen=True)

@@ -71,11 +71,11 @@ def states_on_step(
     `path` writes the state at a fraction of the step; `sign` is the direction of the run. A time at the end belongs to
     the next step.
     """
-    h, place = end - t, done
-    while outstanding(times, place, end, sign):
-        path((times[place] - t) / h, 1.0, memory, states[place * dimension :], degree)
-        place += 1
-    return place
+    h, index = end - t, done
+    while outstanding(times, index, end, sign):
+        path((times[index] - t) / h, 1.0, memory, states[index * dimension :], degree)
+        index += 1
+    return index
 
 
 @dataclass(frozen=True)
@@ -133,16 +133,16 @@ class MemberStepPath:
     @inline
     def memory(self) -> PathMemory:
         """Return memory for the polynomial of a step."""
-        own = reals(block_size(self.dimension, 1), room=WIDEST_VECTOR)
+        step_memory = reals(block_size(self.dimension, 1), room=WIDEST_VECTOR)
         work = reals(self.size, room=WIDEST_VECTOR)
         c = reals((self.kind.degree + 1) * self.dimension, room=WIDEST_VECTOR)
-        return PathMemory(steps_in(own, self.dimension, 1), work, c)
+        return PathMemory(steps_in(step_memory, self.dimension, 1), work, c)
 
     @inline
     def find(self, memory: PathMemory, table: In, numbers: In) -> None:
         """Write the polynomial of the step. `table` are coefficients of the method, `numbers` those of the law."""
-        own = memory.step.memory
-        self.write((numbers, table), 1, own, own, memory.work, memory.c)
+        step_memory = memory.step.memory
+        self.write((numbers, table), 1, step_memory, step_memory, memory.work, memory.c)
 
 
 @procedure

@@ -213,8 +213,8 @@ def memory_of_member(job: MemberJob, method: MemberMethod) -> Member:
     reduced = None if along is None else along.memory()
     vectors = reals(n), reals(method.observed.size)
     run, counts, floors = Run(), Counts(), reals(n)
-    parts, own = method.memory(job)
-    return Member(numbers, run, counts, floors, parts, *vectors, reduced, own)
+    parts, method_memory = method.memory(job)
+    return Member(numbers, run, counts, floors, parts, *vectors, reduced, method_memory)
 
 
 @inline
@@ -286,17 +286,17 @@ def without_sizes(outcome: int, member: Member, method: MemberMethod) -> int:
 
 
 @inline
-def some_rounded(floors: In, half: int) -> bool:
+def some_rounded(floors: In, coordinate_count: int) -> bool:
     """Return whether the floor of a coordinate or velocity is below `SMALL_FLOOR` times the largest of its kind.
 
-    The first `half` floors are those of the coordinates.
+    The first `coordinate_count` floors are those of the coordinates.
     """
     is_rounded = False
-    for begin in (0, half):
+    for begin in (0, coordinate_count):
         largest = 0.0
-        for i in range(half):
+        for i in range(coordinate_count):
             largest = larger(largest, floors[begin + i])
-        for i in range(half):
+        for i in range(coordinate_count):
             floor = floors[begin + i]
             is_rounded = is_rounded or floor < SMALL_FLOOR * largest
     return is_rounded

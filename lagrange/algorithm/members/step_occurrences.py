@@ -109,18 +109,18 @@ class StepSamples(Samples):
     columns = 1
 
     @inline
-    def gather(self, lines: Lines, places: WholesIn, both: int) -> None:
+    def gather(self, lines: Lines, step_numbers: WholesIn, with_neighbours: int) -> None:
         """Store the end time of the step; its other data are in the block already. Others are unused."""
         lines.t_end[0] = self.end
 
 
-@procedure(watch=lambda: Bundle(ReviewedEvents, {}), own=lambda: Array(room=WIDEST_VECTOR))
+@procedure(watch=lambda: Bundle(ReviewedEvents, {}), step=lambda: Array(room=WIDEST_VECTOR))
 def review_step(
-    watch: ReviewedEvents, numbers: In, table: In, factors: In, own: Out, end: float, *, functions: MemberFunctions
+    watch: ReviewedEvents, numbers: In, table: In, factors: In, step: Out, end: float, *, functions: MemberFunctions
 ) -> int:
     """Find the zeros of events on a step up to the time `end`, and return the reason for the end of the search.
 
-    `own` is the step, `table` has the coefficients of the method, and `factors` perturb a state.
+    `table` has the coefficients of the method, and `factors` perturb a state.
     """
     n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
     path, cubic, given = functions.path("review_"), functions.cubic(), (numbers, table)
@@ -128,18 +128,18 @@ def review_step(
     c, memory = reals((max(degree, 3) + 1) * n, room=WIDEST_VECTOR), reals(work_size(n, events, 1), room=WIDEST_VECTOR)
     paths = path.write, given, degree, 0, functions.events.screened, cubic.write, given, functions.law, numbers
     watched = functions.kernel, numbers, n, events, factors, memory
-    arguments: Any = *paths, own, own, work, c, *watched, None, None, 0, end
+    arguments: Any = *paths, step, step, work, c, *watched, None, None, 0, end
     samples = StepSamples(*arguments)
-    lines, places, is_close = samples.lines(), wholes(1), watch.review.starts != 0
+    lines, step_numbers, is_close = samples.lines(), wholes(1), watch.review.starts != 0
     zeros = step_zeros(samples, lines, watch)
     for e in range(events):
         sign, near = watch.sign[e], watch.near[e]
         is_close = is_close or sign == 0 or near != 0
     if samples.screens and not is_close:
-        is_bad = samples.sift(lines, places)
+        is_bad = samples.sift(lines, step_numbers)
         is_close = samples.some_doubtful(lines, 0) or is_bad
     if not samples.screens or is_close:
-        if unlikely(samples.follow(lines, places) or zeros.begin_at_zero(0)):
+        if unlikely(samples.follow(lines, step_numbers) or zeros.begin_at_zero(0)):
             return IRREGULAR
         if zeros.some_may_vanish(0):
             return zeros.visit(0, 0, samples.sample_fully(lines))

@@ -83,8 +83,8 @@ class StepMembers(MemberMethod):
         self.takes_all = dense is None and step.control is None
         """True if all steps are taken in one call."""
         self.path = None if dense is None else MemberStepPath.of(dense.kind, dense.column, dimension, "path_")
-        whole = polynomial_path.form(entries=tuple(range(dimension)), dimension=dimension)
-        self.outputs = bound(states_on_step.form(), {"path": whole}, prefix="path_")
+        path_form = polynomial_path.form(entries=tuple(range(dimension)), dimension=dimension)
+        self.outputs = bound(states_on_step.form(), {"path": path_form}, prefix="path_")
         self.search = None if dense is None or events is None else StepEventSearch(events, dense, dimension)
         self.watched_type = None if self.search is None else ReviewArguments
 
@@ -101,15 +101,15 @@ class StepMembers(MemberMethod):
     @inline
     def begin(self, job: MemberJob, member: Member) -> None:
         """Clear the entries that the law reads and no step writes: velocities, if the step moves only coordinates."""
-        own = member.own
+        method_memory = member.own
         if self.program.law == "accelerations":
-            velocities = own.work[self.layout.argument + self.layout.length :]
+            velocities = method_memory.work[self.layout.argument + self.layout.length :]
             for i in each(self.layout.length, width=1):
                 velocities[i] = 0.0
         if self.path is not None:
-            own.outputs.done = 0
+            method_memory.outputs.done = 0
         if self.search is not None:
-            self.search.begin(own.search, job.watched)
+            self.search.begin(method_memory.search, job.watched)
 
     @inline
     def attempts(self, job: MemberJob, member: Member) -> int:
@@ -119,17 +119,29 @@ class StepMembers(MemberMethod):
     @inline
     def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:
         """Take a trial step, or all equal steps at once, which finishes the member."""
-        run, counts, own = member.run, member.counts, member.own
+        run, counts, method_memory = member.run, member.counts, member.own
         trials = 0 if last else job.budget if self.takes_all else 1
         before = counts.steps
         if self.path is not None:
-            own.path.step.t[0] = run.t
-            copy_state(member, own.path.step.y, self.dimension)
+            method_memory.path.step.t[0] = run.t
+            copy_state(member, method_memory.path.step.y, self.dimension)
         numbers = member.numbers
         given = Running(
-            job.law, numbers, job.law, numbers, run, counts, member.floors, own.effort, (), (), own.work, None, None
+            job.law,
+            numbers,
+            job.law,
+            numbers,
+            run,
+            counts,
+            member.floors,
+            method_memory.effort,
+            (),
+            (),
+            method_memory.work,
+            None,
+            None,
         )
-        outcome: int = generated(self.steps, given, trials, own.unused, own.unused)
+        outcome: int = generated(self.steps, given, trials, method_memory.unused, method_memory.unused)
         if self.path is not None and counts.steps > before:
             ended = self.follow(self.path, job, member, index)
             outcome = outcome if ended == Outcome.PAUSED else ended
@@ -141,21 +153,21 @@ class StepMembers(MemberMethod):
 
         Return PAUSED or, if an event ends the run, its outcome.
         """
-        run, own = member.run, member.own
-        memory: PathMemory = own.path
+        run, method_memory = member.run, member.own
+        memory: PathMemory = method_memory.path
         step, end = memory.step, run.t
         t = step.t[0]
         direction = -1.0 if job.t1 < job.t0 else 1.0
-        is_due = outstanding(job.output_times, own.outputs.done, end, direction)
+        is_due = outstanding(job.output_times, method_memory.outputs.done, end, direction)
         step.h[0], step.side[0] = end - t, 0.0
         copy_state(member, step.new, self.dimension)
         outcome, part, last = int(Outcome.PAUSED), 1.0, end
         if self.search is not None:
-            outcome, last, part = self.search.look(own.search, job, member, index, step, end)
+            outcome, last, part = self.search.look(method_memory.search, job, member, index, step, end)
             if unlikely(outcome == ENDED_BY_EVENT):
                 run.t = last
                 member.counts.steps -= int(part <= 0.0)
-                move_to(member, own.search.there, self.dimension)
+                move_to(member, method_memory.search.there, self.dimension)
         if self.along is not None:
             path.find(memory, job.table, member.numbers)
             if self.search is not None:
@@ -167,6 +179,6 @@ class StepMembers(MemberMethod):
             if self.along is None:
                 path.find(memory, job.table, member.numbers)
             states, degree = job.outputs[index * (job.wanted * self.dimension) :], path.kind.degree
-            arrays = job.output_times, memory.c, states, self.dimension, degree, own.outputs.done
-            own.outputs.done = generated(self.outputs, t, end, direction, *arrays)
+            arrays = job.output_times, memory.c, states, self.dimension, degree, method_memory.outputs.done
+            method_memory.outputs.done = generated(self.outputs, t, end, direction, *arrays)
         return outcome

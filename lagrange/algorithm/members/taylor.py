@@ -67,12 +67,12 @@ class TaylorMembers(MemberMethod):
     @inline
     def begin(self, job: MemberJob, member: Member) -> None:
         """Reset the compensation, the counters, the scale of time and the outputs."""
-        own = member.own
-        own.held.unproven = 0
-        clear(own.outputs)
-        begin_run(member.run, member.counts, own.taylor, own.held, own.work, self.layout)
+        method_memory = member.own
+        method_memory.held.unproven = 0
+        clear(method_memory.outputs)
+        begin_run(member.run, member.counts, method_memory.taylor, method_memory.held, method_memory.work, self.layout)
         if self.search is not None:
-            self.search.begin(own.search, own.taylor)
+            self.search.begin(method_memory.search, method_memory.taylor)
 
     @inline
     def attempts(self, job: MemberJob, member: Member) -> int:
@@ -86,12 +86,22 @@ class TaylorMembers(MemberMethod):
 
         `last` is true if the budget allows no step after this one.
         """
-        run, counts, own = member.run, member.counts, member.own
+        run, counts, method_memory = member.run, member.counts, member.own
         states = job.outputs[index * (job.wanted * self.dimension) :]
-        watched = None if self.search is None else self.search.arguments(own.search, job, member.numbers)
-        records = run, counts, own.taylor, member.floors, own.held, own.outputs
-        arrays = job.output_times, states, own.unused, own.unused
-        arguments: Any = member.numbers, member.numbers, *records, *arrays, watched, None, None, own.work, self.order
+        watched = None if self.search is None else self.search.arguments(method_memory.search, job, member.numbers)
+        records = run, counts, method_memory.taylor, member.floors, method_memory.held, method_memory.outputs
+        arrays = job.output_times, states, method_memory.unused, method_memory.unused
+        arguments: Any = (
+            member.numbers,
+            member.numbers,
+            *records,
+            *arrays,
+            watched,
+            None,
+            None,
+            method_memory.work,
+            self.order,
+        )
         given = Arguments(job.law, *arguments)
         before = counts.steps
         outcome: int = iteration(given, last, -logarithm(job.rtol), layout=self.layout)
@@ -99,9 +109,17 @@ class TaylorMembers(MemberMethod):
             # Sample the last step while its series is in memory; commit the one before if it is proven.
             if counts.steps > before:
                 self.along.accept(member.reduced)
-            if own.held.unproven != 0:
-                h = own.held.h
-                step = SampledStep(own.held.t, run.t, h, h / own.held.scale, own.work, own.work, self.order)
+            if method_memory.held.unproven != 0:
+                h = method_memory.held.h
+                step = SampledStep(
+                    method_memory.held.t,
+                    run.t,
+                    h,
+                    h / method_memory.held.scale,
+                    method_memory.work,
+                    method_memory.work,
+                    self.order,
+                )
                 self.along.follow(member.reduced, step, member.numbers, job.points)
         if self.search is None:
             return outcome
@@ -115,9 +133,16 @@ class TaylorMembers(MemberMethod):
 
         `last` is true if the budget allows no more steps.
         """
-        own = member.own
-        search.take(own.search, job, index)
-        is_ended = search.is_ended(own.search, outcome, own.held.unproven, last)
+        method_memory = member.own
+        search.take(method_memory.search, job, index)
+        is_ended = search.is_ended(method_memory.search, outcome, method_memory.held.unproven, last)
         if unlikely(is_ended):
-            search.occurrences.keep(job.watched, own.search.seen, index, search.due(own.search), member.run.t, own.work)
+            search.occurrences.keep(
+                job.watched,
+                method_memory.search.seen,
+                index,
+                search.due(method_memory.search),
+                member.run.t,
+                method_memory.work,
+            )
         return ENDED_BY_EVENT if is_ended else outcome

@@ -179,8 +179,8 @@ def product_of(matrix: In, residual: In, solve: SolveLayout, count: int) -> Matr
     """
     length, width, block = solve.length, solve.width, solve.block
     is_short = count * length * (count * width // block if block > 1 else 1) <= UNROLLED_PRODUCT
-    places = [(i, a) for i in unrolled(count) for a in unrolled(length)] if is_short else []
-    terms = [(matrix[(i * length + a) * count * width :], residual[i * width + a]) for i, a in places]
+    indices = [(i, a) for i in unrolled(count) for a in unrolled(length)] if is_short else []
+    terms = [(matrix[(i * length + a) * count * width :], residual[i * width + a]) for i, a in indices]
     return MatrixProduct(matrix, residual, solve, count, terms)
 
 

@@ -193,8 +193,8 @@ class Matrix:
             for j, (r, s) in enumerate(line):
                 for a in range(length):
                     for b in range(length):
-                        place = (i * length + a) * row_stride(order) + j * length + b
-                        self.entries[place] = self.line(b, r, s)[a]
+                        index = (i * length + a) * row_stride(order) + j * length + b
+                        self.entries[index] = self.line(b, r, s)[a]
         return self.invert(order)
 
     @inline
@@ -222,11 +222,11 @@ def weigh_by_rounding(
     """
     work, rows, length, width = vectors.given.work, vectors.layout.rows, solve.length, solve.width
     count, law, shares = solve.solve.count, LAWS[vectors.layout.step.law], reals(len(factors))
-    sizes, places, derivative = work[solve.sizes :], work[solve.places :], work[solve.derivative :]
+    sizes, argument_sizes, derivative = work[solve.sizes :], work[solve.places :], work[solve.derivative :]
     for k, residual in enumerate(solve.solve.residuals):
         vectors.combine(residual, sizes[k * width :], sizes=True)
     for k, argument in enumerate(point.arguments):
-        vectors.combine(argument, places[k * width :], sizes=True)
+        vectors.combine(argument, argument_sizes[k * width :], sizes=True)
     for k, nodes in enumerate(factors):
         share = 0.0
         for node in nodes:
@@ -240,7 +240,7 @@ def weigh_by_rounding(
                 for s in range(law.arguments):
                     for b in range(length):
                         entry = abs(derivative[(s * length + b) * rows + r * length + a])
-                        total = fma(share, entry * places[s * width + b], total)
+                        total = fma(share, entry * argument_sizes[s * width + b], total)
                 sizes[i * width + a] = total
     inverse, weights = work[solve.inverse :], work[solve.weights :]
     for i in range(count):

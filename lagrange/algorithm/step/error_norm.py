@@ -41,7 +41,7 @@ def error_norm(given: Running, *, layout: Layout, control: Control) -> float:
 
     Two error vectors give the norm of DOP853.
     """
-    rtol, floors, work, squares, others = given.run.rtol, given.floors, given.work, 0.0, 0.0
+    rtol, floors, work, squares, second_squares = given.run.rtol, given.floors, given.work, 0.0, 0.0
     for state in unrolled(layout.step.states):
         old, new = work[layout.place(state) :], work[layout.place(layout.new + state) :]
         floor, errors = floors[state * layout.length :], errors_of(work, state, layout)
@@ -49,11 +49,11 @@ def error_norm(given: Running, *, layout: Layout, control: Control) -> float:
             scale = fma(rtol, larger(abs(old[i]), abs(new[i])), floor[i])
             ratio = errors[0][i] / scale
             squares = fma(ratio, ratio, squares)
-            other = errors[1][i] / scale if control.damped else 0.0
-            others = fma(other, other, others)
+            second_error = errors[1][i] / scale if control.damped else 0.0
+            second_squares = fma(second_error, second_error, second_squares)
     n = float(layout.dimension)
     if control.damped:
-        mixed = fma(DAMPING, others, squares)
+        mixed = fma(DAMPING, second_squares, squares)
         return squares / math.sqrt(mixed * n if mixed > 0.0 else 1.0)
     return math.sqrt(squares / n)
 
@@ -101,7 +101,7 @@ def reject(given: Running, cause: float, h: float, moved: bool, *, layout: Layou
 def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> bool:
     """Return True if the entry with the largest error of a trial may be rounding, as defined at `ROUNDED`."""
     states, half = layout.step.states, layout.dimension // 2
-    rounded, others = 0.0, 0.0
+    rounded, significant = 0.0, 0.0
     # Coordinates and velocities have different units.
     for kind in unrolled(2):
         state, begin = (0, kind * half) if states == 1 else (kind, 0)
@@ -118,8 +118,8 @@ def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> boo
             ratio = error / tolerance
             is_small = tolerance < ROUNDED * largest
             rounded = larger(rounded, ratio if is_small else 0.0)
-            others = larger(others, 0.0 if is_small else ratio)
-    return rounded > others
+            significant = larger(significant, 0.0 if is_small else ratio)
+    return rounded > significant
 
 
 @inline

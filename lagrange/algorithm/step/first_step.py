@@ -80,30 +80,30 @@ def first_step(given: Running, span: float, direction: float, *, layout: Layout,
         argument[k] = y[k] * (1 + RELATIVE_PERTURBATION * factor)
     failed_beside = evaluate(given, t, argument, result, layout)
     singular = singular or failed_later or failed_beside
-    doubtful, others, moving, paired = 0.0, 0.0, 0.0, 0.0
+    doubtful, certain, moving, paired = 0.0, 0.0, 0.0, 0.0
     for i in range(half):
         below = i + half
-        here = slope[below]
-        force, place, speed = abs(here), size(y, floors, run.rtol, i), size(y, floors, run.rtol, below)
-        has_place, has_speed = abs(y[i]) > 0.0, abs(y[below]) > 0.0
-        sensed = abs(result[below] - here) / RELATIVE_PERTURBATION
+        acceleration = slope[below]
+        force, position_size, speed = abs(acceleration), size(y, floors, run.rtol, i), size(y, floors, run.rtol, below)
+        has_position, has_speed = abs(y[i]) > 0.0, abs(y[below]) > 0.0
+        sensed = abs(result[below] - acceleration) / RELATIVE_PERTURBATION
         # An acceleration that may be round-off of cancelling terms.
-        doubt = force < CANCELLATION * sensed
-        jerk = abs(later[below] - here) / trial / speed if has_speed else 0.0
+        is_doubtful = force < CANCELLATION * sensed
+        jerk = abs(later[below] - acceleration) / trial / speed if has_speed else 0.0
         part = force / speed
-        other = smaller(force / place if has_place else math.inf, part * part if has_speed else math.inf)
-        square = jerk if jerk > 0.0 else other if has_place or has_speed else 0.0
-        doubtful = larger(doubtful, square if doubt else 0.0)
-        others = larger(others, 0.0 if doubt else square)
+        fallback = smaller(force / position_size if has_position else math.inf, part * part if has_speed else math.inf)
+        square = jerk if jerk > 0.0 else fallback if has_position or has_speed else 0.0
+        doubtful = larger(doubtful, square if is_doubtful else 0.0)
+        certain = larger(certain, 0.0 if is_doubtful else square)
         moving = larger(moving, larger(force, abs(slope[i])))
-        paired = larger(paired, sensed / place if doubt and has_place else 0.0)
-        sensitivity[below] = sensed if doubt else 0.0
-    asked = doubtful > CANCELLATION_DOMINANCE * others or moving == 0.0
+        paired = larger(paired, sensed / position_size if is_doubtful and has_position else 0.0)
+        sensitivity[below] = sensed if is_doubtful else 0.0
+    asked = doubtful > CANCELLATION_DOMINANCE * certain or moving == 0.0
     if follows and given.counts.surveyed == 0 and asked and not singular:
         return NEEDS_SIZES
     if singular:
         return DEFAULT_FIRST * span
-    change = math.sqrt(larger(larger(doubtful, others), paired))
+    change = math.sqrt(larger(larger(doubtful, certain), paired))
     rate = change if change > 0.0 and change < math.inf else rate
     aim = (FIRST_SHARE * run.rtol) ** (1.0 / control.exponent)
     h = smaller(larger(aim / rate if rate > 0.0 else DEFAULT_FIRST * span, least), span)
@@ -139,16 +139,20 @@ def size(y: In, floors: In, rtol: float, i: int) -> float:
 
 
 @inline
-def trial_rate(y: In, slope: In, floors: In, rtol: float, half: int) -> float:
+def trial_rate(y: In, slope: In, floors: In, rtol: float, coordinate_count: int) -> float:
     """Return the rate (1 / time) that determines the trial length, from accelerations alone.
 
-    The first `half` entries of the state are coordinates, the others velocities.
+    The first `coordinate_count` entries of the state are coordinates, the others velocities.
     """
     rate = 0.0
-    for i in range(half):
-        force, place, speed = abs(slope[i + half]), size(y, floors, rtol, i), size(y, floors, rtol, i + half)
-        other = force / speed if abs(y[i + half]) > 0.0 else 0.0
-        rate = larger(rate, math.sqrt(force / place) if abs(y[i]) > 0.0 else other)
+    for i in range(coordinate_count):
+        force, position_size, speed = (
+            abs(slope[i + coordinate_count]),
+            size(y, floors, rtol, i),
+            size(y, floors, rtol, i + coordinate_count),
+        )
+        fallback = force / speed if abs(y[i + coordinate_count]) > 0.0 else 0.0
+        rate = larger(rate, math.sqrt(force / position_size) if abs(y[i]) > 0.0 else fallback)
     return rate
 
 
@@ -163,22 +167,22 @@ def first_floors(given: Running, h: float, longer: float, layout: Layout) -> Non
     y, slope, later = work[0:], work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]
     factor = larger(given.run.share, LEAST_FIRST) * h
     for i in each(layout.width, spill=True, disjoint=True):
-        here, floor = slope[i], floors[i]
-        ahead = abs(fma(later[i] - here, longer, here))
-        still = ahead < math.inf and abs(here) == 0.0
-        reach = factor * (ahead if still else abs(here))
+        start_slope, floor = slope[i], floors[i]
+        ahead = abs(fma(later[i] - start_slope, longer, start_slope))
+        still = ahead < math.inf and abs(start_slope) == 0.0
+        reach = factor * (ahead if still else abs(start_slope))
         floors[i] = max(floor, reach if y[i] == 0.0 else 0.0)
 
 
 @inline
-def noise_floors(floors: Out, sensitivity: In, period: float, half: int) -> None:
+def noise_floors(floors: Out, sensitivity: In, period: float, coordinate_count: int) -> None:
     """Raise the floors above the effect, over a `period`, of rounding errors of accelerations whose terms cancel.
 
     `sensitivity` has the changes of such accelerations under a relative change of the state, zero for all others. The
-    first `half` floors are those of coordinates.
+    first `coordinate_count` floors are those of coordinates.
     """
-    for i in range(half):
-        below = i + half
+    for i in range(coordinate_count):
+        below = i + coordinate_count
         noise = period * SLOPE_NOISE * sensitivity[below]
         floors[i] = larger(floors[i], period * noise)
         floors[below] = larger(floors[below], noise)

@@ -194,10 +194,10 @@ class Kept:
 def kept(layout: Layout, matrix_step: float, solve: SolveLayout, work: NDArray[np.float64]) -> Kept:
     """Return the data of a solve, read from the work array; `matrix_step` is the step length of its matrix."""
 
-    def columns(place: int, vectors: int) -> NDArray[np.float64]:
-        """Return the square matrix that is stored from `place` on, by columns of `vectors` padded vectors."""
+    def columns(begin: int, vectors: int) -> NDArray[np.float64]:
+        """Return the square matrix that is stored from `begin` on, by columns of `vectors` padded vectors."""
         order = vectors * solve.length
-        padded = work[place : place + order * vectors * solve.width].reshape(order, vectors, solve.width)
+        padded = work[begin : begin + order * vectors * solve.width].reshape(order, vectors, solve.width)
         return np.array(padded[:, :, : solve.length].reshape(order, order).T)
 
     derivative = work[solve.derivative : solve.derivative + layout.rows * layout.columns]

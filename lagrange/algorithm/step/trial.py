@@ -84,8 +84,8 @@ def damp(vectors: StepVectors, action: Damp) -> None:
 def add_compensated(vectors: StepVectors, state: int) -> None:
     """Write a new state vector as the compensated sum of the old state and its increment."""
     layout, work, step = vectors.layout, vectors.given.work, vectors.layout.step
-    one = state, step.graph.one
-    added = vectors.terms(tuple([term for term in step.results[state] if term != one]))
+    old_term = state, step.graph.one
+    added = vectors.terms(tuple([term for term in step.results[state] if term != old_term]))
     old, new = vectors.at(state), vectors.at(layout.new + state)
     lost = work[layout.lost + state * layout.width :]
     lost_by_trial = work[layout.lost + (step.states + state) * layout.width :]

@@ -55,17 +55,17 @@ def vectors_of(
 def evaluated(program: Program, t: float, h: float, ratio: float) -> list[float]:
     """Return the results of a straight-line program of the time t, the step length h and the ratio of step lengths."""
     values: list[float] = []
-    for one in program.instructions:
-        if one.op == "time":
+    for instruction in program.instructions:
+        if instruction.op == "time":
             value = t
-        elif one.op == "state":
-            value = h if program.inputs[one.place].name == "h" else ratio
-        elif one.op == "constant":
-            value = float(one.value)
+        elif instruction.op == "state":
+            value = h if program.inputs[instruction.place].name == "h" else ratio
+        elif instruction.op == "constant":
+            value = float(instruction.value)
         else:
-            value = operation(one.op, *[values[arg] for arg in one.args])
+            value = operation(instruction.op, *[values[arg] for arg in instruction.args])
         values = [*values, value]
-    return [values[place] for place in program.outputs]
+    return [values[ref] for ref in program.outputs]
 
 
 @inline

@@ -56,9 +56,9 @@ def defect_is_small(length: float, order: int, first: int, weights: In, work: Ou
     rows, slopes = work[first:][begin:], work[layout.slope + begin :]
     off, most = 0.0, 0.0
     for i in each(layout.padded - begin, **layout.loop):
-        weight, there = weights[begin:][i], rows[i]
-        off = magnitude(off, (there - slopes[i]) * weight)
-        most = magnitude(most, there * weight)
+        weight, new_slope = weights[begin:][i], rows[i]
+        off = magnitude(off, (new_slope - slopes[i]) * weight)
+        most = magnitude(most, new_slope * weight)
     allowed = DEFECT * float(order) / length
     return off <= fma(DEFECT_NOISE, most, allowed)
 
@@ -112,12 +112,12 @@ def record_step(
     counts.steps += 1
     outputs.done = outputs.ahead
     if counts.record != 0:
-        place = counts.rows
-        times[place] = run.t
-        target = rows[place * layout.dimension :]
+        row = counts.rows
+        times[row] = run.t
+        target = rows[row * layout.dimension :]
         for i in each(layout.dimension, width=layout.block, unrolled=layout.chains):
             target[i] = work[i]
-        counts.rows = place + 1
+        counts.rows = row + 1
 
 
 @procedure(apart=True, jet=lambda: JET, floors=floors_type, work=work_type)
@@ -139,14 +139,14 @@ def defect_along_step(
     weights = reals(layout.padded, room=layout.block)
     weigh(rtol, floors, weights, work, layout=layout)
     begin = layout.ahead(order)
-    there, slopes = work[begin:], work[layout.slope :]
+    probe, slopes = work[begin:], work[layout.slope :]
     for j in range(1, PROBES):
         part = s * (float(j) * (1.0 / PROBES))
         for i in each(layout.padded, **layout.loop):
             total, slope = horner(work, order, part, i, layout)
-            there[i] = work[i] + total
+            probe[i] = work[i] + total
             slopes[i] = slope
-        is_singular = jet(fma(part, scale, t), scale, there, prepared, constants, there[layout.rows :], order)
+        is_singular = jet(fma(part, scale, t), scale, probe, prepared, constants, probe[layout.rows :], order)
         first = begin + (layout.rows + layout.width)
         if is_singular or not defect_is_small(s, order, first, weights, work, layout=layout):
             return False
@@ -165,8 +165,8 @@ def state_type() -> Array:
 @procedure(
     apart=True,
     function=lambda: FUNCTION,
-    there=state_type,
-    blur=state_type,
+    end_values=state_type,
+    end_noise=state_type,
     state=state_type,
     moved=state_type,
     work=work_type,
@@ -180,8 +180,8 @@ def verified_step(
     rtol: float,
     s: float,
     noise: In,
-    there: Out,
-    blur: Out,
+    end_values: Out,
+    end_noise: Out,
     state: Out,
     moved: Out,
     sizes: Sizes,
@@ -191,23 +191,25 @@ def verified_step(
     """Halve a step of length s until the series of all watched functions agree with the functions at its end.
 
     The two agree if they differ by at most the tolerance `rtol` or the rounding errors of the functions,
-    `noise` at the start and `blur` at the end. `tilts` perturb a state by rounding; `there`, `blur`, `state`
-    and `moved` are work memory. Returns the new length, and the index of the first function that disagreed on
-    the last step that was halved, or -1. Example: at x = 0 the series of x**40 is zero up to order 39, and does
-    not show that the function rises.
+    `noise` at the start and `end_noise` at the end. `tilts` perturb a state by rounding. `end_values`,
+    `end_noise`, `state` and `moved` are work memory. Returns the new length, and the index of the first function
+    that disagreed on the last step that was halved, or -1. Example: at x = 0 the series of x**40 is zero up to
+    order 39, and does not show that the function rises.
     """
     layout = layout_of(sizes)
     again, halvings, limiting = True, 0, -1
     while again and halvings < VERIFIED_HALVINGS:
         end = t + s * scale
         state_on_step(s, state, sizes, work, order)
-        if function(end, state, numbers, there):
+        if function(end, state, numbers, end_values):
             return s, limiting
-        wrong = disagreeing(s, rtol, noise, None, there, work, order, layout)
+        wrong = disagreeing(s, rtol, noise, None, end_values, work, order, layout)
         if wrong >= 0:
             # Rounding of the state at the end may cause the difference.
-            event_noise(function, numbers, tilts, end, layout.dimension, layout.watched, state, there, blur, moved)
-            wrong = disagreeing(s, rtol, noise, blur, there, work, order, layout)
+            event_noise(
+                function, numbers, tilts, end, layout.dimension, layout.watched, state, end_values, end_noise, moved
+            )
+            wrong = disagreeing(s, rtol, noise, end_noise, end_values, work, order, layout)
         again = wrong >= 0
         limiting = wrong if again else limiting
         s = s * 0.5 if again else s
@@ -217,11 +219,11 @@ def verified_step(
 
 @inline
 def disagreeing(
-    s: float, rtol: float, noise: In, blur: In | None, there: In, work: Out, order: int, layout: Any
+    s: float, rtol: float, noise: In, end_noise: In | None, end_values: In, work: Out, order: int, layout: Any
 ) -> int:
     """Return the index of the first series whose sum at the end of a step differs from its function there, or -1.
 
-    `there` are the functions at the end; `noise` and `blur` are their noise at the start and, if known, at the end.
+    `noise` is that of the functions at the start; `end_noise` is None if unknown.
     """
     tolerance, wrong = larger(rtol, 2.0**-52), -1
     first = row(work, 0, layout)[layout.watched_at :]
@@ -231,8 +233,8 @@ def disagreeing(
             term = first[i:][k * layout.width] * power
             total, most = total + term, magnitude(most, term)
             power *= s
-        doubt = noise[i] if blur is None else noise[i] + blur[i]
-        allowed = EVENT_SLACK * fma(tolerance, most, doubt)
-        is_off = not abs(total - there[i]) <= allowed
+        total_noise = noise[i] if end_noise is None else noise[i] + end_noise[i]
+        allowed = EVENT_SLACK * fma(tolerance, most, total_noise)
+        is_off = not abs(total - end_values[i]) <= allowed
         wrong = i if is_off and wrong < 0 else wrong
     return wrong

@@ -228,8 +228,8 @@ def start_of_series(c: In, count: int, unit: float, tolerance: float, noise: flo
         near[k] = term
         total = total + (0.0 if k == 0 else abs(term))
         power *= far
-    doubt = DOUBT * total if total < math.inf else 0.0
-    if not abs(near[0]) <= margin + doubt:
+    rounding = DOUBT * total if total < math.inf else 0.0
+    if not abs(near[0]) <= margin + rounding:
         return sign_of(near[0], 0.0), 0
     for k in range(1, count):
         if abs(near[k]) > DOUBT * total:
@@ -334,12 +334,12 @@ def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In
     total = abs(start) + rate + rest
     if is_linear(side * start, side * (start + slope), total, rest, noise):
         return 0
-    doubt = noise + POLYNOMIAL_NOISE * total
+    error = noise + POLYNOMIAL_NOISE * total
     is_monotonic = 2.0 * rate > SURELY * (rate + rates)
     is_usual = is_plain_step(s, order + 1) and is_plain(total, noise)
-    there = sign_of(end, doubt)
-    is_decided = is_usual and is_monotonic and sign != 0 and sign_of(start, doubt) == sign and there != 0
-    return (0 if there == sign else there) if is_decided else 2
+    end_sign = sign_of(end, error)
+    is_decided = is_usual and is_monotonic and sign != 0 and sign_of(start, error) == sign and end_sign != 0
+    return (0 if end_sign == sign else end_sign) if is_decided else 2
 
 
 @procedure
@@ -398,10 +398,10 @@ def doubtful_events(s: float, everything: bool, doubtful: Out, work: Out, order:
         start = rows[i]
         end = fma(rows[width:][i], s, start)
         outweighs = smaller(abs(start), abs(end)) > sum_beyond_linear(rows, width, order, s, i)
-        doubt = 0.0 if outweighs and start * end > 0.0 else 1.0
-        doubt = 1.0 if everything else doubt
-        doubtful[i] = doubt
-        number += doubt
+        flag = 0.0 if outweighs and start * end > 0.0 else 1.0
+        flag = 1.0 if everything else flag
+        doubtful[i] = flag
+        number += flag
     return number > 0.0
 
 

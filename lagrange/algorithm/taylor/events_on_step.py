@@ -94,19 +94,21 @@ class Zeros:
 def zeros_of(watched: Watched, number: int, layout: Any) -> Zeros:
     """Return one of the two lists of zeros in the scratch memory; `number` is 0 or 1."""
     times = real_part(watched, "times", layout, number * MOST_ZEROS)
-    places, directions = [whole_part(watched, "zeros", layout, (2 * number + i) * MOST_ZEROS) for i in (0, 1)]
+    indices, directions = [whole_part(watched, "zeros", layout, (2 * number + i) * MOST_ZEROS) for i in (0, 1)]
     signs, nears = [whole_part(watched, "ends", layout, 2 * number + i) for i in (0, 1)]
-    return Zeros(times, places, directions, signs, nears)
+    return Zeros(times, indices, directions, signs, nears)
 
 
 @procedure(apart=True, watched=watched_type)
-def zeros_on_step(s: float, whole: float, zeros: Zeros, doubtful: In, watched: Watched, last: bool, until: bool) -> int:
+def zeros_on_step(
+    s: float, stored_length: float, zeros: Zeros, doubtful: In, watched: Watched, last: bool, until: bool
+) -> int:
     """Find the zeros of watched functions on a step of length s, in order. Return their number, or -1 on failure.
 
     With `until`, only zeros up to the first that certainly changes the motion, and simultaneous ones, are needed. The
     search then ends at twice the time of that zero, or at `SEARCH_MARGIN` of the step after it if that is later. There,
-    simultaneous zeros are clearly passed. `whole` is the length of the step whose terms are stored. `last` is true if
-    the run ends at the end of the step.
+    simultaneous zeros are clearly passed. `stored_length` is that of the step whose terms are stored. `last` is true
+    if the run ends at the end of the step.
     """
     layout = layout_of(watched.sizes)
     before, came_near = whole_part(watched, "sides", layout), whole_part(watched, "sides", layout, 1)
@@ -115,7 +117,7 @@ def zeros_on_step(s: float, whole: float, zeros: Zeros, doubtful: In, watched: W
     for i in range(layout.watched):
         zeros.signs[i], zeros.nears[i] = before[i], came_near[i]
         if doubtful[i] != 0.0:
-            more = find_zeros(i, count, far, s, whole, last, zeros, watched)
+            more = find_zeros(i, count, far, s, stored_length, last, zeros, watched)
             if more < 0:
                 return -1
             for j in range(count, count + more):
@@ -134,12 +136,14 @@ def zeros_on_step(s: float, whole: float, zeros: Zeros, doubtful: In, watched: W
 
 
 @procedure(watched=watched_type)
-def find_zeros(i: int, to: int, s: float, step: float, whole: float, last: bool, zeros: Zeros, watched: Watched) -> int:
+def find_zeros(
+    i: int, to: int, s: float, step: float, stored_length: float, last: bool, zeros: Zeros, watched: Watched
+) -> int:
     """Write the zeros of watched function i up to s, from index `to` on. Return their number, or -1 on failure.
 
     The sums of the terms of its series usually decide. Otherwise roots are isolated. A function that starts at zero is
-    divided by time, which removes that root: the next one may be close. `whole` is the length of the step whose terms
-    are stored. `last` is true if the run ends at the end of the step.
+    divided by time, which removes that root: the next one may be close. `stored_length` is that of the step whose
+    terms are stored. `last` is true if the run ends at the end of the step.
     """
     layout, order = layout_of(watched.sizes), watched.order
     rows = row(watched.work, 0, layout)[layout.watched_at :]
@@ -150,7 +154,7 @@ def find_zeros(i: int, to: int, s: float, step: float, whole: float, last: bool,
     c, counts = real_part(watched, "columns", layout)[i * COLUMN :], whole_part(watched, "counts", layout)
     answer = 2
     is_smooth = not begins and not is_near
-    if likely(is_smooth and s == whole):
+    if likely(is_smooth and s == stored_length):
         answer = only_zero(s, order, sign, noise, terms, sums)
     else:
         if not read_column(rows[i:], layout.width, order, c, counts[i:]):
@@ -244,9 +248,9 @@ def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched
 @inline
 def verified_length(step: InspectedStep, length: float, watched: Watched, layout: Any) -> float:
     """Return a length of the step, at most `length`, at whose end the watched functions agree with their series."""
-    noise, there, blur = [real_part(watched, part, layout) for part in ("noise", "there", "blur")]
+    noise, end_values, end_noise = [real_part(watched, part, layout) for part in ("noise", "end_values", "end_noise")]
     functions = watched.values, own_numbers(watched), watched.tilts
-    scratch = noise, there, blur, new_entries(watched, layout), moved_state(watched, layout)
+    scratch = noise, end_values, end_noise, new_entries(watched, layout), moved_state(watched, layout)
     series = watched.sizes, watched.work, watched.order
     verified, limiting = verified_step(*functions, step.t, step.scale, step.rtol, length, *scratch, *series)
     watched.watch.limiting = limiting if verified < length else watched.watch.limiting
@@ -293,30 +297,30 @@ def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched
     Unless the zeros are `proven`, a function whose zero is not exactly at the end must vanish there within its noise.
     """
     layout = layout_of(watched.sizes)
-    places, directions = [whole_part(watched, "due", layout, i) for i in (0, 1)]
+    indices, directions = [whole_part(watched, "due", layout, i) for i in (0, 1)]
     rows, noises = row(watched.work, 0, layout)[layout.watched_at :], real_part(watched, "noise", layout)
     number = due
     for j in range(count):
-        place = zeros.places[j]
-        if abs(zeros.times[j] - at) <= close and not is_due(place, number, watched, layout):
+        index = zeros.places[j]
+        if abs(zeros.times[j] - at) <= close and not is_due(index, number, watched, layout):
             is_zero = proven or zeros.times[j] == at
             if not is_zero:
-                c = real_part(watched, "columns", layout)[place * COLUMN :]
-                counts = whole_part(watched, "counts", layout)[place:]
-                is_zero = read_column(rows[place:], layout.width, watched.order, c, counts)
-                is_zero = is_zero and vanishes(c, watched.order + 1, at, noises[place])
+                c = real_part(watched, "columns", layout)[index * COLUMN :]
+                counts = whole_part(watched, "counts", layout)[index:]
+                is_zero = read_column(rows[index:], layout.width, watched.order, c, counts)
+                is_zero = is_zero and vanishes(c, watched.order + 1, at, noises[index])
             if is_zero:
-                places[number], directions[number] = place, zeros.directions[j]
+                indices[number], directions[number] = index, zeros.directions[j]
                 number += 1
     return number
 
 
 @inline
-def is_due(place: int, due: int, watched: Watched, layout: Any) -> Any:
-    """Return True if watched function number `place` is in the list of due functions, which has the length `due`."""
-    places, is_there = whole_part(watched, "due", layout), False
+def is_due(index: int, due: int, watched: Watched, layout: Any) -> Any:
+    """Return True if watched function number `index` is in the list of due functions, which has the length `due`."""
+    indices, is_there = whole_part(watched, "due", layout), False
     for j in range(due):
-        is_there = is_there or places[j] == place
+        is_there = is_there or indices[j] == index
     return is_there
 
 
@@ -324,10 +328,10 @@ def is_due(place: int, due: int, watched: Watched, layout: Any) -> Any:
 def terminates(work: In, order: int, layout: RecordedLayout) -> bool:
     """Return True if the series of the state terminate: then they do not limit the step."""
     last, before = row(work, order, layout), row(work, order - 1, layout)
-    place = 0
-    while place < layout.dimension and last[place] == 0.0 and before[place] == 0.0:
-        place += 1
-    return place == layout.dimension
+    index = 0
+    while index < layout.dimension and last[index] == 0.0 and before[index] == 0.0:
+        index += 1
+    return index == layout.dimension
 
 
 @procedure(watched=watched_type)
@@ -412,15 +416,15 @@ def first_change(zeros: Zeros, count: int, before: float, watched: Watched) -> i
     for i in range(layout.watched):
         seen[i] = counted[i]
     for j in range(count):
-        place, direction = zeros.places[j], zeros.directions[j]
+        index, direction = zeros.places[j], zeros.directions[j]
         changes = direction != 0
-        if is_event(watched, place):
-            counts = counts_as_event(watched, place, direction, layout)
-            number = seen[place] + 1
-            ends_run = is_last(watched, place, number, layout)
-            changes = counts and (setting(watched, RESET_SIZE, place, layout) > 0 or ends_run)
+        if is_event(watched, index):
+            counts = counts_as_event(watched, index, direction, layout)
+            number = seen[index] + 1
+            ends_run = is_last(watched, index, number, layout)
+            changes = counts and (setting(watched, RESET_SIZE, index, layout) > 0 or ends_run)
             if counts:
-                seen[place] = number
+                seen[index] = number
         if changes and zeros.times[j] < before:
             return j
     return -1
@@ -468,12 +472,12 @@ def accept(
     taylor.inspect = int(inspects)
     slot = watch.done
     for j in range(count):
-        place, time = zeros.places[j], zeros.times[j]
-        counts = is_event(watched, place) and counts_as_event(watched, place, zeros.directions[j], layout)
-        distance = close * CLOSE_ROOTS if is_due(place, due, watched, layout) else close
+        index, time = zeros.places[j], zeros.times[j]
+        counts = is_event(watched, index) and counts_as_event(watched, index, zeros.directions[j], layout)
+        distance = close * CLOSE_ROOTS if is_due(index, due, watched, layout) else close
         if counts and time < end - distance:
-            present[COUNT][place] += 1
-            state = write_event(watched, slot, (step.t + step.low) + time * step.scale, place, layout)
+            present[COUNT][index] += 1
+            state = write_event(watched, slot, (step.t + step.low) + time * step.scale, index, layout)
             state_on_step(time, state, watched.sizes, watched.work, watched.order)
             slot += 1
     watch.ahead, watch.due, watch.unproven = slot, 0, 1

@@ -112,7 +112,7 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
     reach = logarithm(smaller(abs(left), run.longest) / abs(scale))
     if unlikely(not fits(given, exponent, reach, is_ending)):
         return rescale(taylor, exponent, reach, is_ending)
-    s, whole, final, is_small = length_of_step(given, t, scale, left, exponent)
+    s, rounded_exponent, final, is_small = length_of_step(given, t, scale, left, exponent)
     if unlikely(is_small):
         return Outcome.STEP_TOO_SMALL
     h = left if final else s * scale
@@ -137,7 +137,7 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
             return Outcome.PAUSED
     raise_floors(run.share, given.floors, work, layout=layout)
     # A series that terminates does not estimate the next step.
-    longer = two_to(int(0.0 if whole > LARGEST_SCALE_RATIO else whole))
+    longer = two_to(int(0.0 if rounded_exponent > LARGEST_SCALE_RATIO else rounded_exponent))
     if unlikely(not advance(s, longer, work, order, layout=layout)):
         return Outcome.NON_FINITE
     move_on(given, t, h, final)
@@ -164,14 +164,14 @@ def length_of_step(
     run, taylor = given.run, given.taylor
     inverse = 1.0 / abs(scale)
     whole_way = abs(left) * inverse
-    own = smaller(run.longest, taylor.limit)
-    bound = smaller(smaller(own, taylor.next_limit) * inverse, whole_way)
+    limit = smaller(run.longest, taylor.limit)
+    bound = smaller(smaller(limit, taylor.next_limit) * inverse, whole_way)
     spacing = larger(abs(t), EARLIEST) * SPACING
-    natural, whole = power(exponent)
+    natural, rounded_exponent = power(exponent)
     is_bounded = natural * STRETCH_TO_END >= bound
     final = is_bounded and bound == whole_way
-    is_small = smaller(natural, own * inverse) < spacing * inverse and not final
-    return bound if is_bounded else natural, whole, final, is_small
+    is_small = smaller(natural, limit * inverse) < spacing * inverse and not final
+    return bound if is_bounded else natural, rounded_exponent, final, is_small
 
 
 @inline

@@ -44,34 +44,34 @@ AT_REST = 4.0
 
 @procedure(apart=True, watched=watched_type)
 def sides_at_start(
-    t: float, scale: float, rtol: float, margin: float, place: int, numbers: In, there: In, watched: Watched
+    t: float, scale: float, rtol: float, margin: float, index: int, numbers: In, start_state: In, watched: Watched
 ) -> bool:
     """Determine the sides at the start of a motion, and the functions that start at zero.
 
-    The state at the start, its compensation and its series are in the work array `there`. The watched function with
-    index `place`, which changed the motion, counts as zero up to `margin`. The result is False if the sides are
+    `start_state` has the state at the start, its compensation and its series. The watched function with this
+    `index`, which changed the motion, counts as zero up to `margin`. The result is False if the sides are
     undecided: a series is not finite; that function does not leave zero at once; or another one starts at zero. At the
-    start of a run `place` is -1, and an event without reset may start at zero.
+    start of a run `index` is -1, and an event without reset may start at zero.
     """
     layout, count = layout_of(watched.sizes), watched.order + 1
-    series = there[layout.rows :]
+    series = start_state[layout.rows :]
     signs, starting = whole_part(watched, "begun", layout), whole_part(watched, "begun", layout, 1)
     values, noise = real_part(watched, "values", layout), real_part(watched, "noise", layout)
     c, first = reals(MOST_COEFFICIENTS + 1), series[layout.watched_at :]
     for i in range(layout.watched):
         values[i] = first[i]
-    write_noise(watched, numbers, t, there, layout)
+    write_noise(watched, numbers, t, start_state, layout)
     unit = comparable_unit(t, scale)
     tolerance = larger(rtol, 2.0**-52) * EVENT_SLACK
     for i in range(layout.watched):
         if not copy_series(first[i:], layout.width, count, c):
             return False
-        is_own, doubt = i == place, noise[i]
-        allowed = larger(doubt, margin) if is_own else doubt
-        sign, leading = start_of_series(c, count, unit, tolerance, doubt, allowed)
+        is_own, own_noise = i == index, noise[i]
+        allowed = larger(own_noise, margin) if is_own else own_noise
+        sign, leading = start_of_series(c, count, unit, tolerance, own_noise, allowed)
         turns = setting(watched, RESET_SIZE, i, layout) > 0 and sign == setting(watched, DIRECTION, i, layout)
         is_quiet = is_event(watched, i) and setting(watched, ROOT, i, layout) == 0 and not turns
-        if leading != 0 and not ((is_own and leading == 1) or (place < 0 and is_quiet)):
+        if leading != 0 and not ((is_own and leading == 1) or (index < 0 and is_quiet)):
             return False
         signs[i], starting[i] = sign, leading
     return True
@@ -123,61 +123,61 @@ def reset_state(
     layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):
         return False
-    place = whole_part(watched, "due", layout)[0]
-    number = side(watched, COUNT, layout)[place] + 1
-    if watch.checked != 0 or setting(watched, RESET_SIZE, place, layout) == 0:
+    index = whole_part(watched, "due", layout)[0]
+    number = side(watched, COUNT, layout)[index] + 1
+    if watch.checked != 0 or setting(watched, RESET_SIZE, index, layout) == 0:
         return False
-    if is_last(watched, place, number, layout) or watch.done >= watch.room:
+    if is_last(watched, index, number, layout) or watch.done >= watch.room:
         return False
-    there = work[layout.ahead(watched.order) :]
+    new_state = work[layout.ahead(watched.order) :]
     for i in range(layout.padded):
-        there[i], there[i + layout.lost] = work[i], 0.0
+        new_state[i], new_state[i + layout.lost] = work[i], 0.0
     results = new_entries(watched, layout)
     if watched.resets(t, work, watched.reset_numbers, results):
         return False
-    first, size = setting(watched, RESET_AT, place, layout), setting(watched, RESET_SIZE, place, layout)
+    first, size = setting(watched, RESET_AT, index, layout), setting(watched, RESET_SIZE, index, layout)
     entries = watched.settings[layout.watched * SETTINGS :]
     for j in range(first, first + size):
-        there[entries[j]] = results[j]
+        new_state[entries[j]] = results[j]
         if not abs(results[j]) < math.inf:
             return False
-    if jet(t, taylor.scale, there, prepared, constants, there[layout.rows :], watched.order):
+    if jet(t, taylor.scale, new_state, prepared, constants, new_state[layout.rows :], watched.order):
         return False
-    if not sides_after_reset(t, taylor.scale, rtol, place, there, watched):
+    if not sides_after_reset(t, taylor.scale, rtol, index, new_state, watched):
         return False
-    state = write_event(watched, watch.done, t, place, layout)
+    state = write_event(watched, watch.done, t, index, layout)
     for i in range(layout.dimension):
         state[i] = work[i]
     watch.done += 1
     watch.ahead, watch.due = watch.done, 0
-    watch.changed, watch.changed_at = t, place
+    watch.changed, watch.changed_at = t, index
     watch.jumps += 1
-    side(watched, COUNT, layout)[place] = number
+    side(watched, COUNT, layout)[index] = number
     put_sides(watched, layout)
     for i in range(layout.padded * 2):
-        work[i] = there[i]
+        work[i] = new_state[i]
     taylor.low, taylor.next_limit, taylor.inspect = 0.0, math.inf, 1
     if counts.record != 0:
         row = counts.rows
         times[row] = t
         for i in range(layout.dimension):
-            rows[row * layout.dimension :][i] = there[i]
+            rows[row * layout.dimension :][i] = new_state[i]
         counts.rows = row + 1
     return True
 
 
-@procedure(watched=watched_type, there=work_type)
-def sides_after_reset(t: float, scale: float, rtol: float, place: int, there: Out, watched: Watched) -> bool:
-    """Determine the sides after a reset by the event with index `place`, the only one that may start at zero there.
+@procedure(watched=watched_type, new_state=work_type)
+def sides_after_reset(t: float, scale: float, rtol: float, index: int, new_state: Out, watched: Watched) -> bool:
+    """Determine the sides after a reset by the event with this `index`, the only one that may start at zero there.
 
     An event function that the reset does not change keeps its side, as in
     `lagrange.trajectory.events.motion_start.sides_behind`. An event function that came near zero may have touched zero:
     then the result is False, and the caller handles the reset.
     """
     layout, watch = layout_of(watched.sizes), watched.watch
-    new, old = [memory[layout.rows :][layout.watched_at :] for memory in (there, watched.work)]
-    margin = abs(old[place]) * AT_REST
-    if not sides_at_start(t, scale, rtol, margin, place, own_numbers(watched), there, watched):
+    new, old = [memory[layout.rows :][layout.watched_at :] for memory in (new_state, watched.work)]
+    margin = abs(old[index]) * AT_REST
+    if not sides_at_start(t, scale, rtol, margin, index, own_numbers(watched), new_state, watched):
         return False
     signs, noise = whole_part(watched, "begun", layout), real_part(watched, "noise", layout)
     for i in range(watch.surfaces):
@@ -185,7 +185,7 @@ def sides_after_reset(t: float, scale: float, rtol: float, place: int, there: Ou
             return False
     for i in range(watch.surfaces, layout.watched):
         sign, root = side(watched, SIGN, layout)[i], setting(watched, ROOT, i, layout)
-        stays = abs(new[i] - old[i]) <= noise[i] and sign != 0 and i != place and root == 0
+        stays = abs(new[i] - old[i]) <= noise[i] and sign != 0 and i != index and root == 0
         if stays:
             if side(watched, NEAR, layout)[i] != 0:
                 return False
@@ -211,42 +211,42 @@ def cross_surface(
     layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):
         return False
-    place, direction = [whole_part(watched, "due", layout, i)[0] for i in (0, 1)]
+    index, direction = [whole_part(watched, "due", layout, i)[0] for i in (0, 1)]
     combination = watch.combination
     if combination < 0 or watch.switches >= watch.room:
         return False
     power = 1
-    for _ in range(place):
+    for _ in range(index):
         power *= 2
     above = quotient(combination, power) - quotient(combination, power * 2) * 2
     if direction != 1 - above * 2:
         return False
-    other = combination + (1 - above * 2) * power
-    numbers = watched.combinations[other]
+    new_combination = combination + (1 - above * 2) * power
+    numbers = watched.combinations[new_combination]
     if numbers < 0:
         return False
-    there = work[layout.ahead(watched.order) :]
+    new_state = work[layout.ahead(watched.order) :]
     for i in range(layout.padded * 2):
-        there[i] = work[i]
-    scale, others = taylor.scale, watched.value_numbers[numbers:]
-    if jet(t, scale, there, prepared[numbers:], constants[numbers:], there[layout.rows :], watched.order):
+        new_state[i] = work[i]
+    scale, surface_numbers = taylor.scale, watched.value_numbers[numbers:]
+    if jet(t, scale, new_state, prepared[numbers:], constants[numbers:], new_state[layout.rows :], watched.order):
         return False
-    if not sides_at_start(t, scale, rtol, math.inf, place, others, there, watched):
+    if not sides_at_start(t, scale, rtol, math.inf, index, surface_numbers, new_state, watched):
         return False
     signs, starting = whole_part(watched, "begun", layout), whole_part(watched, "begun", layout, 1)
-    if starting[place] != 1:
+    if starting[index] != 1:
         return False
     for i in range(watch.surfaces):
         before = side(watched, SIGN, layout)[i]
-        if signs[i] != (direction if i == place else before):
+        if signs[i] != (direction if i == index else before):
             return False
-    watch.combination, watch.numbers = other, numbers
+    watch.combination, watch.numbers = new_combination, numbers
     slot = watch.switches
-    watched.switch_rows[slot], watched.switch_combinations[slot] = counts.steps + watch.jumps, other
+    watched.switch_rows[slot], watched.switch_combinations[slot] = counts.steps + watch.jumps, new_combination
     watch.switches = slot + 1
     for i in range(layout.watched):
-        side(watched, STARTING, layout)[i] = int(i == place)
-    side(watched, SIGN, layout)[place], side(watched, NEAR, layout)[place] = direction, 0
-    watch.changed, watch.changed_at, watch.due = t, place, 0
+        side(watched, STARTING, layout)[i] = int(i == index)
+    side(watched, SIGN, layout)[index], side(watched, NEAR, layout)[index] = direction, 0
+    watch.changed, watch.changed_at, watch.due = t, index, 0
     taylor.next_limit, taylor.inspect = math.inf, 1
     return True

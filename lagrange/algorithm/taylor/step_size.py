@@ -94,9 +94,9 @@ def logarithm(x: float) -> float:
 @procedure
 def power(x: float) -> tuple[float, float]:
     """Return 2**x to two digits, and x rounded to an integer, both for x up to `LARGEST_STEP_EXPONENT`."""
-    whole = nearest(x)
-    fraction = polynomial(x - whole, EXP2)
-    bounded = smaller(whole, LARGEST_STEP_EXPONENT)
+    rounded = nearest(x)
+    fraction = polynomial(x - rounded, EXP2)
+    bounded = smaller(rounded, LARGEST_STEP_EXPONENT)
     return fraction * two_to(int(bounded)), bounded
 
 

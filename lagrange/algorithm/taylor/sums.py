@@ -83,8 +83,10 @@ def chained_sum(work: In, order: int, powers: tuple[float, float, float], i: int
     longer = order - steps * 4
     chains = tuple([top_of_chain(work, first, steps, longer >= first, fourth, i, layout) for first in FIRST])
     for j in range(2, steps + 1):
-        places = [row(work, first + 4 * (steps - j), layout) for first in FIRST]
-        chains = tuple([fma(chain, fourth, place[i]) for chain, place in zip(chains, places, strict=True)])
+        coefficient_rows = [row(work, first + 4 * (steps - j), layout) for first in FIRST]
+        chains = tuple(
+            [fma(chain, fourth, coefficients[i]) for chain, coefficients in zip(chains, coefficient_rows, strict=True)]
+        )
     odd, even = fma(square, chains[2], chains[0]), fma(square, chains[3], chains[1])
     return fma(s, odd, square * even)
 
@@ -163,9 +165,9 @@ def sums_by_rows(work: In, order: int, s: float, layout: TaylorLayout) -> Sequen
 
 
 @inline
-def outstanding(wanted: In, place: int, end: float, scale: float) -> bool:
-    """Return True if output time number `place` exists and is before the time `end`, at which a step ends."""
-    return (wanted[place] - end) * scale < 0.0
+def outstanding(output_times: In, index: int, end: float, scale: float) -> bool:
+    """Return True if output time number `index` exists and is before the time `end`, at which a step ends."""
+    return (output_times[index] - end) * scale < 0.0
 
 
 @procedure(apart=True, states=rows_type, work=work_type)
@@ -173,7 +175,7 @@ def write_outputs(
     end: float,
     held: Held,
     outputs: OutputCounts,
-    wanted: In,
+    output_times: In,
     states: Out,
     work: Out,
     order: int,
@@ -188,8 +190,8 @@ def write_outputs(
     inverse = 1.0 / scale
     before, lost = work[layout.held :], work[layout.held + layout.padded :]
     k = outputs.done
-    while outstanding(wanted, k, end, scale):
-        since = wanted[k] - t
+    while outstanding(output_times, k, end, scale):
+        since = output_times[k] - t
         powers = powers_of((0.0 if since == 0.0 else since - low) * inverse)
         target = states[k * layout.dimension :]
         for i in each(layout.dimension, width=layout.block, unrolled=layout.chains):

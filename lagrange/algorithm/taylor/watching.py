@@ -121,8 +121,8 @@ REALS = {
     "times": 2 * MOST_ZEROS,
     "values": 1,
     "noise": 1,
-    "there": 1,
-    "blur": 1,
+    "end_values": 1,
+    "end_noise": 1,
 }
 WHOLES = {"zeros": 4 * MOST_ZEROS, "ends": 4, "sides": 2, "seen": 1, "counts": 1, "begun": 2, "due": 2}
 """Scratch memory of whole numbers: number of entries of each part for each watched function. The part `due` has the
@@ -218,10 +218,10 @@ def due_part(number: int) -> int:
     return _begin(WHOLES, "due") + number
 
 
-def _begin(parts: dict[str, int], wanted: str) -> int:
-    """Return the number of entries per watched function before the part with the name `wanted`."""
+def _begin(parts: dict[str, int], part: str) -> int:
+    """Return the number of entries per watched function before the named `part`."""
     names = list(parts)
-    return sum(parts[name] for name in names[: names.index(wanted)])
+    return sum(parts[name] for name in names[: names.index(part)])
 
 
 @inline
@@ -240,28 +240,28 @@ def side(watched: Watched, block: int, layout: Any) -> Any:
 
 
 @inline
-def setting(watched: Watched, block: int, place: int, layout: Any) -> Any:
-    """Return the setting in block `block` of watched function number `place`."""
-    return watched.settings[place + layout.watched * block]
+def setting(watched: Watched, block: int, index: int, layout: Any) -> Any:
+    """Return the setting in block `block` of watched function number `index`."""
+    return watched.settings[index + layout.watched * block]
 
 
 @inline
-def is_event(watched: Watched, place: int) -> bool:
-    """Return True if watched function number `place` is an event function, not a surface."""
-    return place >= watched.watch.surfaces
+def is_event(watched: Watched, index: int) -> bool:
+    """Return True if watched function number `index` is an event function, not a surface."""
+    return index >= watched.watch.surfaces
 
 
 @inline
-def counts_as_event(watched: Watched, place: int, direction: int, layout: Any) -> Any:
-    """Return True if a zero of event function number `place` in a direction counts as an event."""
-    counted = setting(watched, DIRECTION, place, layout)
+def counts_as_event(watched: Watched, index: int, direction: int, layout: Any) -> Any:
+    """Return True if a zero of event function number `index` in a direction counts as an event."""
+    counted = setting(watched, DIRECTION, index, layout)
     return counted == 0 or counted == direction
 
 
 @inline
-def is_last(watched: Watched, place: int, count: int, layout: Any) -> Any:
-    """Return True if the run ends when event function number `place` has had `count` events."""
-    terminal = setting(watched, TERMINAL, place, layout)
+def is_last(watched: Watched, index: int, count: int, layout: Any) -> Any:
+    """Return True if the run ends when event function number `index` has had `count` events."""
+    terminal = setting(watched, TERMINAL, index, layout)
     return terminal > 0 and terminal <= count
 
 
@@ -276,10 +276,10 @@ def restore_sides(watched: Watched, layout: Any) -> None:
 
 
 @inline
-def write_event(watched: Watched, slot: int, t: float, place: int, layout: Any) -> Any:
-    """Write the time t and the function's index `place` of event number `slot`. Return the memory for its state."""
+def write_event(watched: Watched, slot: int, t: float, index: int, layout: Any) -> Any:
+    """Write the time t and the function `index` of event number `slot`. Return the memory for its state."""
     watched.event_times[slot] = t
-    watched.event_places[slot] = place
+    watched.event_places[slot] = index
     return watched.event_states[slot * layout.dimension :]
 
 
@@ -339,5 +339,5 @@ def numbers_of(given: Arguments, layout: TaylorLayout) -> tuple[Any, Any]:
     """Return the prepared numbers and constants of the series, for the present sides of switching surfaces."""
     if given.watched is None or layout.observes:
         return given.prepared, given.constants
-    place = given.watched.watch.numbers
-    return given.prepared[place:], given.constants[place:]
+    begin = given.watched.watch.numbers
+    return given.prepared[begin:], given.constants[begin:]

@@ -89,7 +89,7 @@ class LlvmDense:
             return
         c = np.empty((self.degree + 1) * self.dimension * written.columns + WIDEST_VECTOR)
         sign = 1.0 if times[-1] >= times[0] else -1.0
-        arguments = {"wanted": np.ascontiguousarray(requested_times), "count": len(requested_times), "sign": sign}
+        arguments = {"output_times": np.ascontiguousarray(requested_times), "count": len(requested_times), "sign": sign}
         self._run(
             outputs.form(), written, times, states, **arguments, c=c, out=out, stride=out.strides[0] // out.itemsize
         )
