@@ -166,33 +166,33 @@ def folder(name: str) -> Path:
     return path
 
 
-def entries(option: str, given: Sequence[str], form: str, example: str) -> dict[str, list[str]]:
+def entries(option: str, texts: Sequence[str], form: str, example: str) -> dict[str, list[str]]:
     """Return the parts between colons of each use of a repeated option, by name.
 
-    `given` are the texts after the option: "l=0.5:2" gives {"l": ["0.5", "2"]}. `form` is the required form after the
+    `texts` are those after the option: "l=0.5:2" gives {"l": ["0.5", "2"]}. `form` is the required form after the
     equals sign, such as LOW:HIGH, and `example` is an example for errors.
     """
-    found: dict[str, list[str]] = {}
-    for text in given:
+    table: dict[str, list[str]] = {}
+    for text in texts:
         name, equals, rest = text.partition("=")
         name, parts = name.strip(), [part.strip() for part in rest.split(":")]
         if not (name and equals) or len(parts) != len(form.split(":")):
             raise StatementError(f"{option} {text[:80]}: write NAME={form}, such as {option} {example}.")
-        if name in found:
+        if name in table:
             raise StatementError(f"{option} gives {name[:80]} twice: give it once.")
-        found[name] = parts
-    return found
+        table[name] = parts
+    return table
 
 
-def assignments(option: str, given: Sequence[str]) -> dict[str, float]:
+def assignments(option: str, texts: Sequence[str]) -> dict[str, float]:
     """Return the values of a repeated option NAME=VALUE, by name."""
-    stated = entries(option, given, "VALUE", "m=2")
+    stated = entries(option, texts, "VALUE", "m=2")
     return {name: number(f"{option} {name}", value) for name, (value,) in stated.items()}
 
 
-def bounds(option: str, given: Sequence[str]) -> dict[str, tuple[float, float]]:
+def bounds(option: str, texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Return the bounds of a repeated option NAME=LOW:HIGH, by name."""
-    stated = entries(option, given, "LOW:HIGH", "l=0.5:2").items()
+    stated = entries(option, texts, "LOW:HIGH", "l=0.5:2").items()
     return {name: (number(f"{option} {name}", low), number(f"{option} {name}", high)) for name, (low, high) in stated}
 
 

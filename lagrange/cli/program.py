@@ -213,11 +213,11 @@ SCENES = Path(__file__).resolve().parent.parent / "scenes"
 
 def scenes(request: argparse.Namespace) -> Answer:
     """List the scenes of the library. Only their files are read, and nothing is compiled."""
-    found = [_entry(path, long=request.long) for path in sorted(SCENES.glob("*.toml"))]
+    entries = [_entry(path, long=request.long) for path in sorted(SCENES.glob("*.toml"))]
     if request.long:
-        return Answer(DONE, "\n\n".join(map(_paragraph, found)), found)
-    rows = [(scene["name"], plain_text(scene["about"])) for scene in found]
-    return Answer(DONE, text_table(("scene", "what it shows"), rows, columns=columns_of_output()), found)
+        return Answer(DONE, "\n\n".join(map(_paragraph, entries)), entries)
+    rows = [(scene["name"], plain_text(scene["about"])) for scene in entries]
+    return Answer(DONE, text_table(("scene", "what it shows"), rows, columns=columns_of_output()), entries)
 
 
 def _entry(path: Path, *, long: bool) -> dict[str, Any]:

@@ -243,16 +243,18 @@ def _written(runs: Ensemble, out: Path, what: str | None, style: str, *, stopped
     return f"\nwritten to {out}"
 
 
-def _axes(given: list[str]) -> dict[str, tuple[float, float, int]]:
+def _axes(texts: list[str]) -> dict[str, tuple[float, float, int]]:
     """Return (low, high, count) of each varied quantity by name, from the texts of --vary."""
-    if not given:
+    if not texts:
         raise StatementError("nothing varies: give --vary NAME=LOW:HIGH:COUNT, such as --vary theta=-3:3:100.")
     axes = {}
-    for name, (first, last, places) in entries("--vary", given, "LOW:HIGH:COUNT", "theta=-3:3:100").items():
+    for name, (first, last, value_count) in entries("--vary", texts, "LOW:HIGH:COUNT", "theta=-3:3:100").items():
         low, high = number(f"--vary {name}", first), number(f"--vary {name}", last)
-        if not re.fullmatch(r"[0-9]{1,12}", places):
-            raise StatementError(f"--vary {name}: {places[:80]!r} is not a number of values. Write one such as 100.")
-        axes[name] = low, high, int(places)
+        if not re.fullmatch(r"[0-9]{1,12}", value_count):
+            raise StatementError(
+                f"--vary {name}: {value_count[:80]!r} is not a number of values. Write one such as 100."
+            )
+        axes[name] = low, high, int(value_count)
     return axes
 
 

@@ -61,16 +61,16 @@ def row_of(statement: Statement, key: Any, what: str) -> int:
     )
 
 
-def plane_of(statement: Statement, given: Any, label: str, default_count: int) -> Plane:
+def plane_of(statement: Statement, table: Any, label: str, default_count: int) -> Plane:
     """Return the horizontal and the vertical axis from {entry: (low, high)} or {entry: (low, high, count)}."""
-    if not isinstance(given, Mapping):
-        raise StatementError(f"{label} is {shown(given)}: give {_example(statement)}.")
-    if len(given) != 2:
+    if not isinstance(table, Mapping):
+        raise StatementError(f"{label} is {shown(table)}: give {_example(statement)}.")
+    if len(table) != 2:
         raise StatementError(
-            f"{label} has {len(given)} entr{'y' if len(given) == 1 else 'ies'}, and a picture has two axes: give "
+            f"{label} has {len(table)} entr{'y' if len(table) == 1 else 'ies'}, and a picture has two axes: give "
             f"{_example(statement)}."
         )
-    first, second = (axis_of(statement, key, span, label, default_count) for key, span in given.items())
+    first, second = (axis_of(statement, key, span, label, default_count) for key, span in table.items())
     if first.row == second.row:
         raise StatementError(f"{label} names {first.name} twice: give two entries of the state.")
     return first, second

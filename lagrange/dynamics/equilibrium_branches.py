@@ -109,26 +109,28 @@ def equilibrium_branches(
 
 def _add(
     made: list[EquilibriumBranch],
-    place: Equilibrium,
+    equilibrium: Equilibrium,
     model: Model,
     along: tuple[str, FloatArray, int],
     turns: tuple[bool, ...],
 ) -> None:
-    """Follow the equilibrium `place` along a parameter, and append the branch to `made` unless it is already there.
+    """Follow an equilibrium along a parameter, and append the branch to `made` unless it is already there.
 
     `along` has the name of the parameter, its values, and the index of the value at which the equilibrium was found. It
     is followed from there in both directions. `turns` has True for each coordinate that is an angle.
     """
     statement, (parameter, values, anchor) = model.statement, along
     n = len(statement.coordinates)
-    if place.exact:
-        values = _with_ends(place, statement, parameter, values)
+    if equilibrium.exact:
+        values = _with_ends(equilibrium, statement, parameter, values)
     coordinates = np.full((len(values), n), np.nan)
     eigenvalues = np.full((len(values), 2 * n), complex("nan"))
-    ways = [np.arange(len(values))] if place.exact else [np.arange(anchor, len(values)), np.arange(anchor, -1, -1)]
+    ways = (
+        [np.arange(len(values))] if equilibrium.exact else [np.arange(anchor, len(values)), np.arange(anchor, -1, -1)]
+    )
     for way in ways:
         try:
-            path = eigenvalue_path(statement, parameter, values[way], place.at, model)
+            path = eigenvalue_path(statement, parameter, values[way], equilibrium.at, model)
         except StatementError as error:
             if statement.constraints:
                 raise StatementError(str(error)) from error
@@ -144,10 +146,12 @@ def _add(
         alone = np.isfinite(coordinates).all(axis=1) & ~np.isfinite(other.coordinates).all(axis=1)
         if both.any() and not alone.any() and (distance <= SAME_EQUILIBRIUM * (1 + np.abs(coordinates[both]))).all():
             return
-    made.append(EquilibriumBranch(values, coordinates, eigenvalues, dict(place.coordinates) if place.exact else {}))
+    made.append(
+        EquilibriumBranch(values, coordinates, eigenvalues, dict(equilibrium.coordinates) if equilibrium.exact else {})
+    )
 
 
-def _with_ends(place: Equilibrium, statement: Statement, parameter: str, values: FloatArray) -> FloatArray:
+def _with_ends(equilibrium: Equilibrium, statement: Statement, parameter: str, values: FloatArray) -> FloatArray:
     """Return the values of a parameter, with more values where a formula begins or ceases to be real.
 
     A branch may begin with an infinite slope, as a square root does. So the distances of the additional values from
@@ -157,7 +161,7 @@ def _with_ends(place: Equilibrium, statement: Statement, parameter: str, values:
     chosen = next(p for p in statement.parameters if p.name == parameter)
 
     def exists(value: float) -> bool:
-        coordinates = [number(x, {**constants, chosen: sympy.Rational(value)}) for x in place.at.values()]
+        coordinates = [number(x, {**constants, chosen: sympy.Rational(value)}) for x in equilibrium.at.values()]
         return all(x == x and abs(x.imag) < 1e-12 for x in coordinates)
 
     real = [exists(value) for value in values.tolist()]

@@ -85,10 +85,10 @@ class PlaneWindow:
         """Return True if a state is inside the window."""
         return all(axis.low <= state[axis.row] <= axis.high or self.wraps(axis) for axis in self.plane)
 
-    def distance(self, states: States, place: FloatArray) -> FloatArray:
+    def distance(self, states: States, point: FloatArray) -> FloatArray:
         """Return the distances (k,) in the plane of states (k, 2n) from a point (2n,), as fractions of the window."""
         rows = list(self.rows)
-        return np.asarray(np.linalg.norm(difference(states, place, self.periodic)[:, rows] / self.widths, axis=1))
+        return np.asarray(np.linalg.norm(difference(states, point, self.periodic)[:, rows] / self.widths, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,9 +170,9 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
     start, way = states[0], states[1] - states[0]
     rows = list(window.rows)
 
-    def ahead(given: FloatArray) -> FloatArray:
+    def ahead(states: FloatArray) -> FloatArray:
         """Return the displacements of states from the start, projected on the direction of the first sampled piece."""
-        moved = difference(given, start, window.periodic)[:, rows] / window.widths
+        moved = difference(states, start, window.periodic)[:, rows] / window.widths
         return np.asarray(moved @ (way[rows] / window.widths))
 
     passed = ahead(states)
@@ -190,12 +190,12 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
     return run, False
 
 
-def until_arrival(window: PlaneWindow, run: Trajectory, places: Sequence[FixedPoint]) -> Trajectory:
-    """Return a run, cut at its first arrival at one of the equilibria `places`, or unchanged without an arrival."""
+def until_arrival(window: PlaneWindow, run: Trajectory, equilibria: Sequence[FixedPoint]) -> Trajectory:
+    """Return a run, cut at its first arrival at one of the equilibria, or unchanged without an arrival."""
     times, states = sampled(run)
     best = math.inf
     end = run.span[1]
-    for equilibrium in places:
+    for equilibrium in equilibria:
         distance = window.distance(states, equilibrium.state)
         away = np.nonzero(distance > 10 * ARRIVED)[0]
         if not len(away):
@@ -235,10 +235,10 @@ class Separatrix:
 
 
 def separatrices_of(
-    runs: Runs, window: PlaneWindow, places: Sequence[FixedPoint], number: int, exits: Sequence[Event]
+    runs: Runs, window: PlaneWindow, equilibria: Sequence[FixedPoint], number: int, exits: Sequence[Event]
 ) -> list[Separatrix]:
-    """Return the four branches of the saddle `places[number]`; none if it is no saddle, or out of the window."""
-    saddle = places[number]
+    """Return the four branches of the saddle `equilibria[number]`; none if it is no saddle, or out of the window."""
+    saddle = equilibria[number]
     if saddle.kind != SADDLE or not window.holds(saddle.state):
         return []
     branches = []
@@ -251,7 +251,7 @@ def separatrices_of(
             part = _distance(runs, saddle, column, side * vector, window)
             span = math.copysign(math.log(1.0 / part) / abs(rate) + window.reach, rate)
             run = runs(saddle.state + side * part * vector, 0.0, span, events=exits)
-            run = until_arrival(window, run, places)
+            run = until_arrival(window, run, equilibria)
             length = float(np.linalg.norm(part * vector))
             branches.append(Separatrix(number, rate < 0, orbit_of((run,), closed=False), length))
     return branches

@@ -143,11 +143,11 @@ class _Portrait:
             second.name: zero_lines(lambda a, b: self.rates(a, b)[1], x, y),
         }
 
-    def distinct(self, places: Sequence[FixedPoint]) -> list[int]:
+    def distinct(self, equilibria: Sequence[FixedPoint]) -> list[int]:
         """Return the indices of the equilibria, without copies after a full turn, such as pi and -pi."""
         numbers: list[int] = []
-        for k, equilibrium in enumerate(places):
-            others = np.array([places[i].state for i in numbers]).reshape(-1, len(equilibrium.state))
+        for k, equilibrium in enumerate(equilibria):
+            others = np.array([equilibria[i].state for i in numbers]).reshape(-1, len(equilibrium.state))
             if not (self.window.distance(others, equilibrium.state) < SAME_PLACE).any():
                 numbers.append(k)
         return numbers

@@ -54,22 +54,22 @@ class Runs:
         return trajectory_of(self.model, (t0, t1), initial, chosen)[0]
 
 
-def starts_of(model: Model, given: Any, base: FloatArray) -> FloatArray:
+def starts_of(model: Model, starts: Any, base: FloatArray) -> FloatArray:
     """Return starts (m, 2n) from an array, a dict over `base` (2n,), or a list. Raises StatementError by number."""
     size = model.layout.size
-    if given is None:
+    if starts is None:
         return base[None, :].copy()
-    if isinstance(given, Mapping):
-        given = [given]
-    if isinstance(given, np.ndarray):
-        return _of_array(model, given)
-    if isinstance(given, (str, bytes)) or not isinstance(given, Iterable):
+    if isinstance(starts, Mapping):
+        starts = [starts]
+    if isinstance(starts, np.ndarray):
+        return _of_array(model, starts)
+    if isinstance(starts, (str, bytes)) or not isinstance(starts, Iterable):
         raise StatementError(
-            f"starts is {shown(given)}: give a list of dicts such as {{{model.statement.names[0]!r}: 1.0}}, or an "
+            f"starts is {shown(starts)}: give a list of dicts such as {{{model.statement.names[0]!r}: 1.0}}, or an "
             f"array (m, {size})."
         )
     listed: list[Any] = []
-    for entry in given:
+    for entry in starts:
         if len(listed) == MOST_STARTS:
             raise StatementError(f"starts has more than {MOST_STARTS} entries: give fewer.")
         listed.append(entry)
@@ -86,8 +86,8 @@ def starts_of(model: Model, given: Any, base: FloatArray) -> FloatArray:
     return np.array(states)
 
 
-def _of_array(model: Model, given: FloatArray) -> FloatArray:
-    array, size = real_array(given, "starts"), model.layout.size
+def _of_array(model: Model, starts: FloatArray) -> FloatArray:
+    array, size = real_array(starts, "starts"), model.layout.size
     if array.ndim == 1 and array.shape == (size,):
         array = array[None, :]
     if array.ndim != 2 or array.shape[1] != size or not len(array):

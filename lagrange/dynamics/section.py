@@ -123,13 +123,13 @@ def _rate(model: Model, parameters: FloatArray, event: Event, states: FloatArray
     return model.evaluate_expression(event.expression.diff(time_symbol), np.zeros(states.shape[1]), states, parameters)
 
 
-def _out_of_reach(model: Model, starts: FloatArray, row: int, energy: float, place: int, rest: FloatArray) -> str:
+def _out_of_reach(model: Model, starts: FloatArray, row: int, energy: float, index: int, rest: FloatArray) -> str:
     names = model.statement.state_names
     others = ", ".join(
-        f"{name} = {x:g}" for k, (name, x) in enumerate(zip(names, starts[place], strict=True)) if k != row
+        f"{name} = {x:g}" for k, (name, x) in enumerate(zip(names, starts[index], strict=True)) if k != row
     )
     return (
-        f"start {place} with {others} has the energy {rest[place]:g} without {names[row]}, and energy = {energy:g} "
+        f"start {index} with {others} has the energy {rest[index]:g} without {names[row]}, and energy = {energy:g} "
         f"leaves no {names[row]} for it: give a start nearer to rest, or a larger energy."
     )
 
@@ -179,24 +179,26 @@ class SectionData:
         return np.concatenate(self.states) if self.states else np.empty((0, self.starts.shape[1]))
 
 
-def section_of(given: Any, model: Model, parameters: FloatArray) -> Event | float:
-    """Return an event, or the sampling period if `given` is a number or an expression in parameters."""
-    if isinstance(given, Event):
-        return declare_events([given], model.statement, constant="a section")[0]
-    constant = isinstance(given, sympy.Expr) and not expression(given, "the section").has(t)
-    if constant or (not isinstance(given, (sympy.Basic, str, bytes)) and not callable(given)):
+def section_of(definition: Any, model: Model, parameters: FloatArray) -> Event | float:
+    """Return the event of a section, or its sampling period for a number or an expression in parameters."""
+    if isinstance(definition, Event):
+        return declare_events([definition], model.statement, constant="a section")[0]
+    constant = isinstance(definition, sympy.Expr) and not expression(definition, "the section").has(t)
+    if constant or (not isinstance(definition, (sympy.Basic, str, bytes)) and not callable(definition)):
         values = dict(zip(model.statement.parameters, parameters.tolist(), strict=True))
-        by_name = {p: values[q] for p in given.free_symbols for q in values if p.name == q.name} if constant else {}
-        period = real_number(given.xreplace(by_name) if constant else given, "the period of the section")
+        by_name = (
+            {p: values[q] for p in definition.free_symbols for q in values if p.name == q.name} if constant else {}
+        )
+        period = real_number(definition.xreplace(by_name) if constant else definition, "the period of the section")
         if period <= 0:
             raise StatementError(f"the period of the section is {period:g}: give a positive time.")
         return period
-    return declare_events([given], model.statement)[0]
+    return declare_events([definition], model.statement)[0]
 
 
 def section(
     runs: Runs,
-    given: Any,
+    definition: Any,
     starts: Any,
     *,
     crossings: Any = 500,
@@ -206,7 +208,7 @@ def section(
     longest: Any = None,
     progress: Report | None = None,
 ) -> SectionData:
-    """Return the Poincare section of a model's orbits. `given` is the section, as an event or a period.
+    """Return the Poincare section of a model's orbits. `definition` is the event or the period of the section.
 
     `lagrange.poincare` describes the other arguments.
     """
@@ -215,7 +217,7 @@ def section(
     wait = None if longest is None else real_number(longest, "longest, the time to wait for a crossing,")
     if wait is not None and wait <= 0:
         raise StatementError(f"longest, the time to wait for a crossing, is {wait:g}: give a positive time.")
-    passed = section_of(given, model, runs.parameters)
+    passed = section_of(definition, model, runs.parameters)
     event = passed if isinstance(passed, Event) else None
     states = starts_of(model, starts, initial_of(model, None))
     level, row = _level(model, energy, solve_for)
@@ -340,17 +342,17 @@ def _drift(runs: Runs, states: FloatArray, orbits: Sequence[Crossings]) -> float
     return worst / size
 
 
-def _ended(done: Sequence[Crossings], wanted: int, event: Event | None, statement: Statement) -> tuple[Status, str]:
-    """Return the status of a section and a message; `wanted` is the number of orbits that were to be followed."""
+def _ended(done: Sequence[Crossings], count: int, event: Event | None, statement: Statement) -> tuple[Status, str]:
+    """Return the status of a section of `count` orbits, and a message."""
     total = sum(len(orbit.times) for orbit in done)
     noun = "point" if event is None else "crossing"
-    if len(done) < wanted or any(orbit.status is Status.INTERRUPTED for orbit in done):
+    if len(done) < count or any(orbit.status is Status.INTERRUPTED for orbit in done):
         return Status.INTERRUPTED, (
-            f"interrupted: {counted(total, noun)} of {len(done)} among {counted(wanted, 'orbit')} are there, and kept."
+            f"interrupted: {counted(total, noun)} of {len(done)} among {counted(count, 'orbit')} are there, and kept."
         )
     short = [(k, orbit) for k, orbit in enumerate(done) if orbit.status is not Status.EVENT and event is not None]
     short = short or [(k, orbit) for k, orbit in enumerate(done) if not orbit.status.complete]
-    words = f"{counted(total, noun)} of {counted(wanted, 'orbit')}."
+    words = f"{counted(total, noun)} of {counted(count, 'orbit')}."
     if not short:
         return Status.SUCCESS, words
     index, first = short[0]

@@ -58,10 +58,10 @@ class SweepData:
     message: str
 
 
-def parameter_of(statement: Statement, given: Any) -> str:
-    """Return the name of a parameter, given by symbol or name. Raises StatementError for anything else."""
+def parameter_of(statement: Statement, parameter: Any) -> str:
+    """Return the name of a parameter, which is a symbol or a name. Raises StatementError for anything else."""
     known = [p.name for p in statement.parameters]
-    label = label_of(given)
+    label = label_of(parameter)
     if label in known:
         return label
     if label in statement.names or label.removesuffix("_dot") in statement.names:
@@ -75,17 +75,17 @@ def parameter_of(statement: Statement, given: Any) -> str:
     )
 
 
-def values_of(given: Any, name: str) -> FloatArray:
+def values_of(values: Any, name: str) -> FloatArray:
     """Return the values (k,) of a parameter, from an array, or (low, high, count)."""
-    if isinstance(given, tuple) and len(given) == 3:
-        low, high = real_array([given[0], given[1]], f"the range of {name}").tolist()
+    if isinstance(values, tuple) and len(values) == 3:
+        low, high = real_array([values[0], values[1]], f"the range of {name}").tolist()
         if not np.isfinite([low, high]).all() or low == high:
             raise StatementError(f"the range of {name} is empty: {low:g} to {high:g}. Give two ends that differ.")
-        return np.linspace(low, high, whole_number(given[2], f"the number of values of {name}", 2, MOST_VALUES))
-    numbers = real_array(given, f"the values of {name}")
+        return np.linspace(low, high, whole_number(values[2], f"the number of values of {name}", 2, MOST_VALUES))
+    numbers = real_array(values, f"the values of {name}")
     if numbers.ndim != 1 or not len(numbers):
         raise StatementError(
-            f"the values of {name} are {shown(given)}: give a list, or (low, high, count), such as (0.1, 0.4, 200)."
+            f"the values of {name} are {shown(values)}: give a list, or (low, high, count), such as (0.1, 0.4, 200)."
         )
     if len(numbers) > MOST_VALUES:
         raise StatementError(
@@ -100,7 +100,7 @@ def sweep(
     runs: Runs,
     parameter: str,
     values: FloatArray,
-    given: Any,
+    definition: Any,
     starts: Any,
     *,
     count: int,
@@ -108,7 +108,7 @@ def sweep(
     followed: bool,
     progress: Report | None = None,
 ) -> SweepData:
-    """Return the settled motion at each value of a parameter, on the section `given`.
+    """Return the settled motion at each value of a parameter, on the section of this `definition`.
 
     `count` points of each orbit are kept, after `dropped` points that are not. `lagrange.bifurcation` describes the
     other arguments.
@@ -119,7 +119,7 @@ def sweep(
     check_room((len(values), len(base), count + dropped, model.layout.size))
     arrays = [with_value(runs, index, value) for value in values.tolist()]
     scale = time_scale(model, base, runs.parameters, statement.run.t_end)
-    sections = [_section(runs, given, array) for array in arrays]
+    sections = [_section(runs, definition, array) for array in arrays]
     event = sections[0] if isinstance(sections[0], Event) else None
     states = np.full((len(values), len(base), count, model.layout.size), np.nan)
     statuses: list[tuple[Status, ...]] = []
@@ -157,16 +157,16 @@ def sweep(
     )
 
 
-def with_value(runs: Runs, place: int, value: float) -> FloatArray:
-    """Return the parameters (k,) with `value` at index `place`. Raises StatementError for an invalid value."""
+def with_value(runs: Runs, index: int, value: float) -> FloatArray:
+    """Return the parameters (k,) with `value` at an index. Raises StatementError for an invalid value."""
     array = runs.parameters.copy()
-    array[place] = value
+    array[index] = value
     return runs.model.parameter_array(array)
 
 
-def _section(runs: Runs, given: Any, parameters: FloatArray) -> Event | float:
-    if given is not None:
-        return section_of(given, runs.model, parameters)
+def _section(runs: Runs, definition: Any, parameters: FloatArray) -> Event | float:
+    if definition is not None:
+        return section_of(definition, runs.model, parameters)
     values = dict(zip(runs.model.statement.parameters, parameters.tolist(), strict=True))
     return driving_period(runs.model.statement, values)
 
@@ -207,14 +207,14 @@ def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> Flo
     return periods.reshape(states.shape[:2])
 
 
-def _ended(statuses: Sequence[tuple[Status, ...]], wanted: int, parameter: str, starts: int) -> tuple[Status, str]:
+def _ended(statuses: Sequence[tuple[Status, ...]], value_count: int, parameter: str, starts: int) -> tuple[Status, str]:
     flat = [status for row in statuses for status in row]
     if Status.INTERRUPTED in flat:
         return Status.INTERRUPTED, (
-            f"interrupted: {len(statuses) - 1} of {counted(wanted, 'value')} of {parameter} are done, and kept."
+            f"interrupted: {len(statuses) - 1} of {counted(value_count, 'value')} of {parameter} are done, and kept."
         )
     bad = [(k, status) for k, row in enumerate(statuses) for status in row if not status.complete]
-    words = f"{counted(wanted, 'value')} of {parameter}, {counted(starts, 'orbit')} each."
+    words = f"{counted(value_count, 'value')} of {parameter}, {counted(starts, 'orbit')} each."
     if bad:
         words += f" {len(bad)} ended early, as {listing(sorted({status.name for _, status in bad}))}."
     return (bad[0][1] if bad else Status.SUCCESS), words

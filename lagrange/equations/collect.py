@@ -193,8 +193,8 @@ class Collector:
         self.algebra.spend(sum(WRITING + self.algebra.size(monomial) for monomial in terms))
         groups: dict[Monomial, dict[Monomial, MonomialSum]] = {}
         for monomial, number in terms.items():
-            outer, place, constant = self._split(monomial)
-            groups.setdefault(outer, {}).setdefault(place, {})[constant] = number
+            outer, position, constant = self._split(monomial)
+            groups.setdefault(outer, {}).setdefault(position, {})[constant] = number
         return Add(*(self._group(inner, outer) for outer, inner in groups.items()))
 
     def quotient(self, above: MonomialSum, below: MonomialSum) -> Any:
@@ -230,25 +230,27 @@ class Collector:
         return self.algebra.multiply({monomial: number}, {extracted: more}), rest
 
     def _split(self, monomial: Monomial) -> tuple[Monomial, Monomial, Monomial]:
-        outer, place, constant = [], [], []
+        outer, position, constant = [], [], []
         for k, e in monomial:
             if not self.algebra.free(k) & self.moving:
                 constant.append((k, e))
             elif self.algebra.factors[k] in self.positions and isinstance(e, int) and e > 0:
-                place.append((k, e))
+                position.append((k, e))
             else:
                 outer.append((k, e))
-        return tuple(outer), tuple(place), tuple(constant)
+        return tuple(outer), tuple(position), tuple(constant)
 
     def _group(self, inner: dict[Monomial, MonomialSum], outer: Monomial) -> Any:
         motion = self.algebra.power(outer)
-        expanded = Add(*(Mul(*self._coefficient(part), self.algebra.power(place)) for place, part in inner.items()))
+        expanded = Add(
+            *(Mul(*self._coefficient(part), self.algebra.power(position)) for position, part in inner.items())
+        )
         if len(inner) == 1:
-            ((place, part),) = inner.items()
-            return Mul(*self._coefficient(part), self.algebra.power(place), motion)
+            ((position, part),) = inner.items()
+            return Mul(*self._coefficient(part), self.algebra.power(position), motion)
         whole = {
-            tuple(sorted(place + constant)): number
-            for place, part in inner.items()
+            tuple(sorted(position + constant)): number
+            for position, part in inner.items()
             for constant, number in part.items()
         }
         coefficient = self._coefficient(whole)

@@ -105,7 +105,7 @@ def seen_turning(stated: StatedAlgebra) -> bool:
     """
     algebra, n = stated.algebra, len(stated.q)
     terms = canonical(algebra, stated.lagrangian)
-    degrees = [_monomial_degree(stated, one) for one in terms]
+    degrees = [_monomial_degree(stated, monomial) for monomial in terms]
     if n > MOST_TURNING or any(degree not in (0, 1, SECOND) for degree in degrees) or not {0, 1, SECOND} <= {*degrees}:
         return False
     still = dict.fromkeys(stated.v, sympy.S.Zero)
@@ -443,11 +443,11 @@ def _depends_on(node: Node, symbols: Sequence[Node]) -> bool:
 def _changes(nodes: Sequence[Node], point: Values, symbols: Sequence[Node]) -> bool | None:
     """Return True if nodes change when symbols are changed from a point; None without values."""
     other = {**point, **{x: point[x] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for x in symbols}}
-    here, there = (values(nodes, at, CONTEXT) for at in (point, other))
-    if here is None or there is None:
+    before, after = (values(nodes, at, CONTEXT) for at in (point, other))
+    if before is None or after is None:
         return None
-    size = max(here[1], there[1])
-    return any(abs(a - b) > ZERO_SHARE * size for a, b in zip(here[0], there[0], strict=True))
+    size = max(before[1], after[1])
+    return any(abs(a - b) > ZERO_SHARE * size for a, b in zip(before[0], after[0], strict=True))
 
 
 def _differs(nodes: Sequence[Node], point: Values) -> bool | None:

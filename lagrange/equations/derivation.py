@@ -275,17 +275,17 @@ class Derivation:
             {q: _shorter(value, self._divided(i, value)) for i, (q, value) in enumerate(solved.items())}
         )
 
-    def _divided(self, place: int, solved: Any) -> Any:
+    def _divided(self, index: int, solved: Any) -> Any:
         """Return an acceleration as the shown equation divided by the mass term by term: g - k*(s - d)/m.
 
-        `place` is the index of the coordinate. Return `solved`, the given formula, if the equation has other
+        `index` is that of the coordinate. Return the formula `solved` if the equation has other
         accelerations or multipliers, or if L is long.
         """
-        q, row = self.statement.coordinates[place], self.mass_matrix.row(place)
-        mass = row[place]
-        if self.statement.constraints or not self._is_short or mass == 0 or any(row[:place]) or any(row[place + 1 :]):
+        q, row = self.statement.coordinates[index], self.mass_matrix.row(index)
+        mass = row[index]
+        if self.statement.constraints or not self._is_short or mass == 0 or any(row[:index]) or any(row[index + 1 :]):
             return solved
-        equation = self.equations[place]
+        equation = self.equations[index]
         rest = equation.lhs.xreplace({acceleration_of(q): 0})
         return Add(equation.rhs / mass, *(-term / mass for term in Add.make_args(rest)))
 

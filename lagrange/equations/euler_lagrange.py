@@ -214,7 +214,9 @@ def rates_of(
     square = [[row[i] for i in chosen] for row in solved.gradient[-count:]]
     at_zero = dict.fromkeys((v[i] for i in chosen), v[0].graph.zero)
     entries = [entry for row in square for entry in row]
-    if any(here is not there for here, there in zip(entries, substitute(entries, at_zero), strict=True)):
+    if any(
+        entry is not entry_at_zero for entry, entry_at_zero in zip(entries, substitute(entries, at_zero), strict=True)
+    ):
         return v
     rest = [-relation for relation in substitute(solved.velocities[-count:], at_zero)]
     solution = dict(zip((v[i] for i in chosen), eliminated(square, rest, range(count)), strict=True))

@@ -170,13 +170,13 @@ FIRST_ORDER = "the accelerations are not determined there."
 UNDETERMINED = "the multipliers, and with them the accelerations, are not determined there."
 
 
-def dependent_rows(names: Sequence[str], found: Singular) -> str:
+def dependent_rows(names: Sequence[str], singular: Singular) -> str:
     """Return the first part of a sentence, which names the dependent constraints."""
-    related = [names[i].removeprefix(RELATION) for i, _ in found.rows if names[i].startswith(RELATION)]
+    related = [names[i].removeprefix(RELATION) for i, _ in singular.rows if names[i].startswith(RELATION)]
     if related:
         have = "has no inertia, and its equation" if len(related) == 1 else "have no inertia, and their equations"
         return f"{listing(related)} {have} of first order {'leaves' if len(related) == 1 else 'leave'} velocities open"
-    involved = [repr(names[i]) for i, _ in found.rows]
+    involved = [repr(names[i]) for i, _ in singular.rows]
     if len(involved) == 1:
         return f"the constraint {involved[0]} restricts no velocity, for all its derivatives by them vanish,"
     return f"the constraints {listing(involved)} are dependent"

@@ -319,12 +319,12 @@ class Algebra:
     def _absorb_directions(self, powers: dict[int, Any]) -> None:
         """Replace sign(x) x by |x|, and sign(x) |x| by x, in a monomial {factor: exponent}, in place."""
         for direction, (plain, magnitude) in self._directions.items():
-            for one, other in ((plain, magnitude), (magnitude, plain)):
-                exponent = powers.get(one)
+            for factor, product in ((plain, magnitude), (magnitude, plain)):
+                exponent = powers.get(factor)
                 if direction in powers and isinstance(exponent, int) and exponent > 0:
                     raise_power(powers, direction, -1)
-                    raise_power(powers, one, -1)
-                    raise_power(powers, other, 1)
+                    raise_power(powers, factor, -1)
+                    raise_power(powers, product, 1)
 
     def _slope(self, number: int, symbol: Any) -> MonomialSum:
         key = (number, symbol)

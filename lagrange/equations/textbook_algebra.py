@@ -103,8 +103,8 @@ class StatedAlgebra:
         statement = self.statement
         stated = (statement.lagrangian, statement.dissipation, *statement.forces)
         kinds = (*JUMPING, sympy.Abs) if twice else JUMPING
-        plain = [given.xreplace(self.plain) for given in stated]
-        return any(any(node.has(*symbols) for node in given.atoms(*kinds)) for given in plain)
+        plain = [expression.xreplace(self.plain) for expression in stated]
+        return any(any(node.has(*symbols) for node in expression.atoms(*kinds)) for expression in plain)
 
     def symbol(self, symbol: Any) -> MonomialSum:
         """Return a symbol as a sum of one monomial."""
@@ -133,11 +133,11 @@ LARGEST_FRACTION = 10**6
 class Turn(NamedTuple):
     """A small turn of a body about one of its own axes: a quasi-coordinate.
 
-    `place` is the index of the turn among the coordinates. `others` are the indices of the turns about the next two
+    `coordinate` is the index of the turn among the coordinates. `others` are the indices of turns about the next two
     axes in cyclic order. `entries` are the nine symbols of the rotation matrix R by rows. `axis` is 0, 1 or 2.
     """
 
-    place: int
+    coordinate: int
     others: tuple[int, int]
     entries: tuple[Any, ...]
     axis: int
@@ -171,7 +171,7 @@ class TextbookAlgebra(StatedAlgebra):
                 self.algebra.multiply(self.momenta[i], self.symbol(self.v[j])) for i, j in ((x, y), (y, x))
             )
             slope = self.turned(self.lagrangian, turn)
-            slopes[turn.place] = self.algebra.add(slope, ahead, self.algebra.scale(behind, S.NegativeOne))
+            slopes[turn.coordinate] = self.algebra.add(slope, ahead, self.algebra.scale(behind, S.NegativeOne))
         return [self.algebra.merge_angles(slope) for slope in slopes]
 
     @cached_property
@@ -258,7 +258,7 @@ class TextbookAlgebra(StatedAlgebra):
             zero, symbols = self.read(constraint.expression), self.q if constraint.holonomic else self.v
             row = [self.algebra.differentiate(zero, symbol) for symbol in symbols]
             for turn in self.turns if constraint.holonomic else ():
-                row[turn.place] = self.turned(zero, turn)
+                row[turn.coordinate] = self.turned(zero, turn)
             rows.append(list(map(self.algebra.merge_angles, row)))
         return rows
 
@@ -278,7 +278,9 @@ class TextbookAlgebra(StatedAlgebra):
             algebra.multiply(algebra.differentiate(terms, q), self.symbol(v))
             for q, v in zip(self.q, self.v, strict=True)
         ]
-        moved += [algebra.multiply(self.turned(terms, turn), self.symbol(self.v[turn.place])) for turn in self.turns]
+        moved += [
+            algebra.multiply(self.turned(terms, turn), self.symbol(self.v[turn.coordinate])) for turn in self.turns
+        ]
         return algebra.merge_angles(algebra.add({}, *moved, algebra.differentiate(terms, self.time)))
 
     @cached_property

@@ -29,7 +29,7 @@ class Turning:
     """Equations with m velocities: first those of coordinates outside of rotations, then three rates w of each body.
 
     - `velocities`, `momenta` and `forces` have m entries. Forces contain p x w.
-    - `places` maps coordinates outside of rotations, and symbols of entries of rotation matrices, to derivatives.
+    - `derivatives` maps coordinates outside of rotations, and symbols of entries of rotation matrices, to derivatives.
     - `starts` maps the symbols of w and of entries of rotation matrices to nodes in the statement's q and v.
     - `spun` maps the coordinate index of each quaternion entry to three nodes. The first is -q w, minus twice the
       derivative of q. The others are the derivatives of q and v at the start of a step, with terms that restore the
@@ -39,14 +39,14 @@ class Turning:
     velocities: tuple[Node, ...]
     momenta: tuple[Node, ...]
     forces: tuple[Node, ...]
-    places: Mapping[Node, Node]
+    derivatives: Mapping[Node, Node]
     starts: Mapping[Node, Node]
     spun: Mapping[int, tuple[Node, Node, Node]]
 
     @property
     def integrals(self) -> dict[Node, Node]:
         """{entry of a rotation matrix: derivative}, by the symbols of the entries."""
-        return {symbol: rate for symbol, rate in self.places.items() if symbol in self.starts}
+        return {symbol: rate for symbol, rate in self.derivatives.items() if symbol in self.starts}
 
     @property
     def adjacent(self) -> bool:
@@ -148,7 +148,7 @@ def turning(statement: Statement, graph: Graph, leaves: Mapping[Any, Node]) -> T
         velocities=tuple(velocities),
         momenta=tuple(momenta),
         forces=tuple(force + applied - drag for force, applied, drag in parts),
-        places=derivatives,
+        derivatives=derivatives,
         starts=starts,
         spun=dict(sorted(spun.items())),
     )

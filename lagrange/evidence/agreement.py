@@ -43,15 +43,15 @@ def random_points(
     return (sampler.point(kinds[attempt % len(kinds)], attempt) for attempt in range(draws))
 
 
-def usable(places: Iterable[Place], value: Callable[[Place], Value | None]) -> Iterator[Value]:
-    """Yield the values of a function at places; a place where the value is None is skipped."""
-    return (result for result in map(value, places) if result is not None)
+def usable(samples: Iterable[Place], value: Callable[[Place], Value | None]) -> Iterator[Value]:
+    """Yield the values of a function at samples; a sample where the value is None is skipped."""
+    return (result for result in map(value, samples) if result is not None)
 
 
-def holds(places: Iterable[Place], judge: Callable[[Place], bool | None], count: int) -> bool | None:
-    """Return True if `judge` is true at `count` places, False after a False, None if too few places have a value."""
+def holds(samples: Iterable[Place], judge: Callable[[Place], bool | None], count: int) -> bool | None:
+    """Return True if `judge` is true at `count` samples, False after a False, None if too few samples have a value."""
     count_so_far = 0
-    for verdict in islice(usable(places, judge), count):
+    for verdict in islice(usable(samples, judge), count):
         if not verdict:
             return False
         count_so_far += 1

@@ -274,12 +274,12 @@ class SolvedTextbook:
         turns = {q: sympy.Dummy() for q in read.coordinates}
         unknown = {acceleration_of(q): symbol for q, symbol in turns.items()}
         unknown |= {multiplier(each.name): sympy.Dummy() for each in read.constraints}
-        own = of_quaternions(turns, statement.rotations)
-        second = {acceleration_of(q): own[q] for q in statement.coordinates}
+        accelerations = of_quaternions(turns, statement.rotations)
+        second = {acceleration_of(q): accelerations[q] for q in statement.coordinates}
         laws = [in_full((law.lhs - law.rhs).xreplace(unknown)) for law in derivation.equations[: len(turns)]]
         for each in statement.constraints:
             laws.append(each.expression.diff(t, 2 if each.holonomic else 1).xreplace(second))
-        rows, symbols = [*laws, *(own[q] for q in statement.coordinates)], list(unknown.values())
+        rows, symbols = [*laws, *(accelerations[q] for q in statement.coordinates)], list(unknown.values())
         still = dict.fromkeys(symbols, sympy.S.Zero)
         rest = [row.xreplace(still) for row in rows]
         # Each row is linear: a difference gives a coefficient, and takes less time than a derivative.
@@ -294,10 +294,10 @@ class SolvedTextbook:
     def __call__(self, q: Any, v: Any, time: float, parameters: Any) -> list[Any]:
         """Return the accelerations (n,) of a state. Raises OutsideDomain for singular equations."""
         count, size, width = self._shape
-        found = self._tape(q, v, time, parameters)
+        entries = self._tape(q, v, time, parameters)
         with mpmath.workdps(REFERENCE_DIGITS):
-            slopes, rest = mpmath.matrix(size, width), mpmath.matrix(found[size * width :])
-            slopes[:, :] = mpmath.matrix([found[i * width : (i + 1) * width] for i in range(size)])
+            slopes, rest = mpmath.matrix(size, width), mpmath.matrix(entries[size * width :])
+            slopes[:, :] = mpmath.matrix([entries[i * width : (i + 1) * width] for i in range(size)])
             try:
                 solved = mpmath.lu_solve(slopes[:count, :], -rest[:count])
             except ZeroDivisionError:

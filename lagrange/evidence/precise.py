@@ -141,7 +141,7 @@ def _piecewise(_: int) -> Operation:
 _NUMERIC: dict[Any, Callable[[int], Operation]] = {
     sympy.Add: lambda prec: lambda *terms: libmp.mpf_sum(terms, prec, "n"),
     sympy.Mul: _multiply,
-    **{one.symbolic: _unary(one.precise, one.spread) for one in ELEMENTARY.values()},
+    **{elementary.symbolic: _unary(elementary.precise, elementary.spread) for elementary in ELEMENTARY.values()},
     sympy.cot: _reciprocal(libmp.mpf_tan),
     sympy.sec: _reciprocal(libmp.mpf_cos),
     sympy.csc: _reciprocal(libmp.mpf_sin),

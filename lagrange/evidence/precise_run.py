@@ -252,7 +252,7 @@ class _Rule:
     """Gauss's rule with s points on [0, 1], in multiple precision and in doubles.
 
     - `matrix` maps values at the points to their integrals from 0 to each point.
-    - In doubles, `places` are the points, `once` is `matrix`, and `twice` is the matrix of the double integral.
+    - In doubles, `nodes` are the points, `once` is `matrix`, and `twice` is the matrix of the double integral.
     - `spectrum` maps values at the points to coefficients of Legendre's polynomials.
     - `middle` and `tail` are the three middle and the three last rows of `spectrum` in multiple precision.
     """
@@ -260,7 +260,7 @@ class _Rule:
     points: tuple[Any, ...]
     weights: tuple[Any, ...]
     matrix: tuple[tuple[Any, ...], ...]
-    places: FloatArray
+    nodes: FloatArray
     once: FloatArray
     twice: FloatArray
     spectrum: FloatArray
@@ -329,7 +329,7 @@ class _PreciseRun:
 
     def _guess(self, t: float, h: float, state: Numbers) -> _Interval:
         """Return the solution in doubles of the interval from t to t + h. Raises _TooLong if it is too long."""
-        times = t + h * self.rule.places
+        times = t + h * self.rule.nodes
         start = np.array([float(x) for x in state])
         q0, v0 = self.model.layout.split(start)
         rhs = self.model.kernel("rhs")

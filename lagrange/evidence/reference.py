@@ -182,8 +182,8 @@ class Reference:
             amplitudes = [noise * max(abs(a), abs(b - a) / unit) for a, b in zip(exact, off, strict=True)]
 
             def values(q: Sequence[Any], v: Sequence[Any], t: Any) -> Numbers:
-                found = zip(tape(q, v, t, parameters), amplitudes, strict=True)
-                return [x + amplitude * draw.uniform(-1.0, 1.0) for x, amplitude in found]
+                pairs = zip(tape(q, v, t, parameters), amplitudes, strict=True)
+                return [x + amplitude * draw.uniform(-1.0, 1.0) for x, amplitude in pairs]
 
             return values
 
@@ -373,10 +373,10 @@ def _of_gradient(slopes: Sequence[Numbers], multipliers: Numbers, nudge: laws.Nu
     }
 
 
-def _spread(numbers: Numbers, places: Sequence[int], length: int) -> Numbers:
-    """Return a list of `length` numbers: `numbers` at the indices `places`, and zeros elsewhere."""
+def _spread(numbers: Numbers, indices: Sequence[int], length: int) -> Numbers:
+    """Return a list of `length` numbers: `numbers` at the `indices`, and zeros elsewhere."""
     whole = [0] * length
-    for index, number in zip(places, numbers, strict=True):
+    for index, number in zip(indices, numbers, strict=True):
         whole[index] = number
     return whole
 
@@ -397,7 +397,7 @@ class _Perturbed:
 
         def copies(tapes: Sequence[Precise], seed: int) -> Sequence[Precise]:
             numbered = ((tape, seed + 6 * PERTURBED_COPIES * i) for i, tape in enumerate(tapes))
-            return _each(numbered, lambda tape, own: tape.perturbed(PERTURBATION, own))
+            return _each(numbered, lambda tape, tape_seed: tape.perturbed(PERTURBATION, tape_seed))
 
         return cls(
             lagrangian=whole.lagrangian.perturbed(PERTURBATION, seed + 1),

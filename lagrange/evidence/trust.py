@@ -56,24 +56,24 @@ class ReferenceSolution:
 
 
 def reference_solution(
-    problem: Problem, times: Sequence[float], given: Any, digits: int | None, unit: FloatArray, growth: float
+    problem: Problem, times: Sequence[float], reference: Any, digits: int | None, unit: FloatArray, growth: float
 ) -> ReferenceSolution:
     """Return the reference solution at `times`.
 
-    `given` is None for an independent run in multiple precision, an array (2n,) or (2n, K), or a method as name or
+    `reference` is None for an independent run in multiple precision, an array (2n,) or (2n, K), or a method as name or
     instance. `digits` applies to multiple precision only. `growth` is the factor by which errors grow along the run.
     Raises StatementError for an unusable reference, and RunError if it cannot be computed.
     """
-    if given is None:
+    if reference is None:
         return _independent(problem, times, digits, unit, growth)
-    if isinstance(given, (str, type)) or callable(getattr(given, "integrate", None)):
-        return _by_method(problem, times, given, unit)
-    states = real_array(given, "reference")
+    if isinstance(reference, (str, type)) or callable(getattr(reference, "integrate", None)):
+        return _by_method(problem, times, reference, unit)
+    states = real_array(reference, "reference")
     states = states[:, None] if states.ndim == 1 else states
     if states.shape != (len(problem.y0), len(times)) or not np.isfinite(states).all():
         raise StatementError(
-            f"reference has shape {np.shape(given)}: give the state at the end, ({len(problem.y0)},), or the states at "
-            f"the {len(times)} times of the race, one column each, all of them finite; or a method."
+            f"reference has shape {np.shape(reference)}: give the state at the end, ({len(problem.y0)},), or the "
+            f"states at the {len(times)} times of the race, one column each, all of them finite; or a method."
         )
     bound = float((np.abs(np.spacing(states)) / 2 / unit[:, None]).max())
     return ReferenceSolution(tuple(times), tuple(map(tuple, states.T.tolist())), bound, "the states given as reference")
@@ -136,12 +136,12 @@ def _distance(y: Sequence[Any], other: Sequence[Any], unit: FloatArray) -> float
     return max(abs(float(b - a)) / float(scale) for a, b, scale in zip(y, other, unit, strict=True))
 
 
-def digits_of(given: Any) -> int:
+def digits_of(digits: Any) -> int:
     """Return a checked number of digits. Raises StatementError unless it is an integer in the allowed range."""
-    number = real_number(given, "digits")
+    number = real_number(digits, "digits")
     if number != int(number) or not LEAST_DIGITS <= number <= GREATEST_DIGITS:
         raise StatementError(
-            f"digits = {shown(given)}: give a whole number from {LEAST_DIGITS} to {GREATEST_DIGITS}; doubles have 16."
+            f"digits = {shown(digits)}: give a whole number from {LEAST_DIGITS} to {GREATEST_DIGITS}; doubles have 16."
         )
     return int(number)
 

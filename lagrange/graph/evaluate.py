@@ -133,7 +133,7 @@ def _numbers_of(context: Any) -> NumberType:
 
 
 DOUBLE_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    **{one.name: one.of_array for one in ELEMENTARY.values()},
+    **{elementary.name: elementary.of_array for elementary in ELEMENTARY.values()},
     "atan2": np.arctan2,
     "abs": np.abs,
     "sign": np.sign,

@@ -126,7 +126,7 @@ _BUILD: dict[Any, Callable[..., Node]] = {
     sympy.Mul: lambda graph, *args: graph.product(args),
     sympy.Pow: _call("pow"),
     sympy.Piecewise: _piecewise,
-    **{one.symbolic: _call(one.name) for one in ELEMENTARY.values()},
+    **{elementary.symbolic: _call(elementary.name) for elementary in ELEMENTARY.values()},
     sympy.cot: lambda graph, a: graph.call("cos", a) / graph.call("sin", a),
     sympy.sec: lambda graph, a: 1 / graph.call("cos", a),
     sympy.csc: lambda graph, a: 1 / graph.call("sin", a),

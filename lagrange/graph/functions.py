@@ -43,7 +43,7 @@ log, sign, pow_ = map(_apply, ("log", "sign", "pow"))
 FUNCTIONS: dict[str, Function] = {
     function.name: function
     for function in (
-        *(Function(one.name, 1, (one.partial,)) for one in ELEMENTARY.values()),
+        *(Function(elementary.name, 1, (elementary.partial,)) for elementary in ELEMENTARY.values()),
         Function("atan2", 2, (lambda y, a, b: b / (a**2 + b**2), lambda y, a, b: -a / (a**2 + b**2))),
         Function("abs", 1, (lambda y, a: sign(a),)),
         Function("sign", 1, (lambda y, a: a.graph.zero,)),
@@ -66,10 +66,12 @@ FUNCTIONS: dict[str, Function] = {
 CONDITIONS = frozenset(("less", "less_equal", "equal", "and", "or", "not"))
 """Functions whose value is true or false."""
 
-ODD = frozenset(("sign", *(one.name for one in ELEMENTARY.values() if one.odd)))
-EVEN = frozenset(("abs", *(one.name for one in ELEMENTARY.values() if one.even)))
+ODD = frozenset(("sign", *(elementary.name for elementary in ELEMENTARY.values() if elementary.odd)))
+EVEN = frozenset(("abs", *(elementary.name for elementary in ELEMENTARY.values() if elementary.even)))
 
-EXACT: dict[tuple[Any, ...], int] = {(one.name, one.exact[0]): one.exact[1] for one in ELEMENTARY.values()}
+EXACT: dict[tuple[Any, ...], int] = {
+    (elementary.name, elementary.exact[0]): elementary.exact[1] for elementary in ELEMENTARY.values()
+}
 """Exact values, used to fold constants: (function, argument) to value."""
 
 FOLDS: dict[str, Callable[..., Any]] = {

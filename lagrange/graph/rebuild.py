@@ -51,7 +51,7 @@ class Substitution:
             if inner not in table and inner not in missing:
                 missing.add(inner)
                 stack.extend(inner.args)
-        for inner in sorted(missing, key=lambda one: one.id):
+        for inner in sorted(missing, key=lambda inner: inner.id):
             table[inner] = rebuild(inner, [table[arg] for arg in inner.args])
         return table[node]
 

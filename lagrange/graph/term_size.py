@@ -12,10 +12,12 @@ from collections.abc import Iterable
 from lagrange.graph.node import Kind, Node, reachable
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
-BOUNDED = frozenset(one.name for one in ELEMENTARY.values() if one.size == "bounded")
+BOUNDED = frozenset(elementary.name for elementary in ELEMENTARY.values() if elementary.size == "bounded")
 """Functions with values up to 1; their size is 1."""
 
-AT_LEAST_ONE = frozenset(("atan2", *(one.name for one in ELEMENTARY.values() if one.size == "unit")))
+AT_LEAST_ONE = frozenset(
+    ("atan2", *(elementary.name for elementary in ELEMENTARY.values() if elementary.size == "unit"))
+)
 """Functions with dimensionless argument or value, in whose argument terms may cancel; their size is at least 1."""
 
 

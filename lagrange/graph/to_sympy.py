@@ -62,7 +62,7 @@ def _piecewise(*args: Any) -> Any:
 
 
 _SPELLING: dict[str, Callable[..., Any]] = {
-    **{one.name: one.symbolic for one in ELEMENTARY.values()},
+    **{elementary.name: elementary.symbolic for elementary in ELEMENTARY.values()},
     "atan2": sympy.atan2,
     "abs": sympy.Abs,
     "sign": sympy.sign,

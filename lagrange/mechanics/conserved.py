@@ -55,9 +55,9 @@ def runge_lenz(stated: StatedAlgebra, body: BodyPosition) -> Iterator[tuple[str,
             return
 
 
-def _distances(stated: StatedAlgebra, place: BodyPosition) -> list[Any]:
+def _distances(stated: StatedAlgebra, position: BodyPosition) -> list[Any]:
     """Return the expressions that |r| may be in L: the square root, and a coordinate that equals |r|."""
-    square = stated.algebra.merge_angles(stated.algebra.read(sum((x**2 for x in place.r), S.Zero)))
+    square = stated.algebra.merge_angles(stated.algebra.read(sum((x**2 for x in position.r), S.Zero)))
     if not any(stated.algebra.free(k) & frozenset(stated.q) for monomial in square for k, _ in monomial):
         return []
     root = sqrt(stated.algebra.write(square))

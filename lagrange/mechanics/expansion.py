@@ -22,23 +22,23 @@ from lagrange.statement.statement import Constraint, Statement
 _COMPARED = sympy.core.relational.Relational
 
 
-def edges(given: Any) -> Sequence[Any]:
-    """Return expressions whose zeros are the corners and jumps of `given`, an expression from `PlainForm.read`."""
-    zeros = [node.args[0] for node in sorted(given.atoms(Magnitude, Direction, Step), key=str)]
-    for node in sorted(given.atoms(sympy.Piecewise), key=str):
+def edges(expr: Any) -> Sequence[Any]:
+    """Return expressions whose zeros are the corners and jumps of an expression from `PlainForm.read`."""
+    zeros = [node.args[0] for node in sorted(expr.atoms(Magnitude, Direction, Step), key=str)]
+    for node in sorted(expr.atoms(sympy.Piecewise), key=str):
         for _, when in node.args:
             zeros += [comparison.lhs - comparison.rhs for comparison in sorted(when.atoms(_COMPARED), key=str)]
     return list(dict.fromkeys(zeros))
 
 
-def on_side(given: Any, edge: Any, sign: int) -> Any:
+def on_side(expr: Any, edge: Any, sign: int) -> Any:
     """Return the formula of an expression on one side of a corner: the side on which `edge` has the sign 1 or -1."""
     table = {Magnitude(edge): sign * edge, Direction(edge): sympy.Integer(sign), Step(edge): sympy.Integer(sign > 0)}
     true = (">", ">=", "!=") if sign > 0 else ("<", "<=", "!=")
-    for comparison in sorted(given.atoms(_COMPARED), key=str):
+    for comparison in sorted(expr.atoms(_COMPARED), key=str):
         if comparison.lhs - comparison.rhs == edge:
             table[comparison] = sympy.true if comparison.rel_op in true else sympy.false
-    return given.xreplace(table)
+    return expr.xreplace(table)
 
 
 ROUNDED_PIECES = 2.0**-40
@@ -110,9 +110,9 @@ class StatedPoint:
             if not edge.has(*self.form.q, *self.form.v) or not self.is_zero(edge.xreplace(self.table), ()):
                 continue
             sides = [on_side(residual, edge, sign) for sign in (1, -1)]
-            here = [self._branch(side) for side in sides]
+            branches = [self._branch(side) for side in sides]
             for x in (None, *symbols):
-                above, below = (side if x is None else side.diff(x) for side in here)
+                above, below = (side if x is None else side.diff(x) for side in branches)
                 if not self.is_zero((above - below).xreplace(self.table), ()) and not self._rounded(above, below):
                     raise StatementError(
                         f"the forces on {name} have a corner or a jump at {self.where}, where "
@@ -139,18 +139,18 @@ class StatedPoint:
         size = max(size_of_terms(side, values) for side in (above, below))
         return abs(number(above - below, values)) <= ROUNDED_PIECES * size
 
-    def is_zero(self, given: Any, scale: Any) -> bool:
+    def is_zero(self, expr: Any, scale: Any) -> bool:
         """Return True if an expression is zero at the point. Decimals may differ by 1e-8, relative to `scale` or 1."""
-        if not self.decimal or given.free_symbols:
-            return vanishes(self.form, given)
+        if not self.decimal or expr.free_symbols:
+            return vanishes(self.form, expr)
         size = max([1.0, *(abs(complex(printable(x))) for x in scale if not x.free_symbols)])
-        return abs(complex(printable(given))) <= BALANCED_FORCE * size
+        return abs(complex(printable(expr))) <= BALANCED_FORCE * size
 
 
 def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tuple[Statement, Any, Any]:
     """Return statement, point and inputs with parameters for input functions. Refuses derivatives of an input."""
     listed = [inputs] if isinstance(inputs, str) else entries(inputs, "inputs")
-    named = [label_of(one) for one in ([inputs] if listed is None else listed)]
+    named = [label_of(entry) for entry in ([inputs] if listed is None else listed)]
     table: dict[Any, Any] = {}
     for function, order in zip(statement.given, statement.orders, strict=True):
         name = name_of(function)
@@ -225,12 +225,12 @@ def with_lengths(statement: Statement) -> Statement:
     return replace(statement, constraints=(*statement.constraints, *lengths), rotations=(), reading=None)
 
 
-def _inputs(statement: Statement, given: Any) -> tuple[Any, ...]:
-    """Return the parameters that the user lists as inputs, `given`."""
+def _inputs(statement: Statement, inputs: Any) -> tuple[Any, ...]:
+    """Return the parameters that the user lists as inputs."""
     by_name = {p.name: p for p in statement.parameters}
-    listed: Sequence[Any] | None = entries(given, "inputs") if not isinstance(given, str) else [given]
+    listed: Sequence[Any] | None = entries(inputs, "inputs") if not isinstance(inputs, str) else [inputs]
     symbols = []
-    for name in [given] if listed is None else listed:
+    for name in [inputs] if listed is None else listed:
         label = name if isinstance(name, str) else name.name if isinstance(name, sympy.Symbol) else shown(name)
         if label not in by_name:
             raise StatementError(
@@ -241,9 +241,9 @@ def _inputs(statement: Statement, given: Any) -> tuple[Any, ...]:
     return tuple(symbols)
 
 
-def _constant(statement: Statement, given: Any, what: str) -> Any:
+def _constant(statement: Statement, argument: Any, what: str) -> Any:
     """Return a user's expression in parameters alone, named `what`. Raises StatementError if it has coordinates."""
-    value, survey = expression(given, what), Survey()
+    value, survey = expression(argument, what), Survey()
     survey.add(value, what)
     if survey.coordinates or survey.velocities:
         names = listing(name_of(q) for q in survey.coordinates)
@@ -291,7 +291,7 @@ class _StatementExpansion:
             q: self.expanded(force, f"the force on {name}", self.order - 1)
             for q, name, force in zip(stated.coordinates, stated.names, stated.forces, strict=True)
         }
-        expansion = rewritten(stated, lambda given: table.get(given, given), forces=forces)
+        expansion = rewritten(stated, lambda expression: table.get(expression, expression), forces=forces)
         about = " ".join(part for part in (stated.about, self.note) if part)
         return replace(expansion, positions=stated.positions, about=about)
 
@@ -327,10 +327,10 @@ class _StatementExpansion:
             )
         )
 
-    def check_smooth(self, given: Any, what: str) -> None:
+    def check_smooth(self, expr: Any, what: str) -> None:
         """Raise StatementError for an expression with a corner or a jump at the point; `what` names the expression."""
         point = dict(zip(self.symbols, self.values, strict=True))
-        for edge in edges(given):
+        for edge in edges(expr):
             if edge.has(*self.symbols) and simplest(edge.xreplace({**self.point.table, **point})) == 0:
                 raise StatementError(
                     f"{what} has no expansion about {self.point.where}: it has a corner or a jump where "

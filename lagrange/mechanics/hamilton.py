@@ -195,19 +195,19 @@ def _by_length(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) ->
     return []
 
 
-def _with_roots_together(given: Any) -> Any:
+def _with_roots_together(expression: Any) -> Any:
     """Return a sum whose terms with roots are put over one denominator."""
     rooted: list[Any] = []
     rest: list[Any] = []
-    for term in sympy.Add.make_args(sympy.expand(given)):
+    for term in sympy.Add.make_args(sympy.expand(expression)):
         has = any(not power.exp.is_Integer for power in term.atoms(sympy.Pow))
         (rooted if has else rest).append(term)
     whole = sympy.Add(*rooted)
     return sympy.Add(min((whole, simplest(whole), sympy.radsimp(sympy.together(whole))), key=size), *rest)
 
 
-def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], found: Sequence[Any]) -> bool:
-    """Return True if the formulas `found` reproduce the velocities from their momenta, at a few random states."""
+def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], velocities: Sequence[Any]) -> bool:
+    """Return True if formulas of the velocities reproduce them from their momenta, at a few random states."""
 
     def reproduced(point: SamplePoint) -> bool | None:
         values = form.at(point)
@@ -217,7 +217,7 @@ def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], f
         point_values = values | {
             symbols[i]: sympy.Float(p.real, FORMULA_DIGITS) for i, p in zip(block, momenta, strict=True)
         }
-        again = [number(x, point_values) for x in found]
+        again = [number(x, point_values) for x in velocities]
         return all(
             abs(x - values[form.v[i]]) <= LARGEST_ERROR * (1 + abs(x)) for i, x in zip(block, again, strict=True)
         )
@@ -278,9 +278,9 @@ class Hamiltonian(ShownAsPage):
         model: Model = self.system.compile(target, check=check)
         return model
 
-    def run(self, *given: Any, **options: Any) -> Any:
+    def run(self, *arguments: Any, **options: Any) -> Any:
         """Run Hamilton's equations as `System.run` does; the solution has rows for coordinates and momenta."""
-        return self.system.run(*given, **options)
+        return self.system.run(*arguments, **options)
 
     @cached_property
     def _form(self) -> PlainForm:
@@ -291,9 +291,9 @@ class Hamiltonian(ShownAsPage):
         form = self._form
         return form.written(simplest(form.read(self.expression).diff(form.plain[leaf])))
 
-    def _function(self, given: Any, what: str) -> Any:
+    def _function(self, function: Any, what: str) -> Any:
         """Return a user's function of coordinates and momenta in plain symbols; `what` names it in errors."""
-        stated, survey = in_own_parameters(expression_of(given, what), self.statement.parameters), Survey()
+        stated, survey = in_own_parameters(expression_of(function, what), self.statement.parameters), Survey()
         survey.add(stated, what)
         known = (*self.statement.coordinates, *self.statement.given, *self.statement.parameters)
         survey.require(known, what, f": its coordinates and momenta are {listing(self.statement.names)}.")
@@ -328,16 +328,16 @@ def hamiltonian(statement: Statement, model: Model, made: Callable[[Statement], 
     return _record(form, list(map(coordinate_of, names)), transform, made)
 
 
-def _record(form: PlainForm, momenta: list[Any], found: Legendre, made: Callable[[Statement], Any]) -> Hamiltonian:
-    """Return the `Hamiltonian` with a statement in coordinates and momenta; `found` is the Legendre transform."""
+def _record(form: PlainForm, momenta: list[Any], legendre: Legendre, made: Callable[[Statement], Any]) -> Hamiltonian:
+    """Return the `Hamiltonian` of a Legendre transform, with a statement in coordinates and momenta."""
     statement = form.statement
-    back = dict(zip(found.symbols, momenta, strict=True))
-    in_momenta = dict(zip(form.v, found.velocities, strict=True))
+    back = dict(zip(legendre.symbols, momenta, strict=True))
+    in_momenta = dict(zip(form.v, legendre.velocities, strict=True))
 
-    def stated(given: Any) -> Any:
-        return form.written(given).xreplace(back)
+    def stated(expression: Any) -> Any:
+        return form.written(expression).xreplace(back)
 
-    energy = stated(found.hamiltonian)
+    energy = stated(legendre.hamiltonian)
     forces = {
         q: stated(simplest(force.xreplace(in_momenta)))
         for q, force in zip(statement.coordinates, form.forces, strict=True)
@@ -363,7 +363,7 @@ def _record(form: PlainForm, momenta: list[Any], found: Legendre, made: Callable
         expression=energy,
         momenta=MappingProxyType(dict(pairs)),
         velocities=MappingProxyType(
-            {q: stated(v) for q, v in zip(statement.coordinates, found.velocities, strict=True)}
+            {q: stated(v) for q, v in zip(statement.coordinates, legendre.velocities, strict=True)}
         ),
         forces=MappingProxyType(forces),
         statement=with_origin(first_order, statement),
@@ -371,20 +371,20 @@ def _record(form: PlainForm, momenta: list[Any], found: Legendre, made: Callable
     )
 
 
-def _check(form: PlainForm, found: Legendre, model: Model) -> None:
+def _check(form: PlainForm, legendre: Legendre, model: Model) -> None:
     """Compare H, dH/dp and -dH/dq + Q with the compiled energy, velocities and forces, at random states."""
-    slopes = [found.hamiltonian.diff(p) for p in found.symbols]
-    pulls = [-found.hamiltonian.diff(q) + force for q, force in zip(form.q, form.forces, strict=True)]
+    slopes = [legendre.hamiltonian.diff(p) for p in legendre.symbols]
+    pulls = [-legendre.hamiltonian.diff(q) + force for q, force in zip(form.q, form.forces, strict=True)]
 
     def values(point: Any) -> tuple[list[float], list[Any]]:
         numbers = form.at(point)
         momenta = model.momenta(point.q, point.v, point.t, point.parameters)
-        numbers |= {p: sympy.Rational(float(x)) for p, x in zip(found.symbols, momenta, strict=True)}
+        numbers |= {p: sympy.Rational(float(x)) for p, x in zip(legendre.symbols, momenta, strict=True)}
         compiled = [
             model.energy(point.q, point.v, point.t, point.parameters),
             *point.v,
             *model.evaluate("forces", point.q, point.v, point.t, point.parameters),
         ]
-        return compiled, [number(x, numbers) for x in (found.hamiltonian, *slopes, *pulls)]
+        return compiled, [number(x, numbers) for x in (legendre.hamiltonian, *slopes, *pulls)]
 
     compared("the Hamiltonian", form.statement, values)

@@ -175,18 +175,18 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
 def linearized_at(point: StatedPoint) -> Linearization:
     """Return the linearization about a point. Raises StatementError if a force or a derivative has no value there."""
     statement, expanded = point.form.statement, expansion(point)
-    matrices, places, speeds = expanded.matrices, expanded.places, expanded.speeds
+    matrices, positions, speeds = expanded.matrices, expanded.positions, expanded.speeds
     if any(x.has(sympy.Float) for x in (statement.lagrangian, statement.dissipation, *statement.forces)):
         matrices = {name: matrix.applyfunc(in_decimals) for name, matrix in matrices.items()}
     K = matrices["K"]
     balanced = all(point.is_zero(x, K) for x in expanded.unbalanced)
-    moving = [k for k, i in enumerate(places) if point.v[i] != 0]
+    moving = [k for k, i in enumerate(positions) if point.v[i] != 0]
     rows = [k for k, i in enumerate(speeds) if point.v[i] != 0]
     steady = all(point.is_zero(x, ()) for k in moving for x in K[:, k])
     steady = steady and all(point.is_zero(x, ()) for k in rows for x in K[k, :])
     velocities = {v: x for v, x in zip(statement.velocities, point.v, strict=True) if x != 0}
     return Linearization(
-        coordinates=tuple(statement.coordinates[i] for i in places),
+        coordinates=tuple(statement.coordinates[i] for i in positions),
         velocity_coordinates=tuple(statement.coordinates[i] for i in speeds),
         at=MappingProxyType(dict(zip(statement.coordinates, point.q, strict=True)) | velocities | dict(point.inputs)),
         **matrices,
@@ -246,8 +246,8 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
     """
     state = numeric(sympy.Matrix([*point.q, *point.v]), values).ravel()
     mass, damping, stiffness, pushes = (numeric(x, values) for x in (lin.M, lin.C, lin.K, lin.input_matrix))
-    places, speeds, slopes = (numeric(x, values) for x in (lin.basis, lin.velocity_basis, lin.velocity_slope))
-    parts = (state, mass, damping, stiffness, pushes, places, speeds, slopes)
+    basis, speeds, slopes = (numeric(x, values) for x in (lin.basis, lin.velocity_basis, lin.velocity_slope))
+    parts = (state, mass, damping, stiffness, pushes, basis, speeds, slopes)
     slow = lin.without_inertia
     fast = [k for k in range(len(mass)) if k not in slow]
     inertia, resistance = mass[np.ix_(fast, fast)], damping[np.ix_(slow, slow)]
@@ -265,7 +265,7 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
     # The independent velocities are a selection of all velocities, so their rates are rows of the full Jacobian.
     jacobian = model.jacobian(time, state, parameters)[model.layout.v][lin.speeds]
     by_place, by_speed = jacobian[:, model.layout.q], jacobian[:, model.layout.v]
-    by_place, by_speed = by_place @ places + by_speed @ slopes, by_speed @ speeds
+    by_place, by_speed = by_place @ basis + by_speed @ slopes, by_speed @ speeds
     compiled = np.hstack([by_place[fast], by_speed[np.ix_(fast, fast)]]) + by_speed[np.ix_(fast, slow)] @ shares
     # The model also has the rates of velocities without inertia.
     compiled_slow = by_speed[slow]
@@ -279,11 +279,11 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
         rates[slow] = shares @ np.concatenate([speeds[lin.places] @ moves, rates[fast]])
         shift = np.concatenate([np.zeros(len(speeds)), speeds @ moves])
         # One-sided difference: an input declared positive must not become negative.
-        near, here, far = (
+        near, base, far = (
             model.rhs(time, state + step * shift, {**parameters, u: parameters[u] + step})[model.layout.v]
             for step in (INPUT_STEP, 0, 2 * INPUT_STEP)
         )
-        column, symbolic = (4 * near - 3 * here - far) / (2 * INPUT_STEP), speeds @ rates
+        column, symbolic = (4 * near - 3 * base - far) / (2 * INPUT_STEP), speeds @ rates
         if np.abs(symbolic - column).max() > INPUT_ERROR * max(scale, np.abs(column).max()):
             return [*column], [*symbolic]
     return [*compiled.ravel(), *compiled_slow.ravel()], [*formulas.ravel(), *formulas_slow.ravel()]
@@ -296,15 +296,15 @@ Rows = Sequence[Sequence[Node]]
 
 
 class Expansion(NamedTuple):
-    """Linear equations M u' + C u + K z = (input matrix) u_input, and z' = the rows `places` of N u + L z.
+    """Linear equations M u' + C u + K z = (input matrix) u_input, and z' = the rows `positions` of N u + L z.
 
     `matrices` are M, C, K, the input matrix, B, N and L of the module's description, by their names in `Linearization`.
-    `places` are the indices of the independent coordinates, `speeds` of the coordinates with independent velocities.
+    `positions` are the indices of the independent coordinates, `speeds` of the coordinates with independent velocities.
     `unbalanced` are the forces along the latter.
     """
 
     matrices: dict[str, Any]
-    places: list[int]
+    positions: list[int]
     speeds: list[int]
     unbalanced: Sequence[Any]
 
@@ -323,7 +323,7 @@ class AtPoint:
         e = self.equations
         names = dict(zip((*self.form.q, *self.form.v), (*e.q, *e.v), strict=True))
         self.here = {names[x] if x in names else e.translate(x): e.translate(value) for x, value in point.table.items()}
-        vanishes = (lambda _: False) if point.decimal else (lambda given: point.is_zero(given, ()))
+        vanishes = (lambda _: False) if point.decimal else (lambda expression: point.is_zero(expression, ()))
         self.shortener = Shortener(f"the linear equations of {self.statement.name} about this point", vanishes)
 
     def matrix(self, rows: Rows, columns: int) -> Any:
@@ -335,12 +335,12 @@ class AtPoint:
         return sympy.Matrix(len(rows), columns, [self._value(x) for x in nodes])
 
     def _value(self, node: Node) -> Any:
-        found = self.equations.express(node)
-        if self.point.decimal and not found.is_Integer:
-            found = sympy.Float(float(sympy.N(found, 30))) if found.is_number else sympy.N(found, 17)
-        if found.has(sympy.nan, sympy.zoo, sympy.oo):
+        value = self.equations.express(node)
+        if self.point.decimal and not value.is_Integer:
+            value = sympy.Float(float(sympy.N(value, 30))) if value.is_number else sympy.N(value, 17)
+        if value.has(sympy.nan, sympy.zoo, sympy.oo):
             raise self.no_value()
-        return self.shortener.short(found)
+        return self.shortener.short(value)
 
     def no_value(self) -> StatementError:
         """Return the error for a point at which a force, a constraint or one of their derivatives has no value."""
@@ -429,11 +429,11 @@ def expansion(point: StatedPoint) -> Expansion:
     stated = (statement.lagrangian, statement.dissipation, *statement.forces)
     if any(edges(point.form.read(x)) for x in stated):
         _ = point.residuals  # refuses a corner that matters; at any other both sides have the same derivatives
-    here = AtPoint(point)
-    e, held, product = here.equations, here.equations.stated, here.shortener.product
-    _check(here)
-    speeds = DependentCoordinates(here.shortener, here.matrix(held.gradient, here.n))
-    mass = here.matrix(e.mass, here.n)
+    at_point = AtPoint(point)
+    e, held, product = at_point.equations, at_point.equations.stated, at_point.shortener.product
+    _check(at_point)
+    speeds = DependentCoordinates(at_point.shortener, at_point.matrix(held.gradient, at_point.n))
+    mass = at_point.matrix(e.mass, at_point.n)
     if any(x.is_number and x.atoms(sympy.Function) for x in (*mass, *speeds.gradient)):
         decimals = point.in_decimals()  # sums of numbers such as sin(1/3) grow with every elimination
         if decimals.decimal and not point.decimal:
@@ -444,47 +444,48 @@ def expansion(point: StatedPoint) -> Expansion:
         raise StatementError("the constraints leave no motion: there is nothing to linearise.")
     kept = held.part(speeds.kept)
     holonomic = [row for row, phi in zip(kept.gradient, kept.positions, strict=True) if phi is not None]
-    places = DependentCoordinates(here.shortener, here.matrix(holonomic, here.n))
+    positions = DependentCoordinates(at_point.shortener, at_point.matrix(holonomic, at_point.n))
     N = speeds.null_space
     reduced = product(N.T, mass, N)
-    rest = here.matrix([[h] for h in e.bias], 1)
-    carried = speeds.solved(here.matrix([[gamma] for gamma in kept.bias], 1))
+    rest = at_point.matrix([[h] for h in e.bias], 1)
+    carried = speeds.solved(at_point.matrix([[gamma] for gamma in kept.bias], 1))
     unbalanced = product(N.T, rest - product(mass, carried))
-    accelerations = carried + product(N, _driven(here, reduced, unbalanced))
-    here.here |= {a: e.translate(x) for a, x in zip(here.a, accelerations, strict=True)}
+    accelerations = carried + product(N, _driven(at_point, reduced, unbalanced))
+    at_point.here |= {a: e.translate(x) for a, x in zip(at_point.a, accelerations, strict=True)}
     multipliers = speeds.balance(mass * accelerations - rest) if len(kept) else ()
-    residuals = _residuals(here, kept.gradient, multipliers)
-    P = here.slopes(kept.velocities, e.q)
+    residuals = _residuals(at_point, kept.gradient, multipliers)
+    P = at_point.slopes(kept.velocities, e.q)
     p, g_rate, p_rate, phi_rate = (
-        here.matrix(rows, here.n) for rows in (P, here.rates(kept.gradient), here.rates(P), here.rates(holonomic))
+        at_point.matrix(rows, at_point.n)
+        for rows in (P, at_point.rates(kept.gradient), at_point.rates(P), at_point.rates(holonomic))
     )
-    motion = TangentMotion(speeds, places, p, (g_rate, p_rate, phi_rate))
-    damping, stiffness = (here.matrix(here.slopes(residuals, x), here.n) for x in (e.v, e.q))
+    motion = TangentMotion(speeds, positions, p, (g_rate, p_rate, phi_rate))
+    damping, stiffness = (at_point.matrix(at_point.slopes(residuals, x), at_point.n) for x in (e.v, e.q))
     inputs = [e.translate(u) for u in point.inputs]
     C, K = motion.reduced(mass, damping, stiffness)
-    pushes = product(-N.T, here.matrix(here.slopes(residuals, inputs), len(inputs)))
+    pushes = product(-N.T, at_point.matrix(at_point.slopes(residuals, inputs), len(inputs)))
     matrices = {"M": reduced, "C": C, "K": K, "input_matrix": pushes}
     matrices |= {"basis": motion.B, "velocity_basis": N, "velocity_slope": motion.L}
-    return Expansion(matrices, places.independent, speeds.independent, unbalanced)
+    return Expansion(matrices, positions.independent, speeds.independent, unbalanced)
 
 
 class TangentMotion:
     """Small motions on the constraints: x = B z, x' = N u + L z, x'' = N u' + `turned` u + `bent` z.
 
-    `speeds` and `places` choose the dependent velocities, from G, and the dependent coordinates, from the gradients of
-    holonomic constraints. `P` has the derivatives of constraints on velocities by coordinates. `rates` are the time
+    `speeds` and `positions` choose the dependent velocities, from G, and the dependent coordinates, from the gradients
+    of holonomic constraints. `P` has the derivatives of constraints on velocities by coordinates. `rates` are the time
     derivatives of G, of P and of the gradients of holonomic constraints.
     """
 
     def __init__(
-        self, speeds: DependentCoordinates, places: DependentCoordinates, P: Any, rates: tuple[Any, Any, Any]
+        self, speeds: DependentCoordinates, positions: DependentCoordinates, P: Any, rates: tuple[Any, Any, Any]
     ) -> None:
         product, (g_rate, p_rate, phi_rate) = speeds.shortener.product, rates
-        self.product, self.N, self.B = product, speeds.null_space, places.null_space
+        self.product, self.N, self.B = product, speeds.null_space, positions.null_space
         self.L = speeds.solved(product(P, self.B))
-        N_rate, B_rate = speeds.solved(product(g_rate, self.N)), places.solved(product(phi_rate, self.B))
+        N_rate, B_rate = speeds.solved(product(g_rate, self.N)), positions.solved(product(phi_rate, self.B))
         L_rate = speeds.solved(product(g_rate, self.L) + product(p_rate, self.B) + product(P, B_rate))
-        N_rows, L_rows = (x.extract(places.independent, list(range(x.cols))) for x in (self.N, self.L))
+        N_rows, L_rows = (x.extract(positions.independent, list(range(x.cols))) for x in (self.N, self.L))
         self.turned, self.bent = N_rate + product(self.L, N_rows), L_rate + product(self.L, L_rows)
 
     def reduced(self, mass: Any, damping: Any, stiffness: Any) -> tuple[Any, Any]:
@@ -495,52 +496,54 @@ class TangentMotion:
         return product(self.N.T, C), product(self.N.T, K)
 
 
-def _check(here: AtPoint) -> None:
+def _check(at_point: AtPoint) -> None:
     """Raise StatementError for a point off the constraints, in position or velocity, and for inputs in constraints."""
-    held = here.equations.stated
-    for one, phi, psi in zip(here.statement.constraints, held.positions, held.velocities, strict=True):
-        if one.expression.xreplace(here.form.plain).has(t):
-            raise StatementError(f"the constraint {one.name!r} depends on time: no point satisfies it at all times.")
-        if driving := [u for u in here.point.inputs if one.expression.has(u)]:
+    held = at_point.equations.stated
+    for constraint, phi, psi in zip(at_point.statement.constraints, held.positions, held.velocities, strict=True):
+        if constraint.expression.xreplace(at_point.form.plain).has(t):
             raise StatementError(
-                f"the input {driving[0]} is in the constraint {one.name!r}, so that velocities follow it and B would "
-                "need its rate: leave it out of inputs, or state it in forces."
+                f"the constraint {constraint.name!r} depends on time: no point satisfies it at all times."
+            )
+        if driving := [u for u in at_point.point.inputs if constraint.expression.has(u)]:
+            raise StatementError(
+                f"the input {driving[0]} is in the constraint {constraint.name!r}, so that velocities follow it and B "
+                "would need its rate: leave it out of inputs, or state it in forces."
             )
         for node, subject, names in ((phi, "point is", "coordinates"), (psi, "velocities are", "velocities")):
-            value = sympy.S.Zero if node is None else here.matrix([[node]], 1)[0]
-            if not here.point.is_zero(value, ()):
+            value = sympy.S.Zero if node is None else at_point.matrix([[node]], 1)[0]
+            if not at_point.point.is_zero(value, ()):
                 raise StatementError(
-                    f"the {subject} not on the constraint {one.name!r}, which is {formula(value, 80)} there and not "
-                    f"zero: give values of all {names} in it."
+                    f"the {subject} not on the constraint {constraint.name!r}, which is {formula(value, 80)} there and "
+                    f"not zero: give values of all {names} in it."
                 )
 
 
-def _driven(here: AtPoint, mass: Any, left: Any) -> Any:
+def _driven(at_point: AtPoint, mass: Any, left: Any) -> Any:
     """Return the accelerations of independent velocities that the unbalanced forces `left` cause."""
-    if left.is_zero_matrix or (here.point.decimal and all(here.point.is_zero(x, ()) for x in left)):
+    if left.is_zero_matrix or (at_point.point.decimal and all(at_point.point.is_zero(x, ()) for x in left)):
         return sympy.zeros(*left.shape)
     if mass.has(sympy.Float):
         return mass.LUsolve(left)
-    determinant = here.shortener.short(mass.det(method="berkowitz"))
+    determinant = at_point.shortener.short(mass.det(method="berkowitz"))
     if determinant == 0:
-        names = [here.statement.names[i] for i in here.equations.first_order]
+        names = [at_point.statement.names[i] for i in at_point.equations.first_order]
         if names:
             raise StatementError(
-                f"this point is not an equilibrium of {here.statement.name}, and {listing(names)} "
+                f"this point is not an equilibrium of {at_point.statement.name}, and {listing(names)} "
                 f"{'has' if len(names) == 1 else 'have'} no inertia, so that the rest there does not last: give an "
                 "equilibrium, such as one of system.equilibria()."
             )
         raise StatementError(
-            f"the mass matrix of {here.statement.name} is singular at this point, which is not an equilibrium: its "
+            f"the mass matrix of {at_point.statement.name} is singular at this point, which is not an equilibrium: its "
             "accelerations are not determined there. Choose another point."
         )
-    return here.shortener.product(mass.adjugate(), left / determinant)
+    return at_point.shortener.product(mass.adjugate(), left / determinant)
 
 
-def _residuals(here: AtPoint, gradient: Rows, multipliers: Sequence[Any]) -> list[Node]:
+def _residuals(at_point: AtPoint, gradient: Rows, multipliers: Sequence[Any]) -> list[Node]:
     """Return M a - h - G^T lambda, where h are the forces and `gradient` is G. Zero accelerations are left out."""
-    e = here.equations
-    a = [here.here[x] if here.here[x] is e.graph.zero else x for x in here.a]
+    e = at_point.equations
+    a = [at_point.here[x] if at_point.here[x] is e.graph.zero else x for x in at_point.a]
     forces = [e.translate(x) for x in multipliers]
     return [
         e.graph.sum(

@@ -325,18 +325,20 @@ def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root]
     """Return roots and shapes as numbers, sorted by the magnitudes of the real and imaginary parts of the frequency."""
     mass, damping, stiffness = (numeric(x, values) for x in (lin.M, lin.C, lin.K))
     n = mass.shape[0]
-    found, vectors = np.linalg.eig(first_order_matrix(mass, damping, stiffness))
-    largest = max(1e-300, float(np.abs(found).max()))
-    turning = [i for i in range(2 * n) if found[i].imag > SMALL * largest]
-    still = sorted((i for i in range(2 * n) if abs(found[i].imag) <= SMALL * largest), key=lambda i: found[i].real)
-    pairs = [(found[i].conjugate(), i) for i in turning]
-    pairs += [(found[still[k]], still[-1 - k]) for k in range(len(still) // 2)]
+    eigenvalues, vectors = np.linalg.eig(first_order_matrix(mass, damping, stiffness))
+    largest = max(1e-300, float(np.abs(eigenvalues).max()))
+    turning = [i for i in range(2 * n) if eigenvalues[i].imag > SMALL * largest]
+    still = sorted(
+        (i for i in range(2 * n) if abs(eigenvalues[i].imag) <= SMALL * largest), key=lambda i: eigenvalues[i].real
+    )
+    pairs = [(eigenvalues[i].conjugate(), i) for i in turning]
+    pairs += [(eigenvalues[still[k]], still[-1 - k]) for k in range(len(still) // 2)]
     _, sizes, rows = np.linalg.svd(stiffness)
     rigid = list(rows[sizes <= SMALL * max(1e-300, sizes.max())])  # zero is a multiple eigenvalue with few eigenvectors
     listed = []
     for other, i in pairs:
-        vector = rigid.pop() if rigid and abs(found[i]) <= SMALL * largest else vectors[:n, i]
-        listed.append((_root_of_numbers(other, found[i], largest), _column(vector)))
+        vector = rigid.pop() if rigid and abs(eigenvalues[i]) <= SMALL * largest else vectors[:n, i]
+        listed.append((_root_of_numbers(other, eigenvalues[i], largest), _column(vector)))
     listed.sort(key=lambda mode: tuple(abs(float(part)) for part in mode[0].frequency.as_real_imag()))
     return [root for root, _ in listed], [shape for _, shape in listed]
 

@@ -40,13 +40,13 @@ _ANGLES = (sympy.sin, sympy.cos, sympy.tan)
 _INVERSES = (sympy.asin, sympy.acos, sympy.atan)
 
 
-def simplest(given: Any) -> Any:
+def simplest(expression: Any) -> Any:
     """Return the shortest of several equivalent forms of an expression, by number of operations."""
-    if not given.args or given.is_Piecewise or given.has(sympy.Piecewise):
-        return given
-    if given.has(sympy.Float):  # polynomials of decimals have no factors
-        return in_decimals(simplest(in_fractions(given)))
-    best = given
+    if not expression.args or expression.is_Piecewise or expression.has(sympy.Piecewise):
+        return expression
+    if expression.has(sympy.Float):  # polynomials of decimals have no factors
+        return in_decimals(simplest(in_fractions(expression)))
+    best = expression
     exponents = [power.exp for power in best.atoms(sympy.Pow) if power.exp.is_Rational]
     few = _generators(best) <= MOST_SYMBOLS and all(max(abs(e.p), e.q) <= HIGHEST_DEGREE for e in exponents)
     if size(best) <= LONGEST_FACTORED:
@@ -61,19 +61,19 @@ def simplest(given: Any) -> Any:
     return best
 
 
-def rational_below(given: Any) -> Any:
+def rational_below(expression: Any) -> Any:
     """Return an expression without square roots in its denominator.
 
     It is unchanged if it is long, or if it has roots within roots or functions, as in |sqrt(a) - b|. A root r of a base
     b is a symbol with r^2 = b, and the fraction is multiplied by the conjugate of its denominator.
     """
-    powers = [x for x in sorted(given.atoms(sympy.Pow), key=str) if x.exp.is_Rational and x.exp.q == 2]
+    powers = [x for x in sorted(expression.atoms(sympy.Pow), key=str) if x.exp.is_Rational and x.exp.q == 2]
     roots = {base: sympy.Dummy("r") for base in dict.fromkeys(x.base for x in powers)}
-    around = [*roots, *given.atoms(sympy.Function)]
+    around = [*roots, *expression.atoms(sympy.Function)]
     nested = any(outer.has(*powers) for outer in around) if powers else True
-    if nested or size(given) > LONGEST_FACTORED or _generators(given) > MOST_SYMBOLS:
-        return given
-    put = given.xreplace({x: roots[x.base] ** x.exp.p for x in powers})
+    if nested or size(expression) > LONGEST_FACTORED or _generators(expression) > MOST_SYMBOLS:
+        return expression
+    put = expression.xreplace({x: roots[x.base] ** x.exp.p for x in powers})
     above, below = sympy.fraction(sympy.together(put))
     for base, root in roots.items():
         if below.has(root):
@@ -84,58 +84,58 @@ def rational_below(given: Any) -> Any:
     return short.xreplace({root: sympy.sqrt(base) for base, root in roots.items()})
 
 
-def root_of_square(given: Any) -> Any:
+def root_of_square(expression: Any) -> Any:
     """Return the root of an expression; that of a - 2 sqrt(a b) + b is |sqrt(a) - sqrt(b)|."""
-    powers = [x for x in given.atoms(sympy.Pow) if x.base.is_Symbol and x.base.is_positive and x.exp.is_Rational]
+    powers = [x for x in expression.atoms(sympy.Pow) if x.base.is_Symbol and x.base.is_positive and x.exp.is_Rational]
     bases = sorted({x.base for x in powers if not x.exp.is_Integer}, key=str)
-    if not bases or size(given) > LONGEST_FACTORED or _generators(given) > MOST_SYMBOLS:
-        return sympy.sqrt(given)
+    if not bases or size(expression) > LONGEST_FACTORED or _generators(expression) > MOST_SYMBOLS:
+        return sympy.sqrt(expression)
     degree = {base: math.lcm(*(x.exp.q for x in powers if x.base == base)) for base in bases}
     roots = {base: sympy.Dummy(base.name, positive=True) for base in bases}
     table = {x: roots[x.base] ** (x.exp * degree[x.base]) for x in powers if x.base in roots}
     table |= {base: root ** degree[base] for base, root in roots.items()}
-    found = sympy.sqrt(sympy.factor(given.xreplace(table)))
-    return found.xreplace({root: base ** sympy.Rational(1, degree[base]) for base, root in roots.items()})
+    result = sympy.sqrt(sympy.factor(expression.xreplace(table)))
+    return result.xreplace({root: base ** sympy.Rational(1, degree[base]) for base, root in roots.items()})
 
 
-def in_fractions(given: Any) -> Any:
+def in_fractions(expression: Any) -> Any:
     """Return an expression with each decimal replaced by the fraction that its digits state: 0.1 becomes 1/10."""
-    decimals = sorted(given.atoms(sympy.Float), key=str)
-    return given.xreplace({x: sympy.Rational(repr(float(x))) for x in decimals})
+    decimals = sorted(expression.atoms(sympy.Float), key=str)
+    return expression.xreplace({x: sympy.Rational(repr(float(x))) for x in decimals})
 
 
-def in_decimals(given: Any) -> Any:
+def in_decimals(expression: Any) -> Any:
     """Return an expression with decimals in place of fractions whose numerator or denominator is too long."""
-    fractions = [x for x in sorted(given.atoms(sympy.Rational), key=str) if max(abs(x.p), x.q) > LARGEST_FRACTION]
-    return given.xreplace({x: sympy.Float(float(x)) for x in fractions if x.q > 1})
+    fractions = [x for x in sorted(expression.atoms(sympy.Rational), key=str) if max(abs(x.p), x.q) > LARGEST_FRACTION]
+    return expression.xreplace({x: sympy.Float(float(x)) for x in fractions if x.q > 1})
 
 
-def _merged(given: Any) -> Any:
+def _merged(expression: Any) -> Any:
     """Return an expression simplified by sin^2 + cos^2 = 1 and addition theorems, in numerator and denominator."""
-    above, below = sympy.fraction(sympy.together(given))
+    above, below = sympy.fraction(sympy.together(expression))
     algebra = Algebra(MERGED_TERMS)
     try:
         above, below = (algebra.write(algebra.merge_angles(algebra.read(part))) for part in (above, below))
     except TooLargeError:
-        return given
+        return expression
     return above / below
 
 
-def _generators(given: Any) -> int:
+def _generators(expression: Any) -> int:
     """Return the number of symbols, trigonometric functions and roots in an expression."""
-    roots = [power for power in given.atoms(sympy.Pow) if not power.exp.is_Integer]
-    return len(given.free_symbols) + len(given.atoms(*_ANGLES)) + len(roots)
+    roots = [power for power in expression.atoms(sympy.Pow) if not power.exp.is_Integer]
+    return len(expression.free_symbols) + len(expression.atoms(*_ANGLES)) + len(roots)
 
 
-def size(given: Any) -> int:
+def size(expression: Any) -> int:
     """Return the number of operations of an expression."""
-    return int(sympy.count_ops(given))
+    return int(sympy.count_ops(expression))
 
 
-def written_out(given: Any) -> int:
+def written_out(expression: Any) -> int:
     """Return the number of nodes of an expression as a tree, in which shared nodes count at each occurrence."""
     sizes: dict[Any, int] = {}
-    stack = [given]
+    stack = [expression]
     while stack:
         node = stack[-1]
         missing = [] if node in sizes else [arg for arg in node.args if arg not in sizes]
@@ -143,12 +143,12 @@ def written_out(given: Any) -> int:
             stack += missing
         else:
             sizes[stack.pop()] = 1 + sum(sizes[arg] for arg in node.args)
-    return sizes[given]
+    return sizes[expression]
 
 
-def is_zero(given: Any) -> bool:
+def is_zero(expression: Any) -> bool:
     """Return True if SymPy can show that an expression is identically zero."""
-    return bool(simplest(given).is_zero if given.is_zero is None else given.is_zero)
+    return bool(simplest(expression).is_zero if expression.is_zero is None else expression.is_zero)
 
 
 STATES = 3
@@ -158,41 +158,41 @@ RESIDUAL = 1e-20
 """Largest value of an expression that is zero, relative to its terms: two thirds of the `FORMULA_DIGITS` computed."""
 
 
-def vanishes(form: PlainForm, given: Any, kinds: Sequence[SampleKind] = ALL_KINDS) -> bool:
+def vanishes(form: PlainForm, expression: Any, kinds: Sequence[SampleKind] = ALL_KINDS) -> bool:
     """Return True if an expression is zero at random samples of these kinds; with too few values SymPy decides."""
-    if given == 0:
+    if expression == 0:
         return True
     points = random_points(form.statement, seed=7, kinds=kinds)
-    zero = holds(points, lambda point: _is_rounding(given, form.at(point)), STATES)
-    return is_zero(given) if zero is None else zero
+    zero = holds(points, lambda point: _is_rounding(expression, form.at(point)), STATES)
+    return is_zero(expression) if zero is None else zero
 
 
-def vanishes_in_symbols(given: Any) -> bool:
+def vanishes_in_symbols(expression: Any) -> bool:
     """Return True if an expression is zero at random values of all its symbols; False if it has no values."""
     draw = random.Random(7)
-    symbols = sorted(given.free_symbols, key=str)
+    symbols = sorted(expression.free_symbols, key=str)
     values = ({x: sympy.Rational(draw.randrange(64, 256), 128) for x in symbols} for _ in range(MOST_DRAWS))
-    return given == 0 or bool(holds(values, lambda numbers: _is_rounding(given, numbers), STATES))
+    return expression == 0 or bool(holds(values, lambda numbers: _is_rounding(expression, numbers), STATES))
 
 
-def _is_rounding(given: Any, values: Mapping[Any, Any]) -> bool | None:
+def _is_rounding(expression: Any, values: Mapping[Any, Any]) -> bool | None:
     """Return True if an expression evaluates to a rounding error of zero, None if it has no value."""
-    value, terms = number(given, values), size_of_terms(given, values)
+    value, terms = number(expression, values), size_of_terms(expression, values)
     return None if value != value or terms != terms else abs(value) <= RESIDUAL * terms
 
 
-def size_of_terms(given: Any, values: Mapping[Any, Any]) -> float:
+def size_of_terms(expression: Any, values: Mapping[Any, Any]) -> float:
     """Return the magnitude of the terms of an expression: each sum in it is replaced by the sum of magnitudes.
 
     Rounding is relative to this number, not to the value: in (x - y) z the two terms of the first factor may cancel.
     """
-    if given.is_Add:
-        return sum(size_of_terms(term, values) for term in given.args)
-    if given.is_Mul and given.has(sympy.Add):
-        return math.prod(size_of_terms(factor, values) for factor in given.args)
-    if given.is_Pow and given.base.is_Add and given.exp.is_Integer and given.exp.is_positive:
-        return size_of_terms(given.base, values) ** int(given.exp)
-    return abs(number(given, values))
+    if expression.is_Add:
+        return sum(size_of_terms(term, values) for term in expression.args)
+    if expression.is_Mul and expression.has(sympy.Add):
+        return math.prod(size_of_terms(factor, values) for factor in expression.args)
+    if expression.is_Pow and expression.base.is_Add and expression.exp.is_Integer and expression.exp.is_positive:
+        return size_of_terms(expression.base, values) ** int(expression.exp)
+    return abs(number(expression, values))
 
 
 MOST_NODES = 15_000
@@ -209,17 +209,17 @@ class Shortener:
     def __init__(self, what: str, vanishes: Callable[[Any], bool]) -> None:
         self.what, self.vanishes, self.nodes = what, vanishes, 0
 
-    def short(self, given: Any) -> Any:
+    def short(self, expression: Any) -> Any:
         """Return an expression in a short form; 0 if it vanishes. Raises StatementError beyond the bound."""
-        if not given.args:
-            return given
-        self.nodes += written_out(given)
+        if not expression.args:
+            return expression
+        self.nodes += written_out(expression)
         if self.nodes > MOST_NODES:
             raise StatementError(
                 f"{self.what} would be formulas of more than {MOST_NODES:,} symbols and operations: give numbers "
                 "in place of parameters, by substitute({parameter: number}), or choose a point with more zeros."
             )
-        return sympy.S.Zero if self.vanishes(given) else simplest(given)
+        return sympy.S.Zero if self.vanishes(expression) else simplest(expression)
 
     def product(self, *factors: Any) -> Any:
         """Return the product of matrices, with entries in a short form."""
@@ -306,8 +306,8 @@ class PlainForm:
         statement = self.statement
         values = dict(zip((*self.q, *self.v), statement.initial, strict=True)) | dict(statement.defaults) | {t: 0.0}
         complete = all(p in statement.defaults for p in statement.parameters)
-        found = [number(p, values) if complete else complex("nan") for p in self.momenta]
-        return tuple(value.real if value == value and not value.imag else None for value in found)
+        momenta = [number(p, values) if complete else complex("nan") for p in self.momenta]
+        return tuple(value.real if value == value and not value.imag else None for value in momenta)
 
     @cached_property
     def mass(self) -> Any:
@@ -322,18 +322,18 @@ class PlainForm:
             for p, q, force in zip(self.momenta, self.q, self.forces, strict=True)
         )
 
-    def rate(self, given: Any) -> Any:
+    def rate(self, expression: Any) -> Any:
         """Return the total time derivative of an expression in q, v and t."""
         symbols = (*zip(self.q, self.v, strict=True), *zip(self.v, self.a, strict=True))
-        return sympy.Add(given.diff(t), *(given.diff(x) * rate for x, rate in symbols))
+        return sympy.Add(expression.diff(t), *(expression.diff(x) * rate for x, rate in symbols))
 
-    def read(self, given: Any) -> Any:
+    def read(self, expression: Any) -> Any:
         """Return a stated expression in plain symbols, in a form that SymPy can differentiate."""
-        return differentiable(given.xreplace(self.plain))
+        return differentiable(expression.xreplace(self.plain))
 
-    def written(self, given: Any) -> Any:
+    def written(self, expression: Any) -> Any:
         """Return an expression with plain symbols replaced by the user's symbols and functions."""
-        return printable(given).xreplace(self.stated)
+        return printable(expression).xreplace(self.stated)
 
     @cached_property
     def stated(self) -> Mapping[Any, Any]:
@@ -347,9 +347,9 @@ class PlainForm:
         return {symbol: sympy.Rational(x) for symbol, x in numbers}
 
 
-def number(given: Any, values: Mapping[Any, Any]) -> complex:
+def number(expression: Any, values: Mapping[Any, Any]) -> complex:
     """Return the value of an expression in plain symbols. NaN if it has none, or contains an undefined function."""
-    formula = prescribed(printable(given))
+    formula = prescribed(printable(expression))
     if formula.has(AppliedUndef):
         return complex("nan")
     # Symbols are matched by name, since the value of a function of time may contain another symbol of the same name.
@@ -360,22 +360,22 @@ def number(given: Any, values: Mapping[Any, Any]) -> complex:
     return complex(result) if result.is_number and result.is_finite else complex("nan")
 
 
-def prescribed(given: Any) -> Any:
+def prescribed(expression: Any) -> Any:
     """Return an expression with functions of time and their derivatives replaced by their known expressions."""
-    if not given.has(AppliedUndef):
-        return given
+    if not expression.has(AppliedUndef):
+        return expression
     table: dict[Any, Any] = {}
-    for node in sorted(given.atoms(AppliedUndef, sympy.Derivative), key=str):
+    for node in sorted(expression.atoms(AppliedUndef, sympy.Derivative), key=str):
         function = node.expr if node.is_Derivative else node
         motion = motion_of(function)
         if motion is not None and motion.values is not None:
             table[node] = motion.derivative(len(node.variables) if node.is_Derivative else 0)
-    return given.xreplace(table)
+    return expression.xreplace(table)
 
 
-def real(given: Any, values: Mapping[Any, Any]) -> float:
+def real(expression: Any, values: Mapping[Any, Any]) -> float:
     """Return the value of an expression in plain symbols as a float. NaN if it has no value or is not real."""
-    value = number(given, values)
+    value = number(expression, values)
     return value.real if abs(value.imag) <= IMAGINARY * abs(value.real) else float("nan")
 
 

@@ -83,19 +83,21 @@ def with_origin(made: Statement, statement: Statement) -> Statement:
     return replace(made, about=statement.about, source=statement.source, run=run, dimensions=sizes)
 
 
-def substituted(statement: Statement, given: Mapping[Any, Any]) -> Statement:
-    """Return the statement with expressions in place of some parameters; keys of `given` are symbols or names.
+def substituted(statement: Statement, replacements: Mapping[Any, Any]) -> Statement:
+    """Return the statement with expressions in place of some parameters; keys are symbols or names.
 
     Parameters that only the expressions contain are new, and have no value. Raises StatementError for a key that is not
     a parameter, and for an expression in coordinates or time, whose derivatives would be missing in the equations. A
     function of time may also be a key, with values as for `lagrange.given`.
     """
-    if not isinstance(given, Mapping) or not given:
-        raise StatementError(f"substitute takes a dict from parameters to values, as {{l: 1}}, not {shown(given)}.")
+    if not isinstance(replacements, Mapping) or not replacements:
+        raise StatementError(
+            f"substitute takes a dict from parameters to values, as {{l: 1}}, not {shown(replacements)}."
+        )
     by_name = {symbol.name: symbol for symbol in statement.parameters}
     functions = {name_of(function): function for function in statement.given}
     table: dict[Any, Any] = {}
-    for key, value in given.items():
+    for key, value in replacements.items():
         name = label_of(key).removesuffix("(t)")
         if name in functions:
             table[functions[name]] = given_function(name, value)
@@ -123,10 +125,10 @@ def _no_parameter(name: str, statement: Statement, known: list[str]) -> str:
     return f"{name!r} is not a parameter of this system; {parameters}"
 
 
-def _value(parameter: Any, given: Any, by_name: Mapping[str, Any]) -> Any:
-    """Return the expression `given` for a parameter, in the system's own symbols, which are `by_name`."""
+def _value(parameter: Any, replacement: Any, by_name: Mapping[str, Any]) -> Any:
+    """Return the replacement of a parameter in the system's own symbols, which are `by_name`."""
     what = f"the value of {parameter}"
-    value, survey = expression(given, what), Survey()
+    value, survey = expression(replacement, what), Survey()
     survey.add(value, what)
     if survey.coordinates or survey.velocities or value.has(t):
         raise StatementError(
@@ -143,28 +145,28 @@ def _value(parameter: Any, given: Any, by_name: Mapping[str, Any]) -> Any:
 
 
 @refusing_deep
-def reduced(statement: Statement, wanted: Sequence[Any]) -> Statement:
+def reduced(statement: Statement, requests: Sequence[Any]) -> Statement:
     """Return a statement without some coordinates, and without the constraints that determine them.
 
-    Each of `wanted` is a coordinate, its name, the name of a constraint, or a dict {coordinate: expression}. Raises
+    Each request is a coordinate, its name, the name of a constraint, or a dict {coordinate: expression}. Raises
     StatementError if no constraint determines a coordinate.
     """
-    if not wanted:
+    if not requests:
         raise StatementError("nothing is to be eliminated: name a coordinate that a constraint determines.")
-    for request in wanted:
+    for request in requests:
         for name, value in _requests(request, statement):
             statement = _without(statement, name, value)
     return statement
 
 
-def _requests(one: Any, statement: Statement) -> list[tuple[str, Any]]:
+def _requests(request: Any, statement: Statement) -> list[tuple[str, Any]]:
     """Return (name of a coordinate, its expression or None) for each coordinate to eliminate that a request names."""
-    if isinstance(one, Mapping):
-        return [(_named(key, statement), value) for key, value in one.items()]
+    if isinstance(request, Mapping):
+        return [(_named(key, statement), value) for key, value in request.items()]
     constraints = {constraint.name: constraint for constraint in statement.constraints}
-    if isinstance(one, str) and one in constraints and one not in statement.names:
-        return [(_coordinate_of(constraints[one], statement), None)]
-    return [(_named(one, statement), None)]
+    if isinstance(request, str) and request in constraints and request not in statement.names:
+        return [(_coordinate_of(constraints[request], statement), None)]
+    return [(_named(request, statement), None)]
 
 
 def _named(key: Any, statement: Statement) -> str:
@@ -209,16 +211,16 @@ def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
     return sympy.expand(-zero.xreplace({c: sympy.S.Zero}) / slope)
 
 
-def _without(statement: Statement, name: str, given: Any) -> Statement:
-    """Return the statement without the coordinate `name`; `given` is the user's expression for it, or None."""
+def _without(statement: Statement, name: str, replacement: Any) -> Statement:
+    """Return the statement without the coordinate `name`; `replacement` is the user's expression for it, or None."""
     if len(statement.coordinates) == 1:
         raise StatementError(f"{name} is the only coordinate left: without it nothing moves.")
     q = statement.coordinates[statement.names.index(name)]
     candidates = [c for c in statement.constraints if c.expression.has(q)]
-    if given is None:
+    if replacement is None:
         constraint, solved = _solved(candidates, name, statement)
     else:
-        constraint, solved = _checked(candidates, name, given, statement)
+        constraint, solved = _checked(candidates, name, replacement, statement)
     for other, force in zip(statement.names, statement.forces, strict=True):
         if force.has(constraint.multiplier):
             raise StatementError(
@@ -267,19 +269,19 @@ def _refusal(held: Sequence[Constraint], name: str, statement: Statement) -> str
     """Return the error message for a coordinate that no constraint determines; `held` are the constraints with it."""
     if not held:
         return f"{name} is in no constraint, so it cannot be eliminated: it moves freely."
-    places = [constraint for constraint in held if constraint.holonomic]
-    if not places:
+    holonomic = [constraint for constraint in held if constraint.holonomic]
+    if not holonomic:
         return f"{name} is in no constraint on positions: {_on_velocities([constraint.name for constraint in held])}"
     plain = statement.plain
     c = plain[statement.coordinates[statement.names.index(name)]]
-    slope = differentiable(places[0].expression.xreplace(plain)).diff(c)
+    slope = differentiable(holonomic[0].expression.xreplace(plain)).diff(c)
     cause = (
         f"it is not linear in {name}, so that {name} may have several values or none"
         if simplest(slope).has(c)
         else f"the coefficient of {name}, {printable(sympy.factor(slope))}, may vanish"
     )
     return (
-        f"{places[0].name} does not determine {name} safely: {cause}. Say which value is meant, as in "
+        f"{holonomic[0].name} does not determine {name} safely: {cause}. Say which value is meant, as in "
         f"eliminate({{{name}: ...}}), with an expression in the other coordinates."
     )
 
@@ -293,13 +295,13 @@ def _on_velocities(names: Sequence[str]) -> str:
     )
 
 
-def _checked(held: Sequence[Constraint], name: str, given: Any, statement: Statement) -> tuple[Constraint, Any]:
+def _checked(held: Sequence[Constraint], name: str, replacement: Any, statement: Statement) -> tuple[Constraint, Any]:
     """Return the constraint that a user's expression for a coordinate solves, and the expression in plain symbols.
 
     `held` are the constraints that contain the coordinate. Raises StatementError if the expression solves none of them.
     """
     what, q = f"the value of {name}", statement.coordinates[statement.names.index(name)]
-    stated = in_own_parameters(expression(given, what), statement.parameters)
+    stated = in_own_parameters(expression(replacement, what), statement.parameters)
     survey = Survey()
     survey.add(stated, what)
     if q in survey.coordinates or survey.velocities:
@@ -337,13 +339,13 @@ def _substituted(statement: Statement, name: str, constraint: Constraint, solved
     slopes = {q: smooth.diff(symbol) for q, symbol in left}
     rate = PlainForm(statement).rate(differentiable(solved))
 
-    def back(given: Any) -> Any:
-        return printable(given).xreplace(stated)
+    def back(expr: Any) -> Any:
+        return printable(expr).xreplace(stated)
 
     table = {gone: back(solved), velocity_of(gone): back(rate)}
 
-    def put(given: Any) -> Any:
-        return given.xreplace(table)
+    def put(expr: Any) -> Any:
+        return expr.xreplace(table)
 
     pull = put(statement.forces[index])
     forces = {

@@ -59,11 +59,11 @@ def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[dict[Any, 
     return distinct
 
 
-def _is_complex(given: Any) -> bool:
+def _is_complex(value: Any) -> bool:
     """Return True if a value is infinite or not real for all values of the parameters."""
-    if given.is_extended_real is False or given.has(sympy.zoo, sympy.nan, sympy.oo):
+    if value.is_extended_real is False or value.has(sympy.zoo, sympy.nan, sympy.oo):
         return True
-    return bool(given.is_number) and abs(complex(given.evalf(20)).imag) > 1e-12
+    return bool(value.is_number) and abs(complex(value.evalf(20)).imag) > 1e-12
 
 
 def _follow(
@@ -155,10 +155,10 @@ def _angle(factor: Any, x: Any, functions: Sequence[Any]) -> list[tuple[Any, Any
     slope = argument.diff(x)
     if slope.has(x) or slope == 0:
         return None
-    place = sympy.Symbol("place", real=True)
-    polynomial = factor.xreplace({functions[0]: place})
+    unknown = sympy.Symbol("place", real=True)
+    polynomial = factor.xreplace({functions[0]: unknown})
     if len(functions) == 1 and not polynomial.has(x):
-        roots = _roots(polynomial, place)
+        roots = _roots(polynomial, unknown)
         angles = None if roots is None else [a for root in roots for a in _inverse(functions[0], root)]
     else:
         angles = _tangent(factor, argument)

@@ -46,9 +46,9 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     system = system if statement is system.statement else system.from_statement(statement)
     require_values(statement)
     made = _InTurns(system, at, inputs)
-    found = made.linearization()
-    made.compare(found, system.compile("numpy", check=False))
-    return found
+    linearization = made.linearization()
+    made.compare(linearization, system.compile("numpy", check=False))
+    return linearization
 
 
 class _InTurns:
@@ -102,12 +102,12 @@ class _InTurns:
         """True if the point contains decimals, so that it is valid only for the present values of the parameters."""
         return any(value.has(sympy.Float) for value in self.values.values())
 
-    def is_zero(self, *given: Any) -> bool:
+    def is_zero(self, *expressions: Any) -> bool:
         """Return True if expressions in parameters are zero. At a point in decimals the limit is 1e-8, numerically."""
         values = dict.fromkeys(self.statement.parameters, 1.0) | dict(self.statement.defaults)
         return all(
             abs(number(each, values)) <= BALANCED_FORCE if self.decimal else self.shortener.short(each) == 0
-            for each in given
+            for each in expressions
         )
 
     def slopes(self, leaves: Sequence[Any], more_values: Mapping[Any, Any]) -> Any:
@@ -119,11 +119,11 @@ class _InTurns:
         """Return n derivatives of an expression in `symbols`: by coordinates, and for rotations along small turns."""
         made = [expression.diff(self.symbols[q]) for q in self.read.coordinates]
         for first, each in self.bodies():
-            place = each.matrix.applyfunc(self.symbols.__getitem__)
-            by_entry = [expression.diff(entry) for entry in place]
+            rotation = each.matrix.applyfunc(self.symbols.__getitem__)
+            by_entry = [expression.diff(entry) for entry in rotation]
             for k, unit in enumerate((x, y, z)):
                 made[first + k] = sympy.Add(
-                    *(slope * moved for slope, moved in zip(by_entry, place * cross_matrix(unit), strict=True))
+                    *(slope * moved for slope, moved in zip(by_entry, rotation * cross_matrix(unit), strict=True))
                 )
         return made
 
@@ -133,9 +133,9 @@ class _InTurns:
         rates = dict(zip(self.read.coordinates, (self.here[v] for v in self.velocities), strict=True))
         rates |= dict(zip(self.velocities, accelerations, strict=True))
         for _, each in self.bodies():
-            place = each.matrix.applyfunc(self.here.__getitem__)
+            rotation = each.matrix.applyfunc(self.here.__getitem__)
             speeds = [self.here[velocity_of(turn)] for turn in each.turns]
-            rates |= dict(zip(each.matrix, place * cross_matrix(speeds), strict=True))
+            rates |= dict(zip(each.matrix, rotation * cross_matrix(speeds), strict=True))
         moved = {self.symbols[leaf]: value + ahead * rates.get(leaf, 0) for leaf, value in self.here.items()}
         return matrix.applyfunc(
             lambda entry: self.shortener.short(entry.xreplace(moved).diff(ahead).xreplace({ahead: sympy.S.Zero}))
@@ -144,7 +144,7 @@ class _InTurns:
     def constrain(self) -> None:
         """Set gradients, independent coordinates and velocities. Raises StatementError off the constraints."""
         held = [(c, c.expression.xreplace(self.symbols)) for c in self.read.constraints]
-        places, speeds = [phi for c, phi in held if c.holonomic], [self.symbols[v] for v in self.velocities]
+        holonomic, speeds = [phi for c, phi in held if c.holonomic], [self.symbols[v] for v in self.velocities]
         self.levels = [
             sympy.Add(*(slope * v for slope, v in zip(self.changes(phi), speeds, strict=True))) if c.holonomic else phi
             for c, phi in held
@@ -162,8 +162,8 @@ class _InTurns:
         self.G = sympy.Matrix(len(held), self.n, [psi.diff(v) for psi in self.levels for v in speeds])
         self.P = sympy.Matrix(len(held), self.n, list(chain(*map(self.changes, self.levels))))
         self.P += self.G * self.swirl(speeds)
-        self.Phi = sympy.Matrix(len(places), self.n, list(chain(*map(self.changes, places))))
-        self.speeds, self.places = (
+        self.Phi = sympy.Matrix(len(holonomic), self.n, list(chain(*map(self.changes, holonomic))))
+        self.speeds, self.positions = (
             DependentCoordinates(self.shortener, self.at_point(gradient, self.still)) for gradient in (self.G, self.Phi)
         )
         if not self.speeds.independent:
@@ -192,20 +192,20 @@ class _InTurns:
     @cached_property
     def motion(self) -> dict[Any, Any]:
         """Accelerations and multipliers at the point, by leaf. The multipliers of redundant constraints are zero."""
-        found = dict.fromkeys(self.forces, sympy.S.Zero) | dict(zip(self.second, self.accelerations, strict=True))
+        values = dict.fromkeys(self.forces, sympy.S.Zero) | dict(zip(self.second, self.accelerations, strict=True))
         if self.speeds.kept:
             sizes = self.speeds.balance(self.mass * self.accelerations + self.rest)
-            found |= {self.forces[i]: size for i, size in zip(self.speeds.kept, sizes, strict=True)}
-        return found
+            values |= {self.forces[i]: size for i, size in zip(self.speeds.kept, sizes, strict=True)}
+        return values
 
     @cached_property
     def tangent(self) -> TangentMotion:
         """Small motions on the constraints."""
         everywhere = list(range(self.n))
         G, P = (each.extract(self.speeds.kept, everywhere) for each in (self.G, self.P))
-        Phi = self.Phi.extract(self.places.kept, everywhere)
+        Phi = self.Phi.extract(self.positions.kept, everywhere)
         g_rate, p_rate, phi_rate = (self.rates(each, self.accelerations) for each in (G, P, Phi))
-        return TangentMotion(self.speeds, self.places, self.at_point(P, self.still), (g_rate, p_rate, phi_rate))
+        return TangentMotion(self.speeds, self.positions, self.at_point(P, self.still), (g_rate, p_rate, phi_rate))
 
     def swirl(self, rates_column: Any) -> Any:
         """Return the matrix W (n, n) of the cross product w x for each body, with w in the rows of its turns."""
@@ -226,12 +226,12 @@ class _InTurns:
         drag, slope = self.slopes(self.velocities, more), self.stiffness(more)
         swirl, change = self.swirl(speeds), self.swirl(self.accelerations)
         C, K = tangent.reduced(self.mass, self.mass * swirl + drag, self.mass * change + drag * swirl + slope)
-        moving = speeds.extract(self.places.independent, [0])
+        moving = speeds.extract(self.positions.independent, [0])
         steady = self.is_zero(*self.accelerations, *(K * moving))
         kind = "an equilibrium" if speeds.is_zero_matrix else "a steady motion"
         on_constraints = " on the constraints" if self.forces else ""
         return Linearization(
-            coordinates=tuple(self.read.coordinates[i] for i in self.places.independent),
+            coordinates=tuple(self.read.coordinates[i] for i in self.positions.independent),
             velocity_coordinates=tuple(self.read.coordinates[i] for i in self.speeds.independent),
             at=MappingProxyType(self.at),
             M=self.shortener.product(tangent.N.T, self.mass, tangent.N),
@@ -249,7 +249,7 @@ class _InTurns:
             statement=self.read,
         )
 
-    def compare(self, found: Linearization, model: Model) -> None:
+    def compare(self, linearization: Linearization, model: Model) -> None:
         """Raise RunError if accelerations near the point differ from the compiled ones, at the stated parameters."""
         statement = self.statement
         if any(p not in statement.defaults for p in statement.parameters if p not in self.inputs):
@@ -258,9 +258,9 @@ class _InTurns:
         numbers |= {u: self.values.get(u, sympy.S.Zero).xreplace(numbers) for u in self.inputs}
         leaves = (*statement.coordinates, *statement.velocities)
         y = numeric(sympy.Matrix([self.values[leaf] for leaf in leaves]), numbers).ravel()
-        mass, drag, slope = (numeric(x, numbers) for x in (found.M, found.C, found.K))
+        mass, drag, slope = (numeric(x, numbers) for x in (linearization.M, linearization.C, linearization.K))
         jacobian = model.jacobian(0.0, y, {p: float(numbers[p]) for p in statement.parameters})
-        places, rates, accelerations = self._changes(y, numeric(self.accelerations, numbers).ravel())
+        positions, rates, accelerations = self._changes(y, numeric(self.accelerations, numbers).ravel())
         tangent = self.tangent
         B, N, L, turned, bent = (
             numeric(each, numbers) for each in (tangent.B, tangent.N, tangent.L, tangent.turned, tangent.bent)
@@ -268,7 +268,7 @@ class _InTurns:
         near = np.block([[B, np.zeros((self.n, N.shape[1]))], [L, N]])
         second = np.hstack([bent, turned]) + N @ np.linalg.solve(mass, -np.hstack([slope, drag]))
         expected = accelerations[:, : 2 * self.n] @ near + accelerations[:, 2 * self.n :] @ second
-        compiled = jacobian[model.layout.v] @ np.vstack([places, rates]) @ near
+        compiled = jacobian[model.layout.v] @ np.vstack([positions, rates]) @ near
         if not np.abs(compiled - expected).max() <= LARGEST_DIFFERENCE * max(np.abs(compiled).max(), 1e-300):
             raise RunError(f"the linear equations of {statement.name} differ from its compiled model. {FAULT}")
 
@@ -294,8 +294,8 @@ class _InTurns:
                     (zero, unit, np.cross(w, unit)),
                     (zero, zero, unit),
                 )
-                places = (first + k, n + first + k, 2 * n + first + k)
-                for column, (turn, rate, acceleration) in zip(places, cases, strict=True):
+                columns = (first + k, n + first + k, 2 * n + first + k)
+                for column, (turn, rate, acceleration) in zip(columns, cases, strict=True):
                     dq = _velocities(q, turn)
                     dv = _velocities(dq, w) + _velocities(q, rate)
                     da = _velocities(dv, w) + _velocities(moving, rate)

@@ -365,11 +365,11 @@ def _on_constraints(point: StatedPoint) -> Linearization:
     return lin
 
 
-def _matrix(lin: Linearization | None, model: Model, state: FloatArray, given: Any) -> FloatArray | None:
-    """Return the first-order matrix at `given` values of the parameters, or None if it is not finite."""
+def _matrix(lin: Linearization | None, model: Model, state: FloatArray, parameters: Any) -> FloatArray | None:
+    """Return the first-order matrix at values of the parameters, or None if it is not finite."""
     if lin is None:
-        return model.jacobian(0.0, state, given)
-    exact = {p: sympy.Rational(x) for p, x in given.items()}
+        return model.jacobian(0.0, state, parameters)
+    exact = {p: sympy.Rational(x) for p, x in parameters.items()}
     mass, damping, stiffness, basis, slope = (
         numeric(x, exact) for x in (lin.M, lin.C, lin.K, lin.velocity_basis, lin.velocity_slope)
     )
@@ -379,26 +379,26 @@ def _matrix(lin: Linearization | None, model: Model, state: FloatArray, given: A
     return np.vstack([rates, np.linalg.solve(mass, forces)])
 
 
-def _stated(point: StatedPoint, given: Any) -> FloatArray | None:
-    """Return the state (2n,) of the point at `given` values of the parameters, or None if it is not real and finite."""
-    exact = {p: sympy.Rational(x) for p, x in given.items()}
+def _stated(point: StatedPoint, parameters: Any) -> FloatArray | None:
+    """Return the state (2n,) of the point at values of the parameters, or None if it is not real and finite."""
+    exact = {p: sympy.Rational(x) for p, x in parameters.items()}
     stated = np.array([number(x, exact) for x in (*point.q, *point.v)])
     if not np.isfinite(stated).all() or np.abs(stated.imag).max() > 1e-12:
         return None
     return stated.real.copy()
 
 
-def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArray | None) -> FloatArray | None:
-    """Return the equilibrium (2n,) near the one `before` at given parameters, or None if Newton's method fails."""
-    state, (q, v) = _stated(point, given), (model.layout.q, model.layout.v)
+def _equilibrium(point: StatedPoint, model: Model, parameters: Any, before: FloatArray | None) -> FloatArray | None:
+    """Return the equilibrium (2n,) near the one `before`, or None if Newton's method fails."""
+    state, (q, v) = _stated(point, parameters), (model.layout.q, model.layout.v)
     if state is None:
         return None
     if before is not None:
         state[q] = before[q]
     for _ in range(FOLLOWING_STEPS):
         try:
-            a = model.accelerations(state[q], state[v], 0.0, given)
-            slopes = model.jacobian(0.0, state, given)[v, q]
+            a = model.accelerations(state[q], state[v], 0.0, parameters)
+            slopes = model.jacobian(0.0, state, parameters)[v, q]
         except RunError:
             return None
         if not (np.isfinite(a).all() and np.isfinite(slopes).all()):
@@ -406,7 +406,7 @@ def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArra
         step = np.linalg.pinv(slopes, rcond=1e-10) @ a
         state[q] -= step
         if np.abs(step).max() <= CONVERGED_STEP * (1 + np.abs(state[q]).max()):
-            left = np.abs(model.accelerations(state[q], state[v], 0.0, given)).max()
+            left = np.abs(model.accelerations(state[q], state[v], 0.0, parameters)).max()
             return state if left <= 1e-6 * max(1e-300, np.abs(slopes).max()) else None
     return None
 
@@ -426,11 +426,11 @@ def _expected(known: Sequence[int], rows: Any, values: FloatArray, value: float)
     return last + share * (last - rows[known[-2]])
 
 
-def _matched(found: Any, before: Any) -> Any:
-    """Return the eigenvalues `found` in the order that best continues those `before`; sorted if `before` is None."""
+def _matched(eigenvalues: Any, before: Any) -> Any:
+    """Return eigenvalues in the order that best continues those `before`; sorted if `before` is None."""
     from scipy.optimize import linear_sum_assignment
 
-    ordered = np.sort_complex(np.asarray(found))
+    ordered = np.sort_complex(np.asarray(eigenvalues))
     if before is None:
         return ordered
     _, columns = linear_sum_assignment(np.abs(before[:, None] - ordered[None, :]))

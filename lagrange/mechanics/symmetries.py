@@ -96,8 +96,8 @@ def _rest(stated: StatedAlgebra, mass: Any, v: Sequence[Any]) -> MonomialSum | N
     return rest
 
 
-def _rate(stated: StatedAlgebra, given: Any) -> Any:
-    return sum((diff(given, q) * v for q, v in zip(stated.q, stated.v, strict=True)), S.Zero)
+def _rate(stated: StatedAlgebra, expression: Any) -> Any:
+    return sum((diff(expression, q) * v for q, v in zip(stated.q, stated.v, strict=True)), S.Zero)
 
 
 AXES = {"xy": ("z", 1), "yz": ("x", 1), "zx": ("y", 1), "yx": ("z", -1), "zy": ("x", -1), "xz": ("y", -1)}
@@ -105,16 +105,16 @@ AXES = {"xy": ("z", 1), "yz": ("x", 1), "zx": ("y", 1), "yx": ("z", -1), "zy": (
 
 
 def oriented(
-    stated: StatedAlgebra, symmetry: Symmetry, place: BodyPosition | None, energy: str = "energy"
+    stated: StatedAlgebra, symmetry: Symmetry, position: BodyPosition | None, energy: str = "energy"
 ) -> tuple[Symmetry, str]:
     """Return a symmetry in its standard direction, and the name of its conserved quantity.
 
     Rotations turn x towards y. Shifts in time go backwards, so that the quantity is +(v.p - L), with the name `energy`.
-    `place` is the position of the single body, or None.
+    `position` is that of the single body, or None.
     """
     axis = _axis(stated, symmetry)
-    if axis is None and place is not None and symmetry.tau == 0:
-        axis = _motion(stated, symmetry, place)
+    if axis is None and position is not None and symmetry.tau == 0:
+        axis = _motion(stated, symmetry, position)
     if axis is None:
         axis = _name(stated, symmetry, energy), -1 if symmetry.tau.is_positive else 1
     name, sense = axis
@@ -200,9 +200,9 @@ def described(stated: StatedAlgebra, symmetry: Symmetry) -> str:
     return f"The symmetry {listing(parts)} {kept}{works}.{addition}"
 
 
-def _text(stated: StatedAlgebra, given: Any) -> str:
+def _text(stated: StatedAlgebra, expression: Any) -> str:
     plain = {q: sympy.Symbol(name) for q, name in zip(stated.q, stated.statement.names, strict=True)}
-    return str(given.xreplace({**plain, stated.time: sympy.Symbol("t")}))
+    return str(expression.xreplace({**plain, stated.time: sympy.Symbol("t")}))
 
 
 LONGEST_GAUGE = 400
@@ -380,16 +380,16 @@ def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
         yield _turned(stated.q, [pair])
 
 
-def body_motions(stated: StatedAlgebra, place: BodyPosition) -> Iterator[Symmetry]:
+def body_motions(stated: StatedAlgebra, position: BodyPosition) -> Iterator[Symmetry]:
     """Yield the shifts along fixed axes, and the rotations about them, of one body in curvilinear coordinates."""
-    if place.r == tuple(stated.q):
+    if position.r == tuple(stated.q):
         return
-    r = Matrix([*place.r, *([S.Zero] * (3 - len(place.r)))])
+    r = Matrix([*position.r, *([S.Zero] * (3 - len(position.r)))])
     tangents = [r.diff(q) for q in stated.q]
     squares = [_reduced(tangent.dot(tangent)) for tangent in tangents]
     units = [Matrix([int(j == k) for j in range(3)]) for k in range(3)]
-    moved = units[: len(place.r)] if len(place.r) == len(tangents) else []  # on a sphere no shift is possible
-    turned = [unit.cross(r) for unit in units[:2]] if len(place.r) == 3 else []  # about z an angle alone is shifted
+    moved = units[: len(position.r)] if len(position.r) == len(tangents) else []  # on a sphere no shift is possible
+    turned = [unit.cross(r) for unit in units[:2]] if len(position.r) == 3 else []  # about z an angle alone is shifted
     for motion in (*moved, *turned):
         parts = [_reduced(tangent.dot(motion)) / square for tangent, square in zip(tangents, squares, strict=True)]
         yield Symmetry(tuple(parts))
@@ -407,9 +407,9 @@ def body_turns(stated: StatedAlgebra) -> Iterator[tuple[Rotation, bool, int, Sym
                 yield each, of_body, axis, Symmetry(tuple(xi.get(x, S.Zero) / 2 for x in stated.q))
 
 
-def _reduced(given: Any) -> Any:
+def _reduced(expression: Any) -> Any:
     """Return an expression shortened by sin^2 + cos^2 = 1."""
-    expanded = expand(given)
+    expanded = expand(expression)
     waves = expanded.atoms(sin)
     ways = [
         {sin(wave.args[0]) ** 2: 1 - cos(wave.args[0]) ** 2 for wave in waves},

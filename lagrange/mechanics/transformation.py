@@ -70,9 +70,9 @@ class Transformation:
             table[acceleration_of(q)] = sympy.Symbol(f"{name}_ddot", real=True)
         return table
 
-    def back(self, given: Any) -> Any:
+    def back(self, expr: Any) -> Any:
         """Return an expression in plain symbols with the user's functions of time in their place."""
-        return printable(given).xreplace({symbol: leaf for leaf, symbol in self.plain.items()})
+        return printable(expr).xreplace({symbol: leaf for leaf, symbol in self.plain.items()})
 
     @cached_property
     def old(self) -> tuple[Any, ...]:
@@ -84,12 +84,12 @@ class Transformation:
         """Derivatives (m, n) of the old coordinates by all coordinates of the new statement."""
         return sympy.Matrix([[x.diff(self.plain[q]) for q in self.coordinates] for x in self.old])
 
-    def rate(self, given: Any) -> Any:
+    def rate(self, expr: Any) -> Any:
         """Return the total time derivative of an expression in new coordinates, velocities and t."""
-        terms = [given.diff(t)]
+        terms = [expr.diff(t)]
         for q in self.coordinates:
             chain = (self.plain[q], self.plain[velocity_of(q)], self.plain[acceleration_of(q)])
-            terms += [given.diff(chain[0]) * chain[1], given.diff(chain[1]) * chain[2]]
+            terms += [expr.diff(chain[0]) * chain[1], expr.diff(chain[1]) * chain[2]]
         return sympy.Add(*terms)
 
     @cached_property
@@ -100,17 +100,17 @@ class Transformation:
             replacements[q], replacements[velocity_of(q)] = x, self.rate(x)
         return replacements
 
-    def put(self, given: Any) -> Any:
+    def put(self, expr: Any) -> Any:
         """Return a stated expression in the new coordinates."""
-        if not given.has(*self.gone, *self.positive):
-            return given
-        return self.back(simplest(printable(given.xreplace(self.table))))
+        if not expr.has(*self.gone, *self.positive):
+            return expr
+        return self.back(simplest(printable(expr.xreplace(self.table))))
 
 
 @refusing_deep
 def transformed(
     statement: Statement,
-    given: Mapping[Any, Any],
+    expressions: Mapping[Any, Any],
     positive: Any,
     parameters: Mapping[Any, Any] | None,
     initial: Mapping[Any, Any] | None,
@@ -122,7 +122,7 @@ def transformed(
     `parameters` has values for parameters that are new in the expressions. `initial` is the initial state in the new
     coordinates; None computes it from the stated one.
     """
-    change = _transformation(statement, given, positive)
+    change = _transformation(statement, expressions, positive)
     _check_regular(change)
     if initial is not None and not isinstance(initial, Mapping):
         raise StatementError(f"initial is {shown(initial)}: give a dict in the new coordinates, such as {{r: 1.0}}.")
@@ -142,16 +142,16 @@ def transformed(
     return result
 
 
-def _parameters(change: Transformation, given: Any) -> dict[Any, Any]:
+def _parameters(change: Transformation, parameters: Any) -> dict[Any, Any]:
     """Return {parameter: value or None} for the parameters of the statement and those that are new in expressions."""
     statement = change.statement
-    if given is not None and not isinstance(given, Mapping):
+    if parameters is not None and not isinstance(parameters, Mapping):
         raise StatementError(
-            f"parameters is {shown(given)}: give a dict from parameters to values, such as {{w: 1.0}}."
+            f"parameters is {shown(parameters)}: give a dict from parameters to values, such as {{w: 1.0}}."
         )
     values = {p: statement.defaults.get(p) for p in statement.parameters}
     used = [p for x in change.expressions for p in sorted(x.free_symbols, key=str) if p != t]
-    return values | {p: None for p in used if p not in values} | dict(given or {})
+    return values | {p: None for p in used if p not in values} | dict(parameters or {})
 
 
 def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
@@ -162,13 +162,13 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
     """
     old, n = change.statement, len(made.coordinates)
     rows = [old.coordinates.index(q) for q in change.gone]
-    places = np.array([old.initial[i] for i in rows])
+    positions = np.array([old.initial[i] for i in rows])
     rates = np.array([old.initial[len(old.coordinates) + i] for i in rows])
     unknowns = [made.coordinates.index(q) for q in change.new]
     example = f"initial={{{name_of(change.new[0])}: ...}}"
     parameters = {p for x in change.expressions for p in x.free_symbols if p in made.parameters}
     if missing := [p.name for p in made.parameters if p in parameters and p not in made.defaults]:
-        if any(places) or any(rates):
+        if any(positions) or any(rates):
             raise StatementError(
                 f"the initial state in the new coordinates needs a value of {listing(missing)}: give one, or {example}."
             )
@@ -178,12 +178,12 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
     constants |= {x: sympy.Rational(value) for x, value in zip(plain, made.initial[:n], strict=True)}
     stays = {x: value for x, value in constants.items() if x not in [plain[i] for i in unknowns]}
     expressions = (prescribed(x).xreplace(stays) for x in change.old)
-    zeros = [x - sympy.Rational(old_value) for x, old_value in zip(expressions, places.tolist(), strict=True)]
+    zeros = [x - sympy.Rational(old_value) for x, old_value in zip(expressions, positions.tolist(), strict=True)]
     turns = [{change.plain[q]: change.plain[q] + 2 * sympy.pi} for q in change.new]
     angles = [all(x.xreplace(turn) == x for x in change.old) for turn in turns]
     lengths = [i for i, q in enumerate(change.new) if q in change.positive]
-    ends = numeric_roots(zeros, [plain[i] for i in unknowns], places, angles)
-    ends = [end for end in ends if all(end[i] > 0 for i in lengths) or not any(places)]
+    ends = numeric_roots(zeros, [plain[i] for i in unknowns], positions, angles)
+    ends = [end for end in ends if all(end[i] > 0 for i in lengths) or not any(positions)]
     if not ends:
         old_values = ", ".join(f"{old.names[i]} = {old.initial[i]:.6g}" for i in rows)
         raise StatementError(
@@ -215,19 +215,19 @@ def _preference(solution: FloatArray, is_angle: Sequence[bool]) -> tuple[int, fl
     return negative, round(float(np.abs(solution).sum()), 9) - 1e-10 * float(solution.sum() > 0)
 
 
-def _transformation(statement: Statement, given: Mapping[Any, Any], positive: Any) -> Transformation:
+def _transformation(statement: Statement, expressions: Mapping[Any, Any], positive: Any) -> Transformation:
     """Return the user's transformation. Raises StatementError if it is not one.
 
     `given` maps old coordinates to expressions in new ones, `positive` lists new coordinates that are positive.
     """
-    if not isinstance(given, Mapping) or not given:
+    if not isinstance(expressions, Mapping) or not expressions:
         raise StatementError(
             "transform takes a dict from coordinates to expressions in new ones, as {x: r*cos(phi), y: r*sin(phi)}, "
-            f"not {shown(given)}."
+            f"not {shown(expressions)}."
         )
     by_name = dict(zip(statement.names, statement.coordinates, strict=True))
     table: dict[Any, Any] = {}
-    for key, value in given.items():
+    for key, value in expressions.items():
         name = coordinate_name(key, statement.names)
         table[by_name[name]] = expression(value, f"the expression for {name}")
     survey = Survey()
@@ -254,11 +254,11 @@ def _transformation(statement: Statement, given: Mapping[Any, Any], positive: An
     return Transformation(statement, tuple(table), old, new, _positive(positive, new))
 
 
-def _positive(given: Any, new: Sequence[Any]) -> tuple[Any, ...]:
+def _positive(positive: Any, new: Sequence[Any]) -> tuple[Any, ...]:
     """Return the new coordinates that the user states to be positive."""
-    listed = entries(given, "positive")
+    listed = entries(positive, "positive")
     chosen = []
-    for key in [given] if listed is None else listed:
+    for key in [positive] if listed is None else listed:
         match = [q for q in new if label_of(key) == name_of(q)]
         if not match:
             raise StatementError(
@@ -326,33 +326,33 @@ def _check(change: Transformation, made: Statement, model: Model) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Routh:
-    """Routh's procedure in plain symbols: its parts for the ignored coordinates, whose indices are `places`."""
+    """Routh's procedure in plain symbols: its parts for the ignored coordinates, which have these `indices`."""
 
     form: PlainForm
-    places: tuple[int, ...]
+    indices: tuple[int, ...]
     symbols: tuple[Any, ...]
     """The momenta of the ignored coordinates, parameters of the smaller system."""
 
     @cached_property
     def gone(self) -> dict[Any, Any]:
         """Replacement of the ignored coordinates by zero, since no formula depends on them."""
-        return {self.form.q[i]: sympy.S.Zero for i in self.places}
+        return {self.form.q[i]: sympy.S.Zero for i in self.indices}
 
     @cached_property
     def still(self) -> dict[Any, Any]:
         """Replacement of the velocities of the ignored coordinates by zero."""
-        return {self.form.v[i]: sympy.S.Zero for i in self.places}
+        return {self.form.v[i]: sympy.S.Zero for i in self.indices}
 
     @cached_property
     def shifted(self) -> Any:
         """The column p_I - b of the ignored coordinates: momenta minus their values at zero ignored velocities."""
-        rest = [self.form.momenta[i].xreplace(self.still | self.gone) for i in self.places]
+        rest = [self.form.momenta[i].xreplace(self.still | self.gone) for i in self.indices]
         return sympy.Matrix([p - b for p, b in zip(self.symbols, rest, strict=True)])
 
     @cached_property
     def inverted(self) -> tuple[Any, Any]:
         """Adjugate and determinant of M_II, the mass matrix of the ignored coordinates."""
-        adjugate, determinant = inverse(self.form, self.places)
+        adjugate, determinant = inverse(self.form, self.indices)
         return adjugate.xreplace(self.gone), determinant.xreplace(self.gone)
 
     @cached_property
@@ -365,7 +365,7 @@ class Routh:
     def routhian(self) -> tuple[Any, Any]:
         """Routh's function R in two parts: the terms with velocities, and the effective potential."""
         at_rest = dict.fromkeys(self.form.v, sympy.S.Zero)
-        mass = self.form.mass.extract(list(self.places), list(self.places)).xreplace(self.gone)
+        mass = self.form.mass.extract(list(self.indices), list(self.indices)).xreplace(self.gone)
         half = half_square(mass, self.inverted, self.shifted)
         rest = self.form.lagrangian.xreplace(self.still | self.gone)
         centrifugal, potential = half.xreplace(at_rest), rest.xreplace(at_rest)
@@ -378,34 +378,34 @@ def routh_of(statement: Statement, ignored: Sequence[Any]) -> Routh:
     if not ignored:
         raise StatementError("routhian() names no coordinate: give one that is ignorable.")
     form = PlainForm(statement)
-    places = tuple(dict.fromkeys(statement.names.index(coordinate_name(key, statement.names)) for key in ignored))
-    if len(places) == len(statement.names):
+    indices = tuple(dict.fromkeys(statement.names.index(coordinate_name(key, statement.names)) for key in ignored))
+    if len(indices) == len(statement.names):
         raise StatementError(
             f"every coordinate of {statement.name} would be ignored: without one nothing is left to move."
         )
-    for i in places:
+    for i in indices:
         _check_ignorable(form, i)
-    if form.mass.extract(list(places), list(places)).has(*(form.v[i] for i in places)):
-        names = listing(statement.names[i] for i in places)
+    if form.mass.extract(list(indices), list(indices)).has(*(form.v[i] for i in indices)):
+        names = listing(statement.names[i] for i in indices)
         raise StatementError(
             f"the momenta of {names} are not linear in their velocities, which are then not solved for: "
             "hamiltonian() may solve them together with the others."
         )
     symbols = [
-        sympy.Symbol(name, real=True) for name in momentum_names(statement, [statement.names[i] for i in places])
+        sympy.Symbol(name, real=True) for name in momentum_names(statement, [statement.names[i] for i in indices])
     ]
-    return Routh(form, places, tuple(symbols))
+    return Routh(form, indices, tuple(symbols))
 
 
-def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> Statement:
+def routhian(statement: Statement, ignored: Sequence[Any], model: Model) -> Statement:
     """Return the statement without ignorable coordinates, whose momenta become parameters. `model` tests the result."""
-    routh = routh_of(statement, wanted)
-    values = {symbol: routh.form.initial_momenta[i] for symbol, i in zip(routh.symbols, routh.places, strict=True)}
+    routh = routh_of(statement, ignored)
+    values = {symbol: routh.form.initial_momenta[i] for symbol, i in zip(routh.symbols, routh.indices, strict=True)}
     smaller = _without_ignored(routh, statement, values)
     _check_routhian(routh, model)
     if statement.reading is not None:
         read = statement.as_read
-        indices = tuple(read.coordinates.index(statement.coordinates[i]) for i in routh.places)
+        indices = tuple(read.coordinates.index(statement.coordinates[i]) for i in routh.indices)
         in_turns = Routh(PlainForm(read), indices, routh.symbols)
         smaller = replace(smaller, reading=_without_ignored(in_turns, statement, values).reading)
     return with_origin(smaller, statement)
@@ -416,13 +416,13 @@ def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, fl
 
     `values` maps the symbols of the momenta to their values at the initial state, None if unknown.
     """
-    form, indices = routh.form, routh.places
+    form, indices = routh.form, routh.indices
     gone = [form.statement.coordinates[i] for i in indices]
     left = [q for q in statement.coordinates if q not in gone]
     rates = dict(zip((form.v[i] for i in indices), routh.rates, strict=True)) | routh.gone
 
-    def put(given: Any) -> Any:
-        return form.written(form.read(given).xreplace(rates))
+    def put(expr: Any) -> Any:
+        return form.written(form.read(expr).xreplace(rates))
 
     kinetic, potential = routh.routhian
     start = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
@@ -476,8 +476,8 @@ def _check_routhian(routh: Routh, model: Model) -> None:
     """Compare velocities of ignored coordinates, and forces and momenta of the others, with the compiled model."""
     form = routh.form
     kinetic, potential = routh.routhian
-    left = [i for i in range(len(form.q)) if i not in routh.places]
-    rates = dict(zip((form.v[i] for i in routh.places), routh.rates, strict=True)) | routh.gone
+    left = [i for i in range(len(form.q)) if i not in routh.indices]
+    rates = dict(zip((form.v[i] for i in routh.indices), routh.rates, strict=True)) | routh.gone
     slopes = [(kinetic - potential).diff(form.q[i]) + form.forces[i].xreplace(rates) for i in left]
     momenta = [kinetic.diff(form.v[i]) for i in left]
 
@@ -485,8 +485,8 @@ def _check_routhian(routh: Routh, model: Model) -> None:
         p = model.momenta(point.q, point.v, point.t, point.parameters)
         forces = model.evaluate("forces", point.q, point.v, point.t, point.parameters)
         numbers = form.at(point)
-        numbers |= {s: sympy.Rational(float(p[i])) for s, i in zip(routh.symbols, routh.places, strict=True)}
-        compiled = [*(point.v[i] for i in routh.places), *(forces[i] for i in left), *(p[i] for i in left)]
+        numbers |= {s: sympy.Rational(float(p[i])) for s, i in zip(routh.symbols, routh.indices, strict=True)}
+        compiled = [*(point.v[i] for i in routh.indices), *(forces[i] for i in left), *(p[i] for i in left)]
         return compiled, [number(x, numbers) for x in (*routh.rates, *slopes, *momenta)]
 
     compared("the Routhian", form.statement, values)
@@ -513,7 +513,7 @@ def ignored(statement: Statement, solution: Any) -> dict[Any, FloatArray]:
         )
     routh = routh_of(statement, missing)
     rows: dict[Any, FloatArray] = {}
-    for i, rate in zip(routh.places, routh.rates, strict=True):
+    for i, rate in zip(routh.indices, routh.rates, strict=True):
         q, formula = statement.coordinates[i], routh.form.written(rate)
 
         def speed(times: FloatArray, formula: Any = formula) -> FloatArray:

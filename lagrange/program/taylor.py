@@ -115,8 +115,8 @@ def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> lis
     parts = _Parts.of(e, switched, solved=solved)
     p, f = list(parts.momenta), list(parts.forces)
     n = len(p)
-    places = dict(zip(e.q, e.rate, strict=True)) if e.turning is None else e.turning.places
-    q, rate = list(places), list(places.values())
+    derivatives = dict(zip(e.q, e.rate, strict=True)) if e.turning is None else e.turning.derivatives
+    q, rate = list(derivatives), list(derivatives.values())
     steady = _constant([entry for (i, _), entry in zip(e.plan.triangle, parts.triangle, strict=True) if i < n])
     if steady:
         # Only the part M v of p is solved for. The rest, from a potential that depends on velocities, is a force; no

@@ -32,12 +32,12 @@ Inputs = tuple[tuple[int, Callable[[float], Any]], ...]
 """Inputs as functions of time, each with its index among the parameters."""
 
 
-def input_functions(model: Model, given: Any) -> Inputs:
+def input_functions(model: Model, table: Any) -> Inputs:
     """Return the inputs as functions of time. Raises StatementError for a missing or unknown input."""
     indices = {symbol.name: index for index, symbol in enumerate(model.statement.parameters)}
     names = [symbol.name for symbol, _ in model.statement.inputs]
     functions: dict[str, Callable[[float], Any]] = {}
-    for key, value in table_of(given, "inputs", "input to function of t").items():
+    for key, value in table_of(table, "inputs", "input to function of t").items():
         name = label_of(key)
         if name not in names:
             have = f"they are {listing(names)}" if names else "it has none"

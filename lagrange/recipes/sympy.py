@@ -27,7 +27,7 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "fma": lambda a, b, c: a * b + c,
     "sqrt": sympy.sqrt,
     "power": lambda a, b: a**b,
-    **{one.name: one.symbolic for one in ELEMENTARY.values()},
+    **{elementary.name: elementary.symbolic for elementary in ELEMENTARY.values()},
     "atan2": sympy.atan2,
     "sign": sympy.sign,
     "abs": sympy.Abs,
@@ -141,23 +141,23 @@ class _Writer:
         self.replacements.append((symbol, expression))
         return symbol
 
-    def value(self, i: int, one: Instruction) -> Any:
-        """Return the SymPy expression for instruction number `i`, `one`."""
-        args = [self.values[arg] for arg in one.args]
-        if one.op in self.given:
-            return self.given[one.op][one.place]
-        if one.op == "constant":
-            return number(one.value)
-        if one.op == "factor":
-            return self.factored(one.order, args)
-        if one.op == "solve":
+    def value(self, i: int, instruction: Instruction) -> Any:
+        """Return the SymPy expression for an instruction, which has number `i`."""
+        args = [self.values[arg] for arg in instruction.args]
+        if instruction.op in self.given:
+            return self.given[instruction.op][instruction.place]
+        if instruction.op == "constant":
+            return number(instruction.value)
+        if instruction.op == "factor":
+            return self.factored(instruction.order, args)
+        if instruction.op == "solve":
             return self.solved(args[0], args[1:])
-        if one.op == "component":
-            return args[0][one.place]
-        if one.op == "select" and self.program.instructions[one.args[0]].op not in CONDITIONS:
+        if instruction.op == "component":
+            return args[0][instruction.place]
+        if instruction.op == "select" and self.program.instructions[instruction.args[0]].op not in CONDITIONS:
             args[0] = sympy.Ne(args[0], 0)
-        expression = OPERATIONS[one.op](*args)
-        return self.named(expression) if self.uses[i] > 1 and one.op not in CONDITIONS else expression
+        expression = OPERATIONS[instruction.op](*args)
+        return self.named(expression) if self.uses[i] > 1 and instruction.op not in CONDITIONS else expression
 
     def factored(self, n: int, lower: Sequence[Any]) -> tuple[list[list[Any]], list[int]]:
         """Return L U of a symmetric matrix, given by its lower triangle, and the order of rows with nonzero pivots."""

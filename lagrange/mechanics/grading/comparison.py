@@ -225,7 +225,7 @@ def compare_equations(
         if not str(letter).startswith("lam") and letter not in statement.parameters:
             remark += f" {letter} is read as the force of the constraint {constraint_of(multiplier)}."
     read = "\n".join(equation.read for equation in equations)
-    result = replace(result, wrong=tuple(dict.fromkeys(equations[i].place for i in result.wrong)))
+    result = replace(result, wrong=tuple(dict.fromkeys(equations[i].index for i in result.wrong)))
     if len(result.message + remark) <= LONGEST_MESSAGE:
         return replace(result, message=result.message + remark, read=read)
     short = result.message.partition(": it ")[0].rstrip(".") + "."

@@ -74,24 +74,24 @@ def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[Moti
 class MotionStates:
     """Finds states that satisfy the constraints and first-order equations of a statement, and the motion at them.
 
-    Equations of coordinates without inertia are relations between velocities. `places` are the indices of these
+    Equations of coordinates without inertia are relations between velocities. `indices` are those of these
     coordinates. Coordinates that occur in a constraint are not included.
     """
 
     def __init__(self, statement: Statement) -> None:
         form = PlainForm(statement)
         constraints = [form.read(constraint.expression) for constraint in statement.constraints]
-        self.places = tuple(
+        self.indices = tuple(
             i
             for i, (q, v, momentum) in enumerate(zip(form.q, form.v, form.momenta, strict=True))
             if not any(momentum.diff(other) != 0 for other in form.v)
             and not any(constraint.has(q, v) for constraint in constraints)
         )
-        relations = [form.residuals[i] for i in self.places]
-        slopes = [sympy.diff(r, form.v[j]) for r in relations for j in self.places]
+        relations = [form.residuals[i] for i in self.indices]
+        slopes = [sympy.diff(r, form.v[j]) for r in relations for j in self.indices]
         expressions = [expression.xreplace(form.stated) for expression in (*relations, *slopes)]
         self._relations = Precise(expressions, statement, DIGITS) if relations else None
-        self._surface, self.reference = ConstraintSurface(statement), Reference(statement, self.places)
+        self._surface, self.reference = ConstraintSurface(statement), Reference(statement, self.indices)
 
     def satisfied(self, point: SamplePoint) -> SamplePoint:
         """Return a nearby state on the constraints and first-order equations. Raises OutsideDomain if none is found."""
@@ -106,12 +106,12 @@ class MotionStates:
 
         Raises OutsideDomain if the relations do not determine the velocities, or are not linear in them.
         """
-        number, n = relations.context.mpf, len(self.places)
+        number, n = relations.context.mpf, len(self.indices)
         parameters = {p: number(x) for p, x in point.parameters.items()}
         residuals: list[Any] = relations(point.q, point.v, point.t, parameters)
         matrix = [residuals[n + i * n : n + (i + 1) * n] for i in range(n)]
         v = list(point.v)
-        for index, step in zip(self.places, solve_dense(matrix, residuals[:n], SINGULAR), strict=True):
+        for index, step in zip(self.indices, solve_dense(matrix, residuals[:n], SINGULAR), strict=True):
             v[index] = v[index] - step
         moved = replace(point, v=tuple(v))
         left = relations(moved.q, moved.v, moved.t, parameters)[:n]
@@ -135,5 +135,5 @@ class MotionStates:
             tuple(entries["multipliers"].value) if held else (),
             rows("mass_matrix", n),
             rows("constraint_gradient", held),
-            self.places,
+            self.indices,
         )

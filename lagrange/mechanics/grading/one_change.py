@@ -97,7 +97,7 @@ class Change:
     `difference` is the change of one term of the sum, or of the whole sum.
     """
 
-    place: Sum
+    total: Sum
     difference: Difference
     cost: float
     row: EquationRow
@@ -119,12 +119,12 @@ def one_change(
     except OutsideDomain:
         return None
     best: Change | None = None
-    for cost, place, difference in choices[:40]:
+    for cost, total, difference in choices[:40]:
         if best is not None and cost >= best.cost:
             break
-        corrected = search.corrected(place, difference)
+        corrected = search.corrected(total, difference)
         if corrected is not None and corrected.holds(samples) and not _is_empty(corrected, row, samples[0]):
-            change = Change(place, difference, cost + OF_NUMBER * search.is_numbered(corrected), corrected)
+            change = Change(total, difference, cost + OF_NUMBER * search.is_numbered(corrected), corrected)
             best = change if best is None or change.cost < best.cost else best
     return best
 
@@ -167,17 +167,17 @@ def _sums(side: int, expression: Any, typed: Sequence[Any]) -> Iterator[Sum]:
     like = Counter(term for term in terms if term != 0) != Counter(whole)
     waiting = [Sum(side, (), expression, terms if typed and like else whole)]
     while waiting:
-        place = waiting.pop()
-        yield place
-        for k, term in enumerate(sympy.Add.make_args(place.whole)):
-            path = (*place.path, k) if place.whole.is_Add else place.path
+        total = waiting.pop()
+        yield total
+        for k, term in enumerate(sympy.Add.make_args(total.whole)):
+            path = (*total.path, k) if total.whole.is_Add else total.path
             factors = list(enumerate(term.args)) if term.is_Mul else [(None, term)]
             for i, factor in factors:
                 inner = path if i is None else (*path, i)
                 others = [other for j, other in factors if j != i]
-                around = place.around * sympy.Mul(*others)
-                if factor.is_Add and (factor is not place.whole):
-                    waiting.append(Sum(side, inner, factor, factor.args, around, place.below))
+                around = total.around * sympy.Mul(*others)
+                if factor.is_Add and (factor is not total.whole):
+                    waiting.append(Sum(side, inner, factor, factor.args, around, total.below))
                 elif factor.is_Pow and factor.exp == -1:
                     waiting.append(Sum(side, (*inner, 0), factor.base, sympy.Add.make_args(factor.base), below=True))
 
@@ -213,7 +213,7 @@ class _Search:
         ]
         typed = (*row.equation.terms, (), ())[:2]
         self.derived = {*derived, *(-term for term in derived)}.difference(*typed)
-        self.places = [place for side in (0, 1) for place in _sums(side, row.sides[side], typed[side])]
+        self.sums = [total for side in (0, 1) for total in _sums(side, row.sides[side], typed[side])]
         self.right = {sympy.Add(*expanded(term)) for term in models}
         self.below = {base for term in models for base in _sums_below(term)}
         self.forces = self.unknowns[len(row.statement.names) :]
@@ -232,7 +232,7 @@ class _Search:
 
     def _bases(self, denominators: Sequence[Any]) -> list[Any]:
         """Return the factors of all terms without their powers, the factors of typed terms first."""
-        typed = [term * place.around for place in self.places for term in place.terms]
+        typed = [term * total.around for total in self.sums for term in total.terms]
         self.typed = {factor.as_base_exp()[0] for term in typed for factor in sympy.Mul.make_args(term)}
         every: dict[Any, None] = {}
         for term in (*typed, *self.models, *denominators):
@@ -289,36 +289,36 @@ class _Search:
 
     def choices(self) -> Iterator[tuple[float, Sum, Difference]]:
         """Yield (cost, sum, difference) for all changes of one term."""
-        for cost, place, difference in self._choices():
-            wanted = difference.wanted * place.around
-            signed = wanted if place.side == self.leading else -wanted
-            if wanted.count_ops() <= LONGEST_EXPANDED and self.below >= _sums_below(signed):
+        for cost, total, difference in self._choices():
+            term = difference.right * total.around
+            signed = term if total.side == self.leading else -term
+            if term.count_ops() <= LONGEST_EXPANDED and self.below >= _sums_below(signed):
                 signed = sympy.Add(*expanded(signed))
             right = signed in self.right
             if not right and -signed not in self.right:
-                known = NUMBERED * (abs(wanted.as_coeff_Mul()[0]) != 1)
+                known = NUMBERED * (abs(term.as_coeff_Mul()[0]) != 1)
             else:
-                known = FORCE if wanted.has(*self.forces) else NATURAL if right else TURNED
-            new = [symbol for symbol in self.absent if wanted.has(symbol)]
+                known = FORCE if term.has(*self.forces) else NATURAL if right else TURNED
+            new = [symbol for symbol in self.absent if term.has(symbol)]
             foreign = max((NEW_RATE if constraint_of(symbol) is None else NEW_FORCE for symbol in new), default=0)
-            yield cost + known + foreign, place, difference
+            yield cost + known + foreign, total, difference
 
     def _choices(self) -> Iterator[tuple[float, Sum, Difference]]:
-        for place, changes in self._changes():
-            extra, several = DENOMINATOR * place.below, len(place.terms) > 1
+        for total, changes in self._changes():
+            extra, several = DENOMINATOR * total.below, len(total.terms) > 1
             # The factors of a lone term in a denominator are factors of the whole term.
-            parts = (*place.terms, place.whole) if several else () if place.below else place.terms
+            parts = (*total.terms, total.whole) if several else () if total.below else total.terms
             for k, (part, value) in enumerate(zip(parts, self.values(parts), strict=True)):
-                whole = k == len(place.terms)
+                whole = k == len(total.terms)
                 for cost, difference in self._of_term(part, value, changes):
                     if not (whole and difference.kind == "extra"):
-                        yield cost + extra + OF_SIDE * whole + self._doubt(place, part), place, difference
-            rates = place.whole.has(*self.unknowns)
-            for cost, wanted in self._among_models(changes):
-                if place.path and not rates and wanted.has(*self.unknowns):
+                        yield cost + extra + OF_SIDE * whole + self._doubt(total, part), total, difference
+            rates = total.whole.has(*self.unknowns)
+            for cost, missing in self._among_models(changes):
+                if total.path and not rates and missing.has(*self.unknowns):
                     continue  # an acceleration does not belong in this bracket
-                cost += extra + self._misplaced(place, wanted) + OF_RATE * wanted.has(*self.moving)
-                yield cost, place, Difference("missing", sympy.S.Zero, wanted)
+                cost += extra + self._misplaced(total, missing) + OF_RATE * missing.has(*self.moving)
+                yield cost, total, Difference("missing", sympy.S.Zero, missing)
 
     def _changes(self) -> Iterator[tuple[Sum, Numbers]]:
         """Yield each sum whose change can make the equation right, with the necessary change at each sample.
@@ -328,20 +328,20 @@ class _Search:
         """
         left, right = self.row.sides
         zeros = [left - right]
-        for changed_sum in self.places:
+        for total in self.sums:
             for times in (2, 3):
                 sides = list(self.row.sides)
-                sides[changed_sum.side] = _with(sides[changed_sum.side], changed_sum.path, times * changed_sum.whole)
+                sides[total.side] = _with(sides[total.side], total.path, times * total.whole)
                 zeros.append(sides[0] - sides[1])
         residual, *varied = self.values(zeros)
-        wholes = self.values([changed_sum.whole for changed_sum in self.places])
-        for k, (changed_sum, whole) in enumerate(zip(self.places, wholes, strict=True)):
-            if changed_sum.whole == 0:
+        wholes = self.values([total.whole for total in self.sums])
+        for k, (total, whole) in enumerate(zip(self.sums, wholes, strict=True)):
+            if total.whole == 0:
                 continue
             once, twice = varied[2 * k : 2 * k + 2]
             steps = [_root(*triple) for triple in zip(residual, once, twice, strict=True)]
             if None not in steps:
-                yield changed_sum, [step * value for step, value in zip(steps, whole, strict=True)]
+                yield total, [step * value for step, value in zip(steps, whole, strict=True)]
 
     def _of_term(self, term: Any, value: Numbers, changes: Numbers) -> Iterator[tuple[float, Difference]]:
         """Yield (cost, difference) for changes of a term that change its value at the samples by `changes`.
@@ -376,33 +376,33 @@ class _Search:
                     plain = 0 if abs(number) == 1 else 0.3
                     yield MISSED + cost + plain, number * model * factor
 
-    def _doubt(self, place: Sum, term: Any) -> float:
+    def _doubt(self, total: Sum, term: Any) -> float:
         """Return a cost that is added to a change of `term`, because of where the term stands in the equation."""
         if term in self.derived:
             return OF_DERIVATIVE
         if not term.has(*self.unknowns, *self.rates):
             return 0.0
         number, rest = term.as_coeff_Mul()
-        if len(place.terms) > 1 or place.path or not rest.is_Symbol or not self.row.sides[1 - place.side].count_ops():
+        if len(total.terms) > 1 or total.path or not rest.is_Symbol or not self.row.sides[1 - total.side].count_ops():
             return OF_RATE if term.has(*self.moving) else 0.0
         return OF_SOLVED if number == 1 else 0.0
 
-    def _misplaced(self, place: Sum, wanted: Any) -> float:
-        """Return a cost that is added if the missing term `wanted` is less likely on this side of the equation."""
-        if place.path:
+    def _misplaced(self, total: Sum, missing: Any) -> float:
+        """Return a cost that is added if a missing term is less likely on this side of the equation."""
+        if total.path:
             return 0.0
-        here, there = self.row.sides[place.side], self.row.sides[1 - place.side]
-        if here == 0:
+        containing, opposite = self.row.sides[total.side], self.row.sides[1 - total.side]
+        if containing == 0:
             return OF_SOLVED
-        if there == 0:
+        if opposite == 0:
             return 0.0
         leading = [
             [term.has(*self.unknowns) or term in self.derived for term in sympy.Add.make_args(side)]
-            for side in (here, there)
+            for side in (containing, opposite)
         ]
         rates = [all(terms) for terms in leading]
-        fits = wanted.has(*self.unknowns) == rates[0]
-        return 0.0 if fits and rates[0] != rates[1] else OF_RATE * (1 + place.side) / 2
+        fits = missing.has(*self.unknowns) == rates[0]
+        return 0.0 if fits and rates[0] != rates[1] else OF_RATE * (1 + total.side) / 2
 
     def is_numbered(self, row: EquationRow) -> bool:
         """Return True if an equation is an unlikely multiple of a right one, judged by its accelerations.
@@ -425,11 +425,11 @@ class _Search:
                 return not numbers or numbers[0][1] != 1
         return False
 
-    def corrected(self, place: Sum, difference: Difference) -> EquationRow | None:
+    def corrected(self, total: Sum, difference: Difference) -> EquationRow | None:
         """Return the equation after a change, or None if the result is not linear in the unknowns."""
         sides = list(self.row.sides)
-        rest = 0 if difference.there == place.whole else place.whole - difference.there
-        sides[place.side] = _with(sides[place.side], place.path, rest + difference.wanted)
+        rest = 0 if difference.typed == total.whole else total.whole - difference.typed
+        sides[total.side] = _with(sides[total.side], total.path, rest + difference.right)
         try:
             return self.row.with_zero(sides[0] - sides[1], sides[1])
         except StatementError:

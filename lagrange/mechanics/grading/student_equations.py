@@ -42,7 +42,7 @@ ORDINALS = ("", "second", "third", "fourth", "fifth")  # Names of the equalities
 class StudentEquation(Reading):
     """The reading of an equation of motion, in the plain symbols of `Statement.plain`.
 
-    `label` names it in messages. `place` is the index of the equation in the answer; a chain a = b = c is one equation
+    `label` names it in messages. `index` is that of the equation in the answer; a chain a = b = c is one equation
     in the answer and several here. `letters` maps multipliers to the letters that were typed for them. `others` are
     further readings of an ambiguous text. `note` is a sentence on why an equation counts as right, such as for rounded
     decimals, or "". `aside` is true for a remark, such as on an equilibrium, which need not hold.
@@ -53,7 +53,7 @@ class StudentEquation(Reading):
     others: tuple[StudentEquation, ...] = ()
     note: str = ""
     aside: bool = False
-    place: int = 0
+    index: int = 0
 
 
 def read_equations(answer: Any, statement: Statement) -> list[StudentEquation]:
@@ -74,7 +74,7 @@ def read_equations(answer: Any, statement: Statement) -> list[StudentEquation]:
         listed = [(f"equation {k}", value) for k, value in enumerate([answer] if parts is None else parts, 1)]
     if not listed:
         raise StatementError("no equation is given: give a list with one for each coordinate.")
-    return [equation for place, pair in enumerate(listed) for equation in reader.read(pair[1], pair[0], place)]
+    return [equation for index, pair in enumerate(listed) for equation in reader.read(pair[1], pair[0], index)]
 
 
 def spelled(expression: Any) -> str:
@@ -155,16 +155,16 @@ class _EquationReader:
             equations += [] if force and sympy.expand(first.right - kinetic) == 0 else [typed]
         if not equations:
             raise StatementError(f"there is no equation: write one a line, {reader.example()}")
-        places = list(accumulate((not typed.link for typed in equations), initial=-1))[1:]
+        indices = list(accumulate((not typed.link for typed in equations), initial=-1))[1:]
         return [
-            _equation(f"equation {place + 1}", typed, letters, place)
-            for place, typed in zip(places, equations, strict=True)
+            _equation(f"equation {index + 1}", typed, letters, index)
+            for index, typed in zip(indices, equations, strict=True)
         ]
 
-    def read(self, answer: Any, what: str, place: int) -> list[StudentEquation]:
+    def read(self, answer: Any, what: str, index: int) -> list[StudentEquation]:
         """Return the equation of a text, of an expression that is zero, or of an Eq; a = b = c is two equations.
 
-        `what` is its label, and `place` its index in the answer.
+        `what` is its label, and `index` its position in the answer.
         """
         if isinstance(answer, str):
             reader, letters = self.reader(answer, what)
@@ -172,18 +172,18 @@ class _EquationReader:
             count = sum(not typed.link for typed in equations)
             if count != 1:
                 raise StatementError(f"{what} is a text with {count} equations: give one in each entry.")
-            return [_equation(what, typed, letters, place) for typed in equations]
+            return [_equation(what, typed, letters, index) for typed in equations]
         if isinstance(answer, sympy.Eq):
             left, right = (self.symbols(expression(side, what), what) for side in answer.args)
             return [
-                StudentEquation(left - right, right, f"{spelled(left)} = {spelled(right)}", label=what, place=place)
+                StudentEquation(left - right, right, f"{spelled(left)} = {spelled(right)}", label=what, index=index)
             ]
         if isinstance(answer, bool) or answer is sympy.true or answer is sympy.false:
             raise StatementError(f"{what} is {answer}: where == was meant, write sympy.Eq(left, right).")
         stated = expression(answer, what)
         try:
             zero = self.symbols(stated, what)
-            return [StudentEquation(zero, read=f"{spelled(zero)} = 0", label=what, place=place)]
+            return [StudentEquation(zero, read=f"{spelled(zero)} = 0", label=what, index=index)]
         except RecursionError:
             raise StatementError(
                 f"{what} is nested too deeply to be compared: multiply it out, or state it in parts."
@@ -230,16 +230,16 @@ class _EquationReader:
         return stated.xreplace(self.prescribed).xreplace(self.plain | table)
 
 
-def _equation(label: str, typed: TypedEquation, letters: Mapping[Any, Any], place: int) -> StudentEquation:
+def _equation(label: str, typed: TypedEquation, letters: Mapping[Any, Any], index: int) -> StudentEquation:
     """Return the first reading of a typed equation; its `others` are the further readings.
 
-    `label` names the equation in messages, and `place` is its index in the answer. `letters` maps multipliers to the
+    `label` names the equation in messages, and `index` is its position in the answer. `letters` maps multipliers to the
     letters that were typed for them.
     """
     if typed.link:
         label = f"the {ORDINALS[min(typed.link, len(ORDINALS) - 1)]} equality of {label}"
     first, *others = (
-        StudentEquation(**vars(reading), label=label, letters=letters, aside=typed.aside, place=place)
+        StudentEquation(**vars(reading), label=label, letters=letters, aside=typed.aside, index=index)
         for reading in typed.readings
     )
     return replace(first, others=tuple(others))

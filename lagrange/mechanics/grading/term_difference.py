@@ -25,14 +25,14 @@ LARGEST_NUMERATOR = 10**6
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of a term: `there` is the expression that was typed, `wanted` the right one in its place.
+    """Difference of a term: the expression that was typed, and the right one in its place.
 
-    If `kind` is "scaled", `there` is the constant `ratio` times `wanted`.
+    If `kind` is "scaled", `typed` is the constant `ratio` times `right`.
     """
 
     kind: Literal["missing", "extra", "scaled", "wrong"]
-    there: Any
-    wanted: Any
+    typed: Any
+    right: Any
     ratio: Fraction = Fraction(1)
 
     def told(self, factor: Any, write: Write) -> str:
@@ -40,14 +40,14 @@ class Difference:
 
         `write` turns an expression into text.
         """
-        there, wanted = self.there * factor, self.wanted * factor
-        shown = wanted if self.kind == "missing" else there
+        typed, right = self.typed * factor, self.right * factor
+        shown = right if self.kind == "missing" else typed
         named = f"the {'sum' if shown.is_Add else 'term'} {write(shown)}"
         if self.kind in ("missing", "extra"):
             return f"{named} {'is missing' if self.kind == 'missing' else 'should not be there'}."
         if self.kind == "scaled" and self.ratio != -1:
-            return f"{named} has the wrong factor: it is {self.ratio} times what it should be, {write(wanted)}."
-        return f"{named} {'is wrong' if self.kind == 'wrong' else 'has the wrong sign'}: it should be {write(wanted)}."
+            return f"{named} has the wrong factor: it is {self.ratio} times what it should be, {write(right)}."
+        return f"{named} {'is wrong' if self.kind == 'wrong' else 'has the wrong sign'}: it should be {write(right)}."
 
 
 def summands(expression: Any) -> tuple[Any, ...]:

@@ -170,11 +170,11 @@ def _told(name: str, row: EquationRow, typed: Sequence[tuple[int, Any]], lacking
         return f"{_place_of(name, row)}{words} {Difference('extra', term, sympy.S.Zero).told(sympy.S.One, write)}"
     factors = set(term.as_powers_dict())
     nearest = max(lacking, key=lambda other: len(factors & set(other.as_powers_dict())))
-    wanted = simplest(nearest if side == 0 else -nearest)
-    ratio = sympy.cancel(term / wanted) if term.count_ops() + wanted.count_ops() <= LONGEST_RATIO else sympy.nan
-    difference = Difference("wrong", term, wanted)
+    right = simplest(nearest if side == 0 else -nearest)
+    ratio = sympy.cancel(term / right) if term.count_ops() + right.count_ops() <= LONGEST_RATIO else sympy.nan
+    difference = Difference("wrong", term, right)
     if ratio.is_Rational:
-        difference = Difference("scaled", term, wanted, Fraction(ratio.p, ratio.q))
+        difference = Difference("scaled", term, right, Fraction(ratio.p, ratio.q))
     return f"{_place_of(name, row)}{words} {difference.told(sympy.S.One, write)}"
 
 
@@ -216,24 +216,24 @@ def _right_denominators(derivation: Derivation) -> list[Any]:
 
 def _told_change(change: Change, row: EquationRow, sample: MotionSample, write: Write) -> str:
     """Return a sentence on the only wrong term of an equation, with its sign as it was typed."""
-    place, difference = change.place, change.difference
+    total, difference = change.total, change.difference
     start = _place_of(_meant(change.row, sample), row)
-    if place.below:
-        corrected = place.whole - difference.there + difference.wanted
-        return f"{start} the denominator {write(place.whole)} is wrong: it should be {write(corrected)}."
-    side, other = (row.sides[k] for k in (place.side, 1 - place.side))
-    right = " on the right side" if place.side and other != 0 else ""
-    solved = place.side and other in list(row.slopes)[: len(sample.accelerations)]
-    if solved and difference.there == side and (side.is_Add or (side.has(sympy.Add) and difference.ratio == -1)):
-        factor = sympy.cancel(difference.there / difference.wanted)
+    if total.below:
+        corrected = total.whole - difference.typed + difference.right
+        return f"{start} the denominator {write(total.whole)} is wrong: it should be {write(corrected)}."
+    side, other = (row.sides[k] for k in (total.side, 1 - total.side))
+    right = " on the right side" if total.side and other != 0 else ""
+    solved = total.side and other in list(row.slopes)[: len(sample.accelerations)]
+    if solved and difference.typed == side and (side.is_Add or (side.has(sympy.Add) and difference.ratio == -1)):
+        factor = sympy.cancel(difference.typed / difference.right)
         if factor.count_ops() <= LONGEST_FACTOR:
             return f"{start} the right side {_told_factor(factor, write)}"
-    if difference.kind == "wrong" and not place.path:
-        (above, below), (other, right_below) = map(sympy.fraction, (difference.there, difference.wanted))
+    if difference.kind == "wrong" and not total.path:
+        (above, below), (other, right_below) = map(sympy.fraction, (difference.typed, difference.right))
         if below.is_Add and above == other:
             return f"{start} the denominator {write(below)} is wrong: it should be {write(right_below)}."
-    ending = difference.told(place.around, write)
-    name = next((constraint_of(x) for x in difference.wanted.free_symbols if constraint_of(x) is not None), None)
+    ending = difference.told(total.around, write)
+    name = next((constraint_of(x) for x in difference.right.free_symbols if constraint_of(x) is not None), None)
     if difference.kind == "missing" and name is not None:
         ending = ending.replace(" is missing.", f", the force of the constraint {name}, is missing.")
     return f"{start}{right} {ending}"

@@ -54,7 +54,7 @@ COMPARISONS: dict[str, Callable[..., Any]] = {
 }
 
 _DOUBLES: dict[str, Callable[..., float]] = {
-    **{function.name: function.of_float for function in ELEMENTARY.values()},
+    **{elementary.name: elementary.of_float for elementary in ELEMENTARY.values()},
     "atan2": math.atan2,
     "sqrt": math.sqrt,
     "cot": lambda x: 1 / math.tan(x),

@@ -33,9 +33,9 @@ class TypedFault(Exception):
     `read` is the strict text of the equation before the fault, or "".
     """
 
-    def __init__(self, reason: str, place: int, read: str = "") -> None:
+    def __init__(self, reason: str, offset: int, read: str = "") -> None:
         super().__init__(reason)
-        self.reason, self.place, self.read = reason, place, read
+        self.reason, self.offset, self.read = reason, offset, read
 
 
 class UnknownWord(TypedFault):
@@ -66,7 +66,7 @@ def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
             elif not differentiated(readings, token, names):
                 faults.append(TypedFault(f"{name} has no derivative of this order here", token.begin))
     faults += [TypedFault(f"{token.text!r} is never closed", token.begin) for token in opened]
-    return sorted(faults, key=lambda fault: fault.place)
+    return sorted(faults, key=lambda fault: fault.offset)
 
 
 def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> list[list[Piece]]:
@@ -183,23 +183,23 @@ def parsed(tokens: Sequence[Token], names: Names, choices: Choices, taken: int =
             expanded.append(_Symbol(piece.kind, piece.name, token.begin, token.end, spaced=spaced, piece=piece))
     parser = _Parser(expanded, choices, names, taken)
     part = parser.sum()
-    if parser.place < len(parser.tokens):
-        token = parser.tokens[parser.place]
+    if parser.index < len(parser.tokens):
+        token = parser.tokens[parser.index]
         raise TypedFault(f"{token.text[:40]!r} cannot stand here", token.begin)
     return Formula(part.text, parser.rates)
 
 
 class _Parser:
-    """Recursive-descent parser of one side of an equation. Each method reads one part and moves `place` after it."""
+    """Recursive-descent parser of one side of an equation. Each method reads one part and moves `index` after it."""
 
     def __init__(self, tokens: list[Token], choices: Choices, names: Names, taken: int) -> None:
         self.tokens, self.choices, self.names, self.taken = tokens, choices, names, taken
-        self.place = self.depth = self.bars = 0
+        self.index = self.depth = self.bars = 0
         self.rates: dict[str, tuple[str, int]] = {}
 
     def peek(self, ahead: int = 0) -> Token | None:
         """Return the token `ahead` places after the current one, or None after the end."""
-        index = self.place + ahead
+        index = self.index + ahead
         return self.tokens[index] if index < len(self.tokens) else None
 
     def next_is(self, *signs: str) -> bool:
@@ -230,8 +230,8 @@ class _Parser:
         """Read the signs before a value, and return True if their product is negative."""
         negative = False
         while self.next_is("+", "-"):
-            negative ^= self.tokens[self.place].text == "-"
-            self.place += 1
+            negative ^= self.tokens[self.index].text == "-"
+            self.index += 1
         return negative
 
     def product(self) -> Part:
@@ -239,10 +239,10 @@ class _Parser:
         left = self.factor()
         while True:
             if self.next_is("*"):
-                self.place += 1
+                self.index += 1
                 left = _times(left, self.signed())
             elif self.next_is("/"):
-                self.place += 1
+                self.index += 1
                 left = self.divided(left)
             elif self.starts_value():
                 left = _times(left, self.factor())
@@ -257,13 +257,13 @@ class _Parser:
     def divided(self, above: Part) -> Part:
         """Read a denominator, and return the quotient. Whether further factors belong to it is one of the choices."""
         below = self.signed()
-        closed = self.tokens[self.place - 1].is_sign(*OPENING.values())
+        closed = self.tokens[self.index - 1].is_sign(*OPENING.values())
         following = self.peek()
         if following is not None and self.starts_value():
             # In g/2l the l belongs to the denominator; in k/(m l^2)(x - y) and 1/2 m it does not.
             likely = not following.spaced and not (above.number and below.number) and not closed
             if likely != bool(self.choices.take(f"division {'joined' if likely else 'apart'}", 2)):
-                while self.starts_value() and not (likely and self.tokens[self.place].spaced):
+                while self.starts_value() and not (likely and self.tokens[self.index].spaced):
                     below = _times(below, self.factor())
         return _times(above, below, "/")
 
@@ -284,7 +284,7 @@ class _Parser:
         """Read the exponents and primes after a base, and return the power."""
         while (token := self.peek()) is not None:
             if token.kind == "prime":
-                self.place += 1
+                self.index += 1
                 base = self.rate(base, int(token.text), token.begin)
                 continue
             exponent = self.exponent()
@@ -298,11 +298,11 @@ class _Parser:
         token = self.peek()
         if token is None or not (token.is_sign("^") or token.kind == "power"):
             return None
-        self.place += 1
+        self.index += 1
         if token.kind == "power":
             return Part(token.text, SUM if token.text.startswith("-") else ATOM, number=True)
         negative = self.next_is("-")
-        self.place += negative
+        self.index += negative
         part = self.value()
         return Part(f"-{part.at(POWER)}", SUM, part.number) if negative else part
 
@@ -320,7 +320,7 @@ class _Parser:
         token = self.peek()
         if token is None:
             raise self.fault("a value is missing at the end")
-        self.place += 1
+        self.index += 1
         if token.kind == "number":
             if (follower := self.peek()) is not None and follower.kind == "number" and "/" not in follower.text:
                 raise self.fault(f"the number {follower.text[:20]} follows a number without a sign")
@@ -343,19 +343,19 @@ class _Parser:
             self.bars -= 1
             if not self.next_is("|"):
                 raise TypedFault("'|' is never closed", token.begin)
-            self.place += 1
+            self.index += 1
             return self.called("abs", [inside])
         missing = f"a value is missing before {token.text[:20]!r}"
         raise TypedFault(missing if token.kind in ("sign", "number") else "a mark follows no symbol", token.begin)
 
     def operand(self) -> Part:
         """Read the operand of d/dt: a bracket or a product. Whether further factors belong to it is a choice."""
-        begin = self.place
+        begin = self.index
         bracket = self.next_is("(", "[", "\\frac")
         part = self.value() if bracket else self.factor()
         if not (self.starts_value() or self.next_is("*", "/")) or self.choices.take("operand", 2) != bracket:
             return part
-        self.place = begin
+        self.index = begin
         return self.product()
 
     def inside(self, opened: Token, *, several: bool = False) -> list[Part]:
@@ -363,12 +363,12 @@ class _Parser:
         bars, self.bars = self.bars, 0
         parts = [self.sum()]
         while several and self.next_is(","):
-            self.place += 1
+            self.index += 1
             parts.append(self.sum())
         self.bars = bars
         if not self.next_is(OPENING[opened.text]):
             raise self.fault(f"{OPENING[opened.text]!r} is expected")
-        self.place += 1
+        self.index += 1
         return parts
 
     def symbol(self, token: _Symbol) -> Part:
@@ -379,9 +379,9 @@ class _Parser:
         if piece.kind == "e":
             exponent = self.exponent()
             return Part("exp(1)") if exponent is None else self.called("exp", [exponent])
-        texts = [following.text for following in self.tokens[self.place : self.place + 3]]
+        texts = [following.text for following in self.tokens[self.index : self.index + 3]]
         if piece.base and texts in (["(", "t", ")"], ["[", "t", "]"]):
-            self.place += 3
+            self.index += 3
         return Part(piece.name, number=piece.kind == "pi", moves=piece.moves)
 
     def function(self, name: str, token: Token) -> Part:
@@ -390,7 +390,7 @@ class _Parser:
         if exponent is not None and exponent.text == "-1" and name in ("sin", "cos", "tan", "sinh", "cosh", "tanh"):
             name, exponent = f"a{name}", None
         if (opened := self.peek()) is not None and opened.is_sign(*OPENING):
-            self.place += 1
+            self.index += 1
             value = self.called(name, self.inside(opened, several=True))
         else:
             value = self.called(name, [self.value() if self.next_is("\\frac") else self.bare_argument(token)])
@@ -399,13 +399,13 @@ class _Parser:
     def bare_argument(self, function: Token) -> Part:
         """Read an argument without brackets: factors up to the first that changes in time, as `2 omega t` or `k x`."""
         negative = self.next_is("-")
-        self.place += negative
+        self.index += negative
         if not self.starts_value():
             raise TypedFault(f"the argument of {function.text} is missing", function.begin)
         part = self.bare_factor()
         while self.goes_on(part):
-            sign = self.tokens[self.place].text if self.next_is("*", "/") else ""
-            self.place += len(sign)
+            sign = self.tokens[self.index].text if self.next_is("*", "/") else ""
+            self.index += len(sign)
             part = _times(part, self.bare_factor(), sign or "*")
         return Part(f"-{part.at(PRODUCT)}", SUM, moves=part.moves) if negative else part
 

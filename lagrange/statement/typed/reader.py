@@ -239,7 +239,7 @@ class TypedReader:
             free = self._without_free_names(sides, begin)
             if free:
                 return free
-            faults[0].read = self._read_before(sides, faults[0].place)
+            faults[0].read = self._read_before(sides, faults[0].offset)
             raise _Faults(faults)
         choices = Choices()
         formulas = [self._formulas(sides, choices)]
@@ -425,7 +425,7 @@ class TypedReader:
             return f"{start} An answer is an equation {self.example()}"
         sentences = []
         for fault in faults[:MOST_TOLD]:
-            line, column = _line(text, fault.place), fault.place - text.rfind("\n", 0, fault.place)
+            line, column = _line(text, fault.offset), fault.offset - text.rfind("\n", 0, fault.offset)
             location = (
                 f"line {line}, column {column}" if "\n" in text.strip() or not what else f"{what}, column {column}"
             )

@@ -25,7 +25,7 @@ class FunctionWord:
 WORDS: dict[str, FunctionWord] = {
     word.name: word
     for word in (
-        *(FunctionWord(function.name, function.symbolic, 1, 1) for function in ELEMENTARY.values()),
+        *(FunctionWord(elementary.name, elementary.symbolic, 1, 1) for elementary in ELEMENTARY.values()),
         FunctionWord("atan2", sympy.atan2, 2, 2),
         FunctionWord("sqrt", sympy.sqrt, 1, 1),
         FunctionWord("cot", sympy.cot, 1, 1),
