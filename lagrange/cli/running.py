@@ -161,10 +161,10 @@ def ensemble(request: argparse.Namespace) -> Answer:
     _check_members(axes, out)
     points = count("--points", request.points)
     system = load_scene(request)
-    held = {**begun["initial"], **begun["parameters"]}
-    if twice := next((name for name in axes if name in held), None):
+    fixed = {**begun["initial"], **begun["parameters"]}
+    if twice := next((name for name in axes if name in fixed), None):
         raise StatementError(f"{twice} varies, and has a value as well: give one of the two.")
-    varied = lg.grid({**{name: [value] for name, value in held.items()}, **axes})
+    varied = lg.grid({**{name: [value] for name, value in fixed.items()}, **axes})
     kept = [text.strip() for text in request.keep.split(",")]
     counted = ("steps", "rejected", "evaluations") if "counts" in kept else ()
     results = [text for text in kept if text == "drift" or ":" in text]

@@ -108,13 +108,13 @@ def equilibrium_branches(
 
 
 def _add(
-    made: list[EquilibriumBranch],
+    branches: list[EquilibriumBranch],
     equilibrium: Equilibrium,
     model: Model,
     along: tuple[str, FloatArray, int],
     turns: tuple[bool, ...],
 ) -> None:
-    """Follow an equilibrium along a parameter, and append the branch to `made` unless it is already there.
+    """Follow an equilibrium along a parameter, and append its branch unless it is already there.
 
     `along` has the name of the parameter, its values, and the index of the value at which the equilibrium was found. It
     is followed from there in both directions. `turns` has True for each coordinate that is an angle.
@@ -138,7 +138,7 @@ def _add(
         coordinates[way], eigenvalues[way] = path.equilibria, path.eigenvalues
     if not np.isfinite(coordinates).any():
         return
-    for other in made:
+    for other in branches:
         if len(other.values) != len(values) or (other.values != values).any():
             continue
         both = np.isfinite(other.coordinates).all(axis=1) & np.isfinite(coordinates).all(axis=1)
@@ -146,7 +146,7 @@ def _add(
         alone = np.isfinite(coordinates).all(axis=1) & ~np.isfinite(other.coordinates).all(axis=1)
         if both.any() and not alone.any() and (distance <= SAME_EQUILIBRIUM * (1 + np.abs(coordinates[both]))).all():
             return
-    made.append(
+    branches.append(
         EquilibriumBranch(values, coordinates, eigenvalues, dict(equilibrium.coordinates) if equilibrium.exact else {})
     )
 
@@ -179,10 +179,10 @@ def _with_ends(equilibrium: Equilibrium, statement: Statement, parameter: str, v
     return np.array(sorted({*values.tolist(), *more}, key=lambda value: order * value))
 
 
-def _axis(statement: Statement, made: Sequence[EquilibriumBranch]) -> str:
-    """Return the name of the coordinate in which the branches `made` differ most."""
-    if not made:
+def _axis(statement: Statement, branches: Sequence[EquilibriumBranch]) -> str:
+    """Return the name of the coordinate in which the branches differ most."""
+    if not branches:
         return statement.names[0]
-    whole = np.concatenate([branch.coordinates for branch in made])
+    whole = np.concatenate([branch.coordinates for branch in branches])
     whole = whole[np.isfinite(whole).all(axis=1)]
     return statement.names[int(np.argmax(np.ptp(whole, axis=0)))]

@@ -199,7 +199,7 @@ def portrait(
     return _made(work, fixed, starts, progress)
 
 
-def _made(work: _Portrait, held: Mapping[int, float], starts: Any, progress: Report | None) -> PortraitData:
+def _made(work: _Portrait, fixed: Mapping[int, float], starts: Any, progress: Report | None) -> PortraitData:
     runs, plane, names = work.runs, work.plane, work.runs.model.statement.state_names
     single = work.alone and len(names) == 2
     equilibria, note = fixed_points(runs.model, runs.parameters, plane[0].low, plane[0].high) if single else ((), "")
@@ -229,7 +229,7 @@ def _made(work: _Portrait, held: Mapping[int, float], starts: Any, progress: Rep
         statement=runs.model.statement,
         plane=plane,
         turns=work.window.wraps(plane[0]),
-        held={names[row]: value for row, value in held.items()},
+        held={names[row]: value for row, value in fixed.items()},
         time=work.time if work.driven else None,
         x=x,
         y=y,
@@ -349,9 +349,9 @@ def _following(model: Model) -> list[int]:
     return [model.layout.v.start + i for i in model.equations.first_order]
 
 
-def _free(model: Model, held: Collection[int]) -> list[int]:
-    """Return the rows of the state that are neither in `held` nor follow from other entries."""
-    return [row for row in range(model.layout.size) if row not in held and row not in _following(model)]
+def _free(model: Model, fixed: Collection[int]) -> list[int]:
+    """Return the rows of the state that are neither `fixed` nor follow from other entries."""
+    return [row for row in range(model.layout.size) if row not in fixed and row not in _following(model)]
 
 
 def _too_many(model: Model, left: int) -> str:

@@ -202,7 +202,7 @@ class Collector:
         outside, rest = self._factors(shortened(self.algebra, below))
         above = shortened(self.algebra, self.algebra.divide(above, outside))
         divided = self.write(above)
-        held = divided.is_Add and self._divides_all(above)
+        divisible = divided.is_Add and self._divides_all(above)
         outside, above = self._factors(above)
         above, rest = cancelled(above, rest)
         ((monomial, number),) = outside.items()
@@ -214,7 +214,7 @@ class Collector:
         common = self.algebra.power(tuple(factor for factor in monomial if factor not in roots))
         fraction = Mul(number, common, numerator, 1 / self._together(self.write(rest)))
         one_term = rest == {ONE: S.One}
-        apart = one_term and not held and divided.count_ops() <= LONGER_SUM * fraction.count_ops()
+        apart = one_term and not divisible and divided.count_ops() <= LONGER_SUM * fraction.count_ops()
         return divided if apart else fraction
 
     def _divides_all(self, terms: MonomialSum) -> bool:

@@ -226,8 +226,8 @@ class Decisions:
         if not len(laws.constraints) or not laws.constraints.workless:
             return False
         # The power may be zero at the states that satisfy the constraints.
-        held = map(self._held, self._points) if len(laws.constraints) <= MOST_HELD else ()
-        return False if any(self._power(state) for state in held if state is not None) else None
+        states = map(self._held, self._points) if len(laws.constraints) <= MOST_HELD else ()
+        return False if any(self._power(state) for state in states if state is not None) else None
 
     @property
     def _forceless(self) -> bool:

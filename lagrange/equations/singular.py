@@ -114,42 +114,42 @@ def _whole(mass: FloatArray, gradient: FloatArray) -> FloatArray:
     return np.block([[mass, gradient.T], [gradient, np.zeros((len(gradient),) * 2)]])
 
 
-def _dependent(held: FloatArray, scale: FloatArray, *, alike: bool) -> Singular:
-    """Return the combination of the scaled rows `held` nearest to zero; rows made `alike` are first normalised."""
-    sizes = np.sqrt((held**2).sum(axis=1))
-    units = np.where(sizes > 0, sizes, 1.0) if alike else np.ones(len(held))
-    left, values, _ = np.linalg.svd(held / units[:, None])
-    least = float(values[-1] / ((values[0] or 1.0) if alike else 1.0)) if len(values) == len(held) else 0.0
+def _dependent(scaled: FloatArray, scale: FloatArray, *, alike: bool) -> Singular:
+    """Return the combination of `scaled` rows nearest to zero; rows made `alike` are first normalised."""
+    sizes = np.sqrt((scaled**2).sum(axis=1))
+    units = np.where(sizes > 0, sizes, 1.0) if alike else np.ones(len(scaled))
+    left, values, _ = np.linalg.svd(scaled / units[:, None])
+    least = float(values[-1] / ((values[0] or 1.0) if alike else 1.0)) if len(values) == len(scaled) else 0.0
     factors = left[:, -1] / units
     largest = np.abs(factors * units).max()
-    rows = [(i, float(factors[i] / scale[i])) for i in range(len(held)) if abs(left[i, -1]) > NAMED_SHARE * largest]
+    rows = [(i, float(factors[i] / scale[i])) for i in range(len(scaled)) if abs(left[i, -1]) > NAMED_SHARE * largest]
     return Singular(least, rows=tuple(rows))
 
 
-def _kernel(held: FloatArray) -> FloatArray:
-    """Return an orthonormal basis (n, n - m) of the motions that the rows `held` (m, n) allow: their null space."""
-    return np.asarray(np.linalg.svd(held)[2][len(held) :].T)
+def _kernel(rows: FloatArray) -> FloatArray:
+    """Return an orthonormal basis (n, n - m) of the motions that the rows (m, n) allow: their null space."""
+    return np.asarray(np.linalg.svd(rows)[2][len(rows) :].T)
 
 
 def matrices_at(
-    made: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray
+    provider: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return M (n, n) and G (m, n) at a state (2n,)."""
     constraints, n = equations.constraints, len(equations.q)
     entries = tuple(entry for row in constraints.gradient for entry in row)
     with np.errstate(all="ignore"):
-        mass = made.interpreted("mass_matrix")(t, y, parameters)
-        gradient = made.function("gradient", entries)(t, y, parameters) if entries else np.empty(0)
+        mass = provider.interpreted("mass_matrix")(t, y, parameters)
+        gradient = provider.function("gradient", entries)(t, y, parameters) if entries else np.empty(0)
     return mass, gradient.reshape(len(constraints), n)
 
 
-def singular_sentence(made: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray) -> str:
+def singular_sentence(provider: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray) -> str:
     """Return the message for a state (2n,) without accelerations: the configuration, the singularity and the remedy."""
     layout, names = equations.layout, equations.constraints.names
     state_text = ", ".join(
         [f"t = {t:.6g}", *(f"{name} = {x:.6g}" for name, x in zip(layout.coordinates, y, strict=False))]
     )
-    worst = least_regular(*matrices_at(made, equations, t, y, parameters)) if names else None
+    worst = least_regular(*matrices_at(provider, equations, t, y, parameters)) if names else None
     if worst is None or worst.regularity > NEARLY_SINGULAR:
         return (
             f"the mass matrix is singular at {state_text}: the accelerations are not determined there. Start "

@@ -137,7 +137,7 @@ class PreciseLaws:
         lagrangian = Precise([statement.lagrangian], statement, digits + 2 * self.exponent + GUARD)
         loads = Precise([*statement.forces, statement.dissipation], statement, digits + 2 * self.exponent + GUARD)
         expressions = [constraint.expression for constraint in statement.constraints]
-        held = Precise(expressions, statement, digits + 2 * self.exponent + GUARD)
+        constraints = Precise(expressions, statement, digits + 2 * self.exponent + GUARD)
         self.surface = ConstraintSurface(statement, digits + 2 * self.exponent + GUARD)
         self.context = lagrangian.context
         self.number = self.context.mpf
@@ -158,7 +158,7 @@ class PreciseLaws:
             touched=lambda j: range(len(statement.coordinates)),
         )
         holonomic = tuple(constraint.holonomic for constraint in statement.constraints)
-        self.held = StatedConstraints.alike(lambda q, v, t: held(q, v, t, values), holonomic)
+        self.held = StatedConstraints.alike(lambda q, v, t: constraints(q, v, t, values), holonomic)
 
     def on_constraints(self, t: Any, state: Numbers) -> Numbers:
         """Return the state at time t moved onto the constraints: violations grow. Raises RunError if that fails."""

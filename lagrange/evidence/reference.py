@@ -200,8 +200,8 @@ class Reference:
             drag = [_last(noisy(sample.loads, self.loads))] * len(point.q)
         whole = _last(noisy(sample.lagrangian, self.lagrangian)) if self.local else scalars[1][0]
         sources = self._sources(whole, scalars, sample.loads, drag, parameters, nudge)
-        held = [noisy(tape, self.held) for tape in sample.held]
-        stated = StatedConstraints(held[0], held[1], self.holonomic, nudge)
+        constraints = [noisy(tape, self.held) for tape in sample.held]
+        stated = StatedConstraints(constraints[0], constraints[1], self.holonomic, nudge)
         return self._laws(sources, stated, point, steps, columns)
 
     def _plain(self, point: SamplePoint) -> tuple[Sources, StatedConstraints]:
@@ -260,12 +260,12 @@ class Reference:
     def _laws(
         self,
         source: Sources,
-        held: StatedConstraints,
+        constraints: StatedConstraints,
         point: SamplePoint,
         steps: DifferenceSteps,
         columns: Sequence[int],
     ) -> dict[str, Row]:
-        """Return the entries of each quantity by index, for constraints `held`; zeros of matrices may be left out."""
+        """Return the entries of each quantity by index, for some constraints; zeros of matrices may be left out."""
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
         t, n, zero, nudge = self.number(point.t), len(point.q), self.number(0), source.nudge
         still, lagrangian = [zero] * n, source.lagrangian(q, v, t)
@@ -273,8 +273,8 @@ class Reference:
         mass = laws.mass_matrix(source, q, v, t, steps)
         rate = laws.momentum_rate(source, q, v, still, t, steps)
         bias = [nudge("force", i) * x - nudge("rate", i) * y for i, (x, y) in enumerate(zip(f, rate, strict=True))]
-        slopes = gradient(held, q, v, t, steps) if self.holonomic else []
-        held_bias = acceleration_level(held, q, v, still, t, steps) if self.holonomic else []
+        slopes = gradient(constraints, q, v, t, steps) if self.holonomic else []
+        held_bias = acceleration_level(constraints, q, v, still, t, steps) if self.holonomic else []
         energy = abs(lagrangian) + sum(abs(x * y) for x, y in zip(p, v, strict=True))
         matrix, right = bordered(self._without_noise(mass, energy, steps), slopes), [*bias, *(-x for x in held_bias)]
         relations = self._relations(source, steps)
@@ -296,9 +296,9 @@ class Reference:
                 free[i] = rate
             if not self.holonomic:
                 return free
-            exerted = reactions(gradient(held, q, v, t, steps), multipliers)
+            exerted = reactions(gradient(constraints, q, v, t, steps), multipliers)
             balance = [x - sum(column) for x, column in zip(free, zip(*exerted, strict=True), strict=True)]
-            return [*balance, *acceleration_level(held, q, v, a, t, steps)]
+            return [*balance, *acceleration_level(constraints, q, v, a, t, steps)]
 
         changes = laws.residual_slopes(residual, q, v, steps, columns)
         jacobian = solve([dict(zip(rows(j), change, strict=True)) for j, change in zip(columns, changes, strict=True)])
@@ -314,8 +314,8 @@ class Reference:
         }
         if self.holonomic:
             entries |= _of_gradient(slopes, multipliers, nudge) | {"constraint_bias": held_bias}
-            positions = held.chosen(held.for_rates(q, v, t), [0] * len(self.holonomic))
-            entries["constraints"] = [*positions, *velocity_level(held, q, v, t, steps)]
+            positions = constraints.chosen(constraints.for_rates(q, v, t), [0] * len(self.holonomic))
+            entries["constraints"] = [*positions, *velocity_level(constraints, q, v, t, steps)]
         return {name: part if isinstance(part, dict) else dict(enumerate(part)) for name, part in entries.items()}
 
     def _relations(self, source: Sources, steps: DifferenceSteps) -> StatedConstraints:

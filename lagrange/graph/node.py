@@ -365,20 +365,20 @@ class Graph:
         return [self._intern(Kind.COMPONENT, (solution,), i) for i in range(solution.data)]
 
 
-def reachable(outputs: Iterable[Node], mask: int = -1, held: Collection[Node] = ()) -> list[Node]:
+def reachable(outputs: Iterable[Node], mask: int = -1, excluded: Collection[Node] = ()) -> list[Node]:
     """Return the nodes that the outputs depend on, outputs included, arguments before the nodes that use them.
 
-    With a bit `mask` of symbols, only nodes that depend on one of these symbols are returned. Nodes of `held` are left
-    out, and so are nodes that only they need.
+    With a bit `mask` of symbols, only nodes that depend on one of these symbols are returned. Nodes in `excluded` are
+    left out, and so are nodes that only they need.
     """
-    visited: set[Node] = set(held)
+    visited: set[Node] = set(excluded)
     stack = [node for node in outputs if mask == -1 or node.depends & mask]
     while stack:
         node = stack.pop()
         if node not in visited:
             visited.add(node)
             stack.extend(arg for arg in node.args if mask == -1 or arg.depends & mask)
-    return sorted(visited.difference(held), key=attrgetter("id"))
+    return sorted(visited.difference(excluded), key=attrgetter("id"))
 
 
 def _is_scaled(node: Node) -> bool:

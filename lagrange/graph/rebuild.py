@@ -29,7 +29,7 @@ def substitute(outputs: Iterable[Node], replacements: Mapping[Node, Node]) -> li
     """Return the outputs with some nodes, usually symbols, replaced."""
     outputs = list(outputs)
     table = dict(replacements)
-    for node in reachable(outputs, held=replacements.keys()):
+    for node in reachable(outputs, excluded=replacements.keys()):
         table[node] = rebuild(node, [table[arg] for arg in node.args])
     return [table[node] for node in outputs]
 

@@ -305,8 +305,8 @@ class Hamiltonian(ShownAsPage):
         return self._form.read(stated)
 
 
-def hamiltonian(statement: Statement, model: Model, made: Callable[[Statement], Any]) -> Hamiltonian:
-    """Return Hamilton's form of a statement, tested against its compiled `model`; `made` returns a statement's System.
+def hamiltonian(statement: Statement, model: Model, system_of: Callable[[Statement], Any]) -> Hamiltonian:
+    """Return Hamilton's form of a statement, tested against its compiled `model`.
 
     Raises StatementError for constraints, and if the momenta do not determine the velocities.
     """
@@ -325,10 +325,12 @@ def hamiltonian(statement: Statement, model: Model, made: Callable[[Statement], 
     names = momentum_names(statement, statement.names)
     transform = legendre(form, [sympy.Symbol(name, real=True) for name in names])
     _check(form, transform, model)
-    return _record(form, list(map(coordinate_of, names)), transform, made)
+    return _record(form, list(map(coordinate_of, names)), transform, system_of)
 
 
-def _record(form: PlainForm, momenta: list[Any], legendre: Legendre, made: Callable[[Statement], Any]) -> Hamiltonian:
+def _record(
+    form: PlainForm, momenta: list[Any], legendre: Legendre, system_of: Callable[[Statement], Any]
+) -> Hamiltonian:
     """Return the `Hamiltonian` of a Legendre transform, with a statement in coordinates and momenta."""
     statement = form.statement
     back = dict(zip(legendre.symbols, momenta, strict=True))
@@ -367,7 +369,7 @@ def _record(form: PlainForm, momenta: list[Any], legendre: Legendre, made: Calla
         ),
         forces=MappingProxyType(forces),
         statement=with_origin(first_order, statement),
-        made=made,
+        made=system_of,
     )
 
 

@@ -430,19 +430,19 @@ def expansion(point: StatedPoint) -> Expansion:
     if any(edges(point.form.read(x)) for x in stated):
         _ = point.residuals  # refuses a corner that matters; at any other both sides have the same derivatives
     at_point = AtPoint(point)
-    e, held, product = at_point.equations, at_point.equations.stated, at_point.shortener.product
+    e, constraints, product = at_point.equations, at_point.equations.stated, at_point.shortener.product
     _check(at_point)
-    speeds = DependentCoordinates(at_point.shortener, at_point.matrix(held.gradient, at_point.n))
+    speeds = DependentCoordinates(at_point.shortener, at_point.matrix(constraints.gradient, at_point.n))
     mass = at_point.matrix(e.mass, at_point.n)
     if any(x.is_number and x.atoms(sympy.Function) for x in (*mass, *speeds.gradient)):
         decimals = point.in_decimals()  # sums of numbers such as sin(1/3) grow with every elimination
         if decimals.decimal and not point.decimal:
             return expansion(decimals)
-    if len(speeds.kept) < len(held) and statement.redundant == "refuse":
+    if len(speeds.kept) < len(constraints) and statement.redundant == "refuse":
         raise StatementError("the constraints are dependent at this point, so that it has no linearization.")
     if not speeds.independent:
         raise StatementError("the constraints leave no motion: there is nothing to linearise.")
-    kept = held.part(speeds.kept)
+    kept = constraints.part(speeds.kept)
     holonomic = [row for row, phi in zip(kept.gradient, kept.positions, strict=True) if phi is not None]
     positions = DependentCoordinates(at_point.shortener, at_point.matrix(holonomic, at_point.n))
     N = speeds.null_space
@@ -498,8 +498,10 @@ class TangentMotion:
 
 def _check(at_point: AtPoint) -> None:
     """Raise StatementError for a point off the constraints, in position or velocity, and for inputs in constraints."""
-    held = at_point.equations.stated
-    for constraint, phi, psi in zip(at_point.statement.constraints, held.positions, held.velocities, strict=True):
+    constraints = at_point.equations.stated
+    for constraint, phi, psi in zip(
+        at_point.statement.constraints, constraints.positions, constraints.velocities, strict=True
+    ):
         if constraint.expression.xreplace(at_point.form.plain).has(t):
             raise StatementError(
                 f"the constraint {constraint.name!r} depends on time: no point satisfies it at all times."

@@ -75,12 +75,12 @@ def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
     return statement.reading if statement.reading is not None and kept else statement
 
 
-def with_origin(made: Statement, statement: Statement) -> Statement:
+def with_origin(derived: Statement, statement: Statement) -> Statement:
     """Return the derived statement with texts, run settings and dimensions, but not the events, of the original."""
-    left = {t, *made.coordinates, *made.parameters}
+    left = {t, *derived.coordinates, *derived.parameters}
     sizes = MappingProxyType({symbol: size for symbol, size in statement.dimensions.items() if symbol in left})
     run = replace(statement.run, events=())
-    return replace(made, about=statement.about, source=statement.source, run=run, dimensions=sizes)
+    return replace(derived, about=statement.about, source=statement.source, run=run, dimensions=sizes)
 
 
 def substituted(statement: Statement, replacements: Mapping[Any, Any]) -> Statement:
@@ -265,13 +265,14 @@ def _solved(constraints: Sequence[Constraint], name: str, statement: Statement) 
     raise StatementError(_refusal(constraints, name, statement))
 
 
-def _refusal(held: Sequence[Constraint], name: str, statement: Statement) -> str:
-    """Return the error message for a coordinate that no constraint determines; `held` are the constraints with it."""
-    if not held:
+def _refusal(constraints: Sequence[Constraint], name: str, statement: Statement) -> str:
+    """Return the error message for a coordinate that no constraint determines, from the constraints with it."""
+    if not constraints:
         return f"{name} is in no constraint, so it cannot be eliminated: it moves freely."
-    holonomic = [constraint for constraint in held if constraint.holonomic]
+    holonomic = [constraint for constraint in constraints if constraint.holonomic]
     if not holonomic:
-        return f"{name} is in no constraint on positions: {_on_velocities([constraint.name for constraint in held])}"
+        names = [constraint.name for constraint in constraints]
+        return f"{name} is in no constraint on positions: {_on_velocities(names)}"
     plain = statement.plain
     c = plain[statement.coordinates[statement.names.index(name)]]
     slope = differentiable(holonomic[0].expression.xreplace(plain)).diff(c)
@@ -295,10 +296,12 @@ def _on_velocities(names: Sequence[str]) -> str:
     )
 
 
-def _checked(held: Sequence[Constraint], name: str, replacement: Any, statement: Statement) -> tuple[Constraint, Any]:
+def _checked(
+    constraints: Sequence[Constraint], name: str, replacement: Any, statement: Statement
+) -> tuple[Constraint, Any]:
     """Return the constraint that a user's expression for a coordinate solves, and the expression in plain symbols.
 
-    `held` are the constraints that contain the coordinate. Raises StatementError if the expression solves none of them.
+    All `constraints` contain the coordinate. Raises StatementError if the expression solves none of them.
     """
     what, q = f"the value of {name}", statement.coordinates[statement.names.index(name)]
     stated = in_own_parameters(expression(replacement, what), statement.parameters)
@@ -316,9 +319,9 @@ def _checked(held: Sequence[Constraint], name: str, replacement: Any, statement:
     def put(zero: Any) -> Any:
         return in_fractions(zero.xreplace(plain).xreplace({plain[q]: solved}))
 
-    holonomic = [constraint for constraint in held if constraint.holonomic]
+    holonomic = [constraint for constraint in constraints if constraint.holonomic]
     if not holonomic:
-        raise StatementError(_refusal(held, name, statement))
+        raise StatementError(_refusal(constraints, name, statement))
     for constraint in holonomic:
         if vanishes(PlainForm(statement), put(constraint.expression), NEAR_INITIAL):
             return constraint, solved

@@ -45,9 +45,9 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)
     require_values(statement)
-    made = _InTurns(system, at, inputs)
-    linearization = made.linearization()
-    made.compare(linearization, system.compile("numpy", check=False))
+    in_turns = _InTurns(system, at, inputs)
+    linearization = in_turns.linearization()
+    in_turns.compare(linearization, system.compile("numpy", check=False))
     return linearization
 
 
@@ -117,15 +117,15 @@ class _InTurns:
 
     def changes(self, expression: Any) -> list[Any]:
         """Return n derivatives of an expression in `symbols`: by coordinates, and for rotations along small turns."""
-        made = [expression.diff(self.symbols[q]) for q in self.read.coordinates]
+        derivatives = [expression.diff(self.symbols[q]) for q in self.read.coordinates]
         for first, each in self.bodies():
             rotation = each.matrix.applyfunc(self.symbols.__getitem__)
             by_entry = [expression.diff(entry) for entry in rotation]
             for k, unit in enumerate((x, y, z)):
-                made[first + k] = sympy.Add(
+                derivatives[first + k] = sympy.Add(
                     *(slope * moved for slope, moved in zip(by_entry, rotation * cross_matrix(unit), strict=True))
                 )
-        return made
+        return derivatives
 
     def rates(self, matrix: Any, accelerations: Any) -> Any:
         """Return the time derivative, along the motion, of a `matrix` in `symbols` at the point."""
@@ -143,13 +143,13 @@ class _InTurns:
 
     def constrain(self) -> None:
         """Set gradients, independent coordinates and velocities. Raises StatementError off the constraints."""
-        held = [(c, c.expression.xreplace(self.symbols)) for c in self.read.constraints]
-        holonomic, speeds = [phi for c, phi in held if c.holonomic], [self.symbols[v] for v in self.velocities]
+        constraints = [(c, c.expression.xreplace(self.symbols)) for c in self.read.constraints]
+        holonomic, speeds = [phi for c, phi in constraints if c.holonomic], [self.symbols[v] for v in self.velocities]
         self.levels = [
             sympy.Add(*(slope * v for slope, v in zip(self.changes(phi), speeds, strict=True))) if c.holonomic else phi
-            for c, phi in held
+            for c, phi in constraints
         ]
-        for (c, phi), psi in zip(held, self.levels, strict=True):
+        for (c, phi), psi in zip(constraints, self.levels, strict=True):
             if phi.has(t):
                 raise StatementError(f"the constraint {c.name!r} depends on time: no point satisfies it at all times.")
             pairs = ((phi, "point is", "coordinates"), (psi, "velocities are", "velocities"))
@@ -159,8 +159,8 @@ class _InTurns:
                         f"the {subject} not on the constraint {c.name!r}, which is {formula(value, 80)} there and not "
                         f"zero: give values of all {names} in it."
                     )
-        self.G = sympy.Matrix(len(held), self.n, [psi.diff(v) for psi in self.levels for v in speeds])
-        self.P = sympy.Matrix(len(held), self.n, list(chain(*map(self.changes, self.levels))))
+        self.G = sympy.Matrix(len(constraints), self.n, [psi.diff(v) for psi in self.levels for v in speeds])
+        self.P = sympy.Matrix(len(constraints), self.n, list(chain(*map(self.changes, self.levels))))
         self.P += self.G * self.swirl(speeds)
         self.Phi = sympy.Matrix(len(holonomic), self.n, list(chain(*map(self.changes, holonomic))))
         self.speeds, self.positions = (
@@ -168,7 +168,7 @@ class _InTurns:
         )
         if not self.speeds.independent:
             raise StatementError("the constraints leave no motion: there is nothing to linearise.")
-        if len(self.speeds.kept) < len(held) and self.statement.redundant == "refuse":
+        if len(self.speeds.kept) < len(constraints) and self.statement.redundant == "refuse":
             raise StatementError("the constraints are dependent at this point, so that it has no linearization.")
 
     def at_point(self, matrix: Any, more: Mapping[Any, Any]) -> Any:
@@ -209,10 +209,10 @@ class _InTurns:
 
     def swirl(self, rates_column: Any) -> Any:
         """Return the matrix W (n, n) of the cross product w x for each body, with w in the rows of its turns."""
-        made = sympy.zeros(self.n, self.n)
+        matrix = sympy.zeros(self.n, self.n)
         for first, _ in self.bodies():
-            made[first : first + 3, first : first + 3] = cross_matrix(rates_column[first : first + 3])
-        return made
+            matrix[first : first + 3, first : first + 3] = cross_matrix(rates_column[first : first + 3])
+        return matrix
 
     def stiffness(self, motion_values: Mapping[Any, Any]) -> Any:
         """Return the derivatives of the residuals by coordinates and along turns at the point, (n, n)."""
@@ -279,10 +279,10 @@ class _InTurns:
         `pushed` has the accelerations in turns.
         """
         n, whole = self.n, len(self.statement.coordinates)
-        made = np.zeros((3, whole, 3 * n))
+        changes = np.zeros((3, whole, 3 * n))
         for i, q in enumerate(self.read.coordinates):
             if q in self.statement.coordinates:
-                made[[0, 1, 2], self.statement.coordinates.index(q), [i, n + i, 2 * n + i]] = 1.0
+                changes[[0, 1, 2], self.statement.coordinates.index(q), [i, n + i, 2 * n + i]] = 1.0
         for first, each in self.bodies():
             rows = [self.statement.coordinates.index(q) for q in each.quaternion]
             q, moving = y[rows], y[[whole + row for row in rows]]
@@ -300,8 +300,8 @@ class _InTurns:
                     dv = _velocities(dq, w) + _velocities(q, rate)
                     da = _velocities(dv, w) + _velocities(moving, rate)
                     da += _velocities(dq, push) + _velocities(q, acceleration)
-                    made[:, rows, column] = dq, dv, da
-        return made[0, :, : 2 * n], made[1, :, : 2 * n], made[2]
+                    changes[:, rows, column] = dq, dv, da
+        return changes[0, :, : 2 * n], changes[1, :, : 2 * n], changes[2]
 
 
 def _velocities(q: Any, rates: Any) -> FloatArray:

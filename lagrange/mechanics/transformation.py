@@ -154,28 +154,28 @@ def _parameters(change: Transformation, parameters: Any) -> dict[Any, Any]:
     return values | {p: None for p in used if p not in values} | dict(parameters or {})
 
 
-def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
+def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
     """Return the initial state (q, v) in new coordinates that the transformation maps to the old one.
 
     Of several states, one with positive lengths is preferred, then the one with the smallest coordinates. Raises
     StatementError if no such state is found, or if parameters have no values.
     """
-    old, n = change.statement, len(made.coordinates)
+    old, n = change.statement, len(statement.coordinates)
     rows = [old.coordinates.index(q) for q in change.gone]
     positions = np.array([old.initial[i] for i in rows])
     rates = np.array([old.initial[len(old.coordinates) + i] for i in rows])
-    unknowns = [made.coordinates.index(q) for q in change.new]
+    unknowns = [statement.coordinates.index(q) for q in change.new]
     example = f"initial={{{name_of(change.new[0])}: ...}}"
-    parameters = {p for x in change.expressions for p in x.free_symbols if p in made.parameters}
-    if missing := [p.name for p in made.parameters if p in parameters and p not in made.defaults]:
+    parameters = {p for x in change.expressions for p in x.free_symbols if p in statement.parameters}
+    if missing := [p.name for p in statement.parameters if p in parameters and p not in statement.defaults]:
         if any(positions) or any(rates):
             raise StatementError(
                 f"the initial state in the new coordinates needs a value of {listing(missing)}: give one, or {example}."
             )
-        return made.initial
-    plain = [change.plain[q] for q in made.coordinates]
-    constants = {p: sympy.Rational(x) for p, x in made.defaults.items()} | {t: sympy.S.Zero}
-    constants |= {x: sympy.Rational(value) for x, value in zip(plain, made.initial[:n], strict=True)}
+        return statement.initial
+    plain = [change.plain[q] for q in statement.coordinates]
+    constants = {p: sympy.Rational(x) for p, x in statement.defaults.items()} | {t: sympy.S.Zero}
+    constants |= {x: sympy.Rational(value) for x, value in zip(plain, statement.initial[:n], strict=True)}
     stays = {x: value for x, value in constants.items() if x not in [plain[i] for i in unknowns]}
     expressions = (prescribed(x).xreplace(stays) for x in change.old)
     zeros = [x - sympy.Rational(old_value) for x, old_value in zip(expressions, positions.tolist(), strict=True)]
@@ -190,10 +190,10 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
             f"no values of {listing(map(name_of, change.new))} were found at which {old_values}, from {STARTS} starts: "
             f"give {example} in the new coordinates."
         )
-    q, v = np.array(made.initial[:n]), np.array(made.initial[n:])
+    q, v = np.array(statement.initial[:n]), np.array(statement.initial[n:])
     q[unknowns] = min(ends, key=lambda end: _preference(end, angles))
     point_values = constants | {x: sympy.Float(value, 30) for x, value in zip(plain, q.tolist(), strict=True)}
-    still = dict.fromkeys((change.plain[velocity_of(x)] for x in made.coordinates), sympy.S.Zero)
+    still = dict.fromkeys((change.plain[velocity_of(x)] for x in statement.coordinates), sympy.S.Zero)
     drifts = np.array([real(change.rate(x).xreplace(still), point_values) for x in change.old])
     slopes = np.array([[real(x, point_values) for x in row] for row in change.slopes.tolist()])
     rest = rates - drifts - slopes @ v
@@ -296,10 +296,10 @@ def _forces(change: Transformation) -> dict[Any, Any]:
     return forces
 
 
-def _check(change: Transformation, made: Statement, model: Model) -> None:
+def _check(change: Transformation, statement: Statement, model: Model) -> None:
     """Raise RunError if the new momenta p dx/dq or forces f dx/dq + p dv/dq differ from the compiled ones."""
-    old, form = change.statement, PlainForm(made)
-    same = {change.plain[key]: form.plain[key] for q in made.coordinates for key in (q, velocity_of(q))}
+    old, form = change.statement, PlainForm(statement)
+    same = {change.plain[key]: form.plain[key] for q in statement.coordinates for key in (q, velocity_of(q))}
     whole = [change.table[q].xreplace(same) for q in old.coordinates]
     rates = [change.table[v].xreplace(same) for v in old.velocities]
     by_place, by_rate = (sympy.Matrix(part).jacobian(list(form.q)) for part in (whole, rates))
@@ -321,7 +321,7 @@ def _check(change: Transformation, made: Statement, model: Model) -> None:
         )
         return [*(p @ slopes), *(f @ slopes + p @ turns)], [number(x, numbers) for x in stated]
 
-    compared("the transformation", made, values)
+    compared("the transformation", statement, values)
 
 
 @dataclass(frozen=True, eq=False)

@@ -82,7 +82,7 @@ class _Switches:
 
     def smooth(self, outputs: Sequence[Node], table: dict[Node, Node]) -> None:
         """Add the smooth form of each node on which the outputs depend to the `table`, by node."""
-        for node in reachable(outputs, held=table.keys()):
+        for node in reachable(outputs, excluded=table.keys()):
             args = [table[arg] for arg in node.args]
             if node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > Binding.PARAMETER for a in args):
                 table[node] = self.replace(node, args)

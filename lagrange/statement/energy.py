@@ -18,7 +18,7 @@ from lagrange.statement.given.motion import motion_of
 def without_velocity(
     coordinates: Sequence[Any],
     velocities: Collection[Any],
-    held: Iterable[Any],
+    zeros: Iterable[Any],
     kinetic: Any,
     lagrangian: Any,
     forces: Mapping[Any, Any],
@@ -28,7 +28,7 @@ def without_velocity(
 ) -> Any | None:
     """Return the first coordinate whose acceleration no equation can determine, or None.
 
-    `velocities` are the velocities in the energies, and `held` the expressions of the constraints. `kinetic` is T, or L
+    `velocities` are those in the energies, and `zeros` the expressions of the constraints. `kinetic` is T, or L
     if L was stated `alone`. A coordinate without inertia is determined by a constraint, or by a velocity in its own
     equation 0 = dL/dq + Q - dD/dv. Example: in p*q.dot - H the equation of q determines the velocity of p. Example:
     with D = e.dot**2/2 the equation of e is e.dot = Q. A kinetic energy that is not zero and has no velocity is taken
@@ -37,7 +37,7 @@ def without_velocity(
     mistaken = kinetic != 0 and not (kinetic.has(*coordinates) if alone else velocities)
     rates = [velocity_of(q) for q in coordinates]
     for q, rate in zip(coordinates, rates, strict=True):
-        if rate in velocities or any(zero.has(q) for zero in held):
+        if rate in velocities or any(zero.has(q) for zero in zeros):
             continue
         rubbed = forces.get(q, sympy.S.Zero).has(*rates) or dissipation.diff(rate).has(*rates)
         if rubbed and not mistaken:

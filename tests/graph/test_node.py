@@ -233,7 +233,7 @@ def test_reachable_keeps_to_a_mask_and_stops_at_what_is_held(g: Graph) -> None:
     outer = g.call("exp", inner + z)
     assert reachable([outer], z.depends)[0] is z
     assert inner not in reachable([outer], z.depends)
-    held = reachable([outer], held=[inner])
+    held = reachable([outer], excluded=[inner])
     assert inner not in held and x not in held and z in held
     order = [node.id for node in reachable([outer])]
     assert order == sorted(order)

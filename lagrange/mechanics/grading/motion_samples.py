@@ -123,7 +123,7 @@ class MotionStates:
         """Return a state with its accelerations and multipliers. Raises OutsideDomain if they are not determined."""
         if any(0 < abs(x) < LEAST for x in (*point.q, *point.v)):
             raise OutsideDomain("a coordinate or velocity is too small for differences")
-        entries, n, held = self.reference.at(point, ()), len(point.q), len(self.reference.holonomic)
+        entries, n, constraint_count = self.reference.at(point, ()), len(point.q), len(self.reference.holonomic)
 
         def rows(name: str, count: int) -> tuple[list[Any], ...]:
             values = entries[name].value if count else []
@@ -132,8 +132,8 @@ class MotionStates:
         return MotionSample(
             point,
             tuple(entries["accelerations"].value),
-            tuple(entries["multipliers"].value) if held else (),
+            tuple(entries["multipliers"].value) if constraint_count else (),
             rows("mass_matrix", n),
-            rows("constraint_gradient", held),
+            rows("constraint_gradient", constraint_count),
             self.indices,
         )
