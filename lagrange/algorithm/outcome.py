@@ -6,11 +6,12 @@ import enum
 
 
 class Outcome(enum.IntEnum):
-    """Reason for which a driver returned.
+    """Reason for which a run, a step, or the solution of a step's equations ended.
 
-    After BROKEN, `DriverState.fault` has the error. UNPROJECTED: the new state was too far from the constraints to be
-    projected onto them. UNSCALED asks the caller to estimate the sizes of entries: the steps decrease because the
-    floors of some entries, of unknown size or at rounding level, are too low. The run can then be continued.
+    After BROKEN, `DriverState.fault` has the error. UNPROJECTED: the new state was too far from the constraints
+    to be projected onto them. UNSCALED asks the caller to estimate the sizes of the state's entries: steps
+    become shorter because the absolute tolerances of some entries, of unknown size or at rounding level, are
+    too low. The run can then be continued.
     """
 
     DONE = 0

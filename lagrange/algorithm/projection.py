@@ -46,7 +46,10 @@ MOST_WRITTEN_BEYOND = 8
 
 
 def state_array(block: int) -> Array:
-    """Return the type of a state of any size. Memory after the state must stay unchanged."""
+    """Return the type of an array that has a state of any size and is accessed in blocks of `block` numbers.
+
+    Memory after the state must stay unchanged.
+    """
     return Array(room=block)
 
 
@@ -54,10 +57,11 @@ def state_array(block: int) -> Array:
 def project(
     corrections: Callable[..., Any], numbers: In, t: float, state: Out, lost: Out, *, dimension: int, block: int
 ) -> tuple[Outcome, bool]:
-    """Move a state onto its constraints. Return an outcome, and True if the state has moved.
+    """Move a state [q, v] at time t onto its constraints. Return an outcome, and True if the state has moved.
 
-    `numbers` are the prepared parameters of the corrections. `lost` is the rounding error of the state. Corrections
-    are added to the state with compensation, so that their rounding errors are part of `lost`.
+    The callback `corrections` has the type `CORRECTIONS`, and `numbers` are its prepared parameters. `lost` is
+    the rounding error of each entry of the state. It is updated, because corrections are added with
+    compensation. Memory is accessed in blocks of `block` numbers.
     """
     move = reals(whole_blocks(dimension + 2, block) + MOST_WRITTEN_BEYOND, room=block)
     has_moved = False
@@ -84,8 +88,9 @@ def starts_on_constraints(
 ) -> bool:
     """Return True if a state violates its constraints by at most `MOST_AT_START`, or if a matrix is singular.
 
-    With `relations` some velocities follow from the constraints: the state is moved onto the constraints, and only the
-    violation of the other constraints is limited.
+    With `relations` some velocities follow from the constraints: the state is moved onto the constraints, and
+    only the violation of the other constraints is limited. The callback `corrections` has the type
+    `CORRECTIONS`, and `numbers` are its prepared parameters.
     """
     move = reals(dimension + 3 + MOST_WRITTEN_BEYOND)
     # A matrix that is singular here is singular in the first step, which reports it.

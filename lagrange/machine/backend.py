@@ -28,7 +28,7 @@ Places = NDArray[np.int64]
 
 
 class MissingTargetError(StatementError):
-    """A target whose packages cannot be loaded on this machine."""
+    """Raised if the packages of a compilation target (a back end) cannot be loaded on this machine."""
 
 
 class SingularMassMatrix(RunError):
@@ -40,10 +40,10 @@ class SingularMassMatrix(RunError):
 
 
 class QuickCalls(NamedTuple):
-    """Functions of (t, y) and of (t, q, v) that return a kernel's result for one state, or None to ask for a full call.
+    """Fast functions of (t, y) and of (t, q, v) that evaluate a kernel at one state, or return None.
 
-    Quick calls do not report errors. They return None if the time is not a float, if a state is not a plain NumPy array
-    of doubles of the right shape, or if the result is not finite. The caller then calls the `Kernel`.
+    They report no errors. They return None if the time is not a float, if a state is not a plain NumPy array of
+    doubles of the right shape, or if the result is not finite. The caller then calls the `Kernel`.
     """
 
     whole: Callable[..., FloatArray | None]
@@ -66,10 +66,17 @@ class Kernel(Protocol):
         """
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result for many states. `inputs` has an array (size, batch) for each of the program's inputs."""
+        """Return the program's result for many states. `inputs` has an array (size, batch) for each of its inputs.
+
+        `t` is a number, or one for each state (batch,), and `parameters` has shape (k,). The batch is the last axis
+        of the result. Raises SingularMassMatrix.
+        """
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return quick calls for one state with these parameters, or None. Raises SingularMassMatrix."""
+        """Return fast functions that evaluate the kernel at one state with these parameters, or None.
+
+        Raises SingularMassMatrix.
+        """
 
 
 class Callback(NamedTuple):
@@ -125,10 +132,11 @@ class Driver(Protocol):
         """
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps. Write the times and states of accepted steps to `times` (c,) and `rows` (c, 2n).
+        """Try up to `budget` steps of a run from `state`, which is changed, and return an outcome.
 
-        On return `state` is at the last accepted step, and its count ROWS is the number of rows written. `rows` needs
-        four spare doubles after its last row, because machines write whole vectors.
+        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n). On return `state` is at
+        the last accepted step, and its count ROWS is the number of rows written. `rows` needs four spare doubles
+        after its last row, because machines write whole vectors.
         """
 
 
@@ -168,10 +176,10 @@ class DensePath(Protocol):
         """
 
     def at(self, times: FloatArray, states: FloatArray, requested_times: FloatArray, out: FloatArray) -> None:
-        """Write the states at `requested_times` (K,) to `out` (2n, K), whose rows are contiguous.
+        """Write the states of a run at `requested_times` (K,) to `out` (2n, K), whose rows are contiguous.
 
-        The times are sorted in the direction of the run. At an accepted time the accepted state is written. If two
-        accepted steps have the same time, the later one counts.
+        `times` and `states` are the accepted ones of the run. The requested times are sorted in its direction. At an
+        accepted time the accepted state is written. If two accepted steps have the same time, the later one counts.
         """
 
 
@@ -192,7 +200,7 @@ class Series(Protocol):
         """Return the order that reaches a relative tolerance at the lowest cost."""
 
     def code(self, order: int) -> SeriesCode:
-        """Return the code of the series at an order, with the loop over Taylor steps."""
+        """Return the loaded code that computes the series up to an order, and takes Taylor steps."""
 
     def dense(self, order: int, parameters: FloatArray) -> DensePath:
         """Return the dense output of Taylor steps of an order, for one set of parameters."""
@@ -227,10 +235,11 @@ class SeriesCode(Protocol):
         """The loop over Taylor steps: the procedure `taylor_steps`."""
 
     def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
-        """Return one array of numbers for a run: prepared parameters, constants, parameters of the event functions.
+        """Return one array with all numbers that a run needs, and the lengths of its three parts.
 
-        Prepared parameters include all values that depend on parameters alone. `values` is the kernel of the event
-        functions, or None. Also return the length of each of the three parts. Raises SingularMassMatrix.
+        The parts are the parameters of the series with all values that depend on them alone, the constants, and the
+        parameters of the event functions. `values` is the kernel of the event functions, or None. Raises
+        SingularMassMatrix.
         """
 
     @property
@@ -276,9 +285,9 @@ class Machine(Protocol):
         """
 
     def dense(self, kind: StepPolynomial, kernel: Any, parameters: FloatArray, jacobian: Any = None) -> DensePath:
-        """Return the dense output for a kind of step polynomial. `kernel` is the right-hand side.
+        """Return the dense output of steps: states between accepted times, by the step polynomial `kind` of a method.
 
-        Some kinds also need its `jacobian`. Both kernels must be of this machine.
+        `kernel` is the right-hand side. Some kinds also need its `jacobian`. Both kernels must be of this machine.
         """
 
     def event_steps(
@@ -290,10 +299,12 @@ class Machine(Protocol):
         dense: DensePath,
         screen: DensePath | None,
     ) -> EventSteps | None:
-        """Return a callable that takes steps with events and resets. `dense` is the dense output of the steps.
+        """Return a callable that takes steps and finds events, or None if the caller has to find the events.
 
-        `screen` is a cheaper dense output. If it is given, `dense` is used only for steps where `screen` cannot decide
-        whether an event occurred. Return None if the caller has to search steps for events, many at once.
+        `driver` takes the steps, `events` evaluates the event functions, and `resets` the new entries of the state
+        after resets. `dense` is the dense output of the steps. `screen` is a cheaper dense output; with it `dense` is
+        used only for steps where `screen` cannot decide whether an event occurred. After None the caller searches
+        many steps at once.
         """
 
     @property
@@ -315,9 +326,9 @@ class MemberRuns(Protocol):
         """Number of members that run at the same time."""
 
     def __call__(self, arguments: Mapping[str, Any]) -> None:
-        """Run members, with arguments by name. Arrays are C-contiguous, of doubles or 64-bit integers.
+        """Run the members of an ensemble, with the procedure's `arguments` by name.
 
-        Python's interpreter lock is released meanwhile.
+        Arrays are C-contiguous, of doubles or 64-bit integers. Python's interpreter lock is released meanwhile.
         """
 
 
@@ -345,5 +356,5 @@ class KernelProvider(Protocol):
     def again(self) -> Callable[..., Any]:
         """Function that builds the model of a statement on the same machine, for pickles and for changed statements.
 
-        Its second argument are the indices of independent constraints, or None if these are unknown.
+        Its arguments are the statement and the indices of independent constraints, or None if these are unknown.
         """

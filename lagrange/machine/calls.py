@@ -1,4 +1,4 @@
-"""Calls of kernels by a model: quick calls if possible, and tests of the results."""
+"""Calls of kernels (loaded programs) by a model: by fast functions if possible, and tests of the results."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from lagrange.machine.backend import FloatArray, Kernel, QuickCalls, SingularMas
 
 
 class Quick(dict[str, QuickCalls]):
-    """The quick calls of a model by quantity, for the default parameters, created on first use.
+    """Fast functions that evaluate the quantities of a model at one state, by name, for the default parameters.
 
-    For a quantity without quick calls, both functions return None.
+    They are created on first use. For a quantity without such functions, both functions return None.
     """
 
     def __init__(self, kernel: Callable[[str], Kernel], parameters: Callable[[], FloatArray]) -> None:
@@ -48,23 +48,23 @@ def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatA
 
 
 def quickly(kernel: Kernel, parameters: FloatArray, t: float, y: FloatArray) -> FloatArray | None:
-    """Return the result of a kernel's quick call at one state.
+    """Return the result of a kernel at one state y by its fast function.
 
-    Return None if the kernel has no quick calls or the result is not finite.
+    Return None if the kernel has no such function or the result is not finite.
     """
     quick = kernel.quick(parameters)
     return None if quick is None else quick.whole(t, y)
 
 
 def nothing(*_: Any) -> None:
-    """Return None: a quick call that asks the caller to evaluate the kernel itself."""
+    """Return None. It stands for a missing fast function: None asks the caller to evaluate the kernel itself."""
 
 
 def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
-    """Return True if a result of a kernel may be zero at some state.
+    """Return True if some result of a kernel may be zero at some state.
 
-    Results that depend on parameters alone are evaluated. Testing the results of 100,000 states takes as long as
-    computing them for a small system.
+    Results that depend on the state or time always may. Others are evaluated with the parameters. Testing the results
+    of 100,000 states takes as long as computing them for a small system.
     """
     program = kernel.program
     if any(instruction.op in ("state", "time") for instruction in program.instructions):

@@ -35,9 +35,9 @@ TAYLOR_EVENT_ROOM = 4096
 
 
 def idle(program: SeriesProgram) -> EventMemory:
-    """Return the memory of a run without events.
+    """Return the memory of a Taylor run in which no events are found.
 
-    With this memory the driver returns before each step that may cross a switching surface.
+    With this memory the loop over steps returns before each step that may cross a switching surface.
     """
     events = len(program.watched) - program.sides
     return EventMemory(program.states, program.sides, [Reaction()] * events)
@@ -45,15 +45,15 @@ def idle(program: SeriesProgram) -> EventMemory:
 
 @lru_cache(maxsize=64)
 def _tilts(dimension: int) -> FloatArray:
-    """Return relative perturbations: factors near 1 for the entries of a state and the time, (2n + 1,)."""
+    """Return factors near 1 (2n + 1,) by which the entries of a state and the time are perturbed."""
     return np.asarray(1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1))
 
 
 @lru_cache(maxsize=64)
 def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
-    """Return the read-only settings of all watched functions: for each setting, the values of all functions.
+    """Return the settings of all watched functions as one read-only array: setting after setting, all functions.
 
-    They are followed by the indices of the entries of the state that resets replace.
+    Then follow the indices of the entries of the state that resets replace.
     """
     rows = [(r.direction, r.terminal, r.first, len(r.entries), int(r.root), int(r.smooth)) for r in reactions]
     settings = [x for block in zip(*rows, strict=True) for x in block]
@@ -63,11 +63,11 @@ def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
 
 
 class EventMemory:
-    """Memory for a run's watched functions, and for the events found since the last call.
+    """Memory of a Taylor run for its watched functions, and for the events found since the last call.
 
-    Watched are first the `surfaces` (switching surfaces), then the event functions. `values` evaluates them from the
-    state, the parameters and the sides of the surfaces. `resets` evaluates the new entries of all resets from the state
-    and the parameters (k,).
+    Watched functions are first the `surfaces` (switching surfaces), then the event functions. `values` evaluates them
+    from the state, the parameters and the sides of the surfaces. The side of a surface is the sign of its function, 1
+    or -1. `resets` evaluates the new entries of all resets from the state and the parameters (k,).
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class EventMemory:
         self.keep_start()
 
     def keep_start(self) -> None:
-        """Save the present record, from which each later run by the same driver with the same parameters starts."""
+        """Save the present state of the memory, with which each later run with the same parameters starts."""
         self._start = bytes(self.record), self.combinations.copy()
 
     def restart(self) -> None:
@@ -115,9 +115,10 @@ class EventMemory:
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def hold(self, sides: FloatArray, size: int) -> int:
-        """Set the sides of surfaces, and return the index at which the numbers prepared for these sides begin.
+        """Set the sides of the switching surfaces, 1.0 or -1.0. Return the index of the numbers for these sides.
 
-        The array of numbers has `size` entries for each combination of sides.
+        The numbers of the series that depend on the parameters and the sides are one array, with `size` entries for
+        each combination of sides.
         """
         self.record.combination = self.combination(sides)
         self.record.numbers = (1 + self.record.combination) * size
@@ -126,9 +127,9 @@ class EventMemory:
         return int(self.record.numbers)
 
     def combination(self, sides: FloatArray) -> int:
-        """Return sides (1.0 or -1.0) as a binary number. Return -1 for too many surfaces, or if a side is 0.
+        """Return the sides of switching surfaces as a binary number: a digit 1 for a side 1.0, and 0 for -1.0.
 
-        A side of 0 means that the motion stays on the surface.
+        Return -1 for too many surfaces, or if a side is 0: then the motion stays on the surface.
         """
         if self.surfaces == 0:
             return 0
@@ -156,7 +157,7 @@ class EventMemory:
 
     @property
     def nears(self) -> NDArray[np.int64]:
-        """1 for each watched function that came near zero, else 0."""
+        """1 for each watched function that came near zero since its last clear sign, else 0."""
         return self._block(NEAR)
 
     @property

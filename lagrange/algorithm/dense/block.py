@@ -37,7 +37,7 @@ j) * columns + b.
 
 
 class Room(NamedTuple):
-    """Size of work memory: a number of vectors, and a number of rows with one entry for each column."""
+    """Size of work memory: numbers of vectors (a state for each column) and rows (a number for each column)."""
 
     vectors: int
     rows: int
@@ -78,15 +78,19 @@ SPARE = Room(vectors=2, rows=1)
 
 
 def block_size(dimension: int, columns: int) -> int:
-    """Return the number of doubles that `columns` steps with states of a `dimension` take, as `gather` writes them."""
+    """Return the length of `OwnStep.memory`, in doubles, for `columns` steps with states of a `dimension`.
+
+    A step takes its start time, length and side of the neighbour, and the states at both ends.
+    """
     return (2 * dimension + 3) * columns
 
 
 @dataclass(frozen=True)
 class OwnStep:
-    """Steps of a block: start times t, lengths h, states y at the starts, and states `new` at the ends.
+    """Steps of a block, by columns: start times t, lengths h, states y at the starts and `new` at the ends.
 
-    `side` is the position of a neighbouring step: -1.0 before, 1.0 after, 0.0 if there is none.
+    `side` is the position of a neighbouring step: -1.0 before, 1.0 after, 0.0 if there is none. All are parts
+    of `memory`.
     """
 
     memory: Any
@@ -109,9 +113,10 @@ def steps_in(memory: Any, dimension: int, columns: int) -> OwnStep:
 def slopes(
     law: Callable[..., int], parameters: In, dimension: int, columns: int, t: In, y: In, spare: Out, out: Out
 ) -> None:
-    """Write the right-hand side of each column, NaN where the mass matrix is singular.
+    """Write the time derivatives of states by the `law` to `out`; NaN where the mass matrix is singular.
 
-    If one matrix is singular, each column is evaluated separately, in the work memory `spare`.
+    t has the time of each column, and y the states by columns: entry j of column b at index j * columns + b, as
+    in `out`. If one matrix is singular, each column is evaluated separately, in the work memory `spare`.
     """
     half = quotient(dimension, 2) * columns
     if unlikely(law(columns, t, y, y[half:], parameters, out) >= 0):
@@ -193,7 +198,7 @@ class PolynomialBlock:
 
     @inline
     def slopes(self, t: In, y: In, out: Out) -> None:
-        """Write the right-hand side of each column, NaN where the mass matrix is singular."""
+        """Write the time derivatives of the states y at times t to `out`; NaN for a singular mass matrix."""
         slopes(self.law, self.parameters, self.dimension, self.columns, t, y, self.work, out)
 
 
@@ -220,9 +225,10 @@ def weighted(start: float, vectors: In, total: int, x: int, weights: In, first: 
 
 @inline
 def mend(block: PolynomialBlock, first: In) -> None:
-    """Replace polynomials with coefficients that are not finite by parabolas with the slope `first` / h at the start.
+    """Replace each polynomial in `block.out` that is not finite by a parabola through both ends of its step.
 
-    This serves the last step of a run that ended because the right-hand side has no value at its end.
+    Its slope at the start is `first` / h. This serves the last step of a run that ended because the right-hand
+    side has no value at its end.
     """
     total = block.dimension * block.columns
     largest = 0.0
@@ -238,7 +244,11 @@ def mend(block: PolynomialBlock, first: In) -> None:
 
 @procedure
 def parabola(dimension: int, columns: int, degree: int, y: In, new: In, first: In, out: Out) -> None:
-    """Write the parabola with slope `first` / h at the start in each column with a coefficient that is not finite."""
+    """Replace each column of `out` that has a coefficient that is not finite by the coefficients of a parabola.
+
+    The parabola leads from the state y to the state `new`, with the slope `first` / h at the start. All arrays
+    are by columns, and `out` has the coefficients of each power up to `degree`.
+    """
     total = dimension * columns
     for b in range(columns):
         nothing = 0.0

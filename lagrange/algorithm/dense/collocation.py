@@ -68,9 +68,10 @@ def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> 
 
 @procedure(apart=True, block=block_type)
 def increments(block: PolynomialBlock) -> None:
-    """Write the change of the state at each stage of the steps, by Newton's method from a straight line.
+    """Write the change of the state from the start of each step to each of its stages to `block.out`.
 
-    If the law is not finite, the polynomial is a straight line.
+    The stages are found by Newton's method, beginning with points on a straight line. These remain if the law
+    has no finite value.
     """
     step, total, stages = steps_in(block.own, block.dimension, block.columns), block.total, block.stages
     (h, gap, _, _), (time, _, active), slopes = block.lay_out(INCREMENTS)
@@ -152,7 +153,10 @@ def correct(block: PolynomialBlock, step: OwnStep) -> None:
 
 @inline
 def move(block: PolynomialBlock, step: OwnStep) -> None:
-    """Add the inverses times the residuals to the inner stages. A column has converged if no stage changes much."""
+    """Add the inverse matrix times the residuals to the inner stages of the columns that have not converged.
+
+    A column has converged if no correction exceeds `SETTLED` times the state plus its change over the step.
+    """
     columns, n, total, stages = block.columns, block.dimension, block.total, block.stages
     (_, gains, _, _), (_, row, active), slopes = block.lay_out(INCREMENTS)
     residual, matrix, order = slopes[stages * total :], slopes[(2 * stages + n) * total :], (stages - 1) * n
@@ -177,7 +181,7 @@ def move(block: PolynomialBlock, step: OwnStep) -> None:
 
 @inline
 def straighten(block: PolynomialBlock) -> None:
-    """Replace columns with stages that are not finite by a straight line."""
+    """Replace the stages of a step by points on the line between its ends if one of them is not finite."""
     total = block.total
     (_, gap, _, spread), (_, row, _), _ = block.lay_out(INCREMENTS)
     for b in block.each_column():
@@ -212,7 +216,10 @@ def collocation(block: PolynomialBlock) -> None:
 
 @inline
 def write(block: PolynomialBlock, gains: In) -> None:
-    """Write the coefficients of the polynomials, from the changes `gains` of the state at the stages."""
+    """Write the coefficients of each step's polynomial to `block.out`.
+
+    `gains` are the changes of the state from the start of the step to its stages.
+    """
     step, total, stages = steps_in(block.own, block.dimension, block.columns), block.total, block.stages
     _, _, _, powers = parts_of(block.table, stages)
     for power in range(block.degree + 1):
@@ -234,9 +241,10 @@ def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
 
 @inline
 def join(block: PolynomialBlock, gains: In, beside_gains: In) -> None:
-    """Make slopes continuous between steps: add a multiple of the integral of the node polynomial.
+    """Make slopes continuous between steps: add multiples of the node polynomial's integral to `block.out`.
 
-    `gains` and `beside_gains` are the changes of the state at the stages, of the steps and of their neighbours.
+    `gains` are the changes of the state from the start of each step to its stages, `beside_gains` those of its
+    neighbour. The node polynomial is zero at the stages.
     """
     step = steps_in(block.own, block.dimension, block.columns)
     beside = steps_in(block.beside, block.dimension, block.columns)

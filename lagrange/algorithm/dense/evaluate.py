@@ -21,9 +21,10 @@ READ_BLOCKS, BLOCKS = Array(read=True, room=WIDEST_VECTOR), Array(room=WIDEST_VE
 def horner(
     degree: int, dimension: int, row: int, column: int, c: In, theta: In, count: int, out: Out, stride: int
 ) -> None:
-    """Write the values of a polynomial at fractions theta of a step, entries `stride` apart, two at a time.
+    """Write the values of a polynomial with vector values at `count` fractions `theta` of a step to `out`.
 
-    The coefficient of power k and entry j has the index k * row + j * column.
+    c has its coefficients: that of power k and entry j at index k * row + j * column. Entry j at fraction i is
+    written to index j * stride + i of `out`, for two entries at a time.
     """
     for j in range(0, dimension, 2):
         sources = tuple(c[(j + i) * column :] for i in unrolled(2))
@@ -66,7 +67,7 @@ def gather(
 
 @procedure
 def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: In, block: Out) -> None:
-    """Write step `s` of a run to column `b` of a block."""
+    """Copy start time, length and both states of step `s` of a run to column `b` of a block, an `OwnStep`."""
     step = steps_in(block, dimension, columns)
     step.t[b] = times[s]
     step.h[b] = times[s + 1] - times[s]
@@ -79,10 +80,11 @@ def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: 
 
 @dataclass(frozen=True)
 class RunPath:
-    """A run with its dense output.
+    """A run whose states between its steps are computed by dense output.
 
-    `polynomial` is a callback of type `POLYNOMIAL`, and `given` its first argument. With `both` equal to 1 it needs the
-    neighbours of steps. `times` and `states` are those of the run; `own`, `beside` and `work` are memory for a block.
+    The callback `polynomial`, of type `POLYNOMIAL`, writes the polynomials of a block of steps; `given` is its
+    first argument. With `both` equal to 1 it needs the neighbours of steps. `times` and `states` are those of
+    the run; `own`, `beside` and `work` are memory for a block.
     """
 
     polynomial: Callable[..., None]
@@ -113,7 +115,10 @@ def path_type() -> Bundle:
 
 @procedure(path=path_type)
 def polynomials(path: RunPath, starts: WholesIn, blocks: int, out: Out) -> None:
-    """Write the polynomials of the steps with numbers `starts`, block by block, for a number of `blocks`."""
+    """Write the coefficients of the polynomials of steps to `out`, block by block, for a number of `blocks`.
+
+    `starts` are the indices of the steps in the run.
+    """
     for k in range(blocks):
         path.write(starts[k * path.columns :], out[(path.degree + 1) * path.dimension * path.columns * k :])
 
@@ -151,10 +156,11 @@ def lies_before(output_times: In, count: int, index: int, end: float, sign: floa
 
 @procedure(path=path_type, out=lambda: BLOCKS)
 def outputs(path: RunPath, output_times: In, count: int, sign: float, out: Out, stride: int, c: Out) -> None:
-    """Write the states at many sorted times along a run, entries `stride` apart.
+    """Write the states at `count` sorted `output_times` along a run to `out`.
 
-    Each polynomial is computed once. Accepted states are copied; of two at the same time the later one. `sign` is the
-    direction of the run.
+    Entry j at time i has the index j * stride + i. The polynomial of a step is computed once, in the memory c.
+    At the time of a step the accepted state is copied; of two states at one time, the later one. `sign` is the
+    direction of the run, 1.0 or -1.0.
     """
     times, columns, dimension = path.times, path.columns, path.dimension
     starts, begins = wholes(WIDEST_VECTOR), wholes(WIDEST_VECTOR + 1)

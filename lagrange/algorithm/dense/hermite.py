@@ -51,9 +51,9 @@ def hermite_polynomial(order: int) -> StepPolynomial:
 
 @dataclass(frozen=True)
 class Cubic:
-    """Hermite's cubic through both ends of steps, from the states and slopes there.
+    """Hermite's cubics through both ends of steps: states y and `new` there, and slopes `first` and `last`.
 
-    theta is the fraction of the step.
+    Slopes are derivatives by theta, the fraction of the step. Arrays are by columns, one step in each column.
     """
 
     y: In
@@ -111,7 +111,10 @@ def hermite(block: PolynomialBlock) -> None:
 
 @inline
 def begin(block: PolynomialBlock, cubic: Cubic) -> None:
-    """Begin with the cubic as first iterate. The next one is accepted if its change is below the largest slope."""
+    """Begin Picard's iteration with the cubic, and set the bound for accepting the next iterate.
+
+    That is accepted if its change is below the largest slope of the cubic at the ends and inner nodes.
+    """
     total = block.total
     (_, _, _, _, largest), (_, moved, size, _), changes = block.lay_out(ROOM)
     for x in block.entries():
@@ -128,7 +131,7 @@ def begin(block: PolynomialBlock, cubic: Cubic) -> None:
 
 @inline
 def measure(block: PolynomialBlock) -> None:
-    """Set the size of each column to the magnitude of its largest entry."""
+    """Write to the row `size` the largest magnitude in each column of the work vector `largest`."""
     (_, _, _, _, largest), (_, _, size, _), _ = block.lay_out(ROOM)
     for b in block.each_column():
         size[b] = 0.0
@@ -140,7 +143,11 @@ def measure(block: PolynomialBlock) -> None:
 
 @inline
 def iterate(block: PolynomialBlock, step: OwnStep, cubic: Cubic) -> None:
-    """Write the next iterate: the right-hand side minus the cubic's slope, along the integral of the present slopes."""
+    """Write the next iterate of Picard's iteration: differences from the cubic's slope at the inner nodes.
+
+    The present differences are integrated to states on the path. There the right-hand side, times h, is
+    evaluated, and the slope of the cubic is subtracted.
+    """
     total, stages = block.total, block.stages
     (h, _, _, state, _), (time, _, _, _), changes = block.lay_out(ROOM)
     to_states = block.table[stages:]
@@ -157,7 +164,10 @@ def iterate(block: PolynomialBlock, step: OwnStep, cubic: Cubic) -> None:
 
 @inline
 def judge(block: PolynomialBlock) -> None:
-    """Accept the next iterate in the columns in which the change is less than half of the previous change."""
+    """Accept the next iterate of Picard's iteration in the columns in which it converges.
+
+    There its change is less than half of the previous change.
+    """
     total, stages = block.total, block.stages
     (_, _, _, _, largest), (_, moved, size, better), changes = block.lay_out(ROOM)
     for x in block.entries():
@@ -182,10 +192,10 @@ def judge(block: PolynomialBlock) -> None:
 
 @inline
 def write(block: PolynomialBlock, cubic: Cubic, changes: In) -> None:
-    """Write the coefficients of a step's polynomial to `block.out`, one power of time after the other.
+    """Write the coefficients of the steps' polynomials to `block.out`, one power of theta after the other.
 
-    They are those of the cubic through both ends, plus a weighted sum of `changes`. These are the differences
-    between the right-hand side and the slope of the cubic at the stages of the polynomial.
+    They are those of the cubic through both ends, plus a weighted sum of `changes`: the differences between the
+    slopes of the path and of the cubic at the inner nodes.
     """
     total, stages, out = block.total, block.stages, block.out
     for power in range(4, block.degree + 1):
@@ -215,9 +225,9 @@ def nodes(count: int) -> FloatArray:
 
 @shared
 def weights(count: int) -> FloatArray:
-    """Return powers of theta (count, count + 2): for each node, the integral of the Lagrange polynomial of its slope.
+    """Return the path due to a unit slope at each of `count` nodes, by powers of theta, (count, count + 2).
 
-    The value of the integral at the end is subtracted along a cubic, so that each contribution is zero there.
+    It is the integral of the node's Lagrange polynomial, minus a cubic by which it becomes zero at the end.
     """
     points = nodes(count)
     shares = np.zeros((count, count + 2))

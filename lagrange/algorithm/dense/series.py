@@ -29,10 +29,11 @@ def series_polynomial(
     work: Out,
     out: Out,
 ) -> None:
-    """Write the polynomials of a block of steps by their Taylor series, NaN if a matrix is singular.
+    """Write the Taylor polynomials of a block of steps to `out`, by powers; NaN if a matrix is singular.
 
-    A state has `padded` doubles, and rows are `width` doubles apart. The work memory has the state, its rounding error
-    (zero), and then the rows.
+    `own` has the steps as `OwnStep`. The procedure `jet` computes the Taylor coefficients up to `order` from
+    the numbers `prepared` and `constants`. The work memory has the state and its rounding error (zero), each of
+    `padded` doubles. A row of coefficients for each power follows; the rows are `width` doubles apart.
     """
     step, rows, total = steps_in(own, dimension, columns), work[padded * 2 :], dimension * columns
     for i in range(padded * 2):

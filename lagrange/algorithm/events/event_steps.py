@@ -1,7 +1,8 @@
-"""Loop over the steps of a step program with events: take steps, review them, go back to the first change.
+"""Loop over the steps of a step program with events: take steps, search them, go back to the first change.
 
-A reset after which the motion leaves zero is applied here. Irregular events are left to the caller, together with the
-steps that are not reviewed yet.
+The search is called review. A change is an event at which the motion changes: a reset of the state, another
+law, or the end of the run. A reset after which the motion leaves zero is applied here. Irregular events are
+left to the caller, together with the steps that are not reviewed yet.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ ACCEPTED, ROWS, SLOPE_KNOWN, AFTER_REJECT, KEPT = (
 
 @record
 class EventRun:
-    """Record of a run with events: which steps wait for review, and when the motion changed last."""
+    """Record of a run with events: the steps not yet searched for events, and the last change of the motion."""
 
     count: int
     """Number of steps to be reviewed. Step i leads from row i to the next row."""
@@ -163,12 +164,12 @@ GO_ON = -1
 
 @dataclass(frozen=True)
 class Waiting:
-    """Steps of a run that are not reviewed yet, the driver that takes steps, and the arrays for accepted rows.
+    """Steps that are not searched for events yet, the driver that takes steps, and arrays for accepted steps.
 
     The steps are rows of `times` and `states`, from row 0 on, for states of a `dimension`. `drive`, of type
-    `TAKE_STEPS`, takes steps; `words` is its first argument. `reals` are the reals of the run followed by its floors,
-    and `counts` its counts; `kept_reals` and `kept_counts` are their values before the steps. The driver has the state
-    `y` at the indices `entries` of its memory.
+    `TAKE_STEPS`, takes steps; `words` is its first argument. `reals` are the reals of the run followed by its
+    floors, and `counts` its counts; `kept_reals` and `kept_counts` are their values before the steps. The
+    driver has the state `y` at the indices `entries` of its memory.
     """
 
     event_run: EventRun
@@ -189,12 +190,12 @@ class Waiting:
 
     @inline
     def row(self, number: int) -> Out:
-        """Return the state in row `number` of the steps to be reviewed."""
+        """Return the state in row `number` of the steps that are not yet searched for events."""
         return self.states[number * self.dimension :]
 
     @inline
     def take(self) -> int:
-        """Take the next steps. Return `GO_ON`, or the code with which the loop ends."""
+        """Take the next steps, not yet searched for events. Return `GO_ON`, or the code that ends the loop."""
         run, n, reals, counts = self.event_run, self.dimension, self.reals, self.counts
         t, end = reals[T], reals[END]
         is_first = run.both != 0 and run.before == 0
@@ -228,7 +229,7 @@ class Waiting:
 
     @inline
     def try_steps(self, tries: int) -> int:
-        """Try `tries` steps, and return their `Outcome`."""
+        """Take `tries` trial steps by the driver, and return the `Outcome` with which it stops."""
         self.event_run.left -= tries
         given = self.words, self.reals, self.counts, self.driver_work
         outcome: int = self.drive(*given, tries, self.times[2:], self.row(2))
@@ -236,7 +237,10 @@ class Waiting:
 
     @inline
     def accept(self) -> int:
-        """Write the reviewed steps as rows of the run. Return `GO_ON`, or the driver's outcome if it ends the loop."""
+        """Append the steps, searched without a change of the motion, to the rows of the run.
+
+        Return `GO_ON`, or the driver's outcome if it ends the loop.
+        """
         run, n, times = self.event_run, self.dimension, self.times
         self.write_rows(run.count)
         run.since, run.ahead = run.since + run.count, min(run.ahead * 2, run.longest)
@@ -247,7 +251,7 @@ class Waiting:
 
     @inline
     def write_rows(self, kept: int) -> None:
-        """Write the first `kept` of the steps as rows of the run."""
+        """Append the times and states at the ends of the first `kept` steps to the rows of the run."""
         rows, n = self.event_run.rows, self.dimension
         self.row_times[rows : rows + kept] = self.times[2 : kept + 2]
         size = kept * n
@@ -280,7 +284,11 @@ class Waiting:
 
     @inline
     def lower_floors(self, kept: int) -> None:
-        """Set the floors to their values before the steps, then raise them by the rows that are kept."""
+        """Set the floors, the absolute tolerances of a state's entries, for the steps that are kept.
+
+        They are the floors before the steps, raised to a share of the largest magnitude in the first `kept`
+        rows.
+        """
         share, floors, rows = self.reals[SHARE], self.reals[NUMBERS:], self.row(2)
         for j in range(self.dimension):
             size = 0.0
@@ -320,7 +328,7 @@ class EventLoop:
 
     @inline
     def setting(self, block: int, event: int) -> WholesOut:
-        """Return the settings from the entry of an event on; `block` is the number of the setting."""
+        """Return the setting `block`, such as `RESET_SIZE`, of an event, as the first entry of an array."""
         return self.settings[event + self.samples.events * block :]
 
 
@@ -334,10 +342,11 @@ def loop_type() -> Bundle:
 
 @procedure(loop=loop_type)
 def event_steps(loop: EventLoop) -> int:
-    """Take and review steps until an irregular event, or the end. Return an `Outcome`, `LOOK` or `READ_EVENTS`.
+    """Take steps and search them for events, until an irregular event or the end of the run.
 
-    `Outcome.WATCHED` means that the caller must change the motion at the present state. A further call continues from
-    there. Steps that the caller has reviewed in the meantime are not reviewed again.
+    Return an `Outcome`, or `LOOK` at an irregular event, or `READ_EVENTS` if an array is full.
+    `Outcome.WATCHED` means that the caller must change the motion at the present state. A further call
+    continues from there. Steps that the caller has searched in the meantime are not searched again.
     """
     run, search, waiting = loop.waiting.event_run, loop.watch.review, loop.waiting
     code = GO_ON
@@ -359,7 +368,7 @@ def event_steps(loop: EventLoop) -> int:
 
 @inline
 def review_steps(loop: EventLoop) -> int:
-    """Review the steps from number `begin` on, and return the reason why the review ended."""
+    """Search the steps from number `begin` on for events. Return the reason for the end, such as `ENDED`."""
     waiting, search = loop.waiting, loop.watch.review
     run, shift = waiting.event_run, 1 - waiting.event_run.before
     steps = run.count + 1 - shift
@@ -375,7 +384,10 @@ def review_steps(loop: EventLoop) -> int:
 
 @inline
 def go_back(loop: EventLoop) -> None:
-    """Set the state to the change of the motion on step `begin`. At the end of the step, take the accepted state."""
+    """Set the run back to the event on step `begin` at which the motion changes.
+
+    At an end of the step, the state is the accepted one. Otherwise it is interpolated.
+    """
     waiting, watch, times = loop.waiting, loop.watch, loop.waiting.times
     run, n, step, s, slot = (
         waiting.event_run,
@@ -400,9 +412,10 @@ def go_back(loop: EventLoop) -> None:
 
 @procedure(apart=True, loop=loop_type)
 def reset(loop: EventLoop) -> bool:
-    """Apply the pending reset if it is regular. Else change nothing and return False.
+    """Apply the reset of the event that is due, and return True. If it is irregular, only return False.
 
-    `scratch` has space for the new state, the events before and after it, and the results of all resets.
+    `scratch` has space for the new state, the event functions before and after it, and the results of all
+    resets.
     """
     waiting, n, events = loop.waiting, loop.waiting.dimension, loop.samples.events
     run, event, t, y = waiting.event_run, waiting.event_run.due - 1, waiting.reals[T], waiting.y
@@ -505,11 +518,12 @@ def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, 
 def begin_side(
     sign: WholesOut, near: WholesOut, values: tuple[float, float], noise: float, *, is_due: bool, has_reset: bool
 ) -> None:
-    """Set the sign of an event function after a reset: kept if the reset does not change the function, else 0, unknown.
+    """Set the known sign of an event function after a reset: `sign` is 1, -1, or 0 for unknown.
 
-    `values` are the event function before and after the reset, and `noise` is its rounding error. `is_due` is true for
-    the event that caused the reset, `has_reset` for an event with a reset. The rule is that of
-    `lagrange.trajectory.events.motion_start.sides_behind`.
+    The sign is kept if the reset does not change the function. `near` is 1 if the function has been within its
+    noise of zero since it had that sign. `values` are the event function before and after the reset, and
+    `noise` is its rounding error. `is_due` is true for the event that caused the reset, `has_reset` for an
+    event with a reset.
     """
     (before, after), side, was_near = values, sign[0], near[0]
     stays = not is_due and abs(after - before) <= noise

@@ -17,10 +17,10 @@ def sign_of(x: float, noise: float) -> int:
 
 @procedure(apart=True)
 def bernstein(c: In, count: int, b: Out) -> None:
-    """Write the Bernstein coefficients on [0, 1] of a polynomial with coefficients c of powers.
+    """Write the Bernstein coefficients on [0, 1] of a polynomial to b; c has its coefficients by powers.
 
-    The coefficients are first divided by binomial coefficients, then summed in count - 1 passes. Pass i, from 0 on,
-    adds to each number from index i + 1 on the number before it.
+    The coefficients are first divided by binomial coefficients, then summed in count - 1 passes. Pass i, from 0
+    on, adds to each number from index i + 1 on the number before it.
     """
     weight = 1.0
     for k in range(count):
@@ -77,7 +77,10 @@ def signs(b: In, count: int, first: int, noise: float) -> tuple[bool, int, float
 
 @procedure(apart=True)
 def halve(b: Out, count: int, left: Out) -> None:
-    """Replace Bernstein coefficients by those of the right half, and write those of the left half, by de Casteljau."""
+    """Replace Bernstein coefficients b by those of the right half; write those of the left half to `left`.
+
+    This is de Casteljau's algorithm.
+    """
     for done in range(1, count):
         left[done - 1] = b[0]
         for j in range(count - done):

@@ -28,7 +28,10 @@ def pad(c: Out, start: int, count: int) -> None:
 
 @inline
 def evaluate(polynomials: tuple[Readable[float], ...], count: int, s: float) -> tuple[float, ...]:
-    """Return the values at s of polynomials with `count` padded coefficients."""
+    """Return the values of polynomials at the point s.
+
+    Each has `count` coefficients by powers, padded with zeros to whole blocks.
+    """
     square = s * s
     fourth = square * square
     last = (blocks(count) - 1) * CHAINS
@@ -43,7 +46,7 @@ def evaluate(polynomials: tuple[Readable[float], ...], count: int, s: float) -> 
 
 @procedure(apart=True)
 def value(c: In, count: int, s: float) -> float:
-    """Return a polynomial's value at the point s."""
+    """Return the value at s of a polynomial with `count` coefficients c, padded with zeros to whole blocks."""
     return evaluate((c,), count, s)[0]
 
 
@@ -57,9 +60,10 @@ def derivative(c: In, count: int, slopes: Out) -> None:
 
 @procedure(apart=True)
 def crossing(c: In, slopes: In, count: int, begin: float, end: float, sign: int) -> float:
-    """Return the point between `begin` and `end` at which a polynomial reaches `sign`; else the nearer end.
+    """Return the zero of a polynomial between `begin` and `end` beyond which it has the sign `sign`, 1 or -1.
 
-    `slopes` are the coefficients of its derivative. `sign` is 1 or -1.
+    If it already has that sign at `begin`, or not yet at `end`, this end is returned. c has its coefficients,
+    and `slopes` those of its derivative.
     """
     side = float(sign)
     below, rate = tuple(side * x for x in evaluate((c, slopes), count, begin))
@@ -96,8 +100,9 @@ def inverse_cubic(points: Pair, values: Pair, slopes: Pair) -> float:
 
 @procedure(apart=True)
 def approach(c: In, slopes: In, count: int, begin: float, end: float, start: float, sign: int) -> float:
-    """Return the point between `begin` and `end` at which a polynomial reaches `sign`, by Newton's method from `start`.
+    """Return the zero of a polynomial between `begin` and `end`, by Newton's method from the point `start`.
 
+    `sign`, 1 or -1, is its sign beyond the zero. c has its coefficients, and `slopes` those of its derivative.
     A step that leaves the bracket, or is longer than half of the previous step, is replaced by bisection.
     """
     side = float(sign)
@@ -127,7 +132,10 @@ def approach(c: In, slopes: In, count: int, begin: float, end: float, start: flo
 
 @procedure(apart=True)
 def passage(c: In, count: int, low: float, high: float, sign: int) -> float:
-    """Return the point between `low` and `high` at which a polynomial reaches a sign, as `crossing` does."""
+    """Return the zero of a polynomial c between `low` and `high` beyond which it has the sign `sign`, 1 or -1.
+
+    If it already has that sign at `low`, or not yet at `high`, this end is returned.
+    """
     slopes = reals(PADDED)
     derivative(c, count, slopes)
     return crossing(c, slopes, count, low, high, sign)
@@ -149,7 +157,7 @@ def turn(c: In, count: int, low: float, point: float, high: float, depth: float,
 
 @procedure(apart=True)
 def slope_at_end(c: In, count: int) -> float:
-    """Return a polynomial's slope at 1."""
+    """Return the derivative at 1 of a polynomial with `count` coefficients c."""
     total = 0.0
     for k in range(1, count):
         total += float(k) * c[k]

@@ -24,10 +24,10 @@ def weighted(terms: Sequence[float], weights: Sequence[float]) -> float:
 
 @inline
 def transform(values: Reals) -> Reals:
-    """Return Chebyshev coefficients from the values at the nodes.
+    """Return the Chebyshev coefficients of a function from its `values` at the nodes.
 
-    Polynomials of even degree are symmetric about the middle, polynomials of odd degree antisymmetric. So half of the
-    products suffice.
+    Polynomials of even degree are symmetric about the middle, polynomials of odd degree antisymmetric. So half
+    of the products suffice.
     """
     degree = len(values) - 1
     middle = degree // 2
@@ -61,7 +61,7 @@ def largest(values: Reals) -> float:
 
 @procedure(apart=True)
 def chebyshev(values: In, out: Out) -> float:
-    """Write Chebyshev coefficients from values of a function at the nodes.
+    """Write the Chebyshev coefficients of a function to `out`, from its `values` at the nodes.
 
     Return the largest magnitude of the values.
     """

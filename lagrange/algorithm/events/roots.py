@@ -31,7 +31,7 @@ from lagrange.procedure.front.vocabulary import In, Out, Readable, WholesOut, Wr
 
 @record
 class Relay:
-    """State of the search at a point of the step: the last sign, and the value nearest to zero since then."""
+    """State of the search for zeros at a point: the last sign, and the value nearest to zero since then."""
 
     found: int
     """Number of roots, including those for which the arrays have no space."""
@@ -106,7 +106,7 @@ class Search:
 
     @inline
     def touch(self, high: float) -> float:
-        """Return the point with the value nearest to zero, between the point of the last sign and `high`."""
+        """Return the point, before `high`, at which a function that touches zero is nearest to it."""
         relay = self.relay
         return turn(self.c, self.count, relay.low, relay.near_at, high, relay.depth, relay.sign, self.noise)
 
@@ -175,9 +175,10 @@ def sort_zeros(count: int, times: Any, attached: tuple[Any, ...]) -> None:
 
 @inline
 def begin(search: Search, first: int, sign: int, near: bool) -> None:
-    """Begin at the start of the step, with `sign` and `near` at the end of the previous step.
+    """Begin the search for zeros on a step, with `sign` and `near` at the end of the previous step.
 
-    `first` is the sign of the function at the start, 0 within its noise.
+    `sign` is the last sign beyond the noise; `near` is true if the function has been within its noise since
+    then. `first` is the sign of the function at the start, 0 within its noise.
     """
     relay, c = search.relay, search.c
     is_leaving = float(sign) * c[1] >= 0.0
@@ -194,10 +195,10 @@ def begin(search: Search, first: int, sign: int, near: bool) -> None:
 
 @inline
 def isolate(search: Search, first: int, others: float, rates: float, end: float) -> None:
-    """Visit the parts of the step in order, and halve those that may have more than one root.
+    """Find the zeros on the step in order: halve the parts that may have more than one zero.
 
-    `first` is the sign at the start, and `end` the value at the end. `others` and `rates` are the sums of magnitudes in
-    `scaling.Sums`.
+    `first` is the sign at the start, and `end` the value at the end. `others` is the sum of the magnitudes of
+    all terms but the first, and `rates` that of the terms of the derivative.
     """
     c, count, noise = search.c, search.count, search.noise
     parts = reals((DEEPEST_HALVING + 1) * MOST_COEFFICIENTS)

@@ -17,7 +17,7 @@ sum of magnitudes of the derivative's terms; value at the end of the step.
 
 @inline
 def is_plain_step(h: float, count: int) -> bool:
-    """Return True if powers of a step are far from overflow and underflow."""
+    """Return True if the powers of a step length h below the power `count` are far from over- and underflow."""
     return abs(h) > 1e-6 and abs(h) < 1e6 and count <= MODEST
 
 
@@ -29,7 +29,11 @@ def is_plain(total: float, noise: float) -> bool:
 
 @inline
 def write_terms(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums:
-    """Write the terms coefficients[k] * h**k to c, and return their noise and sums, as `Sums`."""
+    """Write the terms coefficients[k] * h**k of a polynomial on a step to c, and return their `Sums`.
+
+    These are the noise of the polynomial's values, the sum of magnitudes of all terms but the first, that of
+    the derivative's terms, and the value at the end of the step.
+    """
     first = coefficients[0]
     c[0] = first
     others, rates, end, power = 0.0, 0.0, first, h
@@ -46,9 +50,11 @@ def write_terms(coefficients: In, count: int, h: float, noise: float, c: Out) ->
 
 @procedure
 def scaled(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums:
-    """Write the terms coefficients[k] * h**k to c, padded with zeros. Return their noise and sums, as `Sums`.
+    """Write the terms coefficients[k] * h**k of a polynomial to c, padded with zeros. Return their `Sums`.
 
-    If the terms may overflow or underflow, they and their noise are divided by a power of two.
+    These are the noise of the polynomial's values, the sum of magnitudes of all terms but the first, that of
+    the derivative's terms, and the value at the end of the step. If the terms may overflow or underflow, they
+    and their noise are divided by a power of two.
     """
     total_noise, others, rates, end = write_terms(coefficients, count, h, noise, c)
     pad(c, count, count)
@@ -69,7 +75,12 @@ def split(x: float) -> tuple[float, int]:
 
 @procedure(apart=True)
 def scaled_far(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums:
-    """Write terms near overflow or underflow, divided by a power of two. Return their noise and sums, as `Sums`."""
+    """Write the terms coefficients[k] * h**k, near overflow or underflow, to c, divided by a power of two.
+
+    Return their `Sums`: the noise of the polynomial's values, the sum of magnitudes of all terms but the first,
+    that of the derivative's terms, and the value at the end of the step. All of them are divided by the same
+    power.
+    """
     is_finite = abs(h) < math.inf and abs(noise) < math.inf
     for k in range(count):
         size = abs(coefficients[k])

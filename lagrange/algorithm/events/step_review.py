@@ -18,10 +18,11 @@ QUEUE = 256
 
 @procedure(samples=samples_type, watch=lambda: Bundle(ReviewedEvents, {}))
 def review(samples: Samples, watch: ReviewedEvents) -> int:
-    """Review steps, times (S+1,) and states (S+1, 2n). Return the reason why the review ended.
+    """Search the steps of a run for events. Return a code, such as `ENDED`: why the search ended.
 
-    The event, the time and the state of each zero that counts are written. If a zero that changes the motion ended the
-    review, it is written after them and not counted.
+    The run has times (S+1,) and states (S+1, 2n). The event, the time and the state of each zero that counts
+    are written to `watch`. If a zero that changes the motion ended the search, it is written after them and not
+    counted.
     """
     lines, end, reached = samples.lines(), watch.review.end, watch.review.begin
     queue, step_numbers = wholes(QUEUE), wholes(WIDEST_VECTOR)

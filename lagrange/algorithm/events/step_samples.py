@@ -90,25 +90,26 @@ class Lines:
 
 @inline
 def sizes_of(dimension: int, events: int, columns: int) -> tuple[int, ...]:
-    """Return the size of each array of `Lines`."""
+    """Return the number of doubles of each array of `Lines`, for blocks of `columns` steps."""
     wide, full, part = Widths.of(columns)
     shared = columns, columns, full, dimension * full, part, dimension * part
     return (*shared, *(events * width for width in (columns,) * 6 + (wide, full, full, part)))
 
 
 def work_size(dimension: int, events: int, columns: int = WIDEST_VECTOR) -> int:
-    """Return the number of doubles of work memory of the review, for blocks of `columns` steps."""
+    """Return the number of doubles of work memory for the search for events, for blocks of `columns` steps."""
     return sum(sizes_of(dimension, events, columns)) + WIDEST_VECTOR
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Steps of a run, and what is needed to sample the events along them on blocks of steps.
+    """Steps of a run, and what is needed to evaluate the event functions along them, on blocks of steps.
 
-    `polynomial` writes the dense output of a block, of a `degree`, to `c`; it needs the neighbours of steps if `both`
-    is 1. If `screens` is true, cubics by `screen` and the right-hand side `law` come first. `kernel` evaluates the
-    events. `factors` perturb the entries of a state, and then the time, by `RELATIVE_PERTURBATION`. Vectors of a block,
-    and the arrays of events, are by columns, as in `dense.block`.
+    `polynomial` writes the dense output of a block, of a `degree`, to `c`; it needs the neighbours of steps if
+    `both` is 1. `kernel` evaluates the event functions. If `screens` is true, cubics, which `screen` writes,
+    exclude events on most steps before that; they need the right-hand side `law`. `factors` perturb the entries
+    of a state, and then the time, by `RELATIVE_PERTURBATION`. Vectors of a block, and the arrays of events, are
+    by columns, as in `dense.block`.
     """
 
     polynomial: Callable[..., Any]
@@ -211,10 +212,10 @@ class Samples:
 
     @inline
     def find_doubtful(self, lines: Lines, degree: int, screening: bool) -> bool:
-        """Write which events may be zero on each step of the block, whose polynomials have a `degree`.
+        """Write which event functions may be zero on each step of the block, whose polynomials have a `degree`.
 
-        If `screening`, the polynomials are cubics, and their error is part of the noise. Return True if an event has
-        no value.
+        If `screening`, the polynomials are cubics, and their error is part of the noise. Return True if an
+        event function has no value.
         """
         columns = self.columns
         is_bad = self.sample_coarsely(lines, degree)
@@ -240,7 +241,7 @@ class Samples:
 
     @inline
     def some_doubtful(self, lines: Lines, b: int) -> bool:
-        """Return True if an event may be zero on the step in column `b`."""
+        """Return True if some event function may be zero on the step in column `b`."""
         is_doubtful = False
         for e in range(self.events):
             doubtful = lines.doubtful[e * self.columns + b]
@@ -249,10 +250,10 @@ class Samples:
 
     @inline
     def sample_coarsely(self, lines: Lines, degree: int) -> bool:
-        """Evaluate events on polynomials of a `degree`. Return True if an event has no value.
+        """Evaluate the event functions at a few points of each step. Return True if one of them has no value.
 
-        The points are a few nodes, and both ends perturbed by rounding. A further one is the start of the step,
-        perturbed by a small part of the range of the state.
+        The points are a few nodes, by polynomials of a `degree`, and both ends perturbed by rounding. A further
+        one is the start of the step, perturbed by a small part of the range of the state.
         """
         columns, thetas, step, n = self.columns, nodes(COARSE).tolist(), self.block(), self.dimension
         wide, total, factor_of_time = Widths.of(columns).wide, n * columns, self.factors[n]
@@ -275,14 +276,14 @@ class Samples:
 
     @inline
     def evaluate(self, columns: int, t: In, y: In, out: Out) -> bool:
-        """Evaluate the events at times t and states y, one for each column. Return True if an event has no value."""
+        """Write the event functions at time t and state y of each column. Return True if one has no value."""
         half = quotient(self.dimension, 2) * columns
         is_bad: bool = self.kernel(columns, t, y, y[half:], self.parameters, out) >= 0
         return is_bad
 
     @inline
     def sample_fully(self, lines: Lines) -> bool:
-        """Write the Chebyshev coefficients of the events on each step. Return True if an event has no value."""
+        """Write the Chebyshev coefficients of event functions on each step. Return True if one has no value."""
         columns, thetas, step = self.columns, nodes().tolist(), self.block()
         full, total = Widths.of(columns).full, self.dimension * columns
         for b in self.each_column():
@@ -307,7 +308,7 @@ class Samples:
 
     @inline
     def sample_part(self, lines: Lines, b: int, start: float, width: float) -> bool:
-        """Evaluate the events at the nodes of a part of the step in column b. Return True if an event has no value.
+        """Evaluate event functions at nodes of a part of the step in column b. Return True if one has no value.
 
         The part is given by its `start` and `width`, as fractions of the step. Unused columns repeat its end.
         """
@@ -329,7 +330,7 @@ class Samples:
 
 
 def samples_type(*without: str) -> Bundle:
-    """Return the type of a `Samples` parameter of a procedure, without the fields `without`."""
+    """Return the type of a procedure's parameter of class `Samples`; the fields `without` are not passed."""
     types: dict[str, Stated] = {"polynomial": POLYNOMIAL, "screen": POLYNOMIAL, "law": COLUMNS, "kernel": COLUMNS}
     types |= dict.fromkeys(("own", "beside", "path_work", "c", "work"), Array(room=WIDEST_VECTOR))
     types |= dict.fromkeys(("times", "states"), Array(read=True))
@@ -367,18 +368,21 @@ def extent(values: Reals) -> tuple[float, float]:
 
 @inline
 def edge_noise(value: float, moved: float) -> float:
-    """Return the rounding error of an event at an accepted state, from its `value` and the perturbed value `moved`."""
+    """Return the rounding error of an event function at an accepted state.
+
+    `value` is the function at the state, and `moved` at the state perturbed by `RELATIVE_PERTURBATION`.
+    """
     error = abs(moved - value) * (NOISE / RELATIVE_PERTURBATION)
     return error if error < math.inf else 0.0
 
 
 @inline
 def path_noise(values: Reals, moved: float) -> float:
-    """Return the error of an event on a step due to the rounding of the step's dense output.
+    """Return the error of an event function on a step due to the rounding of the step's dense output.
 
-    `values` are samples of the event. `moved` is its value at the start after a small part of the state's change. The
-    error scales with the change of the state, not of the event function: x**2 + v**2 may be constant while x and v
-    change.
+    `values` are samples of the function. `moved` is its value at the start after a small part of the state's
+    change. The error scales with the change of the state, not of the function: x**2 + v**2 may be constant
+    while x and v change.
     """
     low, high = extent(values)
     spread, gain = high - low, abs(moved - values[0]) * (1.0 / RELATIVE_PERTURBATION)

@@ -61,7 +61,7 @@ Part = tuple[float, float, int, float, float]
 
 @record
 class Review:
-    """Record of a review: which steps it visits, and the step and the zero at which it ended."""
+    """Record of a search of steps for events: the steps to visit, and the step and zero at which it ended."""
 
     begin: int
     """Number of the first step that the review visits."""
@@ -103,16 +103,18 @@ REVIEW = form_of(Review)
 
 @dataclass(frozen=True)
 class ReviewedEvents:
-    """The events of a run: the record of a review, the side of each event, and the arrays for zeros.
+    """The events of a run: the record of the search, the sign of each event function, and arrays for zeros.
 
-    `sign` and `near` are the sides of the events, as in `Relay`. `direction` is the direction of the zeros that count,
-    0 for all. `remaining` is the number of zeros until the motion changes; 0 or less means never.
+    `sign` is the last sign of each event function beyond its noise, 1 or -1, or 0 for unknown. `near` is 1 if
+    the function has been within its noise of zero since then. `direction` is the direction of the zeros that
+    count, 0 for all. `remaining` is the number of zeros until the motion changes; 0 or less means never.
 
-    At the start of the motion, `stayed` is the size of an event that counts as zero there. `came` is the direction in
-    which it reached that zero, plus 2, or `UNKNOWN` or `ANYHOW`. `levels` are the values of events that start at zero.
+    At the start of the motion, `stayed` is the size of an event that counts as zero there. `came` is the
+    direction in which it reached that zero, plus 2, or `UNKNOWN` or `ANYHOW`. `levels` are the values of events
+    that start at zero.
 
-    Zeros are written to `which` (events), `when` (times) and `there` (states). `noted` is work memory of four blocks:
-    signs, `near` and remaining counts after the step, and 1 for each event that starts at zero.
+    Zeros are written to `which` (events), `when` (times) and `there` (states). `noted` is work memory of four
+    blocks: signs, `near` and remaining counts after the step, and 1 for each event that starts at zero.
     """
 
     review: Review
@@ -131,9 +133,10 @@ class ReviewedEvents:
 
 @dataclass(frozen=True)
 class ZeroSearch:
-    """The search for zeros on one step of a block, with its memory.
+    """The search for zeros of event functions on one step of a block, with its memory.
 
-    `signs`, `nears` and `lefts` are the sides and remaining counts of the events after the step.
+    For each event, `signs`, `nears` and `lefts` are `sign`, `near` and `remaining` of `ReviewedEvents` after
+    the step.
     """
 
     samples: Samples
@@ -156,10 +159,10 @@ class ZeroSearch:
 
     @inline
     def begin_at_zero(self, step: int) -> bool:
-        """Record which events start at zero in the first step of a block. Return True if one of them is irregular.
+        """Record which event functions are zero at the start of the motion. Return True if one is irregular.
 
-        An event with a reset is regular only if the reset led to that zero. An event whose side is known is treated as
-        at any joint of two steps.
+        An event with a reset is regular only if the reset led to that zero. A function with a known sign is
+        treated as at any joint of two steps.
         """
         watch, lines, columns = self.watch, self.lines, self.samples.columns
         starts = watch.review.starts != 0 and step == watch.review.begin
@@ -178,14 +181,14 @@ class ZeroSearch:
 
     @inline
     def may_vanish(self, b: int, e: int) -> bool:
-        """Return True if event `e` may be zero on the step in column `b`, or if its side is not known."""
+        """Return True if event function `e` may be zero on the step in column `b`, or has no known sign."""
         doubtful = self.lines.doubtful[e * self.samples.columns + b]
         sign, near = self.watch.sign[e], self.watch.near[e]
         return doubtful != 0.0 or sign == 0 or near != 0
 
     @inline
     def some_may_vanish(self, b: int) -> bool:
-        """Return True if some event may be zero on the step in column `b`."""
+        """Return True if an event function may be zero on the step in column `b`, or has no known sign."""
         is_watched = False
         for e in range(self.samples.events):
             is_watched = self.may_vanish(b, e) or is_watched
@@ -193,10 +196,11 @@ class ZeroSearch:
 
     @inline
     def visit(self, step: int, b: int, is_bad: bool) -> int:
-        """Isolate the zeros on a step. Return `ENDED`, or the reason why the review ends before the step.
+        """Find the zeros of all event functions on a step. Return `ENDED`, or why the search ends before it.
 
-        `step` is its number in the run, and `b` its column in the block. `is_bad` is true if an event has no value on
-        the block. A step that ends the review leaves all records unchanged, unless the motion changes on it.
+        `step` is its number in the run, and `b` its column in the block. `is_bad` is true if an event function
+        has no value on the block. A step that ends the search leaves all records unchanged, unless the motion
+        changes on it.
         """
         watch, review = self.watch, self.watch.review
         if unlikely(review.found + MOST_ZEROS >= review.room):
@@ -231,12 +235,12 @@ class ZeroSearch:
     def isolate(
         self, step: int, b: int, e: int, is_bad: bool, limit: float, is_cut: bool, count: int
     ) -> tuple[bool, int]:
-        """Isolate the zeros of event number `e` on a step, halved until a polynomial resolves the event on each part.
+        """Find the zeros of event function `e` on a step, halved until a polynomial resolves it on each part.
 
-        `step` is the number of the step in the run, and `b` its column in the block. `is_bad` is true if an event has
-        no value on the block. `limit` is the fraction of the step at which the search ends; `is_cut` is true if the
-        motion changes there. `count` is the number of zeros so far. Returns True if the event is irregular, and the
-        new number of zeros.
+        `step` is the number of the step in the run, and `b` its column in the block. `is_bad` is true if an
+        event function has no value on the block. `limit` is the fraction of the step at which the search ends;
+        `is_cut` is true if the motion changes there. `count` is the number of zeros so far. Returns True if the
+        event is irregular, and the new number of zeros.
         """
         lines, index = self.lines, e * self.samples.columns + b
         is_last, noise = step == self.watch.review.last, lines.noise[index]
@@ -267,10 +271,11 @@ class ZeroSearch:
 
     @inline
     def sample(self, b: int, e: int, start: float, width: float) -> tuple[bool, float]:
-        """Write the Chebyshev coefficients of event `e`, minus its level, on a part of the step in column `b`.
+        """Write the Chebyshev coefficients of event function `e`, minus its level, on a part of a step.
 
-        The part has a `start` and a `width`, as fractions of the step. Returns True if an event has no value there,
-        and the largest magnitude of the samples.
+        The part has a `start` and a `width`, as fractions of the step. The level is the value at the start if
+        that counts as zero, else 0. Returns True if an event function has no value there, and the largest
+        magnitude of the samples.
         """
         lines, columns, has_no_value = self.lines, self.samples.columns, False
         size = lines.size[e * columns + b]
@@ -287,11 +292,11 @@ class ZeroSearch:
 
     @inline
     def keep_roots(self, e: int, begins: bool, part: Part, length: float, is_end: bool, count: int) -> tuple[bool, int]:
-        """Isolate the roots of event `e` on a fraction `length` of a part of a step; add them to the `count` zeros.
+        """Find the zeros of event function `e` on a part of a step; append them to the step's `count` zeros.
 
-        `begins` is true if the event starts at zero at the start of the part; `is_end` if the motion ends or changes
-        at the end of the search. Returns True if the roots are irregular, as at a jump over zero, and the new number
-        of zeros.
+        The search ends at the fraction `length` of the part. `begins` is true if the function starts at zero at
+        the start of the part; `is_end` if the motion ends or changes at the end of the search. Returns True if
+        the zeros are irregular, as at a jump over zero, and the new number of zeros.
         """
         start, width, known, error, size = part
         first, is_irregular, noise = int(begins), False, error
@@ -348,10 +353,11 @@ class ZeroSearch:
 
     @inline
     def change(self, b: int, change: int, kept: int, count: int) -> int:
-        """End the review at zero number `change` of the step in column `b`. Return the reason for the end.
+        """End the search at zero number `change` of the step in column `b`, where the motion changes.
 
-        `kept` is the number of zeros before the search was cut at that zero, and `count` the number of all zeros. The
-        zeros before the change are recorded. The review is irregular if another zero is simultaneous with the change.
+        Return `CHANGED`, or `IRREGULAR` if another zero is simultaneous with the change. `kept` is the number
+        of zeros before the search was cut at that zero, and `count` the number of all zeros. The zeros before
+        the change are recorded.
         """
         watch, review = self.watch, self.watch.review
         s, event, t = self.times[change], self.events[change], self.samples.block().t[b]
@@ -388,9 +394,9 @@ class ZeroSearch:
 
     @inline
     def write(self, b: int, count: int, before: float) -> None:
-        """Append zeros of the step in column `b` to the events of the run.
+        """Append the zeros of the step in column `b` before the fraction `before` to the events of the run.
 
-        Of the first `count` zeros these are the ones before a fraction of the step, in a direction that makes an event.
+        They are those among the first `count` zeros whose direction counts.
         """
         for j in range(count):
             time = self.times[j]

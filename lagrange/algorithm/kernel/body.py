@@ -52,10 +52,11 @@ SOURCE = Style()
 
 @dataclass(frozen=True)
 class Inputs:
-    """Inputs of the instructions of a program: time, state, and parameters followed by prepared numbers.
+    """Inputs of a program's instructions: time, state, and the array `parameters`.
 
-    `slots` are the indices of prepared results in the array `parameters`, by instruction. `names` are the names of
-    values in printed code, by instruction.
+    This array has the parameters, then the prepared numbers, which depend on parameters alone. `slots` are the
+    indices of prepared results in it, by instruction. `names` are the names of values in printed code, by
+    instruction.
     """
 
     parameters: Memory
@@ -107,7 +108,7 @@ class Body:
         return self.singular
 
     def load_inputs(self, refs: Iterable[int]) -> None:
-        """Read the inputs that the instructions `refs` need, in order, before all branches."""
+        """Read the states, parameters and prepared numbers that instructions need, before all branches."""
         code, read = self.program.instructions, dict[int, None]()
         for ref in refs:
             read |= dict.fromkeys(code[ref].args)
@@ -116,7 +117,10 @@ class Body:
                 self.loaded(ref)
 
     def loaded(self, ref: int) -> None:
-        """Read the result of instruction `ref` from the inputs, unless it has been read or has to be computed."""
+        """Read the result of instruction `ref` from the inputs or from a solution in memory, if it is there.
+
+        A result that has been read already, or that has to be computed, is left out.
+        """
         instruction, inputs = self.program.instructions[ref], self.inputs
         if instruction.op == "component" and instruction.args[0] in self.later:
             memory, index = self.later[instruction.args[0]][instruction.place]
@@ -173,7 +177,7 @@ class Body:
         return FactoredMatrix(entries, memory[0].equals(0.0), None)
 
     def save(self, ref: int, out: Memory, slot: int) -> None:
-        """Write the result of a hoisted instruction to the prepared array `out`, from index `slot` on."""
+        """Write the result of instruction `ref`, which depends on parameters alone, to `out` from `slot` on."""
         instruction, width = self.program.instructions[ref], width_of(self.program, ref, self.inputs.largest)
         if instruction.op == "factor":
             held = self.factors[ref]
@@ -194,7 +198,7 @@ class Body:
             out[slot] = self.p.real(self.value(ref))
 
     def run(self, refs: Iterable[int]) -> None:
-        """Add the instructions `refs`, sorted so that systems with the same matrix are solved together."""
+        """Add the statements of the instructions `refs`. Systems with the same matrix are solved together."""
         refs = list(refs)
         if self.style.early:
             self.load_inputs(refs)
@@ -244,7 +248,7 @@ class Body:
         return self.places.get(instruction._replace(op="cos" if instruction.op == "sin" else "sin"))
 
     def vector(self, ref: int) -> list[Real]:
-        """Return the solution of a solve instruction, entry by entry."""
+        """Return the solution of the linear system of instruction `ref`, entry by entry."""
         if ref in self.later:
             return [memory[index] for memory, index in self.later[ref]]
         if ref not in self.vectors:
@@ -263,7 +267,7 @@ class Body:
         return entries
 
     def matrix(self, instruction: Instruction) -> Memory:
-        """Return memory with the lower triangle of the matrix of a factor instruction, by columns."""
+        """Return memory with the lower triangle of the matrix that `one` factors, entry (i, j) at j*n + i."""
         n, entries = instruction.order, self.entries(instruction)
         memory = self.p.reserve(n * n, name="matrix")
         indices = [(i, j) for j in range(n) for i in range(j, n)]
@@ -320,7 +324,10 @@ class Body:
                 self.vectors[ref] = x
 
     def in_memory(self, n: int, factors: Memory, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
-        """Return the solutions of systems of size n, one for each right-hand side, by `factors` in memory."""
+        """Add the solution of systems of size n by `factors` in memory. Return the solutions.
+
+        `right` has a right-hand side for each system; an entry None is zero.
+        """
         p = self.p
         vector = p.reserve(n * len(right), name="vector")
         for k, value in enumerate(entry for right_side in right for entry in right_side):
@@ -340,15 +347,18 @@ class Body:
         return self.rows[solves[0]], width
 
     def gather(self, ref: int, solves: Sequence[int]) -> None:
-        """Write the right-hand side of `ref`, one of `solves`, to memory when it is computed, to free registers."""
+        """Write the right-hand side of the system of instruction `ref`, one of `solves`, to memory.
+
+        This is done as soon as it is computed, to free registers.
+        """
         (rows, width), column = self.rows_of(solves), solves.index(ref)
         for i, value in enumerate(self.right(ref)):
             rows[i * width + column] = 0.0 if value is None else value
 
     def by_rows(self, factors: Memory, solves: Sequence[int]) -> None:
-        """Solve the systems `solves`, whose right-hand sides are adjacent in memory, by `factors` in memory.
+        """Add the solution of the systems of instructions `solves` by `factors` in memory.
 
-        Entries of the solutions are read at their use.
+        Their right-hand sides are adjacent columns in memory. Entries of the solutions are read at their use.
         """
         p, n, count = self.p, self.program.instructions[solves[0]].order, len(solves)
         rows, width = self.rows_of(solves)
@@ -362,7 +372,10 @@ class Body:
     def written_out(
         self, factor: int, held: FactoredMatrix, right: Sequence[Sequence[Real | None]]
     ) -> list[list[Real]]:
-        """Return the solutions by the written-out factors `held`, or by pivoting if a pivot is too small."""
+        """Return solutions by the written-out factors `held`, or by pivoting if a pivot is too small.
+
+        `factor` is the instruction that factors the matrix, and `right` has the right-hand sides.
+        """
         p, instruction, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
         failed = self.fails()
         entries = self.entries(instruction) if plan.negative else {}

@@ -15,10 +15,11 @@ Entries = Mapping[tuple[int, int], Real]
 
 
 def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
-    """Return the entries of L for a matrix with entries `a`, with 1/d on its diagonal, and the flag of large pivots.
+    """Return the entries of L, with 1/d on the diagonal, for a matrix with entries `a`, and a flag of pivots.
 
-    The flag is true if every pivot is large enough. A pivot is compared with its diagonal entry. The diagonal entry of
-    a multiplier is zero: its pivot is compared with the subtracted terms, those of G M^-1 G^T of the constraint.
+    p builds the procedure, and `plan` has the nonzero entries of L. The flag is true if every pivot is large
+    enough. A pivot is compared with its diagonal entry. The diagonal entry of a multiplier is zero: its pivot
+    is compared with the subtracted terms, those of G M^-1 G^T of the constraint.
     """
     lower: dict[tuple[int, int], Real] = {}
     scaled: dict[tuple[int, int], Real] = {}
@@ -42,7 +43,10 @@ def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
 
 
 def write_band(p: Builder, plan: Elimination, a: Entries, to: Memory) -> None:
-    """Write a matrix with entries `a` in the layout of `factor_pivoted`, with rows in the order `ranks` of the plan."""
+    """Write the entries `a` of a matrix to the memory `to`, as the lower triangle within a band.
+
+    Rows are in the order `ranks` of the plan. The layout is that of the argument `a` of `factor_pivoted`.
+    """
     size = band_size(plan.order, plan.band)
     if len(a) < size:
         with p.each(size, width=1) as k:
@@ -69,7 +73,10 @@ def _trusted(
 
 
 def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real | None]) -> list[Real]:
-    """Return the solution by the factors `lower`; an entry None of the right-hand side is zero."""
+    """Return the solution of the system with the right-hand side `right`, by the entries `lower` of L and 1/d.
+
+    An entry None of the right-hand side is zero.
+    """
     x = list(right)
 
     def less(value: Real | None, entry: Real | None, factor: Real | None) -> Real | None:

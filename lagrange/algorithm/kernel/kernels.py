@@ -46,10 +46,11 @@ def prepare(
     divisors: Sequence[int] = (),
     style: Style = SOURCE,
 ) -> Procedure:
-    """Return the procedure `name` that writes parameters and hoisted results, with the comment `about`.
+    """Return the procedure `name` that writes the parameters, then the results that depend on them alone.
 
-    With `in_place` the array contains the parameters already. `names` are the names of values in printed code, by
-    instruction. `divisors` are indices of results that are matrices of size one: a zero there is a singular matrix.
+    `about` is its comment. With `in_place` the array contains the parameters already. `names` are the names of
+    values in printed code, by instruction. `divisors` are indices of results that are matrices of size one: a
+    zero there is a singular matrix.
     """
     p = Builder(name, about)
     program = prepared.program
@@ -82,8 +83,9 @@ def kernel(
     names: Mapping[int, str] | None = None,
     style: Style = SOURCE,
 ) -> Procedure:
-    """Return the procedure `name` that evaluates a program, with the comment `about`.
+    """Return the procedure `name` that evaluates a program at a time and a state, with the comment `about`.
 
+    `prepared` is the layout of its argument p, the parameters and the results that depend on them alone.
     `names` are the names of values in printed code, by instruction.
     """
     p = Builder(name, about)
@@ -107,7 +109,11 @@ def kernel(
 def kernel_by_value(
     program: Program, prepared: PreparedLayout, outputs: Sequence[int], *, style: Style, suffix: str = "by_value"
 ) -> Procedure:
-    """Return a kernel from time and entries of a state to results of a program and the flag of a singular matrix."""
+    """Return a procedure that evaluates a program, with states and results passed by value.
+
+    Its arguments are the time, the entries of the state, and the prepared array. It returns the results of the
+    instructions `outputs`, and the flag of a singular matrix.
+    """
     p = Builder(f"{program.name}_{suffix}", f"Evaluate {program.name} by value.")
     t, state = p.given("t", REAL), [p.given(f"y{i}", REAL) for i in range(program.states)]
     held = p.array("p", size=prepared.size, read=True)
@@ -122,7 +128,10 @@ def kernel_by_value(
 
 
 def kernel_through_values(program: Program, prepared: PreparedLayout, by_value: Procedure) -> Procedure:
-    """Return the `kernel` that calls a kernel by value, and writes the results that it returns."""
+    """Return a procedure that evaluates a program from a state in memory, by calling `by_value`.
+
+    It writes the returned results to memory. A result that is an entry of the state is copied.
+    """
     p = Builder(program.name, f"Evaluate {program.name} in memory.")
     t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)
     held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))
@@ -146,25 +155,26 @@ def results_of(quantity: Procedure) -> int:
 
 
 def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
-    """Return a procedure of a quantity that reports a singular matrix if a result is not finite and a divisor is zero.
+    """Return the procedure of a quantity with a check: a singular matrix is reported if a divisor is zero.
 
-    The formulas of the quantity are simplified and need not compute the divisors. The procedure `entries` computes
-    them.
+    The divisors are checked if a result is not finite. The formulas of the quantity are simplified and need not
+    compute them; the procedure `entries` does.
     """
     formulas = replace(quantity, name=f"{quantity.name}_formulas")
     return replace(guarded_quantity.form(formulas=formulas, entries=entries), name=quantity.name, about=quantity.about)
 
 
 def array_of(name: str) -> Callable[[Procedure], Any]:
-    """Return a function from a procedure `formulas` to the type of its parameter `name`."""
+    """Return a function that gives the type of the parameter called `name` of the procedure `formulas`."""
     return lambda formulas: next(parameter.type for parameter in formulas.parameters if parameter.name == name)
 
 
 @procedure(y=array_of("y"), p=array_of("p"), out=array_of("out"))
 def guarded_quantity(t: float, y: In, p: In, out: Out, *, formulas: Procedure, entries: Procedure) -> bool:
-    """Write a quantity by its formulas, and return whether a matrix is singular.
+    """Write a quantity to `out` by the procedure `formulas`, and return whether a matrix is singular.
 
-    A matrix is also singular if a result is not finite and one of the divisors, which `entries` computes, is zero.
+    p are the prepared numbers. A matrix is also singular if a result is not finite and one of the divisors,
+    which `entries` computes, is zero.
     """
     singular: bool = generated(formulas, t, y, p, out)
     zero_or_nan = 0.0

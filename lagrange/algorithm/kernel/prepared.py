@@ -15,12 +15,12 @@ LARGEST_IN_SOURCE = 20
 
 @dataclass(frozen=True, eq=False)
 class PreparedLayout:
-    """Indices of the hoisted results of several programs in one array, which begins with the parameters.
+    """Layout of an array with parameters, then the results of programs that depend on parameters alone.
 
-    `size` is the length of the array. `program` computes the hoisted results, and `saved` maps them to indices in the
-    array. `slots` has such a map for each of the `programs`. A written-out factorization stores the nonzero entries of
-    L by rows with 1/d on the diagonal, then the flag that its pivots are large enough. Other factorizations store the
-    factors of `factor_dense`.
+    `size` is the length of the array. `program` computes these results, and `saved` maps its instructions to
+    indices in the array. `slots` has such a map for each of the `programs`. A written-out factorization stores
+    the nonzero entries of L by rows with 1/d on the diagonal, then the flag that its pivots are large enough.
+    Other factorizations store the factors of `factor_dense`.
     """
 
     programs: tuple[Program, ...]
@@ -33,7 +33,10 @@ class PreparedLayout:
 
     @classmethod
     def of(cls, programs: Sequence[Program], largest: int = LARGEST_IN_SOURCE) -> PreparedLayout:
-        """Return the layout for programs with the same parameters."""
+        """Return the layout for programs with the same parameters.
+
+        Factors of matrices up to the size `largest` are stored as entries.
+        """
         count = max((program.parameters for program in programs), default=0)
         merged: dict[Instruction, int] = {}
         moved = [_merged(program, merged) for program in programs]
@@ -50,12 +53,15 @@ class PreparedLayout:
         return cls(tuple(programs), merged_program, saved, tuple(slots), begin, largest)
 
     def of_program(self, program: Program) -> Mapping[int, int]:
-        """Return the indices of a program's saved results."""
+        """Return the indices in the array of a program's saved results, by instruction."""
         return self.slots[self.programs.index(program)]
 
 
 def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
-    """Add the hoisted instructions of a program to `merged`. Return the index in `merged` of each of them."""
+    """Add those instructions of a program that depend on parameters alone to `merged`, each once.
+
+    Return the index in `merged` of each of them.
+    """
     table: list[int] = []
     for instruction in program.instructions[: program.hoisted]:
         moved = instruction._replace(args=tuple(table[arg] for arg in instruction.args))

@@ -14,9 +14,11 @@ from lagrange.procedure.front.vocabulary import Out, Writable, each, fma
 
 @procedure(a=lambda: Array(room=WIDEST_VECTOR), row=lambda: Array(room=WIDEST_VECTOR))
 def invert_columns(order: int, columns: int, a: Out, row: Out) -> None:
-    """Invert `columns` matrices of size `order`, and write the rows of the inverses after the rows of the matrices.
+    """Invert `columns` matrices of size `order` at once by Gauss-Jordan elimination.
 
-    `row` is work memory, one number for each matrix. The inverse of a singular matrix is not finite.
+    Entry (r, c) of matrix b is at index (r * 2 * order + c) * columns + b of a. Each row of a matrix is
+    followed by the row of its inverse, which is written. `row` is work memory, one number for each matrix. The
+    inverse of a singular matrix is not finite.
     """
 
     def entry(r: int, c: int) -> Writable[float]:

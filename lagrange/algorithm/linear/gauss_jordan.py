@@ -34,7 +34,10 @@ def inversion(n: int) -> Procedure:
     scratch=lambda n: Array(size=3 * row_stride(n), room=PARTIAL),
 )
 def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
-    """Replace a matrix by its inverse. Return True if it is singular."""
+    """Replace the matrix a, given by rows, by its inverse. Return True if it is singular.
+
+    The distance between the rows is `row_stride(n)`. `scratch` is work memory for three rows.
+    """
     stride, short = row_stride(n), n <= UNROLLED_ORDER
     units, columns, pivots = scratch, scratch[stride:], scratch[2 * stride :]
     chosen = wholes(n)
@@ -81,7 +84,7 @@ def measure(n: int, a: Readable[float], units: Writable[float], columns: Writabl
 
 @inline
 def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Readable[float]) -> None:
-    """Write the reciprocal size of each row to `units`, after the columns are scaled by the factors `columns`."""
+    """Write the reciprocal size of each row of the matrix a, with columns scaled by `columns`, to `units`."""
     for i in range(n):
         row, largest = a[i * row_stride(n) :], -math.inf
         for j in each(n, unrolled=n <= UNROLLED_ORDER):
@@ -124,17 +127,18 @@ def larger_of_pairs(candidates: tuple[tuple[float, int], ...]) -> tuple[tuple[fl
 
 @inline
 def larger_of(a: tuple[float, int], b: tuple[float, int]) -> tuple[float, int]:
-    """Return the candidate (size, row) with the larger size."""
+    """Return the pivot candidate (size, row) with the larger size."""
     larger = b[0] > a[0]
     return b[0] if larger else a[0], b[1] if larger else a[1]
 
 
 @inline
 def eliminate(n: int, a: Writable[float], pivots: Writable[float], k: int) -> None:
-    """Subtract multiples of row k from all other rows, and replace column k by the column of the inverse.
+    """Do step k of the Gauss-Jordan elimination of the matrix a in place, with row k as the pivot row.
 
-    Whole blocks are stored, including the entry of column k: storing this entry separately would delay the next load of
-    its block.
+    Multiples of row k are subtracted from all other rows, and column k becomes that of the inverse. `pivots` is
+    work memory for a row. Whole blocks are stored, including the entry of column k: storing this entry
+    separately would delay the next load of its block.
     """
     stride, short = row_stride(n), n <= UNROLLED_ORDER
     pivot_row = a[k * stride :]

@@ -15,7 +15,7 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, quot
 
 
 def padded(n: int) -> int:
-    """Return the distance in memory between columns of a matrix of size n."""
+    """Return the distance in memory between columns of an inverse of size n, a multiple of eight."""
     return whole_blocks(n, WIDEST_VECTOR)
 
 
@@ -32,9 +32,11 @@ def aligned(k: int) -> int:
 
 @procedure(lower=lambda: Array(room=WIDEST_VECTOR))
 def factor_columns(n: int, stride: int, a: In, lower: Out, d: Out) -> bool:
-    """Replace the columns `lower` by L below the diagonal, and write 1/d to `d`.
+    """Factor a symmetric matrix as L D L^T. Return True if all pivots are large enough.
 
-    Return True if all pivots are large enough.
+    `lower` has the columns of the lower triangle, `stride` reals apart, which are replaced by L below the
+    diagonal. 1/d is written to `d`. The diagonal of the matrix is also read from a, with entry (i, j) at j*n +
+    i.
     """
     trusted = True
     for j in range(n):
@@ -88,9 +90,10 @@ def solve_identity(n: int, stride: int, lower: In, d: In, x: Out) -> None:
 
 @procedure(out=lambda: Array(room=WIDEST_VECTOR), work=lambda: Array(room=WIDEST_VECTOR))
 def invert(n: int, stride: int, a: In, out: Out, work: Out) -> bool:
-    """Write the inverse of a matrix to `out`. Return True if the matrix is singular within rounding errors.
+    """Write the inverse of a symmetric matrix to `out`. Return True if it is singular within rounding errors.
 
-    `a` is its lower triangle by columns. The columns of the inverse are `stride` reals apart.
+    a is its lower triangle by columns, entry (i, j) at j*n + i. The columns of the inverse are `stride` reals
+    apart. `work` has `work_size` reals.
     """
     square = stride * stride
     reciprocals = work[square:]

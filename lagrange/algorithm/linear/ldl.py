@@ -32,7 +32,10 @@ RESIDUAL = 2.0**-40
 
 
 def least_pivot(negative: Sequence[int]) -> float:
-    """Return the least accepted pivot, relative to its terms; `negative` are the indices of negative pivots."""
+    """Return the least accepted pivot, relative to the terms of which it is the sum.
+
+    `negative` are the indices of negative pivots, those of multipliers.
+    """
     return PIVOT_BESIDE_MULTIPLIERS if negative else PIVOT
 
 
@@ -49,7 +52,11 @@ def is_trusted(pivot: float, diagonal: float) -> bool:
 
 @procedure
 def factor_symmetric(n: int, a: In, factors: Out) -> bool:
-    """Factor A = L D L^T by columns, without pivoting. Return True if every pivot is large enough."""
+    """Factor a symmetric matrix as L D L^T without pivoting. Return True if every pivot is large enough.
+
+    a is its lower triangle by columns, entry (i, j) at j*n + i. `factors` receives 1/d from index 1 on, and the
+    columns of L from index 2n + 1 on.
+    """
     reciprocals, columns = factors[1:], factors[2 * n + 1 :]
     for j in range(n):
         for i in range(j, n):
@@ -76,7 +83,11 @@ def factor_symmetric(n: int, a: In, factors: Out) -> bool:
 
 @procedure
 def factor_dense(n: int, a: In, factors: Out) -> bool:
-    """Factor a symmetric matrix, with pivoting if a pivot of L D L^T is too small. Return True if it is singular."""
+    """Factor a symmetric matrix, with pivoting if a pivot of L D L^T is small. Return True if it is singular.
+
+    a is its lower triangle by columns, entry (i, j) at j*n + i. `factors` has `factor_size(n)` reals; the first
+    is 1.0 with pivoting, else 0.0.
+    """
     trusted = factor_symmetric(n, a, factors)
     factors[0] = 0.0
     if trusted:
@@ -87,7 +98,7 @@ def factor_dense(n: int, a: In, factors: Out) -> bool:
 
 @procedure
 def solve_factored(n: int, factors: In, b: Out) -> None:
-    """Replace a right-hand side by the solution, using the factors of `factor_dense`."""
+    """Replace the right-hand side b of a linear system by the solution, by `factors` of `factor_dense`."""
     reciprocals, columns = factors[1:], factors[2 * n + 1 :]
     if factors[0] != 0.0:
         solve_pivoted(n, n, factors[1:], b)
@@ -108,10 +119,10 @@ def solve_factored(n: int, factors: In, b: Out) -> None:
 
 @procedure(b=lambda: Array(room=WIDEST_VECTOR))
 def solve_columns(n: int, columns: int, factors: In, b: Out, spare: Out) -> None:
-    """Replace right-hand sides by solutions, entry k of column c at k*columns + c.
+    """Replace right-hand sides b of linear systems by the solutions, by `factors` of `factor_dense`.
 
-    `spare` takes n reals. `columns` is a multiple of `WIDEST_VECTOR`. The operations on each column are those of
-    `solve_factored`.
+    Entry k of column c is at k*columns + c. `spare` takes n reals. `columns` is a multiple of `WIDEST_VECTOR`.
+    The operations on each column are those of `solve_factored`.
     """
     reciprocals, lower = factors[1:], factors[2 * n + 1 :]
     # Factors with pivoting are rare: their columns are solved one after the other.
@@ -141,7 +152,10 @@ def solve_columns(n: int, columns: int, factors: In, b: Out, spare: Out) -> None
 
 @procedure
 def invert_dense(n: int, a: In, out: Out, work: Out) -> bool:
-    """Write the inverse by columns. Return True if the matrix is singular; `work` is memory for the factors."""
+    """Write the inverse of a symmetric matrix to `out`, entry (i, j) at j*n + i. Return True if it is singular.
+
+    a is the lower triangle of the matrix, in the same order. `work` takes the factors, `factor_size(n)` reals.
+    """
     singular = factor_dense(n, a, work)
     for j in range(n):
         column = out[j * n :]

@@ -39,12 +39,12 @@ entry.
 
 @inline
 def band_size(n: int, band: int) -> int:
-    """Return the number of reals of a lower triangle within a band; the band is less than n."""
+    """Return the number of reals of a lower triangle of size n with entries (i, j) for i - j <= band only."""
     return n * band + n
 
 
 def pivoted_size(n: int, band: int) -> int:
-    """Return the number of reals that the factors of a matrix of size n occupy."""
+    """Return the number of reals of the factors of `factor_pivoted`, for a matrix of size n with a band."""
     return 4 * n + n * min(n, 3 * band + 1)
 
 
@@ -58,7 +58,12 @@ def column(n: int, band: int, j: int) -> int:
 
 @procedure
 def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
-    """Factor P A = L U with scaled pivots. Return True if A is singular within rounding errors."""
+    """Factor a symmetric matrix as P A = L U. Return True if it is singular within rounding errors.
+
+    a is its lower triangle within the `band`: entry (i, j), i >= j, at j*band + i. `factors` takes
+    `pivoted_size` reals: row scales, exchanged rows, column scales and preferences, n each, then the columns of
+    L and U.
+    """
     scales, exchanges, units, preferences = factors, factors[n:], factors[2 * n :], factors[3 * n :]
     nothing = scale_rows(n, band, a, scales, exchanges)
     for i in range(n):
@@ -105,11 +110,12 @@ def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
 
 @inline
 def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float], largest: Writable[float]) -> float:
-    """Write scale factors of rows and columns. Return 0 times the sum of all sizes: NaN if an entry is not finite.
+    """Write a scale factor for each row, and the column of the same index, of a symmetric matrix to `scales`.
 
-    Scaled diagonal entries are 1. In a row with a zero diagonal entry the largest entry becomes 1: first among the
-    scaled columns, which scales constraints; then among all, which scales coordinates without inertia. `largest` is
-    overwritten.
+    Return 0 times the sum of the magnitudes of all entries: NaN if one is not finite. Scaled diagonal entries
+    are 1. In a row with a zero diagonal entry the largest entry becomes 1: first among the scaled columns,
+    which scales constraints; then among all, which scales coordinates without inertia. `largest` is work
+    memory.
     """
     for i in range(n):
         inertia = abs(a[i * band + i])
@@ -137,7 +143,10 @@ def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float], l
 
 @inline
 def largest_in_rows(n: int, band: int, a: Readable[float], scales: Readable[float], largest: Writable[float]) -> float:
-    """Write the largest entry of each row after scaling of columns by `scales`. Return 0 times the sum of sizes."""
+    """Write the largest magnitude in each row of a matrix to `largest`, with columns scaled by `scales`.
+
+    Return 0 times the sum of the magnitudes of all entries: NaN if one is not finite.
+    """
     nothing = 0.0
     for i in range(n):
         largest[i] = 0.0
@@ -157,7 +166,7 @@ def largest_in_rows(n: int, band: int, a: Readable[float], scales: Readable[floa
 
 @procedure
 def solve_pivoted(n: int, band: int, factors: In, b: Out) -> None:
-    """Replace a right-hand side by the solution, using the factors of `factor_pivoted`."""
+    """Replace the right-hand side b of a linear system by the solution, by `factors` of `factor_pivoted`."""
     exchanges = factors[n:]
     for j in range(n):
         chosen = int(exchanges[j])

@@ -62,14 +62,14 @@ class ExpressionOnStep:
 
     @inline
     def at(self, fraction: float) -> float:
-        """Return the value at a fraction of the step."""
+        """Return the value of the expression at a fraction of the step."""
         step = self.t, self.h, self.ratio, self.place
         value: float = self.value(fraction, *step, self.coefficients, self.numbers, self.degree)
         return value
 
 
 def expression_type() -> Bundle:
-    """Return the type of an expression on a step among the arguments of a procedure."""
+    """Return the type of a procedure's parameter of the class `ExpressionOnStep`."""
     return Bundle(ExpressionOnStep, {"value": VALUE})
 
 
@@ -85,10 +85,11 @@ def largest_between(
     high_value: float,
     best: float,
 ) -> float:
-    """Return the largest value of `sign` times an expression between the fractions `low` and `high`, at least `best`.
+    """Return the largest value of `sign` times an expression between two fractions of a step, at least `best`.
 
-    `low_value`, `middle_value` and `high_value` are values of the expression; `sign` times it is largest at `middle`.
-    The next point is the vertex of the parabola through the three best points, or that of the golden section.
+    The search is Brent's method without derivatives, between the fractions `low` and `high`. `low_value`,
+    `middle_value` and `high_value` are values of the expression; `sign` times it is largest at `middle`. The
+    next point is the vertex of the parabola through the three best points, or that of the golden section.
     """
     low_is_better = low_value * sign > high_value * sign
     x, fx = middle, middle_value * sign
@@ -156,16 +157,17 @@ def lobatto() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 @shared
 def table_of_points() -> NDArray[np.float64]:
-    """Return the points and the weights, (2 * SAMPLE_POINTS,)."""
+    """Return the points and then the weights of Gauss-Lobatto's rule on [0, 1], (2 * SAMPLE_POINTS,)."""
     return np.concatenate(lobatto())
 
 
 @dataclass(frozen=True)
 class Sampled:
-    """Expressions that are followed along a run, and their reductions.
+    """Expressions that are followed along a run, and their reductions: largest or least values, or means.
 
-    There are `size` expressions, of some `entries` of the state. `kernel` is the procedure that evaluates them from
-    time, state and prepared numbers. `reductions` are pairs of "max", "min" or "mean" and the index of an expression.
+    There are `size` expressions, of some `entries` of the state. `kernel` is the procedure that evaluates them
+    from time, state and prepared numbers. `reductions` are pairs of "max", "min" or "mean" and the index of an
+    expression.
     """
 
     kernel: Procedure
@@ -192,10 +194,11 @@ class SampledStep:
 
 @dataclass(frozen=True)
 class Reduced:
-    """Memory for the reductions of a member's expressions: their values now, and at the end of the sampled step.
+    """Memory for the largest and least values and means of a member's expressions along its run.
 
-    For each reduction there are the result so far (`best`), the result with the sampled step (`tried`), and the
-    rounding error of the sum (`lost`).
+    `now` and `ahead` are the values of the expressions at the start and end of the step. For each reduction
+    there are the result so far (`best`), the result with or of this step (`tried`), and the rounding error of
+    the sum (`lost`).
     """
 
     now: Out
@@ -207,9 +210,9 @@ class Reduced:
 
 @dataclass(frozen=True, eq=False)
 class AlongRun:
-    """The reductions of a member's expressions along its run.
+    """The reductions of a member's expressions along its run: largest and least values, and means.
 
-    `path` is the dense output of its steps, a callback of type `PATH`.
+    The procedure `path`, of type `PATH`, is the dense output of its steps.
     """
 
     sampled: Sampled
@@ -218,18 +221,21 @@ class AlongRun:
 
     @property
     def reductions(self) -> int:
-        """Number of reductions."""
+        """Number of reductions, which are largest and least values and means."""
         return len(self.sampled.reductions)
 
     @inline
     def memory(self) -> Reduced:
-        """Return memory for the reductions."""
+        """Return memory for the values of the expressions and of their reductions."""
         size, count = self.sampled.size, len(self.sampled.reductions)
         return Reduced(reals(size), reals(size), reals(count), reals(count), reals(count))
 
     @inline
     def begin(self, reduced: Reduced, t: float, y: In, numbers: In) -> None:
-        """Initialize the reductions with the values of the expressions at the start of a member's run."""
+        """Initialize the reductions at the start of a run, at time t and state y.
+
+        `numbers` are the prepared numbers of the system.
+        """
         is_singular = generated(self.sampled.kernel, t, y, numbers, reduced.now)
         for index in unrolled(self.sampled.size):
             value = reduced.now[index]
@@ -242,7 +248,10 @@ class AlongRun:
 
     @inline
     def follow(self, reduced: Reduced, step: SampledStep, numbers: In, points: In) -> None:
-        """Sample the expressions at the `points` of a step. The step counts only when it is accepted."""
+        """Write the reductions with this step to `reduced.tried`. They count only when the step is accepted.
+
+        `points` are the sample points of the step, followed by the weights.
+        """
         follow_step(step, numbers, points, reduced, sampled=self.sampled, path=self.path, dimension=self.dimension)
 
     @inline
@@ -258,7 +267,7 @@ class AlongRun:
 
     @inline
     def write(self, reduced: Reduced, duration: float, to: Out) -> None:
-        """Write the results of all reductions after a run of a `duration`, by which integrals are divided to means."""
+        """Write the results of all reductions of a run to `to`. Integrals are divided by its `duration`."""
         for k, (how, index) in enumerate(self.sampled.reductions):
             value = reduced.best[k]
             if how == "mean":
@@ -279,10 +288,10 @@ def follow_step(
     path: Procedure,
     dimension: int,
 ) -> None:
-    """Sample expressions on a step, and write their values at its end, `ahead`.
+    """Sample expressions on a step, and write the results of their reductions with this step to `reduced`.
 
-    For each reduction write `tried`: the integral over the step, or the extreme value so far. `points` has the points
-    of Gauss-Lobatto's rule, followed by the weights.
+    `tried` is the integral over the step, or the extreme value so far. `ahead` are the expressions at the end
+    of the step. `points` has the points of Gauss-Lobatto's rule, followed by the weights.
     """
     t, h, degree, size = step.t, step.h, step.degree, sampled.size
     samples, state, results = reals(SAMPLE_POINTS * size), reals(dimension), reals(size)

@@ -40,8 +40,10 @@ MEMBER_EVENT_ROOM = 2 * MOST_ZEROS
 class TaylorEvents:
     """The watched functions of members: `count` of them, and the first `events` are the user's events.
 
-    `values` evaluates all of them from a time, a state and the prepared numbers. `changing` is true if one of them may
-    end the run; `hides_growth` and `steep` are true if every step has to be inspected, as in `Watch`.
+    `values` evaluates all of them from a time, a state and the prepared numbers. `changing` is true if one of
+    them may end the run. `hides_growth` is true if a series may hide growth, so that every step is inspected.
+    `steep` is true if series are compared with the functions at the end of every step, because of powers above
+    the order.
     """
 
     values: Procedure
@@ -97,7 +99,10 @@ class FirstOccurrences:
 
 @dataclass(frozen=True)
 class SearchArguments(OccurrenceArrays):
-    """Arguments of the search for events on Taylor steps, with the meanings of the fields of `Watched`."""
+    """Arguments of the search for events on Taylor steps, and the arrays for the results.
+
+    `sizes` and `settings` describe the watched functions, and `tilts` are the factors of a perturbed state.
+    """
 
     sizes: Sizes
     settings: WholesIn
@@ -106,9 +111,11 @@ class SearchArguments(OccurrenceArrays):
 
 @dataclass(frozen=True)
 class SearchMemory:
-    """Memory of the search for events on the steps of a member. The fields are those of `Watched`, and two counts.
+    """Memory of the search for events on the steps of a member: its state, scratch memory, and new events.
 
-    `seen` is the number of occurrences of each event so far.
+    `watch` and `sides` are the state of the search: `sides` has the signs of the watched functions. The
+    `times`, `states` and `places` (functions) are those of the found events. `seen` is the number of
+    occurrences of each event so far.
     """
 
     watch: Watch
@@ -133,7 +140,7 @@ class EventSearch:
 
     @inline
     def memory(self) -> SearchMemory:
-        """Return memory for the search."""
+        """Return memory for the search for events on the steps of one member."""
         count, n = self.events.count, self.dimension
         real_count, whole_count = scratch_sizes(count, n)
         states = reals(MEMBER_EVENT_ROOM * n, room=WIDEST_VECTOR)
@@ -144,7 +151,7 @@ class EventSearch:
 
     @inline
     def arguments(self, memory: SearchMemory, job: Any, numbers: In) -> Watched:
-        """Return the watched functions as arguments of the loop over steps."""
+        """Return a member's watched functions and its prepared numbers as arguments of the loop over steps."""
         given = job.watched
         unused = memory.unused, memory.unused, memory.unused, memory.scratch, memory.whole_scratch
         arrays = given.tilts, memory.sides, given.settings, memory.times, memory.states, memory.places, *unused
@@ -153,7 +160,7 @@ class EventSearch:
 
     @inline
     def begin(self, memory: SearchMemory, taylor: TaylorState) -> None:
-        """Reset the search at the start of a member: no events, and unknown sides."""
+        """Reset the search at the start of a member's run: no events, and unknown signs of the functions."""
         watch, events = memory.watch, self.events
         clear(watch)
         watch.enabled, watch.fresh, taylor.inspect = 1, 1, 1
@@ -167,7 +174,7 @@ class EventSearch:
 
     @inline
     def take(self, memory: SearchMemory, job: Any, index: int) -> None:
-        """Copy the new events on proven steps to the results of the member with number `index`."""
+        """Copy new events, on steps that the defect test has confirmed, to the results of member `index`."""
         watch, slot = memory.watch, memory.taken[0]
         if unlikely(watch.done > slot):
             while slot < watch.done:
@@ -185,10 +192,10 @@ class EventSearch:
 
     @inline
     def is_ended(self, memory: SearchMemory, outcome: int, unproven: int, last: bool) -> bool:
-        """Return whether an event, and nothing else, ends the run at the present state.
+        """Return True if an event, and nothing else, ends the run at the present state.
 
-        `outcome` is that of the loop over steps, `unproven` is 1 if the last step is not proven, and `last` is true if
-        the budget allows no more steps.
+        `outcome` is that of the loop over steps. `unproven` is 1 if the defect test has not confirmed the last
+        step yet. `last` is true if the budget allows no more steps.
         """
         is_due = memory.watch.due == 1 and self.due(memory) < self.events.events and unproven == 0
         is_stopped = outcome == Outcome.DONE or outcome == Outcome.WATCHED

@@ -24,10 +24,10 @@ of the step in the unit of the polynomial, the coefficients, the state, and the 
 def polynomial_path(
     fraction: float, ratio: float, c: In, out: Out, degree: int, *, entries: tuple[int, ...], dimension: int
 ) -> None:
-    """Write some entries of the state at a fraction of a step, by polynomials in time.
+    """Write the `entries` of the state at a fraction of a step to `out`, by polynomials in time.
 
-    `ratio` is the length of the step in the unit of the polynomials. The coefficients c of a power are adjacent, in the
-    order of the state. The type of the procedure is `PATH`.
+    `ratio` is the length of the step in the unit of the polynomials. The coefficient of power k and entry j is
+    at index k * dimension + j of c. The type of the procedure is `PATH`.
     """
     theta = fraction * ratio
     totals = tuple(c[degree * dimension + j] for j in entries)
@@ -42,10 +42,10 @@ def polynomial_path(
 def series_path(
     fraction: float, ratio: float, work: In, out: Out, order: int, *, layout: TaylorLayout, entries: tuple[int, ...]
 ) -> None:
-    """Write some entries of the state at a fraction of a step, by the series of the last step.
+    """Write the `entries` of the state at a fraction of a step to `out`, by the Taylor series of the last step.
 
-    `ratio` is the length of the step in units of the scale of time. The work array has the state before the step and
-    the rows of the series. The type of the procedure is `PATH`.
+    `ratio` is the length of the step in units of the scale of time. The work array has the state before the
+    step and the rows of the series, in a `layout`. The type of the procedure is `PATH`.
     """
     before, lost = work[layout.held :], work[layout.held + layout.padded :]
     powers = powers_of(fraction * ratio)
@@ -66,10 +66,11 @@ def states_on_step(
     degree: int,
     done: int,
 ) -> int:
-    """Write the states at the output times on a step from t to `end`, and return the number of times that are done.
+    """Write the states at the output times on a step from t to `end`; return the number of times that are done.
 
-    `path` writes the state at a fraction of the step; `sign` is the direction of the run. A time at the end belongs to
-    the next step.
+    `times` are all output times, of which `done` were done before, and row i of `states` is the state at time
+    i. `path` writes the state at a fraction of the step, from `memory` and `degree`; `sign` is the direction of
+    the run. A time at the end belongs to the next step.
     """
     h, index = end - t, done
     while outstanding(times, index, end, sign):
@@ -102,7 +103,7 @@ class PathMemory:
 
 @dataclass(frozen=True, eq=False)
 class MemberStepPath:
-    """The polynomial of one step of a member: a kind of dense output, and its procedure for a right-hand side."""
+    """Dense output on one step of a member: its kind, and its procedure with the right-hand side built in."""
 
     kind: StepPolynomial
     procedure: Procedure
@@ -110,19 +111,20 @@ class MemberStepPath:
 
     @classmethod
     def of(cls, kind: StepPolynomial, law: Procedure, dimension: int, prefix: str) -> MemberStepPath:
-        """Return the path for a `law` of type `COLUMNS`; `prefix` is added to the names of its procedures."""
+        """Return the dense output for a `law` of type `COLUMNS`; `prefix` is part of its procedures' names."""
         return cls(kind, bound(kind.procedure, {"law": law}, prefix=prefix), dimension)
 
     @property
     def size(self) -> int:
-        """Number of doubles of its work memory."""
+        """Number of doubles of work memory for the polynomial of a step."""
         return self.kind.size(self.dimension, 1)
 
     @inline
     def write(self, given: tuple[In, In], columns: int, own: In, beside: In, work: Out, out: Out) -> None:
-        """Write the polynomials of steps. The arguments are those of the type `POLYNOMIAL`.
+        """Write the coefficients of the polynomials of a block of steps to `out`, by powers.
 
-        `given` are two arrays: the prepared numbers of the law, and the coefficients of the method.
+        `given` are two arrays: the prepared numbers of the law, and the coefficients of the method. `own` are
+        the steps and `beside` their neighbours, each with data as in `OwnStep`, in a number of `columns`.
         """
         numbers, table = given
         names = "parameters", "table", "stages", "degree", "dimension", "columns", "own", "beside", "work", "out"
@@ -140,15 +142,19 @@ class MemberStepPath:
 
     @inline
     def find(self, memory: PathMemory, table: In, numbers: In) -> None:
-        """Write the polynomial of the step. `table` are coefficients of the method, `numbers` those of the law."""
+        """Write the coefficients of the polynomial of the step `memory.step` to `memory.c`.
+
+        `table` has the coefficients of the method, and `numbers` are the prepared numbers of the law.
+        """
         step_memory = memory.step.memory
         self.write((numbers, table), 1, step_memory, step_memory, memory.work, memory.c)
 
 
 @procedure
 def law_of_column(_columns: int, t: In, q: In, _v: In, numbers: In, out: Out, *, law: Procedure) -> int:
-    """Write the right-hand side of one column; return 0 if a matrix is singular, else -1.
+    """Write the right-hand side `law` of one column to `out`. Return 0 if a matrix is singular, else -1.
 
-    The type of the procedure is `COLUMNS`.
+    t has the time, q the whole state, and `numbers` are the prepared numbers. The type of the procedure is
+    `COLUMNS`, with one column.
     """
     return int(generated(law, t[0], q, numbers, out)) - 1

@@ -1,7 +1,8 @@
 """Queue of members: each lane of a vector takes its next member when the last one has ended.
 
-A lane is a number from 0 on. It runs the members whose index is the lane plus a multiple of the number of lanes. The
-results of a member depend on its own numbers only.
+A lane is one entry of the vectors in which machine code runs several members at once. It runs the members whose
+index is the number of the lane, from 0 on, plus a multiple of the number of lanes. The results of a member
+depend on its own numbers only.
 """
 
 from __future__ import annotations
@@ -45,7 +46,10 @@ class SystemNumbers:
 
 @dataclass(frozen=True)
 class Observed:
-    """Values that are recorded of a state, `size` of them; a procedure computes them from time, state and numbers."""
+    """Values that are recorded of a state, such as its energy. There are `size` of them.
+
+    The procedure `kernel` computes them from time, state and prepared numbers.
+    """
 
     kernel: Procedure
     size: int
@@ -118,7 +122,7 @@ class MemberJob:
 
 @dataclass(frozen=True)
 class Member:
-    """Memory of the member that runs in a lane.
+    """Memory for the member that runs in a lane, one entry of the vectors of machine code.
 
     The state is in `parts`, vectors of equal length; `state` is memory for a copy of it as one vector.
     """
@@ -179,7 +183,7 @@ class MemberMethod(ABC):
 
 
 def job_type(method: MemberMethod) -> Bundle:
-    """Return the type of a job for a method."""
+    """Return the type of a procedure's parameter of the class `MemberJob`, for a method."""
     values = FUNCTION if "values" in method.functions else None
     types: dict[str, Stated] = {"law": method.law_type, "observe": FUNCTION, "values": values}
     types["prepare"] = None if method.numbers.prepare is None else PREPARE
@@ -189,7 +193,10 @@ def job_type(method: MemberMethod) -> Bundle:
 
 @procedure(job=job_type)
 def run_members(job: MemberJob, *, method: MemberMethod) -> None:
-    """Run members of an ensemble, one after the other in each lane."""
+    """Run the members of one lane of an ensemble, one after the other, and write their results.
+
+    A lane is one entry of the vectors in which machine code runs several members at once.
+    """
     member = memory_of_member(job, method)
     index, tried, is_fresh = job.lane, 0, True
     while index < job.count:
@@ -207,7 +214,7 @@ def run_members(job: MemberJob, *, method: MemberMethod) -> None:
 
 @inline
 def memory_of_member(job: MemberJob, method: MemberMethod) -> Member:
-    """Return memory for the member that runs in a lane."""
+    """Return memory for one member, which the next member takes over after its end."""
     n, along = method.dimension, method.along
     numbers: Any = job.numbers if job.prepare is None else reals(method.numbers.size)
     reduced = None if along is None else along.memory()
@@ -219,7 +226,7 @@ def memory_of_member(job: MemberJob, method: MemberMethod) -> Member:
 
 @inline
 def begin_member(job: MemberJob, member: Member, index: int, method: MemberMethod) -> None:
-    """Initialize the run of the member with number `index`."""
+    """Initialize the run of member `index`: its numbers, its state, and the records of the run."""
     run, n = member.run, method.dimension
     if job.prepare is not None:
         job.prepare(job.numbers[index * method.numbers.parameters :], member.numbers)
@@ -260,7 +267,10 @@ def copy_state(member: Member, to: Out, dimension: int) -> None:
 
 @inline
 def observe(job: MemberJob, member: Member, t: float, results: Out, index: int, method: MemberMethod) -> None:
-    """Write the observed values of the member's state at time t to row `index` of `results`."""
+    """Write observed values, such as the energy, of the member's state at time t to a row of `results`.
+
+    `index` is the number of the row.
+    """
     size = method.observed.size
     copy_state(member, member.state, method.dimension)
     job.observe(t, member.state, member.numbers, member.observed)
@@ -271,10 +281,11 @@ def observe(job: MemberJob, member: Member, t: float, results: Out, index: int, 
 
 @inline
 def without_sizes(outcome: int, member: Member, method: MemberMethod) -> int:
-    """Return an outcome; PAUSED instead of UNSCALED for a run that can continue without an estimate of entry sizes.
+    """Return the outcome of a step; PAUSED instead of UNSCALED if the run can continue without estimates.
 
-    Sizes would only raise floors, so without them steps are at most shorter. A run ends if it cannot begin without
-    sizes, or if an entry may be rounding noise: its steps would shrink to nothing.
+    Estimated sizes of the state's entries would only raise their absolute tolerances, so without them steps are
+    at most shorter. A run ends if it cannot begin without sizes, or if an entry may be rounding noise: its
+    steps would shrink to nothing.
     """
     counts = member.counts
     is_asked = outcome == Outcome.UNSCALED and counts.steps > 0 and counts.surveyed < MOST_SURVEYS

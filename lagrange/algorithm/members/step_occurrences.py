@@ -1,4 +1,4 @@
-"""Events of members on the steps of an explicit step program: each accepted step is reviewed before the next.
+"""Events of members on the steps of an explicit step program: each accepted step is searched before the next.
 
 The samples and decisions are those on the blocks of single runs, in `lagrange.algorithm.events.step_review`. An
 irregular case, such as an event that is not resolved, ends the member here, and the member is run again alone.
@@ -69,24 +69,34 @@ class MemberFunctions:
         return MemberStepPath.of(self.dense.kind, self.dense.column, self.dimension, prefix)
 
     def cubic(self) -> MemberStepPath:
-        """Return the dense output by cubics through the ends of steps, which screen events."""
+        """Return the dense output by cubics through the ends of steps, which exclude events on most steps."""
         return MemberStepPath.of(hermite_polynomial(3), self.dense.column, self.dimension, "screen_")
 
     @inline
     def law(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
-        """Write the right-hand side of a column. The arguments and the result are those of the type `COLUMNS`."""
+        """Write the right-hand side of one column to `out`. Return 0 if its mass matrix is singular, else -1.
+
+        t has the time, q the whole state, and `numbers` are the prepared numbers; v is not used.
+        """
         failed: int = generated(self.dense.column, columns, t, q, v, numbers, out)
         return failed
 
     @inline
     def kernel(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
-        """Write the event functions of each column. The arguments and the result are those of the type `COLUMNS`."""
+        """Write the event functions of each column; return the first column without an acceleration, or -1.
+
+        t has the times, q the whole states by columns, and `numbers` are the prepared numbers; v is not used.
+        """
         return events_of_columns(columns, t, q, numbers, out, functions=self)
 
 
 @procedure
 def events_of_columns(columns: int, t: In, y: In, numbers: In, out: Out, *, functions: MemberFunctions) -> int:
-    """Write the event functions of each column; return the first column without an acceleration, or -1."""
+    """Write the event functions of each column; return the first column without an acceleration, or -1.
+
+    t has the times. Entry j of the state of column b is at index j * columns + b of y, and event k at k *
+    columns + b of `out`. `numbers` are the prepared numbers.
+    """
     events, n, failed = functions.events, functions.dimension, -1
     state, values = reals(n), reals(events.count)
     for b in range(columns):
@@ -101,7 +111,7 @@ def events_of_columns(columns: int, t: In, y: In, numbers: In, out: Out, *, func
 
 @dataclass(frozen=True)
 class StepSamples(Samples):
-    """Samples of one step of a member. The memory of the block already has the step; each lane has one member."""
+    """Samples of event functions on one step of a member. The memory of the block already has the step."""
 
     end: float
     """Time at the end of the step."""
@@ -110,7 +120,7 @@ class StepSamples(Samples):
 
     @inline
     def gather(self, lines: Lines, step_numbers: WholesIn, with_neighbours: int) -> None:
-        """Store the end time of the step; its other data are in the block already. Others are unused."""
+        """Store the end time of the step in `lines`. Its other data are in the block already."""
         lines.t_end[0] = self.end
 
 
@@ -152,7 +162,11 @@ ZERO_ROOM = MOST_ZEROS + 1
 
 @dataclass(frozen=True)
 class ReviewArguments(OccurrenceArrays):
-    """Arguments of the search for events on steps: perturbation factors of a state, and settings of the events."""
+    """Arguments of the search for events on steps, and the arrays for the results.
+
+    `factors` perturb a state. `direction` is the direction of zeros that count, 0 for all, and `terminal` the
+    number of zeros after which an event ends the run.
+    """
 
     factors: In
     direction: WholesIn
@@ -193,7 +207,7 @@ class StepEventSearch:
 
     @inline
     def memory(self) -> ReviewMemory:
-        """Return memory for the search."""
+        """Return memory for the search for events on the steps of one member."""
         count, n = self.events.count, self.dimension
         sides = wholes(count), wholes(count), wholes(count), reals(count), wholes(count)
         zeros = wholes(ZERO_ROOM + 1), reals(ZERO_ROOM + 1), reals((ZERO_ROOM + 1) * n)
@@ -202,7 +216,7 @@ class StepEventSearch:
 
     @inline
     def begin(self, memory: ReviewMemory, given: ReviewArguments) -> None:
-        """Reset the search at the start of a member: no events, and unknown sides."""
+        """Reset the search at the start of a member's run: no events, and unknown signs of functions."""
         self.occurrences.begin(memory.seen)
         clear(memory.review)
         memory.review.end, memory.review.room = 1, ZERO_ROOM
@@ -215,10 +229,13 @@ class StepEventSearch:
     def look(
         self, memory: ReviewMemory, job: Any, member: Any, index: int, step: OwnStep, end: float
     ) -> tuple[int, float, float]:
-        """Review a step up to the time `end`. Return the outcome, and up to where the step counts: time and fraction.
+        """Search a step for events up to the time `end`. Return an outcome, and where the step ends.
+
+        The end is a time and a fraction of the step.
 
         The outcome is PAUSED if the run continues. If an event ends the run, the state at that event is in
-        `memory.there`. `index` is the number of the member.
+        `memory.there`, and the time and the fraction are those of the event. `index` is the number of the
+        member.
         """
         review, steps, given = memory.review, member.counts.steps, job.watched
         review.found, review.starts = 0, int(steps == 1)
@@ -242,9 +259,10 @@ class StepEventSearch:
 
     @inline
     def place_of_end(self, memory: ReviewMemory, step: OwnStep, end: float) -> tuple[float, float]:
-        """Write the state at the event that ends the run; return its time and its fraction of the step.
+        """Write the state at the event that ends the run. Return its time and its fraction of the step.
 
-        At an end of the step it is the state there, which is not interpolated.
+        The state is written to `memory.there`. At an end of the step it is the state there, which is not
+        interpolated.
         """
         part, slot = memory.review.place, memory.review.found
         is_begin, is_end, zero = part <= 0.0, part >= 1.0, memory.zeros[slot * self.dimension :]

@@ -100,7 +100,11 @@ class StepMembers(MemberMethod):
 
     @inline
     def begin(self, job: MemberJob, member: Member) -> None:
-        """Clear the entries that the law reads and no step writes: velocities, if the step moves only coordinates."""
+        """Reset the search for events and the outputs at the start of a member's run.
+
+        Entries that the law reads and no step writes are cleared: velocities, if the step moves only
+        coordinates.
+        """
         method_memory = member.own
         if self.program.law == "accelerations":
             velocities = method_memory.work[self.layout.argument + self.layout.length :]
@@ -118,7 +122,12 @@ class StepMembers(MemberMethod):
 
     @inline
     def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:
-        """Take a trial step, or all equal steps at once, which finishes the member."""
+        """Take a trial step, or all equal steps at once, which finishes the member. Return an outcome.
+
+        `index` is the number of the member.
+
+        `last` is true if the budget allows no more steps.
+        """
         run, counts, method_memory = member.run, member.counts, member.own
         trials = 0 if last else job.budget if self.takes_all else 1
         before = counts.steps
@@ -149,9 +158,9 @@ class StepMembers(MemberMethod):
 
     @inline
     def follow(self, path: MemberStepPath, job: MemberJob, member: Member, index: int) -> int:
-        """Follow an accepted step: events on it, states at output times, and expressions along it.
+        """Search an accepted step for events, and write output states and reductions of expressions on it.
 
-        Return PAUSED or, if an event ends the run, its outcome.
+        `path` is the dense output. Return PAUSED or, if an event ends the run, its outcome.
         """
         run, method_memory = member.run, member.own
         memory: PathMemory = method_memory.path

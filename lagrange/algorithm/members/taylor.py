@@ -32,7 +32,10 @@ class SeriesMemory:
 
 
 class TaylorMembers(MemberMethod):
-    """Runs members by the same steps as the driver of single runs, with the series as the procedure `jet`."""
+    """Runs members by Taylor series, with the same steps as the driver of single runs.
+
+    The procedure `jet` computes the Taylor coefficients of the solution up to the `order`.
+    """
 
     law_type = JET
 
@@ -66,7 +69,7 @@ class TaylorMembers(MemberMethod):
 
     @inline
     def begin(self, job: MemberJob, member: Member) -> None:
-        """Reset the compensation, the counters, the scale of time and the outputs."""
+        """Reset the state's rounding error, the counters, the series' unit of time, and the outputs."""
         method_memory = member.own
         method_memory.held.unproven = 0
         clear(method_memory.outputs)
@@ -129,9 +132,11 @@ class TaylorMembers(MemberMethod):
     def ended_by_event(
         self, search: EventSearch, job: MemberJob, member: Member, index: int, outcome: int, last: bool
     ) -> int:
-        """Copy the events of proven steps to the results, and return `outcome`, or ENDED_BY_EVENT if an event ends it.
+        """Copy events to the results. Return `outcome`, or ENDED_BY_EVENT if an event ends the run.
 
-        `last` is true if the budget allows no more steps.
+        The events are those on steps that the defect test has confirmed.
+
+        `index` is the number of the member, and `last` is true if the budget allows no more steps.
         """
         method_memory = member.own
         search.take(method_memory.search, job, index)

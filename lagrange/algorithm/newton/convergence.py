@@ -121,9 +121,10 @@ def assess_correction(
 
 @inline
 def is_small(newton: Newton, norm: float, previous: float, rate: float, adaptive: bool) -> bool:
-    """Return True if the estimated error is small enough, or two corrections in a row are at rounding level.
+    """Return True if the error of Newton's iterate is small enough, or two corrections are at rounding level.
 
-    `norm` and `previous` are the sizes of the last two corrections, and `rate` is their contraction rate.
+    The error is estimated from the sizes `norm` and `previous` of the last two corrections, and their
+    contraction `rate`. With error control, `adaptive`, only the estimate counts.
     """
     bound = TOLERANCE_FRACTION if adaptive else newton.noise * ROUND_OFF_FRACTION
     small = norm * rate <= (1.0 - rate) * bound

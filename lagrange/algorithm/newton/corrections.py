@@ -49,10 +49,11 @@ UNROLLED_PRODUCT = 64
 
 @procedure(given=running)
 def solve_unknowns(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
-    """Compute the unknowns of a solve, and return an outcome.
+    """Solve the equations of a step of length h from time t for its unknowns, and return an outcome.
 
-    The unknowns are predicted and corrected. If that fails, corrections begin again from the guess of the method, with
-    a new matrix.
+    The unknowns are predicted and corrected by Newton's method, in the work array of `given`. If that fails,
+    corrections begin again from the guess of the method, with a new matrix. `solve` has the equations and the
+    places of their data.
     """
     newton = given.newtons[solve.index]
     newton.tried_step = h
@@ -77,7 +78,7 @@ def solve_unknowns(given: Running, t: float, h: float, *, layout: Layout, solve:
 
 @procedure(apart=True, given=running)
 def guess(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
-    """Set the unknowns to the guesses that the method states, and return an outcome."""
+    """Set the unknowns to the guesses of the method. Return DONE, or SINGULAR for a singular matrix."""
     stated = solve.solve
     vectors = vectors_of(given, t, h, layout, stated.preparation, stated.guesses)
     is_singular = vectors.evaluate_all(stated.preparation)
@@ -88,10 +89,10 @@ def guess(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLay
 
 @inline
 def weigh_by_tolerance(given: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
-    """Set the weight of each unknown: its largest effect on a state in the arguments of calls, in tolerances.
+    """Set the weight of each unknown: its largest effect on a state at which the law is called, in tolerances.
 
-    The size of an entry of the state is at least its slope times the step, for entries that begin at zero. A multiplier
-    has no tolerance: its weight is 0, and its effect on the velocities counts.
+    The size of an entry of the state is at least its slope times the step, for entries that begin at zero. A
+    multiplier has no tolerance: its weight is 0, and its effect on the velocities counts.
     """
     step, stated, rtol = layout.step, solve.solve, given.run.rtol
     reached = [[stated.reach(i, state) for state in unrolled(step.states)] for i in unrolled(stated.count)]
@@ -160,7 +161,10 @@ def iterate(given: Running, t: float, h: float, *, layout: Layout, solve: SolveL
 
 @inline
 def correct(work: Out, solve: SolveLayout) -> float:
-    """Add the correction to the unknowns. Return its weighted root mean square."""
+    """Add Newton's correction to the unknowns in the work array. Return its weighted root mean square.
+
+    The correction is the product of the stored inverse matrix and the residuals.
+    """
     unknowns, weights, squares = work[solve.first :], work[solve.weights :], 0.0
     product = product_of(work[solve.inverse :], work[solve.residual :], solve, solve.solve.count)
     for i in each(solve.all, spill=True, unrolled=product.is_short, disjoint=True):

@@ -32,7 +32,10 @@ constraints [[M, G^T], [G, 0]], which has ones on its diagonal for padding multi
 
 
 class MatrixCoefficients:
-    """The coefficients of the matrix of a solve, as nodes, by rows (residual, unknown)."""
+    """The coefficients beta and g of the Newton matrix of a step's equations, by rows (residual, unknown).
+
+    Each is a node: a formula that is evaluated in each step.
+    """
 
     def __init__(self, layout: Layout, solve: SolveLayout) -> None:
         stated, law, zero = solve.solve, LAWS[layout.step.law], layout.step.graph.zero
@@ -69,13 +72,16 @@ class MatrixCoefficients:
 
     @property
     def nodes(self) -> list[Node]:
-        """All coefficients of the matrix, as nodes in one list."""
+        """All coefficients of the matrix, and the law's factors in the residuals, as one list of nodes."""
         return [node for nodes in (self.identity, *self.blocks.values(), *self.shares) for node in nodes]
 
 
 @procedure(apart=True, given=running)
 def build_matrix(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
-    """Build the inverse matrix of corrections, from the known derivative of the law or a new one. Return an outcome."""
+    """Write the inverse Newton matrix, from the stored derivative of the law or a new one.
+
+    Return DONE, or SINGULAR for a singular matrix.
+    """
     work, newton, terms = given.work, given.newtons[solve.index], MatrixCoefficients(layout, solve)
     inverse, point, nodes = work[solve.inverse :], terms.point, [*terms.nodes, *[damp.factor for damp in solve.damped]]
     calls = [] if point is None else [point]
@@ -153,7 +159,7 @@ class Matrix:
 
     @inline
     def invert(self, order: int) -> bool:
-        """Invert the matrix in place. Return True if it is singular."""
+        """Invert the matrix of size `order` in `entries` in place. Return True if it is singular."""
         return invert_matrix(self.entries, self.pivots, n=order)
 
     @inline
@@ -166,10 +172,11 @@ class Matrix:
 
     @inline
     def fill(self, identity: In, blocks: Sequence[tuple[int, int, In]]) -> None:
-        """Write the negative transposed matrix by rows: the rows of its inverse are the columns that are stored.
+        """Write the negative Newton matrix to `entries`, transposed: rows of its inverse are stored as columns.
 
-        `identity` is beta; `blocks` has (result, argument, g) for each block. The last vector of a part of a row may
-        overwrite the start of the next part, which is written later.
+        `identity` has the factors beta; `blocks` has (result, argument, factors g) for each block of the
+        derivative. The last vector of a part of a row may overwrite the start of the next part, which is
+        written later.
         """
         solve, count, length = self.solve, self.solve.solve.count, self.solve.length
         for j in range(count):
@@ -199,7 +206,7 @@ class Matrix:
 
     @inline
     def write_damper(self, factor: float, target: Out) -> None:
-        """Write (I - factor J)^-1 by columns."""
+        """Write (I - factor J)^-1 to `target` by columns, with J the derivative of the law."""
         solve, length, stride = self.solve, self.solve.length, row_stride(self.solve.length)
         for b in range(length):
             row, line = self.entries[b * stride :], self.line(b, 0, 0)

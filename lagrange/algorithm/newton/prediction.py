@@ -74,7 +74,10 @@ def keep_unknowns(newton: Newton, work: Out, *, layout: Layout, solve: SolveLayo
 
 @inline
 def update_differences(differences: tuple[Writable[float], ...], value: float, i: int) -> list[float]:
-    """Write the differences with a new value of unknown i. Return the errors of the guesses of all `ORDERS`."""
+    """Write the backward differences for a new `value` of unknown i. Return the errors of all its guesses.
+
+    There is a guess for each of the `ORDERS`, by extrapolation.
+    """
     errors: list[float] = []
     for k, difference in enumerate(differences, 1):
         old = difference[i]

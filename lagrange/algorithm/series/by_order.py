@@ -1,7 +1,8 @@
-"""The series in a loop over orders, for members in lanes: one vector holds a value of all members.
+"""Series in a loop over orders for lanes, each of which holds one member of an ensemble.
 
-Vectors of the present order are values of the procedure. Each vector that later orders read is stored in a row of
-memory. The values of the present order follow from the sums over lower orders by straight-line code.
+One vector holds a value of all members. Vectors of the present order are values of the procedure. Each vector
+that later orders read is stored in a row of memory. Straight-line code computes the values of the present order
+from the sums over lower orders.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ LARGEST_INVERSE = 12
 
 
 class Row:
-    """Layout of a row: the state and the watched values, then the operands that later orders read."""
+    """Layout of the memory row of one order: indices of the state, the watched functions and stored operands.
+
+    `places` has the index of each operand that later orders read, and `size` is the length of a row.
+    """
 
     def __init__(self, packing: Packing, watched_at: int) -> None:
         self.places: dict[Operand, int] = {}
@@ -47,12 +51,15 @@ class Row:
 
 
 def by_order_scratch(packing: Packing) -> int:
-    """Return the number of doubles of work memory after the rows."""
+    """Return how many doubles of work memory the matrices of a series need, after its rows of coefficients."""
     return sum(system_size(stage.plan, LARGEST_INVERSE) for stage in packing.program.stages)
 
 
 class ByOrderJet(LoopJet):
-    """Builder of the procedure that computes a series for lanes. `x` has the coefficients of the present order."""
+    """Builder of the procedure that computes the Taylor coefficients of all lanes in a loop over orders.
+
+    `x` has the coefficients of each chunk of values at the present order.
+    """
 
     def __init__(self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout | None = None) -> None:
         if layout is None:
@@ -98,25 +105,29 @@ class ByOrderJet(LoopJet):
         return p.finish(FLAG)
 
     def set_order(self, k: Whole) -> None:
-        """Compute the numbers that depend on the order k alone, and find its row and the previous one."""
+        """Set k as the present order: compute 1 / k, and find the rows of this and the previous order."""
         width = self.layout.width
         self.row, self.previous = self.rows.at(k * width), self.rows.at((k - 1) * width)
         super().set_order(k)
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Compute the coefficients of chunks at the present order."""
+        """Compute the Taylor coefficients of `chunks` at the present order, each by the rule of its chunk."""
         for chunk in chunks:
             self.x[chunk] = of_width(self.p, coefficient(ChunkAt(self, chunk)), len(chunk.values))
 
     def know(self, place: int, found: Sequence[Term]) -> None:
-        """Set the unknowns of stage `place` to `found`. Drop operands that were gathered with their earlier values."""
+        """Set the present coefficients of the unknowns of linear system `place` to `found`.
+
+        Operands that were gathered with earlier values of the unknowns are dropped.
+        """
         self.operands = {operand: x for operand, x in self.operands.items() if self.is_known(operand, place)}
         self.x |= zip(self.packing.stages[place].unknowns, found, strict=True)
 
     def solve(self, place: int, stage: PackedStage, guess: Sequence[Any] | None, iteration: Whole) -> None:
-        """Compute the unknowns of stage number `place`, and then the values that depend on them.
+        """Compute the present unknowns of linear system `place`, then the values that depend on them.
 
-        `guess` are variables with the unknowns of the first of two iterations for order 1, or None.
+        Order 1 may be computed in two iterations. Then `guess` are variables with the unknowns that the first
+        one found; otherwise it is None. `iteration` is the number of the present iteration.
         """
         p = self.p
         guesses = [None if guess is None else one.value for one in guess or [None] * len(stage.unknowns)]
@@ -132,7 +143,10 @@ class ByOrderJet(LoopJet):
         self.fill(stage.found)
 
     def write_first(self) -> None:
-        """Write order 0 to its row. Operands that are multiplied by their order are zero there."""
+        """Write the row of order 0: state, event functions and stored operands.
+
+        Operands that are multiplied by their order are zero there.
+        """
         self.write_state(self.at_zero)
         for operand, place in self.places.items():
             lanes = len(operand.values)
@@ -146,7 +160,11 @@ class ByOrderJet(LoopJet):
             put(self.p, self.row, place, self.now(operand), lanes, lanes)
 
     def write_state(self, x: Any) -> None:
-        """Write the state, unless it is among the operands, and the coefficients of the event functions."""
+        """Write coefficients of the state and of the event functions to a row; `x` returns those of an operand.
+
+        `x` is `at_zero` for the row of order 0, or `now` for the row of the present order. Parts of the state
+        that are stored as operands are left out.
+        """
         begin, row = 0, self.rows if x == self.at_zero else self.row
         for chunk in self.packing.state:
             if self.places.get(chunk.whole) != begin:
@@ -177,5 +195,5 @@ class ByOrderJet(LoopJet):
         return self.reciprocals[operand]
 
     def total(self, chunk: Chunk, which: int) -> Term:
-        """Return sum number `which` of the rule of a chunk, a sum of x[j] y[k-j] over 0 < j < k."""
+        """Return one sum that the rule of a chunk reads: sum number `which`, of x[j] y[k-j] over 0 < j < k."""
         return self.sums[chunk.sums[which]]

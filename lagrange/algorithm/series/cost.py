@@ -1,7 +1,7 @@
-"""Cost of a step of a Taylor series, in about nanoseconds. It selects the form of the series, and its order.
+"""Cost of a Taylor step, in about nanoseconds: it selects the order of a series, and whether code has loops.
 
-The numbers are fits to the steps of nine systems, from a pendulum to 64 masses, at orders 6 to 24 (AMD Zen 4). Only
-their ratios matter, which are accurate to a fifth.
+The formulas are fits to the measured steps of nine systems, from a pendulum to 64 masses, at orders 6 to 24
+(AMD Zen 4). Only ratios of costs matter. They are accurate to a fifth.
 """
 
 from __future__ import annotations
@@ -36,7 +36,11 @@ of the order of least cost, and compile in 0.58 to 0.77 of its time.
 
 
 def best_order(cost: Cost, tolerance: float) -> int:
-    """Return the order p with the lowest cost per length of step; the length is proportional to tolerance**(1/p)."""
+    """Return the order p with about the lowest cost per time that a step advances.
+
+    The length of a step is proportional to tolerance**(1/p). Of the orders that cost nearly the least, the
+    lowest is chosen.
+    """
     prices = {
         p: (cost.fixed + cost.each * p + cost.pairs * p * p) * math.exp(-math.log(tolerance) / p)
         for p in range(LOWEST_ORDER, HIGHEST_ORDER + 1)
@@ -58,7 +62,11 @@ order 20, in the same time.
 
 
 def cheapest_order(packing: Packing, tolerance: float) -> int:
-    """Return the order with the lowest cost for a relative tolerance, in the form that the series has at that order."""
+    """Return the order of a series with about the lowest cost for a relative tolerance.
+
+    The cost is that of code without loops, or of loops if the series is large. Below a tolerance of
+    `ROUNDING_TOLERANCE` the order is bounded, except for the smallest systems.
+    """
     order = best_order(jet_cost(packing, looped=False), tolerance)
     if is_large(packing, order):
         order = best_order(jet_cost(packing, looped=True), tolerance)
@@ -76,7 +84,7 @@ def inversion_size(packing: Packing, *, looped: bool) -> int:
 
 
 def operations(packing: Packing, order: int) -> int:
-    """Return the number of vector operations of a written-out series: its sums, chunks, order 0 and the inverse."""
+    """Return the number of vector operations of a series without loops: sums, rules, order 0 and inverses."""
     program = packing.program
     inverse = inversion_size(packing, looped=False) // 2
     start = len(program.start.instructions) + inverse
@@ -84,14 +92,14 @@ def operations(packing: Packing, order: int) -> int:
 
 
 def single_operations(packing: Packing, order: int) -> int:
-    """Return the number of operations of a written-out series (without loops) that is computed without vectors."""
+    """Return the number of operations of a series without loops if all its values are computed one by one."""
     summed = sum(chunk.count * len(chunk.sums) for chunk in packing.computed)
     values = sum(chunk.count for chunk in packing.computed)
     return summed * order * (order - 1) // 2 + 3 * values * order + len(packing.program.start.instructions)
 
 
 def is_large(packing: Packing, order: int) -> bool:
-    """Return True if a series is cheaper in loops than printed without them."""
+    """Return True if a series of an order has too many operations for code without loops."""
     return operations(packing, order) > LARGEST_WRITTEN_OUT
 
 
@@ -106,7 +114,10 @@ def sums(packing: Packing) -> int:
 
 
 def jet_cost(packing: Packing, *, looped: bool) -> Cost:
-    """Return the cost of a step, with the series in a loop over orders if `looped`."""
+    """Return the cost of a Taylor step of a packed series as a function of the order.
+
+    With `looped` the series is computed in a loop over orders, otherwise by code without loops.
+    """
     program, count = packing.program, chunks(packing)
     fixed = 50.0 + 6.0 * count
     each = 3.0 + 0.8 * count + 0.9 * sums(packing)

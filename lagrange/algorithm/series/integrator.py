@@ -1,9 +1,11 @@
-"""A whole Taylor integrator as one procedure, for exports: choice of the order, series, steps and defect tests.
+"""A whole Taylor integrator as one procedure, for exported code.
 
     taylor(t, t_end, y, p, rtol, atol, max_steps) -> an `Outcome`
 
-It advances the state y from t[0] to t_end with the steps of this package's driver. If it ends earlier, t and y are the
-last state. PAUSED means that `max_steps` steps were taken.
+It advances the state y from time t[0] to t_end with the same steps as a run in this package: it chooses the
+order, computes the series, and tests the defect of each step. `p` has the parameters and the numbers computed
+from them. If the run ends early, t and y are the last time and state. PAUSED means that `max_steps` steps were
+taken.
 """
 
 from __future__ import annotations
@@ -50,13 +52,13 @@ several of them.
 
 @dataclass(frozen=True)
 class TaylorProcedures:
-    """The integrator of a series program, whose numbers are in the prepared array from index `begin` on.
+    """Builds the procedures of a Taylor integrator for export from a series program.
 
-    The run takes at least `steps_at_least` steps. `projection` computes the corrections of a state onto its
-    constraints, with the type `CORRECTIONS` and the same prepared array. With `relations` some constraints determine
-    the velocities of coordinates of first order. With `watches` the series may have event functions, for callers that
-    use single procedures.
-    Raises StatementError for a system with switching surfaces.
+    The numbers of the series that depend on parameters alone are stored in the array p from index `begin` on. A
+    run takes at least `steps_at_least` steps. `projection` computes the corrections of a state onto its
+    constraints. With `relations` some constraints determine the velocities of coordinates of first order. With
+    `watches` the series may have event functions, for callers that use single procedures. Raises StatementError
+    for a system with switching surfaces.
     """
 
     program: SeriesProgram
@@ -92,7 +94,7 @@ class TaylorProcedures:
 
     @cached_property
     def numbers(self) -> SeriesNumbers:
-        """The numbers of the series after the parameters: `size` numbers, written by `prepare`."""
+        """Layout of the numbers of the series that depend on parameters alone, in the array of parameters."""
         return SeriesNumbers(self.program, self.begin)
 
     @cached_property
@@ -133,13 +135,17 @@ class TaylorProcedures:
         return jet.build(), jet.layout
 
     def prepare(self, others: Procedure) -> Procedure:
-        """Return the procedure that runs `others`, the `prepare` of other functions, and then that of the series."""
+        """Return the procedure that computes all numbers that depend on parameters alone.
+
+        It first runs `others`, which does this for the other functions of the system, and then does it for the
+        series.
+        """
         first = replace(others, name=f"{others.name}_functions")
         both = prepare_both.form(first=first, second=self.numbers.prepare())
         return replace(both, name=others.name, about=others.about)
 
     def taylor(self) -> Procedure:
-        """Return the procedure of the whole integrator."""
+        """Return the procedure that runs from a start time to an end time by Taylor series."""
         jet, layout = self.jet
         functions = {"jet": jet} if self.projection is None else {"jet": jet, "projection": self.projection}
         known = {"highest": self.highest, "steps_at_least": self.steps_at_least, "relations": self.relations}
@@ -161,14 +167,18 @@ def prepare_both(parameters: In, p: Out, *, first: Procedure, second: Procedure)
 
 @dataclass(frozen=True)
 class SeriesFunctions:
-    """The functions of a run by series: `jet` computes the series, `projection` corrections of constraints or None."""
+    """The functions that a Taylor run calls.
+
+    `jet` computes the Taylor coefficients at a state. `projection` computes the corrections of a state onto its
+    constraints; it is None without constraints.
+    """
 
     jet: Callable[..., bool]
     projection: Any
 
 
 def series_functions(layout: TaylorLayout) -> Bundle:
-    """Return the type of the functions of a run."""
+    """Return the type of a parameter that has the functions of a Taylor run, a `SeriesFunctions`."""
     return Bundle(SeriesFunctions, {"jet": JET, "projection": CORRECTIONS if layout.projected else None})
 
 
@@ -189,7 +199,12 @@ def taylor_run(
     steps_at_least: int,
     relations: bool,
 ) -> Outcome:
-    """Run from y at t[0] to t_end by Taylor series whose order follows rtol; write the last state to y and t[0]."""
+    """Run from the state y at time t[0] to t_end by Taylor series; write the last state to y, its time to t[0].
+
+    `p` has the parameters and the numbers computed from them. The order follows from `rtol` and the pairs
+    (tolerance, order) in `orders`; `highest` is the highest of them. A run takes at least `steps_at_least`
+    steps, and at most `max_steps`. With `relations` some constraints determine velocities.
+    """
     n, projection = layout.dimension, of.projection
     if projection is not None and not starts_on_constraints(projection, p, t[0], y, dimension=n, relations=relations):
         return Outcome.UNPROJECTED

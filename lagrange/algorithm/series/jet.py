@@ -1,10 +1,12 @@
 """The common part of the builders of series: order 0, constants and linear systems.
 
+A builder makes the procedure
+
     jet(t, scale, y, prepared, constants, rows, order) -> whether a matrix is singular
 
-writes the coefficients of q and v, times scale**k, to row k of `rows` for k from 0 to the order; see
-`lagrange.algorithm.taylor.memory.JET`. Like values stand side by side, in chunks of compile-time length, so that a
-compiler turns each chunk into vectors.
+It writes the Taylor coefficients of q and v at the state y, times scale**k, to row k of `rows`, for k from 0 to
+the order. `prepared` are the numbers that depend on parameters alone. Like values are adjacent, in chunks of a
+length known at compile time, so that a compiler turns each chunk into vectors.
 """
 
 from __future__ import annotations
@@ -36,9 +38,9 @@ ANGLES_AT_ONCE = 8
 
 
 class JetBuilder:
-    """Base class of builders of a series, order after order.
+    """Base class of builders of the procedure that computes the Taylor series at a state, order after order.
 
-    `origin` has the coefficients of order 0, by the number of the value. Inverses of mass matrices are written out up
+    `origin` has the values at order 0, by the number of the value. Inverses of mass matrices are written out up
     to the size `largest`.
     """
 
@@ -59,7 +61,7 @@ class JetBuilder:
         self.singular: Flag = p.false
 
     def begin(self) -> None:
-        """Compute order 0, the constants, and the inverses or factors of the linear systems."""
+        """Add the code for constants, values of order 0, and inverses or factors of the mass matrices."""
         program, p = self.program, self.p
         self.constants = [self.numbers.constant(self.prepared, place) for place in range(len(program.numbers))]
         self.joined: dict[tuple[int, ...], Term] = {}
@@ -84,7 +86,7 @@ class JetBuilder:
         self.singular = reduce(lambda a, b: a | b, flags)
 
     def constant(self, places: tuple[int, ...]) -> Term:
-        """Return the constants of the table with the indices `places`, as one number or vector."""
+        """Return the constants of the series program with the indices `places`, as one number or vector."""
         if places not in self.joined:
             self.joined[places] = self.numbers.vector(self.prepared, places, self.constants)
         return self.joined[places]
@@ -95,7 +97,7 @@ class JetBuilder:
         return next(iter(known)) if len(known) == 1 else None
 
     def is_known(self, operand: Operand, place: int) -> bool:
-        """Return True if no value of an operand depends on a stage after number `place`."""
+        """Return True if no value of an operand depends on a linear system after number `place`."""
         depth = self.program.depth
         return all(value == ZERO_LANE or depth[value] <= place for value in operand.values)
 
@@ -110,7 +112,7 @@ class JetBuilder:
 
 
 class LoopJet(JetBuilder):
-    """Base class of a series in a loop over orders; it computes the numbers that depend on the order k alone."""
+    """Base class of builders whose procedure loops over orders k. It computes 1 / k and scale / k."""
 
     def __init__(
         self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = LARGEST_IN_LINE
@@ -122,9 +124,9 @@ class LoopJet(JetBuilder):
 
     @contextmanager
     def each_order(self) -> Iterator[Whole]:
-        """Loop over the orders from 1 on.
+        """Add a loop over the orders from 1 on; the body of the `with` statement adds the code of one order.
 
-        With a mass matrix that moves there is an iteration 0 as well, which computes order 1 too.
+        With a mass matrix that depends on the state there is an iteration 0 as well: order 1 is computed twice.
         """
         p, moving = self.p, any(stage.plan.moving for stage in self.packing.stages)
         if moving:
@@ -134,7 +136,7 @@ class LoopJet(JetBuilder):
             yield iteration
 
     def set_order(self, k: Whole) -> None:
-        """Compute the numbers that depend on the order k alone."""
+        """Set k as the present order, and compute its reciprocal and scale / k, in two doubles each."""
         p = self.p
         self.k, self.rank = k, p.real(k)
         self.high = 1.0 / self.rank
@@ -144,11 +146,11 @@ class LoopJet(JetBuilder):
         self.time = p.choose(k.equals(1), self.scale, 0.0)
 
     def start(self) -> Term:
-        """Return the coefficient of time itself: the scale at k = 1, else 0."""
+        """Return the present Taylor coefficient of the time itself: the scale of time at order 1, else 0."""
         return self.time
 
     def share(self, x: Term) -> Term:
-        """Return scale * x / k, where k is the order, and `scale` the unit of time."""
+        """Return scale * x / k: the order k of a value from the order k-1 of its derivative, x."""
         return divided(self, x, *self.shares)
 
     def part(self, x: Term) -> Term:
@@ -167,10 +169,11 @@ def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
 
 
 def solved(jet: Any, place: int, stage: PackedStage, guesses: Sequence[Term]) -> list[Term]:
-    """Return the unknowns of stage number `place` by chunk: guesses plus M0^-1 (f[k-1] * scale / k - p^[k]).
+    """Return the coefficients of the unknowns of a linear system at the present order k, by chunk.
 
-    `jet` is a builder that keeps operands as values. p^[k] is the coefficient of the momenta that was computed with the
-    guesses as unknowns.
+    They are guesses + M0^-1 (f[k-1] * scale / k - p^[k]), with the matrix M0 at order 0, the forces f, and the
+    momenta p^ computed with the guesses as unknowns. `jet` is the builder, `stage` the system and `place` its
+    number.
     """
     right = []
     for force, momentum in zip(stage.right, stage.left, strict=True):

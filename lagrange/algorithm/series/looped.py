@@ -69,7 +69,10 @@ class Image:
         self.size = whole_blocks(self.end, ALIGNED)
 
     def place_homes(self, wanted: dict[Operand, None] | None) -> None:
-        """Choose indices for the computed chunks that have none, and are in `wanted` as operands (or all, if None)."""
+        """Choose memory indices for the values of chunks that have none yet.
+
+        Only chunks that are in `wanted` as operands get an index, or all if `wanted` is None.
+        """
         unknowns = [chunk for chunk in self.packing.unknowns if chunk.values[0] not in self.homes]
         for chunk in (*self.packing.computed, *unknowns):
             if chunk.values[0] not in self.homes and (wanted is None or chunk.whole in wanted):
@@ -97,9 +100,9 @@ class Image:
             self.gathered[operand] = None
 
     def runs(self, operand: Operand) -> Iterator[tuple[int, int, int]]:
-        """Yield the runs of adjacent values in an operand, as (first lane, index of its value, length).
+        """Yield the parts of an operand that are adjacent in memory, as (first lane, memory index, length).
 
-        A lane that is zero is in no run.
+        A lane that is zero is a part of its own, with the index `NOWHERE`.
         """
         values, lane = operand.values, 0
         while lane < len(values):
@@ -110,7 +113,10 @@ class Image:
             lane += count
 
     def filled(self) -> dict[int, int]:
-        """Return the number of the value at each index that is read at order 0, in the row or by a rule."""
+        """Return the number of the value at each memory index that needs its value at order 0.
+
+        These are the indices of the row, and those of operands that rules of higher orders read at order 0.
+        """
         found = {place: value for place, value in self.repeated.items() if place < self.width}
         initial = dict.fromkeys(self.packing.initial)
         for operand, begin in self.places.items():
@@ -121,7 +127,7 @@ class Image:
 
 
 def read(packing: Packing) -> Iterator[Operand]:
-    """Return every operand that a rule or a solve reads at its own order, or at order 0."""
+    """Return the operands that rules and linear systems of a series read at their own order, or at order 0."""
     for chunk in packing.computed:
         yield from arguments(chunk)
         if chunk.sums:
@@ -247,27 +253,27 @@ class LoopedJet(LoopJet):
             self.solutions.append((p.reserve(n, name="right"), p.reserve(n, name="solution"), inverse))
 
     def part_of(self, array: str, place: int) -> Memory:
-        """Return the part of a named array from index `place` on.
+        """Return the part from index `place` on of the local array with the name `array`.
 
         Values of the present order that later orders read are in the row, not in the array "now".
         """
         return self.arrays["row" if array == "now" and place < self.image.width else array].at(place)
 
     def array_of(self, place: int) -> Memory:
-        """Return the array that contains the present order's value with index `place`."""
+        """Return the array with the present value at index `place`: the row, or the local array "now"."""
         return self.arrays["row" if place < self.image.width else "now"]
 
     # --- orders
 
     def set_order(self, k: Whole) -> None:
-        """Compute the numbers that depend on the order k alone."""
+        """Set k as the present order: compute 1 / k, and find the rows of this and the previous order."""
         width = self.layout.width
         self.arrays["row"], self.arrays["previous"] = self.rows.at(k * width), self.rows.at((k - 1) * width)
         super().set_order(k)
         self.current = {}
 
     def sum_up(self) -> None:
-        """Compute the sums over lower orders."""
+        """Compute all sums of products of lower orders that the rules of the present order read."""
         tile: list[Piece] = []
         for piece in self.pieces():
             if sum(size for *_, size in (*tile, piece)) > TILE:
@@ -277,7 +283,11 @@ class LoopedJet(LoopJet):
         self.sum_tile(tile)
 
     def pieces(self) -> Iterator[Piece]:
-        """Yield the sums in pieces of at most `TILE` sums."""
+        """Yield the vectors of sums in pieces of at most `TILE` sums.
+
+        A piece is a tuple: its chunk, the number of the sum in the chunk's rule, the first lane, and the number
+        of lanes.
+        """
         for chunk, which in self.sums:
             size = len(chunk.values)
             for begin in range(0, size, TILE):
@@ -295,7 +305,7 @@ class LoopedJet(LoopJet):
                     self.add_product(piece, lower, upper)
 
     def add_product(self, piece: Piece, lower: Memory, upper: Memory) -> None:
-        """Add to each sum of a piece the product of the factors in the rows `lower` (first) and `upper` (second)."""
+        """Add the product x[j] y[k-j] to each sum of a piece, from the rows `lower` (order j) and `upper`."""
         chunk, which, begin, size = piece
         a, b = (self.image.places[operand] + begin for operand in chunk.sums[which])
         total, left, right = self.part_of("totals", self.sums[chunk, which] + begin), lower.at(a), upper.at(b)
@@ -303,7 +313,7 @@ class LoopedJet(LoopJet):
             total[i] = self.p.fma(left[i], right[i], total[i])
 
     def find_coordinates(self) -> None:
-        """Compute the coordinates from their rates of change."""
+        """Compute the coefficients of the coordinates from those of dq/dt at the previous order."""
         for chunk, rate in zip(self.packing.coordinates, self.packing.rates, strict=True):
             target = self.part_of("now", chunk.values[0])
             source = self.part_of("previous", self.image.places[rate])
@@ -311,7 +321,7 @@ class LoopedJet(LoopJet):
                 target[i] = self.share(source[i])
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Compute the coefficients of chunks at the present order."""
+        """Compute the Taylor coefficients of `chunks` at the present order, each by the rule of its chunk."""
         for chunk in chunks:
             if chunk.op == "constant":
                 self.clear(self.part_of("now", self.image.places[chunk.whole]), len(chunk.values))
@@ -343,7 +353,7 @@ class LoopedJet(LoopJet):
             target[begin + lane] = known[value]
 
     def gather(self, operand: Operand) -> None:
-        """Gather the values of an operand to a vector, unless it was done at this order."""
+        """Copy the values of an operand at the present order to adjacent memory, if not done yet."""
         image = self.image
         if operand not in image.gathered or operand in self.current:
             return
@@ -370,7 +380,11 @@ class LoopedJet(LoopJet):
             self.p.copy(self.part_of("now", home), self.part_of("now", place), count, width=1, spill=False)
 
     def know(self, place: int, stage: PackedStage, found: Memory | None) -> None:
-        """Set the unknowns of stage `place` to `found`. Drop operands that were gathered with their earlier values."""
+        """Set the present coefficients of the unknowns of linear system `place` to those in the memory `found`.
+
+        If `found` is None they are left as they are. Operands that were gathered with earlier values are
+        dropped.
+        """
         begin = 0
         self.current = {operand: None for operand in self.current if self.is_known(operand, place)}
         if found is None:
@@ -382,7 +396,10 @@ class LoopedJet(LoopJet):
             begin += chunk.count
 
     def solved_in_memory(self, place: int, stage: PackedStage, guess: Memory | None) -> Memory:
-        """Return memory with the unknowns of stage number `place`: the solution of its system, plus `guess` if any."""
+        """Return memory with the unknowns of linear system `place`: its solution, plus `guess` if given.
+
+        `stage` is the system. `guess` has unknowns from the first iteration for order 1, or is None.
+        """
         p, (right, solution, inverse) = self.p, self.solutions[place]
         begin = 0
         for chunk, force, momentum in zip(stage.unknowns, stage.right, stage.left, strict=True):
@@ -403,9 +420,10 @@ class LoopedJet(LoopJet):
         return solution
 
     def right_side(self, chunk: Chunk, force: Operand | None, momentum: Operand | None, right: Memory) -> None:
-        """Write the right-hand side of a stage for one chunk of unknowns, f[k-1] * scale / k - p^[k].
+        """Write the right-hand side of a linear system for one chunk of unknowns: f[k-1] * scale / k - p^[k].
 
-        `force` is the operand f, and `momentum` the operand p^, the momentum with trial values. None means zero.
+        `force` is the operand f, and `momentum` the operand p^, the momentum with trial values of the unknowns.
+        None means zero. `right` is the memory to write to.
         """
         places = self.image.places
         if momentum is not None:
@@ -418,20 +436,20 @@ class LoopedJet(LoopJet):
             right[i] = 0.0 if found is None else found
 
     def write_first(self) -> None:
-        """Write the values of order 0 to their rows."""
+        """Write the values of order 0 that later orders read to the first row."""
         rows, first = self.rows, self.arrays["first"]
         with self.p.each(self.layout.width, width=1) as i:
             rows[i] = first[i]
 
     def write(self) -> None:
-        """Write the rest of the row of the present order."""
+        """Complete the row of the present order: copy the operands there whose values are not adjacent."""
         for operand in self.image.places:
             if self.image.places[operand] < self.image.width:
                 self.gather(operand)
 
 
 class ChunkLane(ChunkAt):
-    """Inputs of the rule of a chunk for one lane, number i."""
+    """Reads the inputs of a chunk's rule for the value in one lane, number i, from memory."""
 
     series: LoopedJet
 
@@ -440,28 +458,28 @@ class ChunkLane(ChunkAt):
         self.i = i
 
     def read(self, array: str, place: int) -> Real:
-        """Return this lane's number from the named array, at index `place`."""
+        """Return this lane's number of the vector that begins at index `place` of a named local array."""
         number: Real = self.series.part_of(array, place)[self.i]
         return number
 
     def now(self, which: int) -> Term:
-        """Return argument `which` at the present order."""
+        """Return argument number `which` of the rule at the present order, in this lane."""
         return self.read("now", self.series.image.places[self.operand(which)])
 
     def before(self, which: int) -> Term:
-        """Return argument `which` at the previous order."""
+        """Return argument number `which` of the rule at the previous order, in this lane."""
         return self.read("previous", self.series.image.places[self.operand(which)])
 
     def first(self, which: int) -> Real:
-        """Return argument `which` at order 0, or the value itself for OWN."""
+        """Return argument number `which` of the rule at order 0, in this lane; for OWN the value itself."""
         return self.read("first", self.series.image.places[self.operand(which)])
 
     def total(self, which: int) -> Term:
-        """Return sum number `which` over 0 < j < k."""
+        """Return sum number `which` of the rule, over 0 < j < k, in this lane."""
         return self.read("totals", self.series.sums[self.chunk, which])
 
     def over(self, which: int) -> Real:
-        """Return the reciprocal at order 0 of argument `which`, or of the value itself for OWN."""
+        """Return the reciprocal of argument number `which` at order 0; for OWN that of the value itself."""
         return self.read("reciprocals", self.series.divisors[self.operand(which)])
 
     def constant(self, which: int) -> Real:
@@ -480,7 +498,7 @@ class ScatteredLane(ChunkLane):
         self.lane = lane
 
     def now(self, which: int) -> Term:
-        """Return argument `which` at the present order."""
+        """Return argument number `which` of the rule at the present order, in this lane."""
         home = self.series.image.homes[self.chunk.args[which].values[self.lane]]
         return self.series.array_of(home)[home]
 

@@ -24,11 +24,11 @@ FloatArray = NDArray[np.float64]
 
 
 class SeriesNumbers:
-    """Layout of a series' numbers in the prepared array, from index `begin` on. They depend on parameters alone.
+    """Layout of the numbers of a series that depend on parameters alone, in the prepared array from `begin` on.
 
-    The prepared array begins with the parameters. The numbers are: constants that are not known at compile time, the
-    hoisted results of order 0, and the inverses of constant matrices. Series of vectors add constants joined to
-    vectors, in the order in which a `packing` reads them.
+    The prepared array begins with the parameters. The numbers are: constants that are not known at compile
+    time, results of order 0 that need no state, and the inverses of constant matrices. With a `packing`,
+    constants joined to vectors follow, in the order in which its rules read them.
     """
 
     def __init__(self, program: SeriesProgram, begin: int, packing: Packing | None = None) -> None:
@@ -58,7 +58,7 @@ class SeriesNumbers:
         return self.program.constants.parameters - self.program.sides
 
     def prepare(self) -> Procedure:
-        """Return the procedure that writes the numbers after the parameters, in the same array."""
+        """Return the procedure that writes the numbers after the parameters, from which it computes them."""
         program = self.program
         p = Builder("prepare_taylor", "Write the numbers of the series, and say whether a constant matrix is singular.")
         held = p.array("p", size=self.begin + self.size)
@@ -81,9 +81,10 @@ class SeriesNumbers:
         return p.finish(FLAG)
 
     def array(self, parameters: FloatArray, table: FloatArray, inverses: Sequence[FloatArray]) -> FloatArray:
-        """Return the prepared array: the parameters and the numbers, without the hoisted results of order 0.
+        """Return the prepared array: parameters and numbers, with zeros for the results of order 0.
 
-        `table` are the constants, and `inverses` the inverses of the constant matrices (n, n).
+        `table` are the constants of the series program, and `inverses` the inverses (n, n) of the constant
+        matrices.
         """
         prepared = np.zeros(self.begin + self.size + INVERSE_MARGIN)
         prepared[: len(parameters)] = parameters
@@ -99,7 +100,10 @@ class SeriesNumbers:
         return prepared
 
     def prepare_start(self, name: str) -> Procedure:
-        """Return the procedure `name`, which writes the hoisted results of order 0 to the prepared array."""
+        """Return a procedure that writes those results of order 0 to the prepared array that need no state.
+
+        `name` is the name of the procedure in printed code.
+        """
         p = Builder(name, "Write the numbers of the start that depend on parameters alone.")
         held = p.array("p")
         table = [self.constant(held, place) for place in range(len(self.program.numbers))]
@@ -111,19 +115,22 @@ class SeriesNumbers:
         return p.finish(FLAG)
 
     def vector(self, prepared: Memory, places: tuple[int, ...], constants: Sequence[Real]) -> Term:
-        """Return the constants of the table with the indices `places` as one vector."""
+        """Return the constants of the series program with the indices `places` as one vector.
+
+        It is read from the prepared array if it is stored there; else it is joined from the single `constants`.
+        """
         if places in self.vectors:
             return prepared.entries(self.begin + self.vectors[places], len(places))
         return joined(prepared.builder, [(constants[place], 0) for place in places])
 
     def constant(self, prepared: Memory, place: int) -> Real:
-        """Return the constant of the table with index `place`."""
+        """Return constant number `place` of the series program: a known number, or one read from `prepared`."""
         known = self.program.numbers[place]
         found: Real = prepared[self.begin + self.places[place]] if known is None else prepared.builder.real(known)
         return found
 
     def systems(self, p: Builder, prepared: Memory) -> Iterator[LinearSystem | None]:
-        """Yield for each stage the inverse of its constant matrix, or None for a matrix that depends on the state."""
+        """Yield for each linear system the inverse of its matrix if that is constant, else None."""
         begin = self.begin + self.inverses
         for stage in self.program.stages:
             if stage.plan.moving:
@@ -141,7 +148,7 @@ ALONE = Style(substituted=1_000_000, systems=1, early=False)
 
 
 class Start(Body):
-    """Builder of the values of order 0. The constants of the table are its last parameters."""
+    """Builder of the code that computes the values of order 0 from the state and the prepared numbers."""
 
     def __init__(
         self,
@@ -154,10 +161,12 @@ class Start(Body):
         padded: int = 0,
         style: Style = SOURCE,
     ) -> None:
-        """Begin before any instruction.
+        """Begin the code of order 0, before any instruction.
 
-        `prepared` has parameters and prepared numbers, and `constants` are the constants of the table. `time`, `state`
-        and `style` are those of `Body`. The rounding error of the state begins at index `padded` of its array.
+        `prepared` has the parameters and the prepared numbers, and `constants` are the constants of the series
+        program. `time` and `state` are those at which the values are computed; None where only numbers without
+        a state are computed. The rounding error of the state begins at index `padded` of its array. `style`
+        says how the code is written.
         """
         slots = {} if state is None else numbers.slots
         super().__init__(p, numbers.program.start, Inputs(prepared, slots, time, state), style)
@@ -166,9 +175,10 @@ class Start(Body):
         self.moved = padded - self.states if padded else 0
 
     def run_moving(self, width: int) -> None:
-        """Add the instructions that depend on the state, except angles for later.
+        """Add the instructions that depend on the state, with sines and cosines of several angles at once.
 
-        Sines and cosines of `width` angles are computed together. Those of the remaining angles follow.
+        Up to `width` angles are taken together. An angle that itself depends on a sine or cosine is taken
+        singly.
         """
         code, hoisted = self.program.instructions, self.program.hoisted
         angles = [ref for ref in dict.fromkeys(one.args[0] for one in self.places) if ref >= hoisted]

@@ -51,9 +51,9 @@ class Alignment:
                 self.divide(members, {i: self.made_of(i) for i in members})
 
     def role(self, readers: Sequence[tuple[int, int]]) -> Any:
-        """Return sorted pairs (part of a reader, number of the argument) for the rules that read a value.
+        """Return how rules read a value: sorted pairs (part of the value they compute, argument number).
 
-        `readers` are pairs (value that a rule computes, number of the argument).
+        `readers` are pairs (value that a rule computes, argument number).
         """
         return tuple(sorted(dict.fromkeys((self.part[i], place) for i, place in readers)))
 
@@ -62,7 +62,10 @@ class Alignment:
         return tuple(sorted(self.part.get(arg, ()) for arg in self.program.rules[i].args))
 
     def divide(self, members: Members, keys: Mapping[int, Any]) -> bool:
-        """Divide a group by the keys of its values, unless that takes too many vectors; return True if divided."""
+        """Divide the group `members` into parts of values with equal `keys`; return True if it was divided.
+
+        It is not divided if all keys are equal, or if the parts take too many vectors.
+        """
         found: dict[Any, list[int]] = {}
         for i in members:
             found.setdefault(keys[i], []).append(i)
@@ -84,7 +87,10 @@ class Alignment:
 
 @dataclass(frozen=True)
 class Operand:
-    """A vector of values that rules read. If `ranked`, the coefficient x[j] of order j is multiplied by j."""
+    """A vector of values that rules read, by their numbers in the series program.
+
+    If `ranked`, the coefficient x[j] of order j is multiplied by j.
+    """
 
     values: tuple[int, ...]
     ranked: bool = False
@@ -92,9 +98,11 @@ class Operand:
 
 @dataclass(frozen=True)
 class Chunk:
-    """Values with one rule: `values` by lane, of which the first `count` are distinct; `args` are its operands.
+    """A vector of values that are computed by one rule, with the operation `op`.
 
-    `coefficients` has for each coefficient of the rule the indices in the table of constants, by lane.
+    `values` are the numbers of the values by lane, of which the first `count` are distinct. `args` are the
+    operands of the rule. `coefficients` has for each coefficient of the rule its indices among the constants,
+    by lane.
     """
 
     op: str
@@ -110,14 +118,14 @@ class Chunk:
 
     @cached_property
     def sums(self) -> tuple[tuple[Operand, Operand], ...]:
-        """The sums over 0 < j < k of x[j] y[k-j] that the rule reads, as pairs (x, y)."""
+        """The sums of x[j] y[k-j] over 0 < j < k that the rule reads at order k, as operands (x, y)."""
         whole = (*self.args, self.whole)
         pairs = [[Operand(whole[f.argument].values, f.ranked) for f in pair] for pair in SUMS.get(self.op, ())]
         return tuple((x, y) for x, y in pairs)
 
     @property
     def divisor(self) -> Operand | None:
-        """The operand whose value at order 0 divides the chunk, or None."""
+        """The operand by whose value at order 0 the rule divides, or None."""
         if self.op in ("div", "against"):
             return self.args[1]
         if self.op in ("inverse", "power"):
@@ -127,10 +135,11 @@ class Chunk:
 
 @dataclass(frozen=True)
 class PackedStage:
-    """A stage, a linear system A x[k] = right[k-1] / k - left[k], as chunks.
+    """A linear system A x[k] = right[k-1] / k - left[k] for unknowns x at order k, packed into chunks.
 
-    `unknowns` are its unknowns. The chunks `trial` are computed with trial values of the unknowns, and `found` after
-    the solution. `left` and `right` have an operand for each chunk of unknowns, or None if all entries are zero.
+    `unknowns` are the chunks of unknowns. The chunks `trial` are computed with trial values of the unknowns,
+    and `found` after the solution. `left` and `right` have an operand for each chunk of unknowns, or None if
+    all entries are zero.
     """
 
     unknowns: tuple[Chunk, ...]
@@ -142,7 +151,7 @@ class PackedStage:
 
     @cached_property
     def rows(self) -> tuple[tuple[int, ...], ...]:
-        """The index of each unknown among the unknowns of the stage, by chunk and lane."""
+        """The index of each unknown among the unknowns of the linear system, by chunk and lane."""
         values = [value for chunk in self.unknowns for value in chunk.values[: chunk.count]]
         places = {value: i for i, value in enumerate(values)}
         return tuple(tuple(places[value] for value in chunk.values) for chunk in self.unknowns)
@@ -150,9 +159,10 @@ class PackedStage:
 
 @dataclass(frozen=True)
 class Packing:
-    """A series program as chunks, each part in the order of evaluation. `rates` are the operands of dq/dt.
+    """A series program packed into chunks: vectors of values with one rule, in the order of evaluation.
 
-    Chunks are vectors of up to `lanes` values. With one lane they have any length, and are computed value by value.
+    Chunks `before` come before the linear systems, the `stages`. `rates` are the operands of dq/dt. Chunks have
+    up to `lanes` values. With one lane they have any length, and are computed value by value.
     """
 
     program: SeriesProgram
@@ -164,13 +174,13 @@ class Packing:
 
     @cached_property
     def state(self) -> tuple[Chunk, ...]:
-        """The coordinates and the velocities."""
+        """The chunks of the coordinates and of the velocities."""
         velocities = (chunk for chunk in self.unknowns if chunk.values[0] < self.program.states)
         return (*self.coordinates, *sorted(velocities, key=lambda chunk: chunk.values[0]))
 
     @cached_property
     def unknowns(self) -> tuple[Chunk, ...]:
-        """The unknowns of all stages."""
+        """The chunks of unknowns of all linear systems."""
         return tuple(chunk for stage in self.stages for chunk in stage.unknowns)
 
     @cached_property
@@ -212,10 +222,10 @@ ZERO_LANE = -1
 
 
 def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packing:
-    """Return the program packed into vectors of up to `lanes` values.
+    """Return a series program packed into vectors of up to `lanes` values that are computed by one rule.
 
-    If `aligned`, values with one rule are one chunk of any length, for compilers that vectorize loops. Values that are
-    read together are adjacent, and a value may be in a chunk twice.
+    If `aligned`, values with one rule are one chunk of any length, for compilers that vectorize loops. Values
+    that are read together are adjacent, and a value may be in a chunk twice.
     """
     packer = _Packer(program, lanes)
     groups = _groups(program, packer.level)
@@ -245,9 +255,9 @@ def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packin
 
 
 def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_Group, list[int]]:
-    """Return the groups of values that become vectors, in the order of their evaluation.
+    """Return the groups of values that become vectors, by their common properties, in the order of evaluation.
 
-    `level` has for each value its pair of `levels`.
+    `level` has for each value its place in that order, a pair that `levels` returns.
     """
     trials, founds = ([frozenset(part) for part in parts] for parts in (program.trials, program.found))
     groups: dict[_Group, list[int]] = {}
@@ -264,9 +274,9 @@ def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_G
 
 
 def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None]) -> tuple[Operand | None, ...]:
-    """Return the operand for each chunk of unknowns of a stage, or None if all its outputs are zero.
+    """Return operands of the values `outputs` of a linear system, one for each chunk of unknowns.
 
-    `outputs` are the values `left` or `right` of the stage, one for each unknown, None for zero.
+    `outputs` has a value for each unknown, or None for zero. An operand with zeros alone is None.
     """
     known = dict(zip(stage.unknowns, outputs, strict=True))
     lanes = [[known[value] for value in chunk.values] for chunk in chunks]
@@ -299,7 +309,7 @@ def widths(count: int, lanes: int) -> list[int]:
 
 
 class _Packer:
-    """Orders the values of each group so that their operands are in the same order."""
+    """Packs values into chunks, and orders those of each group so that their operands are in the same order."""
 
     def __init__(self, program: SeriesProgram, lanes: int) -> None:
         self.program, self.lanes = program, lanes
@@ -312,7 +322,7 @@ class _Packer:
         self.alignment = Alignment(self.program, groups, lambda count: -(-count // ALIGNED_BLOCK))
 
     def unknowns(self, stage: Stage) -> tuple[Chunk, ...]:
-        """Return the unknowns of a stage as chunks. Velocities have separate chunks."""
+        """Return the chunks of the unknowns of a linear system. Velocities have separate chunks."""
         end = self.program.states
         velocities = [value for value in stage.unknowns if value < end]
         others = [value for value in stage.unknowns if value >= end]
@@ -361,7 +371,10 @@ class _Packer:
         return Chunk(op, tuple(padded), count, args, coefficients)
 
     def canonical(self, rule: SeriesRule) -> SeriesRule:
-        """Return the rule with exchangeable arguments in a fixed order: for a product the last computed comes first."""
+        """Return a rule with its exchangeable arguments sorted by the order in which they are computed.
+
+        In a product the one that is computed last comes first. In a linear combination it is last.
+        """
         if rule.op == "mul":
             return rule._replace(args=tuple(sorted(rule.args, key=lambda i: (self.level[i], self.at(i)), reverse=True)))
         if rule.op == "linear":
@@ -376,11 +389,11 @@ class _Packer:
 
 
 def levels(program: SeriesProgram) -> list[tuple[int, int]]:
-    """Return for each value its level, a pair of counts; values of one level can be computed together.
+    """Return for each value of a series program its level, a pair of counts that orders the evaluation.
 
-    The first count is the length of the chain of values with sums over lower orders that end at the value. The second
-    is the number of linear combinations since the last of them. So sums of one kind become one vector, whatever the
-    length of the chains of combinations. Unknowns are last.
+    The first count is the length of the longest chain of values, up to this one, whose rules have sums over
+    lower orders. The second is the number of linear combinations after the last of them. Values of one level
+    can be computed together. Unknowns of linear systems are last.
     """
     found: list[tuple[int, int]] = []
     for i, rule in enumerate(program.rules):

@@ -1,6 +1,6 @@
-"""The rules of a series: the coefficient of a value at one order, from lower orders and from its arguments.
+"""The rules of a series: the coefficient of a value at order k, from lower orders and from its arguments.
 
-`ChunkAt` has the inputs of a rule. None means exactly zero.
+`ChunkAt` reads the inputs of a rule. A number or vector is None if it is exactly zero.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ Term = Any
 
 
 class ChunkAt:
-    """Inputs of the rule of a chunk of like values, at the present order k of the builder of a `series`.
+    """Reads the inputs of the rule of a chunk (a vector of like values), at the present order k of a builder.
 
-    `which` is the number of an argument, of a sum or of a coefficient of the rule. For an argument, `OWN` stands for
-    the chunk itself. `share(x)` is scale * x / k, with the unit of time as scale, and `part(x)` is x / k.
+    `series` is the builder. In the methods `which` is the number of an argument, of a sum or of a coefficient
+    of the rule. As an argument, `OWN` stands for the chunk itself. `share(x)` is scale * x / k, with the unit
+    of time as scale, and `part(x)` is x / k.
     """
 
     def __init__(self, series: Any, chunk: Chunk) -> None:
@@ -54,12 +55,12 @@ class ChunkAt:
         return self.series.over(self.operand(which))
 
     def known(self, which: int) -> float | None:
-        """Return coefficient `which` of the rule if it is known at compile time and equal in all lanes, else None."""
+        """Return constant `which` of the rule if known at compile time and equal in all lanes, else None."""
         found: float | None = self.series.common(self.chunk.coefficients[which])
         return found
 
     def constant(self, which: int) -> Term:
-        """Return coefficient `which` of the rule."""
+        """Return the constant factor number `which` of the rule, as a number or vector."""
         return self.series.constant(self.chunk.coefficients[which])
 
 
@@ -93,7 +94,7 @@ def scaled(at: ChunkAt, x: Term, which: int = 0) -> Term:
 
 
 def coefficient(at: ChunkAt) -> Term:
-    """Return the coefficient of a value, or of a chunk, at the present order, computed by its rule."""
+    """Return the Taylor coefficients of a chunk of values at the present order, computed by its rule."""
     return _RULES[at.chunk.op](at)
 
 
@@ -129,7 +130,7 @@ def _square(at: ChunkAt) -> Term:
 
 
 def _divided(at: ChunkAt, left: Term, which: int) -> Term:
-    """Return the coefficient u[k] = (left - b[k] * u[0]) / b[0] of a value u, where b is argument `which`."""
+    """Return (left - b[k] * u[0]) / b[0], the coefficient u[k] of a quotient; b is argument `which`."""
     last = at.now(which)
     if last is not None:
         left = fma(at.p, -last, at.first(OWN), left)
@@ -143,9 +144,9 @@ def _sqrt(at: ChunkAt) -> Term:
 
 
 def _flat(at: ChunkAt, zeroed: Term, found: Term) -> Term:
-    """Return the coefficient of a root or power: `found` if `zeroed`, a value at order 0, is not zero.
+    """Return the coefficient of a root or power: `found`, unless its divisor at order 0, `zeroed`, is zero.
 
-    If it is zero, the coefficient is 0 while the argument stays zero, else NaN.
+    If it is zero, the coefficient is 0 while the coefficients of the argument are zero, else NaN.
     """
     p, now = at.p, at.now(0)
     still = p.true if now is None else now.equals(0.0)
@@ -154,9 +155,10 @@ def _flat(at: ChunkAt, zeroed: Term, found: Term) -> Term:
 
 
 def _power(at: ChunkAt) -> Term:
-    """Return the coefficient of u = a**e at order k.
+    """Return the coefficient of the power u = a**e at the present order k, where a is the argument.
 
-    a[0] u[k] = (e + 1) / k * (sum of j a[j] u[k-j]) - (sum of a[j] u[k-j]) + e a[k] u[0].
+    a[0] u[k] = (e + 1) / k * (sum of j a[j] u[k-j]) - (sum of a[j] u[k-j]) + e a[k] u[0], with sums over 0 < j
+    < k.
     """
     known = at.known(0)
     exponent = at.constant(0)

@@ -1,7 +1,7 @@
-"""The linear systems of a series. Each matrix is inverted or factored at order 0, and solved with at every order.
+"""The linear systems of a series: each matrix is inverted or factored at order 0, and used at every order.
 
-A small matrix is inverted, so that a solve is a product. Pivoting is used if a pivot is too small. Sparse matrices,
-with multipliers, are factored instead.
+A small matrix is inverted, so that a solution is a product. Pivoting is used if a pivot is too small. Sparse
+matrices of systems with Lagrange multipliers are factored instead.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ Rows = Sequence[Sequence[int]]
 
 
 class LinearSystem(Protocol):
-    """A linear system whose matrix is inverted or factored; right-hand sides follow one after another."""
+    """A linear system whose matrix is inverted or factored already; a solve takes one right-hand side."""
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution as vectors, for a right-hand side in the same form.
+        """Return the solution of the system for the right-hand side `right`, both as lists of vectors.
 
         `rows` has for each vector the indices of its unknowns, by lane.
         """
@@ -45,9 +45,9 @@ ALL = 1_000_000
 
 
 def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
-    """Return the number of doubles that a matrix that depends on the state takes in memory.
+    """Return how many doubles of memory the inverse or the factors of a matrix that depends on the state take.
 
-    Inverses up to the size `largest` take none.
+    Inverses up to the size `largest` are written out, and take none.
     """
     if not plan.inverted or largest == ALL:
         return 0
@@ -60,9 +60,10 @@ def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
 def moving_system(
     p: Builder, plan: SolvePlan, entries: Iterator[Real], memory: Memory, largest: int = LARGEST_IN_LINE
 ) -> tuple[LinearSystem, list[Flag]]:
-    """Return the system of a matrix that depends on the state, and the flags that its blocks are singular.
+    """Return the linear system of a matrix that depends on the state, and flags that its blocks are singular.
 
-    `entries` are those of its lower triangle. Inverses up to the size `largest` are written out; others are in memory.
+    `entries` are those of the matrix's lower triangle. Inverses up to the size `largest` are values of the
+    procedure; others are in `memory`.
     """
     blocks = _triangles(plan, entries)
     if plan.diagonal:
@@ -90,7 +91,10 @@ def constant_size(plan: SolvePlan) -> int:
 
 
 def constant_inverse(p: Builder, plan: SolvePlan, entries: Iterator[Real], to: Memory) -> list[Flag]:
-    """Write the inverse of a constant matrix by columns, or of its diagonal. Return flags that are true if singular."""
+    """Write the inverse of a constant matrix to memory by columns, or the reciprocals of a diagonal matrix.
+
+    `entries` are those of the matrix's lower triangle. Return flags that are true if the matrix is singular.
+    """
     blocks, n = _triangles(plan, entries), plan.size
     if plan.diagonal:
         for block, lower in blocks:
@@ -114,7 +118,10 @@ def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> LinearSystem
 
 
 def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
-    """Return the entries of the vectors `right` as single values, in the order of the unknowns."""
+    """Return the entries of the vectors `right` as single values, in the order of the unknowns.
+
+    `rows` has for each vector the indices of its unknowns, by lane.
+    """
     found = {}
     for chunk, x in zip(rows, right, strict=True):
         for lane, row in enumerate(chunk):
@@ -124,26 +131,29 @@ def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
 
 
 class Diagonal:
-    """The reciprocals of the entries of a diagonal matrix."""
+    """A linear system with a diagonal matrix, solved by the reciprocals of its entries."""
 
     def __init__(self, p: Builder, reciprocals: Mapping[int, Real]) -> None:
         self.p, self.reciprocals = p, reciprocals
         self.vectors: dict[Sequence[int], Term] = {}
 
     def read(self, rows: Rows) -> None:
-        """Gather the reciprocals to vectors."""
+        """Gather the reciprocals to vectors; `rows` has the indices of the unknowns by vector and lane."""
         for chunk in rows:
             if chunk not in self.vectors:
                 self.vectors[chunk] = joined(self.p, [(self.reciprocals[row], 0) for row in chunk])
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the product of reciprocals and right-hand side."""
+        """Return the solution for the right-hand side `right`: the product with the reciprocals.
+
+        `rows` has for each vector the indices of its unknowns, by lane.
+        """
         self.read(rows)
         return [None if x is None else x * self.vectors[chunk] for chunk, x in zip(rows, right, strict=True)]
 
 
 class Inverse:
-    """The inverse of a matrix, with each entry as a value."""
+    """A linear system solved by the inverse of its matrix, each entry of which is a value of the procedure."""
 
     def __init__(self, p: Builder, size: int, entries: Triangle) -> None:
         self.p, self.size, self.entries = p, size, entries
@@ -151,7 +161,10 @@ class Inverse:
         """Vectors of entries of a column, by column and rows."""
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the product of inverse and right-hand side."""
+        """Return the solution for the right-hand side `right`: its product with the inverse.
+
+        `rows` has for each vector the indices of its unknowns, by lane.
+        """
         self.read(rows)
         found: list[Term] = [None] * len(rows)
         for j, x in enumerate(_apart(self.p, rows, right)):
@@ -160,7 +173,7 @@ class Inverse:
         return found
 
     def read(self, rows: Rows) -> None:
-        """Gather the entries to vectors."""
+        """Gather the entries of columns to vectors; `rows` has the unknowns by vector and lane."""
         for chunk in rows:
             for j in range(self.size):
                 if (chunk, j) not in self.columns:
@@ -168,13 +181,16 @@ class Inverse:
 
 
 class InverseInMemory:
-    """An inverse in memory, by columns that are `stride` doubles apart."""
+    """A linear system solved by the inverse of its matrix in memory, with columns `stride` doubles apart."""
 
     def __init__(self, p: Builder, size: int, memory: Memory, stride: int) -> None:
         self.p, self.size, self.memory, self.stride = p, size, memory, stride
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the product of inverse and right-hand side."""
+        """Return the solution for the right-hand side `right`: its product with the inverse.
+
+        `rows` has for each vector the indices of its unknowns, by lane.
+        """
         p, n = self.p, self.size
         given = p.reserve(n, name="right")
         if all(len(chunk) == 1 for chunk in rows):
@@ -194,7 +210,7 @@ class InverseInMemory:
         return products
 
     def in_line(self, rows: Rows, right: Memory) -> list[Term]:
-        """Return the product of inverse and right-hand side, written out, each vector as two partial sums."""
+        """Return the product of inverse and right-hand side without a loop, in two partial sums."""
         sums: list[list[Term]] = [[None, None] for _ in rows]
         for j in range(self.size):
             x = right[j]
@@ -213,7 +229,7 @@ class InverseInMemory:
         return [total.value for total in sums]
 
     def multiply(self, right: Memory, found: Memory) -> None:
-        """Write the solution `found` for a right-hand side in memory."""
+        """Write the product of the inverse and a right-hand side in memory to the memory `found`."""
         p, n = self.p, self.size
         with p.each(n, width=1) as i:
             found[i] = 0.0
@@ -224,13 +240,19 @@ class InverseInMemory:
 
 
 class FactoredSystem:
-    """The factors of each block of a matrix, with pivoting for a block with a pivot that is too small."""
+    """A linear system solved by the factors of each block of its matrix.
+
+    A block with a pivot that is too small is factored with pivoting.
+    """
 
     def __init__(self, p: Builder, blocks: Sequence[_FactoredBlock], size: int) -> None:
         self.p, self.blocks, self.size = p, blocks, size
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution by forward and backward substitution."""
+        """Return the solution for the right-hand side `right`, by substitution in each block.
+
+        `rows` has for each vector the indices of its unknowns, by lane.
+        """
         single, found = _apart(self.p, rows, right), [None] * self.size
         for block in self.blocks:
             solution = block.solve([single[i] for i in block.unknowns])
@@ -245,7 +267,10 @@ def _is_small(plan: SolvePlan, largest: int) -> bool:
 
 
 def _triangles(plan: SolvePlan, entries: Iterator[Real]) -> list[tuple[tuple[int, ...], Triangle]]:
-    """Return for each block of a matrix its unknowns, and the entries of its lower triangle."""
+    """Return for each block of a matrix the indices of its unknowns, and the entries of its lower triangle.
+
+    `entries` are those of the lower triangle of the whole matrix, in the order of the plan.
+    """
     place = {unknown: (number, i) for number, block in enumerate(plan.blocks) for i, unknown in enumerate(block)}
     found: list[Triangle] = [{} for _ in plan.blocks]
     for row, column in plan.triangle:
@@ -255,7 +280,7 @@ def _triangles(plan: SolvePlan, entries: Iterator[Real]) -> list[tuple[tuple[int
 
 
 def _write_triangle(p: Builder, n: int, lower: Mapping[tuple[int, int], Real], to: Memory) -> None:
-    """Write a lower triangle by columns."""
+    """Write the lower triangle of an n-by-n matrix to memory by columns; `lower` has the nonzero entries."""
     if len(lower) < n * (n + 1) // 2:
         with p.each(n * n, width=1) as k:
             to[k] = 0.0
@@ -291,7 +316,11 @@ def _inverted(
     inverse: Memory,
     work: Memory,
 ) -> Flag:
-    """Write the inverse of a whole matrix, by columns in whole blocks. Return the flag that it is singular."""
+    """Write the inverse of a symmetric matrix to memory, by columns. Return the flag that it is singular.
+
+    `blocks` has for each block the indices of its unknowns and its lower triangle. `matrix` is memory for the
+    whole matrix, and `work` is work memory.
+    """
     n, placed = plan.size, {}
     for block, lower in blocks:
         for (i, j), value in lower.items():
@@ -319,7 +348,7 @@ def _factored(
 
 
 class _FactoredBlock:
-    """The factors of one block in memory: the entries of L, followed by the data of pivoting."""
+    """The factors of one block of a matrix in memory: entries of L, followed by factors with pivoting."""
 
     def __init__(
         self, p: Builder, unknowns: tuple[int, ...], how: Elimination, lower: Triangle, memory: Memory
@@ -342,7 +371,7 @@ class _FactoredBlock:
         self.singular = Flag.of(singular.value)
 
     def solve(self, right: Sequence[Term]) -> list[Term]:
-        """Return the solution by the factors that are valid, without or with pivoting."""
+        """Return the solution for a right-hand side of the block, without pivoting if that is accurate."""
         p, n, zero = self.p, self.how.order, self.p.real(0.0)
         given: list[Any] = [zero if x is None else x for x in right]
         found = [p.variable(zero) for _ in range(n)]

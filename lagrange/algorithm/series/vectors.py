@@ -1,9 +1,10 @@
 """Short vectors of a series, gathered from entries of several values, and the sums over lower orders.
 
-A vector with one entry is a real. The operands of the sums are in rows. An odd order and the next order are summed
-together, over the orders before both: each number that is read from memory then serves two sums. The products with the
-odd order itself are added at the even order. The sums are computed in tiles, whose totals stay in registers. Sums with
-a common factor are adjacent, and read it once.
+A vector with one entry is a real number. The operands of the sums are in rows, one row of coefficients for each
+order. An odd order and the next order are summed together, over the orders before both: each number that is
+read from memory then serves two sums. The products with the odd order itself are added at the even order. The
+sums are computed in tiles, whose totals stay in registers. Sums with a common factor are adjacent, and read it
+once.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ LARGEST_STORED_BLOCK = 8
 
 
 def width(x: Real | Entries) -> int:
-    """Return the number of entries of a value."""
+    """Return the number of entries of a number or vector."""
     return x.width if isinstance(x, Entries) else 1
 
 
@@ -45,7 +46,8 @@ def joined(p: Builder, parts_of: Sequence[tuple[Term, int]]) -> Term:
 def gathered(p: Builder, packing: Packing, operand: Operand, x: Callable[[Chunk], Term]) -> Term:
     """Return an operand as a vector, gathered from the chunks that contain its entries.
 
-    For a `ranked` operand, the factor (its order) is not included.
+    `x` returns the present coefficients of a chunk. For a `ranked` operand they are not multiplied by the
+    order.
     """
     homes = [None if value == ZERO_LANE else packing.place[value] for value in operand.values]
     if homes[0] is not None and homes[0][0].values == operand.values:
@@ -54,23 +56,23 @@ def gathered(p: Builder, packing: Packing, operand: Operand, x: Callable[[Chunk]
 
 
 def of_width(p: Builder, x: Term, size: int) -> Term:
-    """Return the first `size` entries of a value; None stands for zero."""
+    """Return a vector of `size` entries: a vector, or a number repeated. None (zero) stays None."""
     return None if x is None else wide(p, x, size)
 
 
 def wide(p: Builder, x: Term, size: int) -> Real | Entries:
-    """Return a value of `size` entries, which is zero if it is None."""
+    """Return a vector of `size` entries: a vector, or a number repeated. None gives zeros."""
     found = p.real(0.0) if x is None else x
     return p.broadcast(found, size) if size > width(found) else found
 
 
 def entries(memory: Memory, place: int, size: int) -> Term:
-    """Return `size` adjacent entries of an array, from index `place` on, as a value."""
+    """Return `size` adjacent entries of an array, from index `place` on, as a number or vector."""
     return memory[place] if size == 1 else memory.entries(place, size)
 
 
 def put(p: Builder, memory: Memory, place: int, x: Term, size: int, count: int) -> None:
-    """Write the first `count` entries of a value of `size` entries to index `place` on, and nothing after them."""
+    """Write the first `count` of the `size` entries of a vector to an array, from index `place` on."""
     whole: Term = wide(p, x, size)
     lane, part = 0, LARGEST_STORED_BLOCK
     while lane < count:
@@ -111,9 +113,10 @@ class OrderSum(NamedTuple):
 
 
 class OrderSums:
-    """Builds the sums of x[j] y[k-j] over 0 < j < k that an order k needs, from the rows of coefficients.
+    """Builds the code for all sums of x[j] y[k-j] over 0 < j < k that rules read at an order k.
 
-    `pairs` are the factors (x, y), and `places` are the indices of the factors in a row. Rows are `width` reals apart.
+    The coefficients are in `rows`, one row for each order, `width` reals apart. `pairs` are the factors (x, y),
+    and `places` are the indices of the factors in a row.
     """
 
     def __init__(
@@ -133,7 +136,7 @@ class OrderSums:
             self.totals[i] = 0.0
 
     def at(self, k: Whole) -> dict[Pair, Term]:
-        """Return the sums of order k. The sums of order k - 1 must have been built."""
+        """Return the sums at order k, by pair of factors. Those at order k - 1 must have been computed."""
         p = self.p
         even = (k - k // 2 * 2).equals(0)
         with p.when(~even & (k > 2)):
@@ -143,7 +146,7 @@ class OrderSums:
         return {pair: total for tile in self.tiles(TILE) for pair, total in self.completed(tile, totals, k, even)}
 
     def tiles(self, size: int) -> Iterator[Sequence[OrderSum]]:
-        """Yield the sums in tiles of at most `size` sums."""
+        """Yield the vectors of sums in tiles of at most `size` vectors."""
         tile: list[OrderSum] = []
         for _, group in groupby(self.sums, key=lambda one: one.upper):
             found = list(group)
@@ -175,9 +178,10 @@ class OrderSums:
             put(p, self.totals, self.size + one.place, following.value, one.lanes, one.lanes)
 
     def completed(self, sums: Sequence[OrderSum], totals: Memory, k: Whole, even: Flag) -> Iterator[tuple[Pair, Term]]:
-        """Yield the sums of a tile at order k, from `totals`. At an even order, products with order k - 1 are added.
+        """Yield the sums of a tile at order k, as pairs (factors, sums), read from the memory `totals`.
 
-        The loops run once or not at all: with branches in their place the outer solar system takes 1.08 times as long.
+        At an `even` order the products with order k - 1 are added. The loops run once or not at all: with
+        branches in their place the outer solar system takes 1.08 times as long.
         """
         p = self.p
         found = [p.variable(entries(totals, one.place, one.lanes)) for one in sums]
@@ -193,7 +197,10 @@ class OrderSums:
     def add(
         self, sums: Sequence[OrderSum], totals: Sequence[Variable], row: Memory, factors: Mapping[Operand, Term]
     ) -> None:
-        """Add the products of the factors `lower`, read from a row, and `factors` to the totals of sums."""
+        """Add to the totals of `sums` the products of their two factors.
+
+        The factors `lower` are read from `row`; the factors `upper` are in `factors`.
+        """
         for one, total in zip(sums, totals, strict=True):
             total.value = self.p.fma(self.read(row, one.lower), factors[one.upper], total.value)
 
@@ -202,5 +209,5 @@ class OrderSums:
         return entries(row, self.places[kept], len(kept.values))
 
     def row(self, order: Whole | int) -> Memory:
-        """Return the row of an order."""
+        """Return the row of memory that has the coefficients of an order."""
         return self.rows.at(order * self.width)

@@ -1,4 +1,4 @@
-"""The series of a small system, written out: every coefficient of every order is a separate value of the procedure."""
+"""Builder of the series of a small system without loops: each coefficient is a value of the procedure."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ members of a pendulum took 154 ns, in parts 128 ns. The latest products wait for
 
 
 class WrittenJet(JetBuilder):
-    """Builder of the procedure for orders from `lowest` to `highest`. `x` has the values of each chunk by order."""
+    """Builder of a procedure without loops that computes a series up to an order from `lowest` to `highest`.
+
+    `x` has the coefficients of each chunk by order.
+    """
 
     def __init__(
         self,
@@ -62,7 +65,10 @@ class WrittenJet(JetBuilder):
         return self.p.finish(FLAG)
 
     def add_order(self, k: int) -> None:
-        """Compute the coefficients of order k. The highest order ends with its row."""
+        """Add the code of order k: coefficients of all values, and the row that is written.
+
+        After the last linear system of the highest order only event functions need further values.
+        """
         packing, self.k = self.packing, k
         for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
             self.x[chunk, k] = self.share(self.before(rate))
@@ -85,20 +91,23 @@ class WrittenJet(JetBuilder):
             self.end_order()
 
     def end_order(self) -> None:
-        """Write the row of order k, and return from the procedure if it is the last one."""
+        """Write the row of the present order, and return if it is the last order that is asked for."""
         self.write()
         if self.lowest <= self.k < self.highest:
             self.p.leave_if(self.order.equals(self.k), self.singular)
 
     def know(self, place: int, found: Sequence[Term]) -> None:
-        """Set the unknowns of stage `place` to `found`. Drop operands that were gathered with their earlier values."""
+        """Set the present coefficients of the unknowns of linear system `place` to `found`.
+
+        Operands that were gathered with earlier values of the unknowns are dropped.
+        """
         for key in [key for key in self.operands if key[1] == self.k and not self.is_known(key[0], place)]:
             del self.operands[key]
         for chunk, value in zip(self.packing.stages[place].unknowns, found, strict=True):
             self.x[chunk, self.k] = value
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Compute the coefficients of chunks at the present order."""
+        """Compute the Taylor coefficients of `chunks` at the present order, each by the rule of its chunk."""
         for chunk in chunks:
             self.x[chunk, self.k] = of_width(self.p, coefficient(ChunkAt(self, chunk)), len(chunk.values))
 
@@ -146,7 +155,7 @@ class WrittenJet(JetBuilder):
         return self.reciprocals[operand]
 
     def share(self, x: Term) -> Term:
-        """Return scale * x / k, where k is the order, and `scale` the unit of time."""
+        """Return scale * x / k: the order k of a value from the order k-1 of its derivative, x."""
         if x is None:
             return None
         high, low = reciprocal(self.k)
@@ -163,7 +172,7 @@ class WrittenJet(JetBuilder):
         return self.shares[factor, lanes]
 
     def start(self) -> Term:
-        """Return the coefficient of time itself: the scale at k = 1, else 0."""
+        """Return the present Taylor coefficient of the time itself: the scale of time at order 1, else 0."""
         return self.scale if self.k == 1 else None
 
     def part(self, x: Term) -> Term:
@@ -172,7 +181,10 @@ class WrittenJet(JetBuilder):
         return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= HIGHEST_EXACT_ORDER else None)
 
     def total(self, chunk: Chunk, which: int) -> Term:
-        """Return sum number `which` of the rule of a chunk. It is built once at each order."""
+        """Return one sum that the rule of a chunk reads: sum number `which`, of x[j] y[k-j] over 0 < j < k.
+
+        Its code is added once at each order.
+        """
         key = chunk, which, self.k
         if key not in self.totals:
             self.totals[key] = self.summed(*chunk.sums[which])

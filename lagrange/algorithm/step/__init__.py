@@ -1,1 +1,1 @@
-"""Steps of a step program as procedures: memory layout, operations on vectors, and one whole step."""
+"""Steps of a method as procedures: memory layout, vectors, one whole step, and loops over steps."""

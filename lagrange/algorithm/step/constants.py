@@ -58,7 +58,7 @@ second is the first step if neither slopes nor their changes determine one.
 
 @lru_cache(maxsize=64)
 def perturbation_factors(size: int) -> NDArray[np.float64]:
-    """Return different numbers (size,) from 1 to 2, one for each entry.
+    """Return different factors (size,) from 1 to 2 by which the entries of a state are perturbed.
 
     With equal factors the difference of two equal entries would not change.
     """

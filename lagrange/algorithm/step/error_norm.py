@@ -1,4 +1,4 @@
-"""The error norm of step control, and the floors of the tolerances."""
+"""The error norm of a step, and the absolute tolerances of the entries of the state (their floors)."""
 
 from __future__ import annotations
 
@@ -37,9 +37,10 @@ DAMPING = 0.01
 
 @procedure(given=running)
 def error_norm(given: Running, *, layout: Layout, control: Control) -> float:
-    """Return the error norm of the trial step, relative to its tolerances.
+    """Return the root mean square of the errors of a trial step, each relative to its tolerance.
 
-    Two error vectors give the norm of DOP853.
+    It is accepted if the norm is at most 1. The tolerance of an entry is rtol times its magnitude, plus its
+    floor. Two error vectors are combined as in DOP853.
     """
     rtol, floors, work, squares, second_squares = given.run.rtol, given.floors, given.work, 0.0, 0.0
     for state in unrolled(layout.step.states):
@@ -67,12 +68,13 @@ def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ..
 
 @procedure(apart=True, given=running)
 def reject(given: Running, cause: float, h: float, moved: bool, *, layout: Layout) -> bool:
-    """Reject a step; return True if the sizes of the entries must be estimated.
+    """Reject a trial step and set the length of the next one. Return True if a run must stop to estimate sizes.
 
-    `cause` is the `Outcome` of the trial, and `h` the shorter length of the next one. Sizes are needed after several
-    consecutive rejections, or if an entry has no size yet. If the trial `moved` the state, an entry that stayed zero
-    does not count. Sizes are also needed at the first, second, fourth, eighth, ... rejection if the entry with the
-    largest error may be the rounding of larger entries, as defined at `ROUNDED`.
+    The caller then estimates the sizes of the entries of the state, from which absolute tolerances follow.
+    `cause` is the `Outcome` of the trial, and `h` the shorter length. Sizes are needed after several
+    consecutive rejections, or if an entry has no size yet. If the trial `moved` the state, an entry that stayed
+    zero does not count. Sizes are also needed at the first, second, fourth, eighth, ... rejection if the entry
+    with the largest error may be the rounding of larger entries, as defined at `ROUNDED`.
     """
     run, counts, floors, work = given.run, given.counts, given.floors, given.work
     run.cause = cause
@@ -99,7 +101,11 @@ def reject(given: Running, cause: float, h: float, moved: bool, *, layout: Layou
 
 @inline
 def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> bool:
-    """Return True if the entry with the largest error of a trial may be rounding, as defined at `ROUNDED`."""
+    """Return True if the entry with the largest error in a trial step may be the rounding of larger entries.
+
+    Such an entry has a tolerance below `ROUNDED` times the largest entry. The vectors of the step are in
+    `work`.
+    """
     states, half = layout.step.states, layout.dimension // 2
     rounded, significant = 0.0, 0.0
     # Coordinates and velocities have different units.
@@ -124,7 +130,7 @@ def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> boo
 
 @inline
 def raise_floors(share: float, floors: Out, work: In, layout: Layout) -> None:
-    """Raise the floors to `share` times the size of the new state."""
+    """Raise the floor (absolute tolerance) of each entry to at least `share` times its new size."""
     single = layout.step.states == 1
     for state in unrolled(layout.step.states):
         new, floor = work[layout.place(layout.new + state) :], floors[state * layout.length :]

@@ -1,10 +1,11 @@
-"""The length of the first step, from the change of slopes over a short trial step.
+"""The length of the first step, from the change of the derivatives of the state over a short trial step.
 
-The jerk divided by the velocity is the square of a rate, in any units of the entries and for any origin of time and
-coordinates. If it is not defined, the rate comes from the acceleration divided by the coordinate, or from the square of
-the acceleration divided by the velocity. The size of an entry is at least that for which the tolerance equals its
-floor. If floors follow the scale, the floor of an entry that is zero begins at its change in the step. An acceleration
-that may be rounding of cancelling terms, as at an equilibrium, is replaced by its sensitivity to the coordinate.
+The jerk divided by the velocity is the square of a rate, in any units of the entries and for any origin of time
+and coordinates. If it is not defined, the rate comes from the acceleration divided by the coordinate, or from
+the square of the acceleration divided by the velocity. The size of an entry is at least that for which the
+relative tolerance equals its absolute tolerance, its floor. If floors follow the sizes, the floor of an entry
+that is zero begins at its change in the step. An acceleration that may be rounding of cancelling terms, as at
+an equilibrium, is replaced by its sensitivity to the coordinate.
 """
 
 from __future__ import annotations
@@ -53,9 +54,10 @@ NEEDS_SIZES = -1.0
 
 @procedure(apart=True, given=running)
 def first_step(given: Running, span: float, direction: float, *, layout: Layout, control: Control) -> float:
-    """Return the length of the first step within a span, from three slopes, or NEEDS_SIZES.
+    """Return the length of the first step of a run, from the derivatives at three states, or NEEDS_SIZES.
 
-    For a law without slopes, such as momenta, the length is a fraction of the span. Step control then corrects it.
+    `span` is the duration of the run, and `direction` its sign. NEEDS_SIZES means that the caller must estimate
+    the sizes of the entries. Without derivatives, as for methods in momenta, the length is a fraction of the span.
     """
     run, work, floors, half = given.run, given.work, given.floors, layout.dimension // 2
     t, follows = run.t, run.share > 0.0
@@ -115,7 +117,7 @@ def first_step(given: Running, span: float, direction: float, *, layout: Layout,
 
 @inline
 def evaluate(given: Running, t: float, y: In, out: Out, layout: Layout) -> bool:
-    """Evaluate the right-hand side at a state, in whole blocks. Return True if a matrix is singular."""
+    """Write the right-hand side at time t and state y to `out`. Return True if a matrix is singular."""
     n = layout.dimension
     if not layout.in_registers:
         result = given.work[layout.result :]
@@ -134,15 +136,16 @@ def evaluate(given: Running, t: float, y: In, out: Out, layout: Layout) -> bool:
 
 @inline
 def size(y: In, floors: In, rtol: float, i: int) -> float:
-    """Return the size of entry i of a state: its magnitude plus the magnitude for which the tolerance is the floor."""
+    """Return the size of entry i of a state for tolerances: its magnitude, plus its floor divided by `rtol`."""
     return abs(y[i]) + floors[i] / rtol
 
 
 @inline
 def trial_rate(y: In, slope: In, floors: In, rtol: float, coordinate_count: int) -> float:
-    """Return the rate (1 / time) that determines the trial length, from accelerations alone.
+    """Return the largest rate (1 / time) of the entries of a state; it determines the length of the trial step.
 
-    The first `coordinate_count` entries of the state are coordinates, the others velocities.
+    It follows from the state y and its derivative `slope`, with accelerations alone. The first
+    `coordinate_count` entries of the state are coordinates, the others velocities.
     """
     rate = 0.0
     for i in range(coordinate_count):
@@ -158,10 +161,11 @@ def trial_rate(y: In, slope: In, floors: In, rtol: float, coordinate_count: int)
 
 @inline
 def first_floors(given: Running, h: float, longer: float, layout: Layout) -> None:
-    """Raise the floors of entries that are zero to a fraction of their change over a step of length h.
+    """Raise the floors (absolute tolerances) of zero entries to a fraction of their change in a step.
 
-    The change follows from the slope at the start. If this slope is zero, it follows from the slope at the end of the
-    step, which is extrapolated from the trial step; `longer` is h over the length of the trial step.
+    The change follows from the derivative at the start. If that is zero, it follows from the derivative at the
+    end of the step, which is extrapolated from the trial step. The step has the length h, which is `longer`
+    times the trial step.
     """
     work, floors = given.work, given.floors
     y, slope, later = work[0:], work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]
@@ -176,10 +180,10 @@ def first_floors(given: Running, h: float, longer: float, layout: Layout) -> Non
 
 @inline
 def noise_floors(floors: Out, sensitivity: In, period: float, coordinate_count: int) -> None:
-    """Raise the floors above the effect, over a `period`, of rounding errors of accelerations whose terms cancel.
+    """Raise floors (absolute tolerances) above the effect of rounding errors of accelerations over a `period`.
 
-    `sensitivity` has the changes of such accelerations under a relative change of the state, zero for all others. The
-    first `coordinate_count` floors are those of coordinates.
+    These are accelerations whose terms cancel. `sensitivity` has their changes under a relative change of the
+    state, and zero for all others. The first `coordinate_count` floors are those of coordinates.
     """
     for i in range(coordinate_count):
         below = i + coordinate_count

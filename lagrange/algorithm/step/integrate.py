@@ -1,7 +1,7 @@
-"""Whole integrators by explicit methods, for exports: a procedure for one step, and one for a run to an end time.
+"""Whole integrators by explicit methods, for exports: procedures for one step, and for a run to an end time.
 
-They call the same procedures as the drivers of this package. `law` and `projection` are function parameters, which
-`lagrange.procedure.rewrite` binds.
+They call the same procedures as the runs of this package. The functions of the system, such as the right-hand
+side, are parameters, which `lagrange.procedure.rewrite` replaces by procedures.
 """
 
 from __future__ import annotations
@@ -46,10 +46,11 @@ def state_array(layout: Layout) -> Array:
 
 @procedure(of=functions_of, y=state_array)
 def one_step(of: SystemFunctions, t: float, h: float, y: Out, p: In, *, layout: Layout, relations: bool) -> Outcome:
-    """Replace y by the state after a step of length h from t, and return an outcome.
+    """Replace the state y by that after one step of length h from time t, and return an outcome.
 
-    The state is replaced only if the new state is finite, and if the old and the new one are on the constraints after
-    projection. With `relations` some velocities follow from the constraints.
+    The state is replaced only if the new state is finite, and if the old and the new one are on the constraints
+    after projection. `p` are the parameters of the functions `of` the system. With `relations` some velocities
+    follow from the constraints.
     """
     n = layout.dimension
     if is_off_constraints(of, t, y, p, n, relations):
@@ -89,7 +90,7 @@ def is_off_constraints(of: SystemFunctions, t: float, y: Out, p: In, n: int, rel
 
 @inline
 def begin(of: SystemFunctions, y: In, p: In, layout: Layout) -> Running:
-    """Return the arguments of steps that start from the state y. With blocks of one number, vectors are adjacent."""
+    """Return the arguments of steps that start from the state y, with new memory."""
     work, floors = reals(layout.size), reals(layout.dimension)
     work[: layout.dimension] = y[: layout.dimension]
     numbers = None if of.projection is None else p
@@ -111,10 +112,11 @@ def adaptive_run(
     control: Control,
     relations: bool,
 ) -> Outcome:
-    """Run from y at t[0] to t_end, and return an outcome. t[0] and y become the time and state at its end.
+    """Run with error control from the state y at time t[0] to t_end, and return an outcome.
 
-    The error of an entry per step is at most rtol times its size + atol. The outcome is PAUSED after `max_steps`
-    trials.
+    The last state and its time are written to y and t[0]. `p` are the parameters of the functions `of` the
+    system. The error of an entry per step is at most rtol times its size + atol. The outcome is PAUSED after
+    `max_steps` trial steps. With `relations` some velocities follow from the constraints.
     """
     n = layout.dimension
     if is_off_constraints(of, t[0], y, p, n, relations):

@@ -1,4 +1,4 @@
-"""The loops over steps: equal steps at multiples of the step, and steps with error control.
+"""The loops over the steps of a method: steps of equal length, and steps with error control.
 
 Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., 1993, II.4.
 """
@@ -33,9 +33,10 @@ UNROLLED_TEST = 2
 
 @procedure(given=running, rows=rows_array)
 def equal_steps(given: Running, budget: int, times: Out, rows: Out, *, layout: Layout) -> Outcome:
-    """Take equal steps, and return an outcome: at the end, after `budget` steps, or on failure.
+    """Take steps of equal length, and return an outcome: at the end, after `budget` steps, or on failure.
 
-    Time k of the grid is `start + k*h`, rounded once, so that errors of the times do not add up.
+    If rows are recorded, the time and state after each step are written to `times` and `rows`. Time number k is
+    `start + k*h`, rounded once, so that errors of the times do not add up.
     """
     run, counts = given.run, given.counts
     discard_history(given, layout)
@@ -66,7 +67,7 @@ def equal_steps(given: Running, budget: int, times: Out, rows: Out, *, layout: L
 
 @inline
 def discard_history(given: Running, layout: Layout) -> None:
-    """Clear the data of previous steps if they belong to another run. The starter keeps no data between steps."""
+    """Clear the data of previous steps in memory if they belong to another run."""
     if layout.keeps_history:
         work = given.work
         if given.counts.kept == 0:
@@ -82,7 +83,7 @@ def discard_history(given: Running, layout: Layout) -> None:
 
 @inline
 def clear(newton: Newton) -> None:
-    """Set the record of a solve, which is kept from step to step, to zero."""
+    """Set the state of Newton's method, which is kept from step to step, to zero."""
     newton.matrix_step = 0.0
     newton.differentiated = 0
     newton.rate = 0.0
@@ -147,7 +148,7 @@ the norm changes slowly.
 
 
 def steps_of(layout: Layout) -> Procedure:
-    """Return the procedure that loops over the steps of a step program."""
+    """Return the procedure that loops over the steps of a method, with error control if the method has it."""
     control = layout.step.control
     return equal_steps.form(layout=layout) if control is None else controlled_steps.form(layout=layout, control=control)
 
@@ -158,7 +159,8 @@ def controlled_steps(
 ) -> Outcome:
     """Take steps with error control, and return an outcome: at the end, after `budget` trials, or on failure.
 
-    An accepted step becomes the state, and a row. A rejected step is repeated with a shorter length.
+    An accepted trial becomes the state; if rows are recorded, its time and state are written to `times` and
+    `rows`. A rejected trial is repeated with a shorter length.
     """
     run, counts = given.run, given.counts
     discard_history(given, layout)
@@ -226,10 +228,10 @@ def begin(given: Running, distance: float, direction: float, layout: Layout, con
 
 @inline
 def growth(factor: float, previous: float, is_retry: bool, control: Control) -> float:
-    """Return the factor by which the step length changes after an accepted step: `factor`, within bounds.
+    """Return the factor from the length of an accepted step to that of the next one.
 
-    `factor` follows from the error norm of the step, and `previous` is the error norm of the step before. After a
-    rejection (`is_retry`) the step is not made longer.
+    `factor` follows from the error norm of the step; it is bounded here. `previous` is the error norm of the
+    step before. After a rejection (`is_retry`) the step is not made longer.
     """
     longer = factor * previous**control.memory if control.memory else factor
     longer = larger(smaller(longer, 1.0 if is_retry else control.most), control.least)
@@ -242,10 +244,10 @@ def growth(factor: float, previous: float, is_retry: bool, control: Control) -> 
 def project_within_tolerance(
     given: Running, after: float, entries: Out | None, layout: Layout, control: Control
 ) -> tuple[Outcome, bool]:
-    """Project the trial state onto the constraints. Return an outcome, and True if the state has moved.
+    """Project the new state of a trial step onto the constraints. Return an outcome, and True if it has moved.
 
-    `after` is the time at the end of the step. The outcome is STEP_TOO_SMALL if the displacement is too large for the
-    tolerance of the step.
+    `after` is the time at the end of the step. `entries` has the states if they are kept in registers, else it
+    is None. The outcome is STEP_TOO_SMALL if the displacement is too large for the tolerance of the step.
     """
     outcome, moved = project_new_state(given, after, entries, layout)
     correction = 0.0

@@ -1,6 +1,8 @@
-"""Memory layout of a step: its vectors in one array, followed by the data of its solves.
+"""Memory layout of a step: its vectors in one array, followed by the data of its implicit equations.
 
-A machine that computes on blocks of numbers pads each vector to whole blocks. On other machines a block is one number.
+A machine that computes on blocks of numbers pads each vector to whole blocks. On other machines a block is one
+number. The law of a step is the function that it evaluates, such as the right-hand side. A solve is one
+solution of implicit equations by Newton's method.
 """
 
 from __future__ import annotations
@@ -27,10 +29,10 @@ HISTORY = ORDERS[-1]
 
 @record
 class Effort:
-    """Record of the cost of a step.
+    """Record of the work for one step.
 
-    evaluations  Number of evaluations of the law.
-    residual     Size of the last correction, relative to the unknowns.
+    evaluations  Number of evaluations of the law, the function that the step evaluates.
+    residual     Size of the last correction in Newton's method, relative to the unknowns.
     """
 
     evaluations: int
@@ -70,15 +72,16 @@ EFFORT, NEWTON = form_of(Effort), form_of(Newton)
 
 
 def work_array(layout: Layout) -> Array:
-    """Return the type of a parameter that has the vectors of a step and the data of its solves."""
+    """Return the type of a step's work array: its vectors and the data of its implicit equations."""
     return Array(size=layout.size, room=layout.block)
 
 
 class Layout:
-    """Offsets of the vectors of a step in the work array, followed by the data of its solves and of its starter.
+    """Memory layout of a step: offsets of its vectors and of the data of its implicit equations.
 
-    A step is `alone` if it is not the starter of another step. Arguments and results of the law are `in_registers` or
-    in arrays. With `projected` the new state is moved onto the constraints before it is accepted.
+    `block` numbers are computed at once. A step is `alone` if it is not the starting step of a two-step method.
+    Arguments and results of the law (the function that it evaluates) are single numbers if `in_registers`, else
+    arrays. With `projected` the new state is moved onto the constraints before it is accepted.
     """
 
     def __init__(
@@ -130,20 +133,21 @@ class Layout:
             self.size += self.starting.size
 
     def place(self, vector: int) -> int:
-        """Return the offset of a vector."""
+        """Return the offset in the work array of the vector with the number `vector`."""
         return vector * self.width
 
     def solve_of(self, solve: Solve) -> SolveLayout:
-        """Return the layout of a solve of the step."""
+        """Return the memory layout of one solution of implicit equations in the step."""
         return self.solves[self.step.solves.index(solve)]
 
 
 class SolveLayout:
-    """Offsets of the data of one solve in the work array, from `start` on: record, vectors of unknowns, and matrices.
+    """Offsets in the work array of the data for one solution of implicit equations, from `start` on.
 
-    A vector of unknowns consists of all unknown vectors of the solve, one after the other, each padded to `width`. The
-    matrices are stored by columns: the negative inverse of the Newton matrix, one matrix for each damping action, and
-    the derivative of the law. Space for a matrix to be inverted follows, with its rows `stride` apart.
+    First come the values of Newton's method, then vectors of unknowns, then matrices. A vector of unknowns
+    consists of all unknown vectors, one after the other, each padded to `width`. The matrices are stored by
+    columns: the negative inverse of the Newton matrix, one matrix for each damping action, and the derivative
+    of the law. Space for a matrix to be inverted follows, with its rows `stride` apart.
     """
 
     def __init__(self, layout: Layout, start: int, index: int, solve: Solve, damped: list[Damp]) -> None:

@@ -1,4 +1,7 @@
-"""The arguments of procedures that take steps, and the state of a run, in the order of the entries of `DriverState`."""
+"""The arguments of procedures that take steps, and the records with the state of a run.
+
+The records have the entries of `DriverState` in the same order.
+"""
 
 from __future__ import annotations
 
@@ -52,17 +55,17 @@ class Run:
 
 @record
 class Counts:
-    """The counts and flags of a run.
+    """The counts and flags in the state of a run.
 
     steps         Number of accepted steps.
     rejected      Number of rejected trial steps.
-    evaluations   Number of evaluations of the law.
-    slope_known   1 if the first slope of the next step is known.
-    rows          Number of rows that are written.
+    evaluations   Number of evaluations of the law, the function that steps evaluate.
+    slope_known   1 if the derivative of the state at the start of the next step is known.
+    rows          Number of accepted states that are written as rows.
     record        1 if accepted states are written as rows.
     after_reject  Number of rejected trials directly before this one.
-    kept          0 if the data that a driver has stored belong to another run.
-    surveyed      Number of times that the run has returned as UNSCALED.
+    kept          0 if the data of previous steps in memory belong to another run.
+    surveyed      Number of times that the run has returned as UNSCALED, for an estimate of sizes.
     """
 
     steps: int
@@ -81,7 +84,10 @@ RUN, COUNTS = form_of(Run), form_of(Counts)
 
 
 def law_type(layout: Layout) -> Callee:
-    """Return the type of the law. In registers it takes and returns numbers, and the flag of a singular matrix."""
+    """Return the type of the law, the function that steps evaluate: from time and state to its results.
+
+    In registers it takes and returns single numbers and a flag of a singular matrix, otherwise arrays.
+    """
     results = LAWS[layout.step.law].results * (layout.dimension // 2)
     by_number = Callee((REAL,) * (1 + layout.dimension) + (READ,), (REAL,) * results + (FLAG,))
     return by_number if layout.in_registers else FUNCTION
@@ -91,13 +97,17 @@ def law_type(layout: Layout) -> Callee:
 class Running:
     """The arguments of a procedure that takes steps of a run.
 
+    law                 The function that a step evaluates, such as the right-hand side.
+    parameters          The parameters of the law, and numbers that depend on them alone.
     jacobian            The derivative of the law.
     constants           The parameters of the derivative.
+    run, counts         The state of the run.
     floors              The absolute tolerance of each entry of the state, (dimension,).
-    newtons             The records of the solves of the step.
-    starters            The records of the solves of the starter.
-    work                The vectors of the step and the data of its solves; see `Layout`.
-    projection          The corrections of constraints; None without constraints.
+    effort              The work for one step.
+    newtons             The state of Newton's method, for each solution of implicit equations.
+    starters            The same for the step that starts a two-step method.
+    work                The vectors of the step and the data of its implicit equations; see `Layout`.
+    projection          The function that computes corrections onto constraints; None without constraints.
     projection_numbers  The parameters of the projection.
     """
 

@@ -19,21 +19,21 @@ from lagrange.program.step import Damp, Solve
 
 
 def entries_array(layout: Layout) -> Array | None:
-    """Return the type of an array with the entries of the state and of the new state, or None if they are not kept."""
+    """Return the type of an array of the old and the new state; None if they are not kept in registers."""
     return Array(size=2 * layout.dimension) if layout.keeps_entries else None
 
 
 def rows_array(layout: Layout) -> Array:
-    """Return the type of the array of rows, the states of a run."""
+    """Return the type of an array of rows, each of which is an accepted state of a run."""
     return Array(room=layout.block)
 
 
 @procedure(given=running, entries=entries_array)
 def take_step(given: Running, t: float, h: float, slope_known: bool, entries: Out | None, *, layout: Layout) -> Outcome:
-    """Compute a trial step, and return an outcome.
+    """Compute a trial step of length h from time t, and return an outcome. Its results are in the work array.
 
-    `slope_known` is true if the slope at the start of the step is stored already. `entries` has the entries of the
-    state and of the new state, if they are kept in registers; else it is None.
+    `slope_known` is true if the derivative at the start of the step is stored already. `entries` has the
+    entries of the old and the new state if they are kept in registers; else it is None.
     """
     step = layout.step
     combinations = [*[action.vector for action in step.damps], *step.results, *step.errors]
@@ -71,7 +71,10 @@ def take_step(given: Running, t: float, h: float, slope_known: bool, entries: Ou
 
 @inline
 def damp(vectors: StepVectors, action: Damp) -> None:
-    """Write the vector (I - factor J)^-1 x of a damping action."""
+    """Write the vector (I - factor J)^-1 x of a damping action, where J is the derivative of the law.
+
+    `vectors` are the vectors of the step, among them x and the result.
+    """
     layout, work = vectors.layout, vectors.given.work
     solve, result = layout.solve_of(layout.step.solves[action.of]), vectors.at(action.result)
     vectors.combine(action.vector, work[solve.residual :])
@@ -95,9 +98,10 @@ def add_compensated(vectors: StepVectors, state: int) -> None:
 
 @procedure(given=running, entries=entries_array)
 def try_step(given: Running, t: float, h: float, entries: Out | None, *, layout: Layout) -> Outcome:
-    """Try a step of a run, count its evaluations, and return an outcome.
+    """Compute a trial step of a run, count its evaluations of the law, and return an outcome.
 
-    The starter takes the step if the state one step before is not known.
+    In a two-step method the starting step is taken if the state one step before is not known. `entries` has the
+    states if they are kept in registers, else it is None.
     """
     step, counts, effort = layout.step, given.counts, given.effort
     if layout.keeps_history:
@@ -126,7 +130,7 @@ def try_step(given: Running, t: float, h: float, entries: Out | None, *, layout:
 
 @inline
 def take_starting_step(given: Running, t: float, h: float, layout: Layout) -> Outcome:
-    """Take a step of the starter, in the starter's memory, and return the outcome."""
+    """Take a step of the method that starts a two-step method, in its own memory, and return the outcome."""
     work, starting, width = given.work, layout.starting, layout.width
     memory = work[layout.end :]
     for i in unrolled(layout.step.states):
@@ -140,9 +144,10 @@ def take_starting_step(given: Running, t: float, h: float, layout: Layout) -> Ou
 
 @inline
 def project_new_state(given: Running, t: float, entries: Out | None, layout: Layout) -> tuple[Outcome, bool]:
-    """Project the new state onto the constraints. Return an outcome, and True if the state has moved.
+    """Project the new state of a trial step onto the constraints. Return an outcome, and True if it has moved.
 
-    If it has moved, its displacement is written to the error vectors of the step.
+    If it has moved, its displacement is written to the error vectors of the step. `entries` has the states if
+    they are kept in registers, else it is None.
     """
     n, length, work = layout.dimension, layout.length, given.work
     state, lost = work[layout.argument :], reals(n, room=layout.block)
@@ -173,9 +178,9 @@ def project_new_state(given: Running, t: float, entries: Out | None, layout: Lay
 
 
 def state_parts(layout: Layout) -> list[tuple[int, int, int | None]]:
-    """Return for each new state vector its index in the state, its offset, and the offset of its rounding error.
+    """Return for each vector of the new state: index in the state, offset, and offset of its rounding error.
 
-    The last is None if the rounding error is not stored.
+    Offsets are those in the work array. The last is None if the rounding error is not stored.
     """
     step = layout.step
     tried = [layout.lost + (step.states + i) * layout.width for i in range(step.states)]
@@ -194,9 +199,10 @@ def state_parts(layout: Layout) -> list[tuple[int, int, int | None]]:
 def accept_step(
     given: Running, entries: Out | None, moved: bool | None, t: float, times: Out, rows: Out, *, layout: Layout
 ) -> None:
-    """Set the state to the trial step's, at time t, and add a row if rows are recorded.
+    """Make the new state of the trial step, at time t, the state of the run. Add a row if rows are recorded.
 
-    If the projection has `moved` the state, the slope at the end of the step is not valid.
+    The row is a time in `times` and a state in `rows`. If the projection has `moved` the state, the derivative
+    at the end of the step is not valid.
     """
     step, width, work, counts = layout.step, layout.width, given.work, given.counts
     given.run.t = t

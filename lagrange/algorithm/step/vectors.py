@@ -1,6 +1,7 @@
 """Vectors of a step in the work array: their linear combinations, and evaluations of the law.
 
-A combination is computed entry by entry, in whole blocks. Entries beyond the end of a vector are arbitrary.
+The law is the function that a step evaluates, such as the right-hand side. A combination is computed entry by
+entry, in whole blocks. Entries beyond the end of a vector are arbitrary.
 """
 
 from __future__ import annotations
@@ -39,10 +40,11 @@ def vectors_of(
     ratio: float = 1.0,
     state: Out | None = None,
 ) -> StepVectors:
-    """Return the vectors of a step in the work array, with the values of the coefficients that their formulas need.
+    """Return the vectors of a step in the work array, with the values of coefficients in its formulas.
 
-    The coefficients are those in `calls` and `combinations`, and also `nodes`. They depend on t, h and the `ratio` of h
-    to the length of the previous step. `state` has the entries of the state, if they are kept in registers.
+    The coefficients are those in `calls` of the law and in linear `combinations`, and also `nodes`. They depend
+    on the time t, the step length h and the `ratio` of h to the length of the previous step. `state` has the
+    entries of the state, if they are kept in registers.
     """
     combined = [*[argument for call in calls for argument in call.arguments], *combinations]
     factors = [factor for combination in combined for _, factor in combination]
@@ -85,7 +87,11 @@ def copy_vector(source: In, target: Out, width: int) -> None:
 
 @dataclass(frozen=True)
 class StepVectors:
-    """The vectors of a step in the work array, and the values `numbers` of coefficients, by node."""
+    """The vectors of a step in the work array, and values of the coefficients in its formulas.
+
+    `numbers` has the values by node of the formulas. `state` has the entries of the state if they are kept in
+    registers, else it is None.
+    """
 
     given: Running
     layout: Layout
@@ -106,7 +112,10 @@ class StepVectors:
 
     @inline
     def terms(self, combination: Combination, *, sizes: bool = False) -> Terms:
-        """Return the terms of a combination, or with `sizes` their magnitudes. Terms with factor one are first."""
+        """Return the terms of a linear combination of vectors. Terms with the factor one are first.
+
+        With `sizes` the terms have the magnitudes of factors, and are added with magnitudes.
+        """
         step, one = self.layout.step, self.layout.step.graph.one
         plain, scaled = parts(combination, step.h) if step.exact and not sizes else (combination, ())
         ordered = [*[term for term in plain if term[1] is one], *[term for term in plain if term[1] is not one]]
@@ -119,7 +128,7 @@ class StepVectors:
 
     @inline
     def combine(self, combination: Combination, target: Out, *, sizes: bool = False) -> None:
-        """Write the vector of a combination to `target`, or with `sizes` the sum of the magnitudes of its terms."""
+        """Write a linear combination of vectors to `target`, or with `sizes` its sum of magnitudes."""
         terms = self.terms(combination, sizes=sizes)
         for i in each(self.layout.width, spill=True, disjoint=True):
             target[i] = terms.entry(i)
@@ -134,10 +143,10 @@ class StepVectors:
 
     @inline
     def evaluate(self, call: LawCall, registers: Registers = NO_REGISTERS) -> tuple[bool, Registers]:
-        """Evaluate the law and store its results as vectors. Return True if a matrix is singular, and the results.
+        """Evaluate the law and store its results. Return True if a matrix is singular, and the results.
 
-        `registers` are results of earlier calls in registers, by vector. The results are returned in the same form, if
-        the layout keeps them in registers.
+        `registers` are results of earlier calls that are in registers, by vector. The results are returned in
+        the same form if the layout keeps them in registers, otherwise there are none.
         """
         layout, given, law = self.layout, self.given, LAWS[self.layout.step.law]
         time, length = self.numbers[call.time], layout.length
@@ -173,9 +182,10 @@ class StepVectors:
 
     @inline
     def entries(self, combination: Combination, registers: Registers) -> Sequence[float]:
-        """Return the entries of a combination; `registers` are the vectors that are in registers.
+        """Return the entries of a linear combination of vectors as single numbers.
 
-        The vector that was computed last is added last: the other terms need not wait for it.
+        `registers` are the vectors that are in registers. The vector that was computed last is added last: the
+        other terms need not wait for it.
         """
         step = self.layout.step
         present = [] if step.exact else [term for term in combination if term[0] in registers]
@@ -189,7 +199,7 @@ class StepVectors:
 
     @inline
     def loaded(self, combination: Combination) -> Sequence[float]:
-        """Return the entries of a combination, read from memory. A sum of several vectors is computed in blocks."""
+        """Return the entries of a linear combination of vectors in memory, as single numbers."""
         layout = self.layout
         if len(combination) != 1 or combination[0][1] is not layout.step.graph.one:
             source = reals(layout.width, room=layout.block)

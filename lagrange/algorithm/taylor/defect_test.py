@@ -47,10 +47,11 @@ RETRY_FRACTION, MOST_FAILURES = 0.25, 24
 
 @procedure(weights=weights_type, work=work_type)
 def defect_is_small(length: float, order: int, first: int, weights: In, work: Out, *, layout: TaylorLayout) -> bool:
-    """Return True if the stored derivative at the end of a step agrees with that of a new series, within the bound.
+    """Return True if the defect of a step is small: two derivatives at its end agree.
 
-    The coefficients of order 1 of the new series begin at index `first` of the work array. `length` is the length of
-    the step in units of the scale.
+    One is that of the step's series, stored in the work array. The other is that of the new series at the end,
+    whose coefficients of order 1 begin at index `first` of the work array. `length` is the length of the step
+    in units of the time scale, and `weights` are 1 / tolerance of each entry of the state.
     """
     begin = layout.moving
     rows, slopes = work[first:][begin:], work[layout.slope + begin :]
@@ -71,7 +72,7 @@ def retries_exhausted(taylor: TaylorState) -> bool:
 
 @procedure(apart=True)
 def retry_shorter(counts: Counts, taylor: TaylorState, h: float) -> None:
-    """Set a shorter step, and request a new inspection of the event functions."""
+    """Bound the next steps by a fraction of the rejected step h, and request an inspection for events."""
     taylor.limit = RETRY_FRACTION * abs(h)
     taylor.next_limit = math.inf
     taylor.failures += 1
@@ -81,7 +82,7 @@ def retry_shorter(counts: Counts, taylor: TaylorState, h: float) -> None:
 
 @procedure(apart=True, work=work_type)
 def reject_step(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: Out, *, layout: TaylorLayout) -> None:
-    """Return to the start of the last step."""
+    """Return the run to the start of the last step, to repeat it with a shorter length."""
     kept, size = work[layout.held :], 2 * layout.padded
     for i in each(size, width=layout.block, spill=True, disjoint=True):
         work[i] = kept[i]
@@ -103,7 +104,10 @@ def record_step(
     *,
     layout: TaylorLayout,
 ) -> None:
-    """Count and record a step that passed the defect test. After failures the next step is at most twice as long."""
+    """Count a step that passed the defect test, and write its end to `times` and `rows` if rows are recorded.
+
+    After rejections the next step is at most twice as long.
+    """
     length, limit, is_exhausted = abs(held.h), taylor.limit, retries_exhausted(taylor)
     limit = length if taylor.failures > 0 and not is_exhausted else limit
     taylor.limit = limit + limit
@@ -135,7 +139,12 @@ def defect_along_step(
     *,
     layout: TaylorLayout,
 ) -> bool:
-    """Return True if a series agrees with the equations at all probes of a step of length s, in units of the scale."""
+    """Return True if a series satisfies the equations within tolerance at some points along a step.
+
+    The step begins at time t, and has the length s in units of the time `scale`. The series, of this `order`,
+    is in the work array. `jet` is the function that computes a series at a state from the arrays `prepared` and
+    `constants`. `floors` are the absolute tolerances of the entries of the state.
+    """
     weights = reals(layout.padded, room=layout.block)
     weigh(rtol, floors, weights, work, layout=layout)
     begin = layout.ahead(order)
@@ -190,11 +199,12 @@ def verified_step(
 ) -> tuple[float, int]:
     """Halve a step of length s until the series of all watched functions agree with the functions at its end.
 
-    The two agree if they differ by at most the tolerance `rtol` or the rounding errors of the functions,
-    `noise` at the start and `end_noise` at the end. `tilts` perturb a state by rounding. `end_values`,
-    `end_noise`, `state` and `moved` are work memory. Returns the new length, and the index of the first function
-    that disagreed on the last step that was halved, or -1. Example: at x = 0 the series of x**40 is zero up to
-    order 39, and does not show that the function rises.
+    `function` evaluates the watched functions from a time, a state and `numbers`. The two agree if they differ
+    by at most the tolerance `rtol` or the rounding errors of the functions, `noise` at the start and
+    `end_noise` at the end. `tilts` perturb a state by rounding. `end_values`, `end_noise`, `state` and `moved`
+    are work memory. Returns the new length, and the index of the first function that disagreed on the last step
+    that was halved, or -1. Example: at x = 0 the series of x**40 is zero up to order 39, and does not show that
+    the function rises.
     """
     layout = layout_of(sizes)
     again, halvings, limiting = True, 0, -1
@@ -221,9 +231,10 @@ def verified_step(
 def disagreeing(
     s: float, rtol: float, noise: In, end_noise: In | None, end_values: In, work: Out, order: int, layout: Any
 ) -> int:
-    """Return the index of the first series whose sum at the end of a step differs from its function there, or -1.
+    """Return the index of the first watched function whose series differs from it at the end of a step, or -1.
 
-    `noise` is that of the functions at the start; `end_noise` is None if unknown.
+    `s` is the length of the step. `end_values` are the functions at its end. `noise` and `end_noise` are their
+    rounding errors at the start and at the end; the latter is None if unknown.
     """
     tolerance, wrong = larger(rtol, 2.0**-52), -1
     first = row(work, 0, layout)[layout.watched_at :]

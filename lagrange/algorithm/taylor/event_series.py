@@ -1,9 +1,10 @@
-"""The series of a watched function on a Taylor step: its rounding noise, the range in which it is accurate, its sign.
+"""The series of a watched function on a Taylor step: its rounding noise, accurate range and sign.
 
-Three tests use the series. First, the coefficients may show that the function keeps its sign; then it is excluded.
-Second, the sums of its terms usually decide that it has one zero, or none. Third, the sign at the end of a step must
-agree with the series. A function that saturates, such as erf(x), looks constant where it is flat, and its series does
-not show a slope further ahead. The next series begins with the exact value, which reveals the error.
+A watched function is an event function or a switching surface. Three tests use its series. First, the
+coefficients may show that the function keeps its sign; then it is excluded. Second, the sums of its terms
+usually decide that it has one zero, or none. Third, the sign at the end of a step must agree with the series. A
+function that saturates, such as erf(x), looks constant where it is flat, and its series does not show a slope
+further ahead. The next series begins with the exact value, which reveals the error.
 """
 
 from __future__ import annotations
@@ -87,11 +88,12 @@ def event_noise(
     noise: Out,
     moved: Out,
 ) -> None:
-    """Write the noise of watched functions, with these `values`, due to rounding of the state.
+    """Write the changes of watched functions that rounding of the state may cause (their noise) to `noise`.
 
-    The state here and at the end of the last step may be rounded. The time and the `size` entries of the state are
-    multiplied by `tilts`, which differ from 1 by about the square root of the rounding unit. With equal factors the
-    difference of two equal entries would seem exact. `moved` is memory for the perturbed state.
+    `function` evaluates them at a time and state, with the results `values` at the state y. The time and the
+    `size` entries of the state are multiplied by `tilts`, which differ from 1 by about the square root of the
+    rounding unit. With equal factors the difference of two equal entries would seem exact. `count` is the
+    number of functions, and `moved` is memory for the perturbed state.
     """
     for i in range(size):
         moved[i] = y[i] * tilts[i]
@@ -103,9 +105,9 @@ def event_noise(
 
 @inline
 def write_noise(watched: Watched, numbers: In, t: float, state: In, layout: Any) -> None:
-    """Write the noise of the watched functions to the scratch memory: their errors due to rounding of the `state`.
+    """Write the noise of the watched functions to the scratch memory: their changes by rounding of the `state`.
 
-    The scratch memory must contain their values at the `state`.
+    The scratch memory must contain their values at the `state`. `numbers` are their prepared parameters.
     """
     values, noise = real_part(watched, "values", layout), real_part(watched, "noise", layout)
     sizes, moved = (layout.dimension, layout.watched), moved_state(watched, layout)
@@ -114,10 +116,10 @@ def write_noise(watched: Watched, numbers: In, t: float, state: In, layout: Any)
 
 @procedure(apart=True)
 def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
-    """Return the length, up to s, of the part of a step on which a series is accurate or its error is below noise.
+    """Return the length, up to s, on which a series is accurate to a tolerance or its error is below noise.
 
-    It is s if the series terminates. The truncation error of the series of an expression may exceed that of the state:
-    it is a sum of products.
+    `c` has the `count` coefficients of the series. The result is s if the series terminates. The truncation
+    error of the series of an expression may exceed that of the state: it is a sum of products.
     """
     far, ratio, tries = s, math.inf, 0
     share, middle = -1.0 / float(count - 1), quotient(count - 1, 2)
@@ -147,7 +149,10 @@ def safe_step(c: In, count: int) -> float:
 
 @inline
 def shown_radius(c: In, late: int) -> float:
-    """Return the radius of convergence from the coefficients of order `late` and an earlier one; inf if one is 0."""
+    """Return the radius of convergence that two coefficients of a series show; infinity if one of them is 0.
+
+    They have the order `late` and an order somewhat lower; `c` has all coefficients.
+    """
     early = max(late - ROW_DISTANCE, 1)
     before, after = abs(c[early]), abs(c[late])
     shown = math.pow(before / after, 1.0 / float(late - early))
@@ -156,7 +161,10 @@ def shown_radius(c: In, late: int) -> float:
 
 @procedure(apart=True)
 def is_balanced(c: In, count: int, s: float) -> bool:
-    """Return True if the high powers of a series on a step are at most `BALANCE` times the low ones."""
+    """Return True if the high powers of a series on a step are at most `BALANCE` times the low ones.
+
+    `c` has the `count` coefficients, and s is the length of the step. Powers below 2 are low.
+    """
     low = larger(abs(c[0]), abs(c[1]) * s)
     high, power = 0.0, s * s
     for k in range(2, count):
@@ -167,7 +175,10 @@ def is_balanced(c: In, count: int, s: float) -> bool:
 
 @procedure(apart=True)
 def keeps_sign(c: In, count: int, s: float, noise: float, sign: float) -> bool:
-    """Return True if a series certainly keeps its sign on a step: its linear part exceeds the rest at both ends."""
+    """Return True if a series certainly keeps its sign on a step: its linear part exceeds the rest.
+
+    `c` has the `count` coefficients, and s is the length of the step.
+    """
     rest, power = 0.0, s * s
     for k in range(2, count):
         rest += abs(c[k]) * power
@@ -178,10 +189,10 @@ def keeps_sign(c: In, count: int, s: float, noise: float, sign: float) -> bool:
 
 @inline
 def is_linear(start: float, end: float, sizes: float, rest: float, noise: float) -> bool:
-    """Return True if the linear part of a series exceeds the `rest` of the series, hence keeps its sign.
+    """Return True if the linear part of a series on a step exceeds all other terms, so that it stays positive.
 
-    `start` and `end` are the values of the linear part at the ends of a step; between the ends it is between them.
-    `sizes` is the sum of magnitudes of all terms of the series.
+    `start` and `end` are the values of the linear part at the ends of the step. `rest` is the sum of magnitudes
+    of the other terms, and `sizes` that of all terms.
     """
     least = fma(POLYNOMIAL_NOISE, sizes, rest + noise) * SURELY
     return start > least and end > least
@@ -189,7 +200,7 @@ def is_linear(start: float, end: float, sizes: float, rest: float, noise: float)
 
 @procedure(apart=True)
 def largest_term(c: In, count: int, s: float) -> float:
-    """Return the largest |c[k]| s**k of a series."""
+    """Return the largest magnitude of a term |c[k]| s**k of a series with the coefficients c[:count]."""
     most, power = 0.0, 1.0
     for k in range(count):
         most = larger(most, abs(c[k]) * power)
@@ -204,7 +215,7 @@ ZERO_ROUND_OFF = 64 * 2.0**-52
 
 @procedure(apart=True)
 def vanishes(c: In, count: int, s: float, noise: float) -> bool:
-    """Return True if a series is zero at time s, within its noise and the rounding of its terms."""
+    """Return True if a series with the coefficients c[:count] is zero at time s, within noise and rounding."""
     total, sizes, power = 0.0, 0.0, 1.0
     for k in range(count):
         term = c[k] * power
@@ -215,10 +226,11 @@ def vanishes(c: In, count: int, s: float, noise: float) -> bool:
 
 @procedure
 def start_of_series(c: In, count: int, unit: float, tolerance: float, noise: float, margin: float) -> tuple[int, int]:
-    """Return the sign with which a watched function leaves zero at a start, and the order of the term with that sign.
+    """Return the sign of a watched function just after a start, and the order of the term that determines it.
 
-    The order is 0 if the function is not zero at the start: beyond its `margin` and the rounding of its terms over the
-    time `unit`. It is -1, with sign 0, if all terms are rounding.
+    `c` has the `count` coefficients of its series. The order is 0 if the function is not zero at the start:
+    beyond its `margin` and the rounding of its terms over the time `unit`. It is -1, with sign 0, if all terms
+    are rounding.
     """
     far = reach(c, count, unit, tolerance, noise)
     near = reals(MOST_COEFFICIENTS)
@@ -255,7 +267,11 @@ LEAST_COUNT = 3
 
 @record
 class TermSums:
-    """Two sums of alternate terms of a series, to hide the latency of additions. `TERM_SUMS` is the record."""
+    """Sums over every second term x[k] s**k of a series. Those for even and odd k are added in parallel.
+
+    `rest` and `rates` are the sums of magnitudes of the terms, and of k times the terms. `end` and `slope` are
+    the sums of these with their signs.
+    """
 
     number: float
     """Order of the next term."""
@@ -271,9 +287,10 @@ class TermSums:
 
 @inline
 def begin_sums(number: float, power: float, end: float, slope: float) -> TermSums:
-    """Return sums whose next term has the order `number` and is multiplied by `power`, the step to that order.
+    """Return sums of alternate terms of a series, to which the term of order `number` is added next.
 
-    `end` and `slope` are the values with which the sums of terms, and of terms times their orders, begin.
+    `power` is the power of the step length in this term. The sums of terms, and of terms times their orders,
+    begin with `end` and `slope`.
     """
     sums = TermSums()
     sums.number = number
@@ -302,10 +319,10 @@ def add_term(sums: TermSums, coefficient: float, square: float) -> tuple[float, 
 
 @procedure
 def event_terms(rows: In, width: int, order: int, s: float, c: Out, slopes: Out, sums: Out) -> None:
-    """Write the terms x[k] s**k of a watched function, also multiplied by k, and their `TERM_SUMS`.
+    """Write the terms x[k] s**k of a watched function on a step of length s, also times k, and their sums.
 
-    The terms are written to `c`, the terms times k to `slopes`, and the sums to `sums`. The coefficients x[k] are read
-    from rows that are `width` doubles apart.
+    The terms are written to `c`, the terms times k to `slopes`, and the `TERM_SUMS` to `sums`. The coefficients
+    x[k] are read from `rows`, which are `width` doubles apart.
     """
     start, slope, square, pairs = rows[0], rows[width] * s, s * s, quotient(order - 1, 2)
     c[0], c[1], slopes[0] = start, slope, slope
@@ -325,9 +342,11 @@ def event_terms(rows: In, width: int, order: int, s: float, c: Out, slopes: Out,
 
 @procedure
 def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In) -> int:
-    """Return the sign to which a watched function changes on a step, once; 0 if it keeps its sign, 2 if undecided.
+    """Return the sign to which a watched function changes once on a step; 0 if it keeps it, 2 if undecided.
 
-    It is undecided by the sums of terms if the slope may change its sign, or if a value at an end is within its noise.
+    It is undecided if the slope may change its sign, or if a value at an end is within its `noise`. `sign` is
+    the sign at the start. `terms` are the terms of its series on a step of length s, and `sums` their
+    `TERM_SUMS`.
     """
     start, slope, rest, rates, end = terms[0], terms[1], sums[REST], sums[RATES], sums[END]
     rate, side = abs(slope), float(sign)
@@ -344,9 +363,9 @@ def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In
 
 @procedure
 def only_passage(terms: In, slopes: In, sums: In, order: int, sign: int) -> float:
-    """Return the only point between 0 and 1 at which the polynomial with coefficients `terms` reaches `sign`.
+    """Return the only point between 0 and 1 at which a polynomial changes to the sign `sign`, 1 or -1.
 
-    `slopes` are the coefficients of its derivative, and `sums` are its `TERM_SUMS`.
+    `terms` are its coefficients, `slopes` those of its derivative, and `sums` its `TERM_SUMS`.
     """
     count, side = used_count(terms, order), float(sign)
     values, rates = (side * terms[0], side * sums[END]), (side * slopes[0], side * sums[SLOPE])
@@ -364,9 +383,10 @@ def used_count(c: Readable[float], order: int) -> int:
 
 @procedure(apart=True)
 def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> bool:
-    """Copy the series of a watched function from rows, `width` apart, on first use. Return True if it is finite.
+    """Copy the coefficients of a watched function from rows to `c`, if not done yet. Return True if finite.
 
-    `counts` has the number of its coefficients up to the last nonzero one, or 0 before the copy.
+    Rows are `width` doubles apart. `counts[0]` is 0 before the copy; then it is the number of coefficients up
+    to the last nonzero one.
     """
     if counts[0] != 0:
         return True
@@ -377,7 +397,10 @@ def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> 
 
 @inline
 def copy_series(rows: In, width: int, count: int, c: Out) -> bool:
-    """Copy the series of a watched function from rows, `width` apart. Return True if it is finite."""
+    """Copy `count` coefficients of a watched function from rows to `c`. Return True if they are finite.
+
+    Rows are `width` doubles apart.
+    """
     total = 0.0
     for k in range(count):
         c[k] = rows[k * width]
@@ -387,10 +410,10 @@ def copy_series(rows: In, width: int, count: int, c: Out) -> bool:
 
 @procedure(doubtful=work_type, work=work_type)
 def doubtful_events(s: float, everything: bool, doubtful: Out, work: Out, order: int, *, layout: TaylorLayout) -> bool:
-    """Write 1 for each watched function that may be zero on a step of length s, else 0. Return True if any may.
+    """Find the watched functions that may be zero on a step of length s. Return True if there are any.
 
-    With `everything`, 1 is written for all. A function keeps its sign if its linear part exceeds the rest at both ends
-    of the step, and has one sign there.
+    `doubtful` becomes 1 for each of them, else 0; with `everything` it is 1 for all. A function keeps its sign
+    if the linear part of its series exceeds the rest at both ends of the step, and has one sign there.
     """
     rows, width = work[layout.rows + layout.watched_at :], layout.width
     number = 0.0
@@ -411,7 +434,7 @@ CHAINS = 4
 
 @inline
 def sum_beyond_linear(rows: Readable[float], width: int, order: int, s: float, i: int) -> float:
-    """Return the sum of |x[k]| s**k over k >= 2, for watched function i."""
+    """Return the sum of |x[k]| s**k over k >= 2 for watched function i, with coefficients x[k] in `rows`."""
     blocks = quotient(order - 1, CHAINS)
     square = s * s
     fourth = square * square
@@ -427,9 +450,10 @@ def sum_beyond_linear(rows: Readable[float], width: int, order: int, s: float, i
 
 @procedure(watched=watched_type)
 def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layout: TaylorLayout) -> bool:
-    """Return True if the sign of a function contradicts the series of the last step, of this `length`.
+    """Return True if the sign of a watched function at time t contradicts its series on the last step.
 
-    Functions that may jump are excluded: their sign may change without a zero.
+    `length` is the length of that step in units of the time scale. Functions that may jump are excluded: their
+    sign may change without a zero.
     """
     is_doubted = False
     for i in range(layout.watched):
@@ -454,9 +478,9 @@ def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layou
 
 @inline
 def changes_side(watched: Watched, i: int, length: float, layout: TaylorLayout) -> bool:
-    """Return True if function i, which cannot jump, has changed its sign by more than its slope explains.
+    """Return True if watched function i has changed its sign on the last step by more than its slope explains.
 
-    `length` is the length of the last step in units of the scale.
+    Functions that may jump are excluded. `length` is the length of the step in units of the time scale.
     """
     value, slope = [row(watched.work, k, layout)[layout.watched_at :][i] for k in unrolled(2)]
     started, near = watched.sides[layout.watched * (SIDES + STARTING) :][i], side(watched, NEAR, layout)[i]

@@ -1,6 +1,6 @@
-"""Zeros of watched functions on the next Taylor step, in order of time.
+"""Zeros of watched functions (event functions and switching surfaces) on the next Taylor step, by time.
 
-The first that changes the motion ends the step.
+The first zero that changes the motion, by a reset, a crossed surface or the end of the run, ends the step.
 """
 
 from __future__ import annotations
@@ -78,9 +78,11 @@ SEARCH_MARGIN = 1 / 64
 
 @dataclass(frozen=True)
 class Zeros:
-    """The zeros on a step, and the sides at its end.
+    """The zeros of watched functions on a step, and the signs of the functions at its end.
 
-    Each zero has a time in units of the scale, the index of its function, and a direction.
+    Each zero has a time in units of the time scale, the index of its function in `places`, and a direction: the
+    sign to which the function changes, or 0 if it touches zero. `nears` is 1 for each function that is near
+    zero at the end.
     """
 
     times: Out
@@ -103,12 +105,13 @@ def zeros_of(watched: Watched, number: int, layout: Any) -> Zeros:
 def zeros_on_step(
     s: float, stored_length: float, zeros: Zeros, doubtful: In, watched: Watched, last: bool, until: bool
 ) -> int:
-    """Find the zeros of watched functions on a step of length s, in order. Return their number, or -1 on failure.
+    """Find the zeros of watched functions on a step of length s, sorted by time, and return their number.
 
-    With `until`, only zeros up to the first that certainly changes the motion, and simultaneous ones, are needed. The
-    search then ends at twice the time of that zero, or at `SEARCH_MARGIN` of the step after it if that is later. There,
-    simultaneous zeros are clearly passed. `stored_length` is that of the step whose terms are stored. `last` is true
-    if the run ends at the end of the step.
+    The result is -1 on failure. Only functions with a nonzero entry in `doubtful` are searched. With `until`,
+    only zeros up to the first that certainly changes the motion, and simultaneous ones, are needed. The search
+    then ends at twice the time of that zero, or at `SEARCH_MARGIN` of the step after it if that is later.
+    There, simultaneous zeros are clearly passed. `stored_length` is that of the step whose terms are stored.
+    `last` is true if the run ends at the end of the step.
     """
     layout = layout_of(watched.sizes)
     before, came_near = whole_part(watched, "sides", layout), whole_part(watched, "sides", layout, 1)
@@ -139,11 +142,12 @@ def zeros_on_step(
 def find_zeros(
     i: int, to: int, s: float, step: float, stored_length: float, last: bool, zeros: Zeros, watched: Watched
 ) -> int:
-    """Write the zeros of watched function i up to s, from index `to` on. Return their number, or -1 on failure.
+    """Write the zeros of watched function i up to time s to `zeros`, from index `to` on. Return their number.
 
-    The sums of the terms of its series usually decide. Otherwise roots are isolated. A function that starts at zero is
-    divided by time, which removes that root: the next one may be close. `stored_length` is that of the step whose
-    terms are stored. `last` is true if the run ends at the end of the step.
+    The result is negative on failure. The sums of the terms of its series usually decide. Otherwise roots are
+    isolated. A function that starts at zero is divided by time, which removes that root: the next one may be
+    close. `step` is the length of the step, and `stored_length` that for which terms are stored. `last` is true
+    if the run ends at its end.
     """
     layout, order = layout_of(watched.sizes), watched.order
     rows = row(watched.work, 0, layout)[layout.watched_at :]
@@ -196,7 +200,8 @@ class InspectedStep:
     t      The time at which the step begins.
     low    The rounding error of `t`.
     scale  The unit of time of the series.
-    s      The length of the step in this unit.
+    rtol   The relative tolerance of the series.
+    s      The length of the step in units of `scale`.
     left   Time from the beginning of the step to the end of the run.
     final  True if the step ends at the end of the run.
     """
@@ -212,10 +217,11 @@ class InspectedStep:
 
 @procedure(apart=True, watched=watched_type)
 def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched: Watched) -> tuple[int, float]:
-    """Search the zeros of watched functions on a step. Return a decision and the new length.
+    """Search a step for zeros of watched functions. Return a decision about the step and its new length.
 
-    The decision is `GO_ON`, `LEAVE` or `WAIT`. Only functions with a nonzero entry in `doubtful` are searched. If the
-    step is taken, its events and the signs at its end are written. Otherwise nothing changes.
+    The decision is `GO_ON` to take it, `LEAVE` to leave it to the caller, or `WAIT` if the memory for events is
+    full. Only functions with a nonzero entry in `doubtful` are searched. If the step is taken, its events and
+    the signs at its end are written. Otherwise nothing changes.
     """
     layout, watch, work, s = layout_of(watched.sizes), watched.watch, watched.work, step.s
     values, counts = real_part(watched, "values", layout), whole_part(watched, "counts", layout)
@@ -261,11 +267,12 @@ def verified_length(step: InspectedStep, length: float, watched: Watched, layout
 def end_at_change(
     zeros: Zeros, number: int, change: int, step: InspectedStep, doubtful: In, taylor: TaylorState, watched: Watched
 ) -> tuple[int, float]:
-    """End the step at its first change of the motion. Return a decision and the new length.
+    """Shorten the step to the first zero that changes the motion. Return a decision and the new length.
 
-    `number` is the number of `zeros` on the step, and `change` the number of the zero that changes the motion. On the
-    shorter step more zeros may be resolved: they are recorded, and one of them may be an earlier change. The functions
-    that are zero at the new end are due. If the change is at the start, no step is taken.
+    `number` is the number of `zeros` on the step, and `change` the index of the zero that changes the motion.
+    On the shorter step more zeros may be resolved: they are recorded, and one of them may be an earlier change.
+    The functions that are zero at the new end are due: their reset or crossing follows. If the change is at the
+    start, no step is taken.
     """
     layout, watch, count, s = layout_of(watched.sizes), watched.watch, number, step.s
     shorter, at, again = zeros_of(watched, 1, layout), zeros.times[change], True
@@ -291,10 +298,11 @@ def end_at_change(
 
 @procedure(watched=watched_type)
 def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched: Watched, proven: bool) -> int:
-    """Append functions that are zero near the end `at` of a step to the list of due functions. Return its new length.
+    """Append functions that are zero at the end of a step to the list of due functions. Return its length.
 
-    `due` is the present length, and `count` the number of `zeros`. Zeros within the time `close` of the end are near.
-    Unless the zeros are `proven`, a function whose zero is not exactly at the end must vanish there within its noise.
+    Their reset or crossing follows. `due` is the present length of the list. The step ends at the time `at`,
+    and `count` is the number of `zeros`. Zeros within the time `close` of the end count. Unless the zeros are
+    `proven`, a function whose zero is not exactly at the end must vanish there within its noise.
     """
     layout = layout_of(watched.sizes)
     indices, directions = [whole_part(watched, "due", layout, i) for i in (0, 1)]
@@ -326,7 +334,10 @@ def is_due(index: int, due: int, watched: Watched, layout: Any) -> Any:
 
 @inline
 def terminates(work: In, order: int, layout: RecordedLayout) -> bool:
-    """Return True if the series of the state terminate: then they do not limit the step."""
+    """Return True if the series of the state are polynomials: their last two coefficients are zero.
+
+    Then they do not limit the step. The rows of coefficients are in the work array.
+    """
     last, before = row(work, order, layout), row(work, order - 1, layout)
     index = 0
     while index < layout.dimension and last[index] == 0.0 and before[index] == 0.0:
@@ -336,10 +347,10 @@ def terminates(work: In, order: int, layout: RecordedLayout) -> bool:
 
 @procedure(watched=watched_type)
 def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched: Watched) -> float:
-    """Return the length of the part of a step on which the series of watched functions are accurate; -1 if not finite.
+    """Return the length of a step up to which the series of watched functions are accurate.
 
-    Only functions with a nonzero entry in `doubtful` count. `is_polynomial` is true if the series of the state
-    terminates.
+    The result is -1 if a series is not finite. Only functions with a nonzero entry in `doubtful` count.
+    `is_polynomial` is true if the series of the state terminate.
     """
     layout, order, s = layout_of(watched.sizes), watched.order, step.s
     rows, count, length = row(watched.work, 0, layout)[layout.watched_at :], order + 1, s
@@ -386,9 +397,10 @@ def limited_to(far: float, length: float, which: int, watch: Watch) -> float:
 
 @procedure(watched=watched_type)
 def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
-    """Write the sides before a step. Functions that jumped over zero since the last step have changed their side.
+    """Write the signs of watched functions before a step of length s. Return False if a series is not finite.
 
-    The result is False if a series is not finite.
+    A function that jumped over zero since the last step has changed its sign. Only functions with a nonzero
+    entry in `doubtful` are tested for it.
     """
     layout = layout_of(watched.sizes)
     signs, nears = whole_part(watched, "sides", layout), whole_part(watched, "sides", layout, 1)
@@ -408,7 +420,10 @@ def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
 
 @procedure(watched=watched_type)
 def first_change(zeros: Zeros, count: int, before: float, watched: Watched) -> int:
-    """Return the number of the first of `count` zeros that changes the motion and is before a time, or -1."""
+    """Return the index of the first zero that changes the motion, among the zeros before a time, or -1.
+
+    Changes of the motion are resets, crossed surfaces and the end of the run. `count` is the number of `zeros`.
+    """
     layout = layout_of(watched.sizes)
     seen, counted = whole_part(watched, "seen", layout), side(watched, COUNT, layout)
     if watched.watch.changing == 0:
@@ -432,7 +447,10 @@ def first_change(zeros: Zeros, count: int, before: float, watched: Watched) -> i
 
 @inline
 def simultaneous(step: InspectedStep, at: float) -> float:
-    """Return the time within which zeros count as simultaneous, in units of the scale."""
+    """Return the time within which zeros near the time `at` of a step count as simultaneous.
+
+    Both times are in units of the time scale.
+    """
     return TOGETHER * larger(abs(step.t / step.scale), at)
 
 
@@ -448,12 +466,13 @@ def accept(
     watched: Watched,
     again: bool,
 ) -> int:
-    """Write the events on the step before its `end`, and the sides there; save the sides before the step.
+    """Write the events on a step before its `end`, and the signs of watched functions there.
 
-    `count` is the number of `zeros`, and `due` the number of functions that are due at the end. Events closer to the
-    end than `close` are at the end. A due function has no event just before the end: the longer and the shorter step
-    locate its zero at slightly different times. `again` forces an inspection of the next step. The result is `GO_ON`,
-    or `LEAVE` or `WAIT` if the arrays have no space.
+    `count` is the number of `zeros`, and `due` the number of functions that are zero at the end and change the
+    motion there. Events closer to the end than `close` are at the end. A due function has no event just before
+    the end: the longer and the shorter step locate its zero at slightly different times. The signs before the
+    step are saved. `again` forces an inspection of the next step. The result is `GO_ON`, or `LEAVE` or `WAIT`
+    if the arrays have no space.
     """
     layout, watch = layout_of(watched.sizes), watched.watch
     if watch.done + count > watch.room:

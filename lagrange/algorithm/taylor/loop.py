@@ -94,9 +94,10 @@ scale of 1, 24 changes by `SHORTER_SCALE` lead below `SHORTEST_SCALE`, to 1e-289
 
 @procedure(given=arguments)
 def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Outcome:
-    """Take a step, or change its scale or its limit. Return an outcome: PAUSED if the run continues.
+    """Take a Taylor step, or change the time scale or the limit of the step. Return an outcome.
 
-    `exponent` is the binary logarithm of the step that the series allows, in units of the scale.
+    It is PAUSED if the run continues. `given` are the arguments of the loop. `exponent` is the binary logarithm
+    of the step that the series allows, in units of the time scale.
     """
     run, taylor, held, outputs = given.run, given.taylor, given.held, given.outputs
     work, order, watched = given.work, given.order, watched_of(given)
@@ -156,10 +157,11 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
 def length_of_step(
     given: Arguments, t: float, scale: float, left: float, exponent: float
 ) -> tuple[float, float, bool, bool]:
-    """Return the step in units of the scale, its rounded binary exponent, and two flags: last step, and too small.
+    """Return the step length, its rounded binary logarithm, and two flags: it ends the run, it is too small.
 
-    `left` is the time to the end of the run, and `exponent` the binary logarithm of the step that the series allows.
-    Operations without the coefficients come first: processors run them before the last coefficient is available.
+    The length is in units of the time scale. `left` is the time from t to the end of the run, and `exponent`
+    the binary logarithm of the step that the series allows. Operations without the coefficients come first:
+    processors run them before the last coefficient is available.
     """
     run, taylor = given.run, given.taylor
     inverse = 1.0 / abs(scale)
@@ -190,11 +192,11 @@ def fits(given: Arguments, exponent: float, reach: float, is_ending: bool) -> bo
 
 @procedure(apart=True)
 def rescale(taylor: TaylorState, exponent: float, reach: float, terminates: bool) -> Outcome:
-    """Change the scale of time to that of the step, for a new series. Return an outcome.
+    """Change the time scale to about the step length, for a new series. Return PAUSED, or else NON_FINITE.
 
-    `exponent` is the binary logarithm of the step, and `reach` that of the longest step, in units of the scale. The
-    scale becomes shorter if a coefficient overflowed. If the series `terminates`, it becomes as long as the longest
-    step.
+    `exponent` is the binary logarithm of the step, and `reach` that of the longest step, in units of the scale.
+    The scale becomes shorter if a coefficient overflowed. If the series `terminates`, it becomes as long as the
+    longest step.
     """
     tries, scale = taylor.rescalings, taylor.scale
     if tries >= MOST_RESCALINGS or abs(scale) < SHORTEST_SCALE:
@@ -208,9 +210,10 @@ def rescale(taylor: TaylorState, exponent: float, reach: float, terminates: bool
 
 @inline
 def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLayout) -> Outcome:
-    """Apply the reset or crossing that is due at the state, if it is regular. Return an outcome.
+    """Apply the reset or surface crossing that is due at time t, if it is regular. Return an outcome.
 
-    DONE means that nothing was changed, and the step is to be taken.
+    PAUSED means that it was applied, and WATCHED that the caller must handle it. DONE means that nothing was
+    changed, and the step is to be taken.
     """
     watch, result = watched.watch, Outcome.DONE
     if layout.observes:
@@ -229,9 +232,10 @@ def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLa
 
 @inline
 def inspected(given: Arguments, step: InspectedStep, watched: Watched, layout: TaylorLayout) -> tuple[Outcome, float]:
-    """Search the step for zeros. Return DONE, or the reason why the step is not taken, and its new length.
+    """Search a step for zeros of watched functions. Return an outcome and the new length of the step.
 
-    The length is in units of the scale.
+    DONE means that the step is to be taken; another outcome is the reason why not. The length is in units of
+    the time scale.
     """
     taylor, watch, doubtful = given.taylor, watched.watch, reals(layout.watched, room=WIDEST_VECTOR)
     everything, outcome, length = taylor.inspect != 0, Outcome.DONE, step.s
@@ -292,9 +296,9 @@ def taylor_steps(given: Arguments, budget: int, *, layout: TaylorLayout) -> Outc
 
 @inline
 def begin_run(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: Any, layout: TaylorLayout) -> None:
-    """Reset the compensation, the counters and the limits. Set the sign of the time scale to the run's direction.
+    """Reset rounding errors, limits and time scale at the start of a run; the scale has its direction.
 
-    The caller may have asked for an inspection of the first step.
+    An inspection for events on the first step, if the caller has asked for it, remains requested.
     """
     counts.kept = 1
     low = work[layout.lost :]
@@ -308,9 +312,10 @@ def begin_run(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: A
 
 @procedure(given=arguments)
 def iteration(given: Arguments, last: bool, digits: float, *, layout: TaylorLayout) -> Outcome:
-    """Test the defect of the last step, and take the next one. Return an outcome: PAUSED if the run continues.
+    """Compute the series at the state, test the defect of the last step with it, and take the next step.
 
-    If `last`, no further step is taken. `digits` is minus the binary logarithm of the relative tolerance.
+    The outcome is PAUSED if the run continues. If `last`, no further step is taken. `digits` is minus the
+    binary logarithm of the relative tolerance.
     """
     run, counts, taylor, held = given.run, given.counts, given.taylor, given.held
     work, order = given.work, given.order

@@ -1,6 +1,7 @@
-"""Memory layout of a Taylor step: the state, its compensation, and the rows of the series.
+"""Memory layout of a Taylor step: the state, its rounding errors, and the rows of coefficients of the series.
 
-A machine that computes on blocks of numbers pads each vector to whole blocks. On other machines a block is one number.
+A machine that computes on blocks of numbers pads each vector to whole blocks. On other machines a block is one
+number.
 """
 
 from __future__ import annotations
@@ -52,7 +53,9 @@ class Held:
     """Record of the start of the last step, to which a rejected step returns. Its state is in the work array.
 
     unproven  1 until the last step has passed the defect test.
+    t         Time at the start of the step.
     low       Rounding error of the time.
+    scale     The unit of time of the series.
     h         Length of the step.
     """
 
@@ -133,14 +136,15 @@ class Offsets:
 
 @dataclass(frozen=True)
 class TaylorLayout(Offsets):
-    """Offsets in the work array: the state, its compensation, the start of the step, and the rows.
+    """Memory layout of a Taylor step: offsets of its parts in the work array, and options of its code.
 
-    `dimension` is 2n. Rows are `width` doubles apart. A row begins with q and v; its coefficients of the event
-    functions begin at `watched_at`. With an `order` of 0 the code works for every order. Vectors are computed on
-    `block` entries at once. `scratch` doubles follow the rows. With `projected` the state is moved onto the constraints
-    after each step. With `crossing` the radius of convergence does not bound the step. With `by_rows` a series is
-    summed row by row, for compilers that vectorize only innermost loops. With `observes` all watched functions are
-    events without resets: the loop returns when one of them ends the run.
+    `dimension` is 2n. Rows of coefficients, one for each order, are `width` doubles apart. A row begins with q
+    and v; its coefficients of the event functions begin at `watched_at`. Vectors are computed on `block`
+    entries at once. `scratch` doubles follow the rows. With `chains` a series is summed in four partial sums,
+    with `by_rows` row by row, for compilers that vectorize only innermost loops. With `projected` the state is
+    moved onto the constraints after each step. With `crossing` the radius of convergence does not bound the
+    step. With `observes` all watched functions are events without resets: the loop returns when one of them
+    ends the run.
     """
 
     dimension: int
@@ -157,9 +161,9 @@ class TaylorLayout(Offsets):
 
     @classmethod
     def of(cls, program: SeriesProgram, width: int = 0, *, block: int = 1, **parts: Any) -> TaylorLayout:
-        """Return the layout of the series of a program. Without `width` a row has the state and the watched values.
+        """Return the memory layout of the series of a program. Rows have the length `width` if it is not 0.
 
-        `parts` are other fields, such as `scratch`.
+        Otherwise a row has the state and the watched functions. `parts` are other fields, such as `scratch`.
         """
         dimension, watched = program.states, len(program.watched)
         end = whole_blocks(dimension, block)
@@ -182,7 +186,7 @@ class TaylorLayout(Offsets):
         return self.dimension // 2 // self.block * self.block
 
     def coefficients(self, work: NDArray[np.float64], order: int) -> NDArray[np.float64]:
-        """Return the rows that begin at the start of an array, (order + 1, 2n + watched)."""
+        """Return the Taylor coefficients (order + 1, 2n + watched) from an array that begins with the rows."""
         rows = work[: (order + 1) * self.width].reshape(order + 1, self.width)
         watched = slice(self.watched_at, self.watched_at + self.watched)
         return np.concatenate([rows[:, : self.dimension], rows[:, watched]], axis=1)
@@ -239,7 +243,7 @@ def floors_type(layout: TaylorLayout) -> Array:
 
 @inline
 def row(work: Any, k: int, layout: Any) -> Any:
-    """Return the row of coefficients of order k."""
+    """Return the row of the work array that has the Taylor coefficients of order k."""
     return work[k * layout.width + layout.rows :]
 
 

@@ -1,4 +1,7 @@
-"""Apply the event at which a Taylor step has ended: reset the state, or continue on the other side of a surface."""
+"""Apply the event at which a Taylor step has ended: reset the state, or cross a switching surface.
+
+The side of zero of a watched function (event function or switching surface) is its sign, 1 or -1.
+"""
 
 from __future__ import annotations
 
@@ -46,12 +49,13 @@ AT_REST = 4.0
 def sides_at_start(
     t: float, scale: float, rtol: float, margin: float, index: int, numbers: In, start_state: In, watched: Watched
 ) -> bool:
-    """Determine the sides at the start of a motion, and the functions that start at zero.
+    """Find the sign of each watched function just after the start of a motion, and those that start at zero.
 
-    `start_state` has the state at the start, its compensation and its series. The watched function with this
-    `index`, which changed the motion, counts as zero up to `margin`. The result is False if the sides are
-    undecided: a series is not finite; that function does not leave zero at once; or another one starts at zero. At the
-    start of a run `index` is -1, and an event without reset may start at zero.
+    The results are written to scratch memory. The state at the start, its rounding errors and its series are in
+    the work array `start_state`. The watched function with this `index`, which changed the motion, counts as
+    zero up to `margin`. Return False if the signs are undecided: a series is not finite; that function does not
+    leave zero at once; or another one starts at zero. At the start of a run `index` is -1, and an event without
+    reset may start at zero.
     """
     layout, count = layout_of(watched.sizes), watched.order + 1
     series = start_state[layout.rows :]
@@ -79,7 +83,7 @@ def sides_at_start(
 
 @procedure(apart=True, watched=watched_type)
 def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
-    """Determine the sides at the start of a run. Return True if they are decided."""
+    """Set the signs of all watched functions at the start of a run. Return True if they are decided."""
     layout = layout_of(watched.sizes)
     is_done = sides_at_start(t, scale, rtol, 0.0, -1, own_numbers(watched), watched.work, watched)
     if is_done:
@@ -90,7 +94,7 @@ def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
 
 @inline
 def put_sides(watched: Watched, layout: Any) -> None:
-    """Write the sides at the start of a motion, as `sides_at_start` determined them."""
+    """Set the signs of the watched functions to those at the start of a motion, from scratch memory."""
     signs, starting = whole_part(watched, "begun", layout), whole_part(watched, "begun", layout, 1)
     for i in range(layout.watched):
         side(watched, SIGN, layout)[i], side(watched, NEAR, layout)[i] = signs[i], 0
@@ -99,7 +103,10 @@ def put_sides(watched: Watched, layout: Any) -> None:
 
 @inline
 def just_changed(t: float, watch: Watch) -> bool:
-    """Return True if the motion changed just before time t. Such changes may accumulate: the caller handles them."""
+    """Return True if the last reset or surface crossing was just before time t.
+
+    Such changes may accumulate at a time: the caller handles them.
+    """
     return not abs(t - watch.changed) > CLOSEST * larger(abs(t), EARLIEST)
 
 
@@ -116,9 +123,10 @@ def reset_state(
     rows: Out,
     watched: Watched,
 ) -> bool:
-    """Apply the only reset that is due at the state, if the event function then leaves zero at once.
+    """Apply the only reset that is due at the state at time t, if its event function then leaves zero at once.
 
-    Returns True if the reset was applied. Otherwise nothing has changed.
+    `jet` computes a series from the arrays `prepared` and `constants`. The event and the new state are recorded.
+    Return True if the reset was applied. Otherwise nothing has changed.
     """
     layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):
@@ -168,11 +176,11 @@ def reset_state(
 
 @procedure(watched=watched_type, new_state=work_type)
 def sides_after_reset(t: float, scale: float, rtol: float, index: int, new_state: Out, watched: Watched) -> bool:
-    """Determine the sides after a reset by the event with this `index`, the only one that may start at zero there.
+    """Find the signs of the watched functions just after a reset by the event with this `index`.
 
-    An event function that the reset does not change keeps its side, as in
-    `lagrange.trajectory.events.motion_start.sides_behind`. An event function that came near zero may have touched zero:
-    then the result is False, and the caller handles the reset.
+    The state after the reset and its series are in the work array `new_state`. No other function may start at
+    zero. An event function that the reset does not change keeps its sign. If one of them came near zero before,
+    it may have touched zero: then the result is False, and the caller handles the reset.
     """
     layout, watch = layout_of(watched.sizes), watched.watch
     new, old = [memory[layout.rows :][layout.watched_at :] for memory in (new_state, watched.work)]
@@ -204,9 +212,10 @@ def cross_surface(
     taylor: TaylorState,
     watched: Watched,
 ) -> bool:
-    """Cross the only surface that is due at the state, if the motion leaves it at once and touches no other surface.
+    """Cross the only switching surface that is due at the state, if the motion leaves it at once.
 
-    Returns True if the surface was crossed. Otherwise nothing has changed.
+    `jet` computes the series beyond the surface from the arrays `prepared` and `constants`. No other surface
+    may be touched. Return True if the surface was crossed. Otherwise nothing has changed.
     """
     layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):

@@ -1,9 +1,9 @@
-"""The size of a Taylor step from its last rows.
+"""The size of a Taylor step from the last rows of its series, the coefficients of the highest orders.
 
-The truncation error of a series of order p, relative to its tolerance, is about the size of its last rows. The step
-keeps both rows below one. The growth of the rows gives the radius of convergence. Source: A. Jorba, M. Zou, A software
-package for the numerical integration of ODEs by means of high-order Taylor methods, Experimental Mathematics 14 (2005),
-99-117.
+The truncation error of a series of order p, relative to its tolerance, is about the size of its last rows. The
+step keeps both rows below one. The growth of the rows gives the radius of convergence. Source: A. Jorba, M.
+Zou, A software package for the numerical integration of ODEs by means of high-order Taylor methods,
+Experimental Mathematics 14 (2005), 99-117.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def power(x: float) -> tuple[float, float]:
 
 @inline
 def polynomial(x: float, coefficients: Sequence[float]) -> float:
-    """Return a polynomial's value, by Horner's rule."""
+    """Return the value at x of a polynomial with these coefficients, lowest power first."""
     total = coefficients[-1]
     for coefficient in reversed(coefficients[:-1]):
         total = fma(total, x, coefficient)
@@ -111,16 +111,17 @@ def polynomial(x: float, coefficients: Sequence[float]) -> float:
 
 @procedure(floors=floors_type, work=work_type)
 def raise_floors(share: float, floors: Out, work: Out, *, layout: TaylorLayout) -> None:
-    """Raise the floor of each entry to `share` times its size."""
+    """Raise the floor (absolute tolerance) of each entry of the state to at least `share` times its size."""
     for i in each(layout.padded, **layout.loop):
         floors[i] = max(floors[i], share * abs(work[i]))
 
 
 @procedure(apart=True, floors=floors_type, work=work_type)
 def first_floors(share: float, floors: Out, work: Out, order: int, *, layout: TaylorLayout) -> bool:
-    """Set the floors of entries that are zero to `share` times the sum of their series over the scale.
+    """Set the floors (absolute tolerances) of zero entries to `share` times their size in the series.
 
-    The result is True if the series of some entry begins too late to show a size.
+    The size is the largest of an entry's first coefficients, times a power of the time scale. Return True if
+    the series of some entry begins too late to show a size.
     """
     rows = [row(work, k, layout) for k in unrolled(1, START_ROWS + 1)]
     late = [row(work, less(order, 1), layout), row(work, order, layout)]
@@ -140,7 +141,7 @@ def first_floors(share: float, floors: Out, work: Out, order: int, *, layout: Ta
 
 @inline
 def forget_first_floors(floors: Out, work: In, layout: TaylorLayout) -> None:
-    """Set the floors of entries that are zero to `LEAST_FLOOR`."""
+    """Set the floors (absolute tolerances) of entries of the state that are zero to `LEAST_FLOOR`."""
     for i in each(layout.padded, **layout.loop):
         before = floors[i]
         floors[i] = LEAST_FLOOR if work[i] == 0.0 else before
@@ -173,9 +174,10 @@ def ends(order: int, step: float) -> bool:
 def choose_exponent(
     rtol: float, digits: float, floors: In, weights: In, work: Out, order: int, *, layout: TaylorLayout
 ) -> float:
-    """Return the binary logarithm of the allowed step, in units of the scale.
+    """Return the binary logarithm of the step that a series allows, in units of the time scale.
 
-    `digits` is minus the binary logarithm of the relative tolerance, and `weights` are 1 / tolerance of each entry.
+    `digits` is minus the binary logarithm of the relative tolerance, and `weights` are 1 / tolerance of each
+    entry of the state. The coefficients are in `work`.
     """
     # The earlier rows come first: they are computed long before the last row.
     backwards = [
@@ -204,22 +206,22 @@ def lesser(a: float, b: float) -> float:
 
 @inline
 def leeway(digits: float, order: int) -> float:
-    """Return the binary logarithm of the factor by which the bound from the row before the last may be exceeded.
+    """Return the factor by which a step may exceed the bound of the row before the last, as a binary logarithm.
 
-    Up to this factor, the step stays within the radius of that row at the last order. The logarithm is reduced by
-    `GUARD`, and is zero if the order suits the tolerance. `digits` is minus the binary logarithm
-    of the tolerance.
+    Rows are the coefficients of one order. Up to this factor, the step stays within the bound of that row taken
+    as the last one. The logarithm is reduced by `GUARD`, and is zero if the order suits the tolerance. `digits`
+    is minus the binary logarithm of the tolerance.
     """
     return larger(fma(digits, minus_one_over(order) - minus_one_over(less(order, 1)), -GUARD), 0.0)
 
 
 @inline
 def guarded(sizes: Sequence[float], distance: int, digits: float, order: int) -> float:
-    """Return the binary logarithm of the step that an earlier row allows, with the margin `GUARD`.
+    """Return the step that an earlier row of coefficients allows, with a margin, as a binary logarithm.
 
-    `sizes` are the binary logarithms of the last rows, by their distance from the last; `distance` is that of the
-    earlier row. The radius of this row takes the place of that of the last row. The bound is infinite for rows below
-    half of the order.
+    `sizes` are the binary logarithms of the last rows, by their distance from the last; `distance` is that of
+    the earlier row. The margin is `GUARD`. The radius of convergence that this row shows takes the place of
+    that of the last row. The bound is infinite for rows below half of the order.
     """
     share = minus_one_over(less(order, distance))
     bound = fma(digits, minus_one_over(order) - share, sizes[distance] * share) + GUARD
@@ -230,10 +232,10 @@ def guarded(sizes: Sequence[float], distance: int, digits: float, order: int) ->
 
 @inline
 def radius(sizes: Sequence[float], distance: int, order: int) -> float:
-    """Return the binary logarithm of the radius of convergence from two rows, `ROW_DISTANCE` orders apart.
+    """Return the binary logarithm of the radius of convergence that two rows of coefficients show.
 
-    `sizes` are the binary logarithms of the last rows, by their distance from the last; the later row has this
-    `distance`. The result is infinity if one of the two rows is zero.
+    They are `ROW_DISTANCE` orders apart. `sizes` are the binary logarithms of the last rows, by their distance
+    from the last; the later row has this `distance`. The result is infinity if one of the two rows is zero.
     """
     early, late = sizes[distance + ROW_DISTANCE], sizes[distance]
     span = less(order, distance) - less(order, distance + ROW_DISTANCE)
@@ -245,10 +247,10 @@ def radius(sizes: Sequence[float], distance: int, order: int) -> float:
 def bound_by_earlier_rows(
     rtol: float, floors: In, before: float, work: Out, order: int, *, layout: TaylorLayout
 ) -> float:
-    """Return the bound of the step from the upper half of the rows, for a series whose last two rows are zero.
+    """Return the bound of the step for a series whose last two rows of coefficients are zero.
 
-    The bound is a binary logarithm, at most `before`. The rows are zero if the series terminates, or in the gaps of a
-    series in the fourth power of time.
+    It follows from the other rows in the upper half of the orders, and is a binary logarithm, at most `before`.
+    The last rows are zero if the series terminates, or in the gaps of a series in the fourth power of time.
     """
     weights = reals(layout.padded, room=layout.block)
     weigh(rtol, floors, weights, work, layout=layout)

@@ -24,10 +24,11 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, magn
 
 @procedure(work=work_type)
 def advance(s: float, longer: float, work: Out, order: int, *, layout: TaylorLayout) -> bool:
-    """Add the series to the state, compensated. Return True if the sum is finite; else the state is unchanged.
+    """Add the sum of the series at the end of a step to the state, compensated. Return True if it is finite.
 
-    `s` is the length of the step in units of the scale. The old state is stored, and so is the derivative at the end of
-    the step, multiplied by `longer`, the ratio of the next scale to this one.
+    If not, the state is unchanged. `s` is the length of the step in units of the time scale. The old state is
+    stored, and so is the derivative at the end of the step, multiplied by `longer`, the ratio of the next scale
+    to this one.
     """
     new, lost = reals(layout.padded, room=layout.block), reals(layout.padded, room=layout.block)
     low, slopes, powers = work[layout.lost :], work[layout.slope :], powers_of(s)
@@ -97,8 +98,8 @@ def top_of_chain(
 ) -> float:
     """Return the start of Horner's rule for a partial sum: its last coefficient, or the last two combined.
 
-    `first` is the first order of the partial sum, `steps` its number of coefficients, one more if `is_longer`. `fourth`
-    is s**4, and i the entry of the state.
+    The partial sum has the orders first, first + 4, ...: `steps` coefficients, one more if `is_longer`.
+    `fourth` is s**4, and i the entry of the state.
     """
     top, below = row(work, first + 4 * steps, layout)[i], row(work, first + 4 * (steps - 1), layout)[i]
     return fma(top, fourth, below) if is_longer else below
@@ -106,9 +107,10 @@ def top_of_chain(
 
 @inline
 def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorLayout) -> None:
-    """Write the sums of k x[k] s**(k - 1), multiplied by `longer`, by Horner's rule for a derivative.
+    """Write the derivative at the end of a step of length s: sums of k x[k] s**(k - 1), multiplied by `longer`.
 
-    Only blocks with velocities are summed: the equations of the coordinates are satisfied by construction.
+    Horner's rule for a derivative is used. Only blocks with velocities are summed: the equations of the
+    coordinates are satisfied by construction.
     """
     begin = layout.moving
     slopes = work[layout.slope + begin :]
@@ -122,7 +124,7 @@ def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorL
 
 @procedure(apart=True, to=lambda: Array(room=WIDEST_VECTOR), work=work_type)
 def state_on_step(s: float, to: Out, sizes: Sizes, work: Out, order: int) -> None:
-    """Write the state to `to`, at the time s after the start of a step.
+    """Write the state at the time s after the start of a step, in units of the time scale, to `to`.
 
     The Taylor coefficients of the step are in `work`; `sizes` says where. `order` is the order of the series.
     """
@@ -139,7 +141,7 @@ def state_on_step(s: float, to: Out, sizes: Sizes, work: Out, order: int) -> Non
 
 @inline
 def horner(work: In, order: int, s: float, i: int, layout: TaylorLayout) -> tuple[float, float]:
-    """Return the sums over k > 0 of x[k] s**k and of k x[k] s**(k - 1) for entry i, for any order."""
+    """Return the sums over k > 0 of x[k] s**k and of k x[k] s**(k - 1) for entry i of the state."""
     total, slope = 0.0, 0.0
     for j in range(order):
         partial = total + row(work, order - j, layout)[i]
@@ -150,7 +152,7 @@ def horner(work: In, order: int, s: float, i: int, layout: TaylorLayout) -> tupl
 
 @inline
 def sums_by_rows(work: In, order: int, s: float, layout: TaylorLayout) -> Sequence[Out]:
-    """Return two arrays with an entry for each entry of the state: the two sums that `horner` returns for one entry."""
+    """Return the sums over k > 0 of x[k] s**k and of k x[k] s**(k - 1), for all entries of the state."""
     totals, slopes = reals(layout.padded, room=layout.block), reals(layout.padded, room=layout.block)
     for i in each(layout.padded, **layout.loop):
         totals[i] = 0.0
@@ -182,9 +184,10 @@ def write_outputs(
     *,
     layout: TaylorLayout,
 ) -> None:
-    """Write the states at the output times before `end`, the end of the last step.
+    """Write the states at the `output_times` before `end`, the end of the last step, to `states`.
 
-    A time equal to `end` belongs to the next step, which begins with the state at that time.
+    A time equal to `end` belongs to the next step, which begins with the state at that time. `held` has the
+    start of the step, and `outputs` counts the times that are done.
     """
     t, low, scale = held.t, held.low, held.scale
     inverse = 1.0 / scale

@@ -1,8 +1,7 @@
-"""The watched functions of a Taylor run: switching surfaces first, then event functions.
+"""The watched functions of a Taylor run (switching surfaces, event functions) and the arguments of its loop.
 
-The series of these functions follow the series of the state in each row. The loop handles regular zeros. For all other
-zeros the driver returns, with nothing changed. This module also has the record of arguments that the loop over steps
-passes to its parts.
+The series of these functions follow the series of the state in each row. The loop handles regular zeros. For
+all other zeros the driver returns, with nothing changed.
 """
 
 from __future__ import annotations
@@ -131,16 +130,21 @@ indices of the functions that are zero at the end of the last step, and the dire
 
 
 def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
-    """Return the lengths of the scratch memory of reals and of that of whole numbers, for `count` watched functions."""
+    """Return the lengths of two scratch arrays, of reals and of whole numbers, for `count` watched functions.
+
+    `dimension` is the length of the state.
+    """
     return count * (sum(REALS.values()) + dimension) + dimension + 4 * WIDEST_VECTOR, count * sum(WHOLES.values())
 
 
 @dataclass(frozen=True)
 class Watched:
-    """The watched functions as arguments of a procedure, with the record of the search and its memory.
+    """The watched functions (switching surfaces, then event functions) as arguments of a procedure.
 
-    `values` evaluates the functions, and `resets` the new entries of all resets; `value_numbers` and `reset_numbers`
-    are their prepared parameters. `tilts` are the factors of a perturbed state.
+    `watch` is the state of the search for zeros. `values` evaluates the functions, and `resets` the new entries
+    of all resets; `value_numbers` and `reset_numbers` are their prepared parameters. `tilts` are the factors of
+    a perturbed state. `sides` has the present signs of the functions, and `settings` what their zeros do.
+    Events are written to `event_times`, `event_states` and `event_places` (the indices of the functions).
     """
 
     watch: Watch
@@ -185,16 +189,19 @@ def watched_types() -> dict[str, Stated]:
 
 @inline
 def real_part(watched: Watched, part: str, layout: Any, number: int = 0) -> Any:
-    """Return the part with the name `part` of the scratch memory of reals.
+    """Return the part of the scratch memory of reals that has the name `part` in `REALS`.
 
-    If the part has several entries for each watched function, `number` selects one.
+    If it has several entries for each watched function, those from entry `number` on are returned.
     """
     return watched.scratch[layout.watched * (_begin(REALS, part) + number) :]
 
 
 @inline
 def whole_part(watched: Watched, part: str, layout: Any, number: int = 0) -> Any:
-    """Return the part with the name `part` of the scratch memory of whole numbers, as `real_part` does."""
+    """Return the part of the scratch memory of whole numbers that has the name `part` in `WHOLES`.
+
+    If it has several entries for each watched function, those from entry `number` on are returned.
+    """
     return watched.whole_scratch[layout.watched * (_begin(WHOLES, part) + number) :]
 
 
@@ -211,9 +218,9 @@ def new_entries(watched: Watched, layout: Any) -> Any:
 
 
 def due_part(number: int) -> int:
-    """Return the offset, per watched function, of the list of due functions: 0 for indices, 1 for directions.
+    """Return where the list of due functions is in whole scratch memory: 0 for their indices, 1 for directions.
 
-    The offset is the number of entries of whole scratch memory before that list.
+    Due functions are zero at the end of the step. The result is a number of entries per watched function.
     """
     return _begin(WHOLES, "due") + number
 
@@ -232,9 +239,10 @@ def own_numbers(watched: Watched) -> Any:
 
 @inline
 def side(watched: Watched, block: int, layout: Any) -> Any:
-    """Return one block of the array `sides`, with an entry for each watched function.
+    """Return a block of the array `sides`, which has an entry for each watched function.
 
-    The block `SIGN` has the side of zero on which each function is; the others are `NEAR`, `STARTING` and `COUNT`.
+    Block `SIGN` has the sign of each function before the step, 1 or -1; `NEAR` is 1 if it came near zero,
+    `STARTING` is 1 if it starts at zero, and `COUNT` is the number of its events.
     """
     return watched.sides[layout.watched * block :]
 
@@ -285,7 +293,12 @@ def write_event(watched: Watched, slot: int, t: float, index: int, layout: Any) 
 
 @dataclass(frozen=True)
 class Arguments:
-    """The arguments of the loop, of its iterations and of a step."""
+    """The arguments of the loop over Taylor steps and of its parts.
+
+    `jet` computes the series from the arrays `prepared` and `constants`. `run`, `counts`, `taylor`, `held` and
+    `outputs` are the state of the run. `floors` are the absolute tolerances. Accepted states are written to
+    `times` and `rows`, those at the `output_times` to `output_states`.
+    """
 
     jet: Callable[..., Any]
     prepared: In

@@ -41,7 +41,7 @@ class _Stored:
         self.count = len(self.codes)
 
     def write(self) -> None:
-        """Write the file if there are new functions. A folder without write permission is no error."""
+        """Write the cache file if there are new functions. A folder without write permission is no error."""
         if len(self.codes) > self.count and not sys.dont_write_bytecode:
             self.count = len(self.codes)
             part = self.path.with_suffix(f".{os.getpid()}")
@@ -72,7 +72,11 @@ def _stored(file: str) -> _Stored | None:
 
 
 def rewritten_code(function: FunctionType, *, inlined: bool) -> CodeType:
-    """Return the code of a function rewritten by `rewriting`. Raises LagrangeError if it cannot be rewritten."""
+    """Return the code object of a plain function, rewritten by `rewriting` to build a procedure.
+
+    It is taken from the cache file of the function's module if that has it. `inlined` is true for a function that is
+    inlined into its callers. Raises LagrangeError if the function cannot be rewritten.
+    """
     code = function.__code__
     FILES.add(code.co_filename)
     stored, key = _stored(code.co_filename), (code.co_firstlineno, code.co_qualname, inlined)

@@ -23,7 +23,7 @@ class KnownBlock:
         return iter(self.iterations)
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values of names inside the block, which are those before it."""
+        """Return the values of `names` at the start of the block: `values`, those before it. `anew` is not used."""
         return self.close(*values)
 
     def close(self, *values: Any) -> Sequence[Any]:
@@ -32,11 +32,11 @@ class KnownBlock:
         return values
 
     def ended(self) -> None:
-        """Skip the statements after the block, because it returns from the procedure."""
+        """Raise Ended: the block returns from the procedure, so the statements after it are skipped."""
         raise Ended
 
     def after(self) -> Sequence[Any]:
-        """Return the values of names after the block."""
+        """Return the values of the names after the block; the placeholder `Missing` for a name without a value."""
         return self.values
 
 
@@ -57,9 +57,9 @@ class Block:
         self.has_ended = False
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values of names inside the block. `values` are those before the block.
+        """Return the values of `names` at the start of the block: variables instead of the numbers in `values`.
 
-        `anew` are the names that the block sets before it reads them.
+        `values` are those before the block. `anew` are the names that the block sets before it reads them.
         """
         self.names = names
         self.outer = self.tracer.handed
@@ -86,16 +86,17 @@ class Block:
         return self.before
 
     def after(self) -> Sequence[Any]:
-        """Return the values of names after the block."""
+        """Return the values of the names after the block; the placeholder `Missing` for a name without a value."""
         self.tracer.handed = self.outer
         pairs = zip(self.names, self.before, strict=True)
         return [Missing(name, self.where) if i in self.lost else old for i, (name, old) in enumerate(pairs)]
 
 
 class LoopBlock(Block):
-    """A loop whose body is built once for each of `iterations`.
+    """A loop of the procedure whose body is built once for each item of `iterations`.
 
-    These are the index of a `range`, or the values of an inline generator, whose statements surround the body.
+    For a loop over a `range` that is one item, the index at run time. An inline generator gives the values that it
+    yields, and its statements surround the body.
     """
 
     where = "behind the loop that sets it"

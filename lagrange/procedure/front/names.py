@@ -108,7 +108,7 @@ def is_varied(value: Any) -> bool:
 
 
 class Names:
-    """The part of a receiver that manages the values of names."""
+    """The part of the tracer, which builds a procedure, that manages Python names and their values."""
 
     def __init__(self, p: Builder, results: Sequence[Kind]) -> None:
         self.p, self.results = p, results
@@ -178,7 +178,7 @@ class Names:
         return made
 
     def unpacked(self, value: Any, count: int) -> Sequence[Any]:
-        """Return the values of a tuple. Raises Error unless there are `count` values."""
+        """Return a tuple or list of `count` values unchanged. Raises Error for any other object."""
         if not isinstance(value, (tuple, list)) or len(value) != count:
             raise Error(f"{count} values are expected; {described(value)} is given.")
         return value

@@ -68,7 +68,7 @@ class Located(LagrangeError):
 
 
 class PlainFunction(Generic[Args, Result]):
-    """A plain function that a receiver can run. A direct call runs the Python function."""
+    """A plain Python function from which procedures are built. A direct call runs it in Python."""
 
     inlined = False
 
@@ -99,9 +99,9 @@ class PlainFunction(Generic[Args, Result]):
 
     @cached_property
     def rewritten(self) -> Callable[..., Any]:
-        """The rewritten function.
+        """The function rewritten by `rewriting`: it builds a procedure instead of computing.
 
-        Its first argument is the receiver, which gets each step; `rewriting` shows an example.
+        Its first argument is a `Tracer`, which adds a statement to the procedure for each step of the function.
         """
         function: FunctionType = self.function
         return FunctionType(rewritten_code(function, inlined=self.inlined), function.__globals__)
@@ -278,7 +278,7 @@ def results_of(annotation: Any) -> tuple[Kind, ...]:
 
 
 def _parameter(p: Builder, name: str, stated: Stated) -> Any:
-    """Add a parameter of a type, and return it.
+    """Add a parameter with a name and a type to the procedure that `p` builds, and return the parameter.
 
     For a bundle, one parameter is added for each field. Its name begins with the name of the bundle.
     """

@@ -63,7 +63,7 @@ def named(name: str) -> ast.expr:
 
 
 def told(method: str, *args: ast.expr | str | int, of: str = RECEIVER) -> ast.Call:
-    """Return the syntax tree of a call `of.method(*args)`. By default `of` is the receiver. Texts become constants."""
+    """Return the syntax tree of a call `of.method(*args)`, by default of the tracer. Texts become constants."""
     arguments = [arg if isinstance(arg, ast.expr) else ast.Constant(arg) for arg in args]
     return ast.Call(ast.Attribute(named(of), method, LOAD), arguments, [])
 
@@ -83,9 +83,10 @@ def put(target: str, value: ast.expr) -> ast.stmt:
 
 
 class Rewriter:
-    """Rewrites one function. `comments` are those of its module, by line.
+    """Rewrites the syntax tree of one plain function so that it builds a procedure by calls of a tracer.
 
-    For a function inside another one, `outer` are the names in enclosing functions that may be variables.
+    `comments` are those of its module, by line. For a function inside another one, `outer` are the names in enclosing
+    functions that may be variables.
     """
 
     def __init__(
@@ -112,7 +113,7 @@ class Rewriter:
         """Names of open comprehensions and lambdas."""
 
     def function(self, free: Sequence[str] = ()) -> ast.FunctionDef:
-        """Return the rewritten function of the receiver, the parameters, and the plain function's free variables."""
+        """Return the rewritten function, of the tracer, the plain parameters and the variables `free`."""
         names = [*([] if self.is_inner else [RECEIVER]), *self.parameters, *free]
         arguments = _arguments([ast.arg(name) for name in names])
         missing = [put(name, told("missing", name)) for name in sorted(self.own) if name not in self.parameters]
@@ -282,7 +283,7 @@ class Rewriter:
     def loop(
         self, loop: str, source: ast.expr, target: ast.expr | None, s: ast.stmt, body: Sequence[ast.stmt]
     ) -> list[ast.stmt]:
-        """Return a loop that assigns each value of `source` to `target`. `loop` names the block object."""
+        """Return the rewritten loop `s`, which assigns each value of `source` to `target`; `loop` names its block."""
         index = self.fresh()
         first = [] if target is None else self.to_target(target, named(index))
         made = [*first, *self.block(body, s.lineno)] or [ast.Pass()]
@@ -295,10 +296,7 @@ class Rewriter:
     def through(
         self, s: ast.stmt, held: str, source: ast.expr, target: str, names: Sequence[str], body: list[ast.stmt]
     ) -> list[ast.stmt]:
-        """Return a loop around the body of a statement.
-
-        `held` names the block object that opens and closes the body.
-        """
+        """Return a loop over `source` for statement `s`; block `held` gets the values of `names` at the ends."""
         texts = ast.Tuple([ast.Constant(name) for name in names], LOAD)
         values = [named(name) for name in names]
         anew = ast.Tuple([ast.Constant(name) for name in names if name in self.carried[s].anew], LOAD)
@@ -559,7 +557,10 @@ def _native(statement: ast.stmt) -> ast.stmt:
 
 
 def _nested(body: Sequence[ast.stmt], names: Sequence[str]) -> list[ast.stmt]:
-    """Return statements without returns: each assigns the results to `names`, and nothing that follows it runs."""
+    """Return `body` with each `return` replaced by an assignment of its results to `names`.
+
+    The statements after a branch that returns move into the other branch, so that they run only without the return.
+    """
     made: list[ast.stmt] = []
     for i, statement in enumerate(body):
         rest = body[i + 1 :]

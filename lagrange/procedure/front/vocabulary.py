@@ -61,8 +61,9 @@ WholesOut = Annotated[Writable[int], Array(WHOLE)]
 def each(count: int, **options: Any) -> range:
     """Return the indices below `count`, for a loop whose iterations may run in any order or several at once.
 
-    `form.Each` describes the options `width`, `spill` and `unrolled`. With `disjoint` the function promises that parts
-    of an array do not overlap if one of them is written. Python runs one iteration after the other.
+    Of the `options`, `width` is the largest number of iterations at once. With `spill` array entries from `count` on
+    may be overwritten. With `unrolled` the iterations are written out. With `disjoint` the function promises that
+    parts of an array do not overlap if one of them is written. Python runs one iteration after the other.
     """
     unknown = sorted(set(options) - {"width", "spill", "unrolled", "disjoint"})
     if unknown:
@@ -139,14 +140,20 @@ def mantissa(x: float) -> float:
 
 
 def reals(size: int, *, room: int = 1) -> Writable[float]:
-    """Return a local array of `size` reals with undefined values, NaN in Python. `form.Array` defines `room`."""
+    """Return a local array of `size` reals with undefined values, NaN in Python.
+
+    Machine code may access blocks of `room` values as a whole, also beyond the last of the `size` values.
+    """
     made: Any = np.full(size + room - 1, math.nan)
     array: Writable[float] = made
     return array
 
 
 def wholes(size: int, *, room: int = 1) -> Writable[int]:
-    """Return a local array of `size` whole numbers with undefined values, 0 in Python."""
+    """Return a local array of `size` whole numbers with undefined values, 0 in Python.
+
+    Machine code may access blocks of `room` values as a whole, also beyond the last of the `size` values.
+    """
     made: Any = np.zeros(size + room - 1, dtype=np.int64)
     array: Writable[int] = made
     return array
@@ -160,12 +167,12 @@ def clear(record: Any) -> None:
 
 
 def operation(name: str, *values: Any) -> Any:
-    """Return the result of the operation `name` of the form on numbers."""
+    """Return the result of an operation of procedures, such as "sqrt" or "max", on numbers. `name` selects it."""
     return EXACT[name](*values)
 
 
 def generated(form: Procedure, *args: Any) -> Any:
-    """Call the procedure `form`, which was built by a generator, and return its results."""
+    """Call the procedure `form`, which is not written as a plain function but built by code; return its results."""
     results = run(form, *leaves(args))
     return results[0] if len(results) == 1 else results or None
 
@@ -210,13 +217,13 @@ Class = TypeVar("Class", bound=type)
 
 
 def record_of(stated: Any) -> Record | None:
-    """Return the `form.Record` of a class declared by `@record`, or None for another class."""
+    """Return the `form.Record`, the names and kinds of the fields, of a class declared by `@record`; else None."""
     record = getattr(stated, "record", None)
     return record if isinstance(stated, type) and isinstance(record, Record) else None
 
 
 def form_of(stated: type) -> Record:
-    """Return the `form.Record` of a class declared by `@record`."""
+    """Return the `form.Record`, the names and kinds of the fields, of a class declared by `@record`."""
     record = record_of(stated)
     assert record is not None
     return record
