@@ -50,10 +50,10 @@ def gather(
     own: Out,
     beside: Out,
 ) -> None:
-    """Write the steps with numbers `starts` to `own` by columns.
+    """Copy the times and states of steps `starts` of a run to `own`, by columns in the layout of `OwnStep`.
 
-    If `with_neighbours` is 1, write a neighbour of each to `beside`: the previous step, or the next one of the
-    first step.
+    `times` and `states` are those of the run, which has `steps` steps. If `with_neighbours` is 1, a neighbour
+    of each step is copied to `beside`: the previous step, or the next one for the first step.
     """
     for b in range(columns):
         s = starts[b]
@@ -156,7 +156,7 @@ def lies_before(output_times: In, count: int, index: int, end: float, sign: floa
 
 @procedure(path=path_type, out=lambda: BLOCKS)
 def outputs(path: RunPath, output_times: In, count: int, sign: float, out: Out, stride: int, c: Out) -> None:
-    """Write the states at `count` sorted `output_times` along a run to `out`.
+    """Write the states at `count` sorted times `output_times` along a run to `out`.
 
     Entry j at time i has the index j * stride + i. The polynomial of a step is computed once, in the memory c.
     At the time of a step the accepted state is copied; of two states at one time, the later one. `sign` is the
@@ -198,7 +198,12 @@ def on_step(
     out: Out,
     stride: int,
 ) -> None:
-    """Write the states at the `output_times` on one step, entries `stride` apart. Accepted states are copied."""
+    """Write the states at `count` sorted times `output_times` on one step to `out`.
+
+    Entry j at time i has the index j * stride + i. c has the coefficients of the step's polynomial, by powers
+    and then entries, `columns` apart. `times` and `states` begin with the start and the end of the step. At
+    these times the state is copied.
+    """
     theta = reals(CHUNK, room=WIDEST_VECTOR)
     t, end = times[0], times[1]
     h = end - t

@@ -55,10 +55,10 @@ def add_four_times(b: Out, count: int) -> None:
 
 @procedure
 def signs(b: In, count: int, first: int, noise: float) -> tuple[bool, int, float]:
-    """Return True if coefficients have at most one sign change, their last sign, and their largest size.
+    """Return whether Bernstein coefficients b have at most one sign change, their last sign and largest size.
 
-    `first` is the sign of the first coefficient, as decided for the previous interval: rounding must not decide it
-    twice. A coefficient of size up to `noise` has no sign.
+    `first` is the sign of the first coefficient, as decided for the previous interval: rounding must not decide
+    it twice. A coefficient of size up to `noise` has no sign.
     """
     now, before, changes = first, first, 0
     size = abs(b[0])

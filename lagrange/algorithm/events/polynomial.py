@@ -81,10 +81,10 @@ Pair = tuple[float, float]
 
 @inline
 def inverse_cubic(points: Pair, values: Pair, slopes: Pair) -> float:
-    """Return the zero of a function between two `points`, by the cubic that interpolates the inverse function.
+    """Return the zero of a function between two points, by the cubic that interpolates the inverse function.
 
-    The cubic uses values and slopes, by divided differences of the inverse function with double points. If a slope is
-    not positive, or the result is not between the points, the zero of the chord is returned.
+    `points`, `values` and `slopes` are the points, and the function and its slopes there. If a slope is not
+    positive, or the result is not between the points, the zero of the chord is returned.
     """
     begin, end = points
     below, above = values
@@ -143,9 +143,10 @@ def passage(c: In, count: int, low: float, high: float, sign: int) -> float:
 
 @procedure(apart=True)
 def turn(c: In, count: int, low: float, point: float, high: float, depth: float, sign: int, noise: float) -> float:
-    """Return the position near `point` at which sign times a polynomial has a minimum between `low` and `high`.
+    """Return the point near `point`, between `low` and `high`, at which a polynomial c times `sign` is least.
 
-    `depth` is its value at `point`.
+    `depth` is the polynomial times `sign` at `point`. This point is returned if the value at the minimum
+    exceeds `depth` by more than `noise`.
     """
     slopes, bends = reals(PADDED), reals(PADDED)
     derivative(c, count, slopes)

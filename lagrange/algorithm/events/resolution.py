@@ -75,13 +75,15 @@ def chebyshev(values: In, out: Out) -> float:
 def local_polynomial(
     chebyshev: In, size: float, noise: float, before: float, least: float, powers: Out
 ) -> tuple[int, float, float]:
-    """Write the coefficients of powers. Return their number, error, and the size of the last `chebyshev` ones.
+    """Write the coefficients of the polynomial that resolves a function on a part of a step to `powers`.
 
-    `chebyshev` are coefficients of a function, `size` is its largest sampled magnitude, and `noise` its
-    rounding error. The number is 0 if the function is not resolved, and 1 if only its sign is certain. Coefficients
-    below rounding, or below `least`, are omitted and counted as noise. The coefficients beyond the degree are noise as
-    well: at a kink they decrease so slowly that their sum is several times the last one. The last coefficients are also
-    noise if halving the interval did not reduce them clearly; `before` is their size before that.
+    Return the number of coefficients, their error, and the size of the last `chebyshev` ones. `chebyshev` are the
+    Chebyshev coefficients of the function, `size` is its largest sampled magnitude, and `noise` its rounding
+    error. The number is 0 if the function is not resolved, and 1 if only its sign is certain. Coefficients
+    below rounding, or below `least`, are omitted and counted as noise. The coefficients beyond the degree are
+    noise as well: at a kink they decrease so slowly that their sum is several times the last one. The last
+    coefficients are also noise if halving the interval did not reduce them clearly; `before` is their size
+    before that.
     """
     coefficients = tuple(chebyshev[k] for k in unrolled(DEGREE + 1))
     tail = magnitude(coefficients[-2], coefficients[-1])

@@ -57,9 +57,10 @@ class Relay:
 
 @dataclass(frozen=True)
 class Search:
-    """Root isolation of a polynomial with `count` coefficients `c` on [0, 1], and the arrays for its roots.
+    """The search for the zeros of a polynomial on [0, 1], and the arrays for them.
 
-    `noise` is the error of its values.
+    c has the `count` coefficients by powers, and `noise` is the error of the polynomial's values. `times` and
+    `rising` take up to `room` zeros: the times, in a step of length h, and the directions.
     """
 
     c: Readable[float]
@@ -73,7 +74,7 @@ class Search:
 
     @inline
     def reach(self, point: float, sign: int) -> None:
-        """Process the sign of the function at a `point`; 0 means within the noise."""
+        """Continue the search to a point `point`, where the function has a `sign`; 0 is within the noise."""
         if unlikely(sign == 0):
             self.come_near(point)
         else:
@@ -81,7 +82,10 @@ class Search:
 
     @inline
     def come_near(self, point: float) -> None:
-        """Process a `point` within the noise. The one with the least value of sign times function is stored."""
+        """Continue the search to a point at which the function is within its noise of zero.
+
+        Of these points, the one with the least value of sign times function is stored.
+        """
         relay = self.relay
         if relay.counted == 0:
             depth = float(relay.sign) * value(self.c, self.count, point)
@@ -92,7 +96,11 @@ class Search:
 
     @inline
     def count_sign(self, point: float, sign: int) -> None:
-        """Process a sign beyond the noise at `point`: a crossing if the last sign is opposite, else a touch or none."""
+        """Continue the search to a point `point` at which the function has a `sign` beyond the noise.
+
+        Report a crossing if the last sign is opposite. Report a touch if it is the same and the function has
+        been within its noise since then.
+        """
         relay = self.relay
         before = relay.sign
         if sign == -before:

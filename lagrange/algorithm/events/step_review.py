@@ -61,10 +61,10 @@ def queue_block(
     queue: WholesOut,
     filled: int,
 ) -> int:
-    """Append the steps of a block that may contain zeros, and always the first step of all, to the queue.
+    """Append to the queue those steps of a block on which an event function may be zero; return the new length.
 
-    `first` is the number of the first step of the block, `step_numbers` is memory for its steps. `filled`
-    is the length of the queue; the result is the new length.
+    The first step of all is always appended. `first` is the number of the first step of the block, and `step_numbers`
+    is memory for the numbers of its steps. `filled` is the length of the queue before.
     """
     end, is_bad = watch.review.end, False
     for b in range(WIDEST_VECTOR):

@@ -167,9 +167,9 @@ class Samples:
 
     @inline
     def follow(self, lines: Lines, step_numbers: WholesIn) -> bool:
-        """Write the dense output of the steps `step_numbers`, and which events may be zero on each.
+        """Write the dense output of the steps numbered `step_numbers`, and which event functions may be zero on them.
 
-        Return True if an event has no value.
+        Return True if an event function has no value.
         """
         self.gather(lines, step_numbers, self.both)
         self.polynomial(self.given, self.columns, self.own, self.beside, self.path_work, self.c)
@@ -177,10 +177,11 @@ class Samples:
 
     @inline
     def sift(self, lines: Lines, step_numbers: WholesIn) -> bool:
-        """Write which events may be zero on each of the steps `step_numbers`, by cubics and their defects.
+        """Write which event functions may be zero on each of the steps with numbers `step_numbers`, by cubics.
 
-        A cubic through the ends of a step misses K s**2 (1 - s)**2 of the path. The defect is largest at `SLOPE_AT`
-        and gives K. The result is True if an event has no value, or a mass matrix is singular.
+        The path differs from the cubic through the ends of a step by K s**2 (1 - s)**2 at the fraction s. The
+        difference of their slopes, evaluated at `SLOPE_AT`, where it is largest, gives K. The result is True if
+        an event function has no value, or a mass matrix is singular.
         """
         self.gather(lines, step_numbers, 0)
         self.screen(self.screen_given, self.columns, self.own, self.beside, self.path_work, self.c)

@@ -318,11 +318,12 @@ class ZeroSearch:
 
     @inline
     def leave_zero(self, e: int, known: int, error: float) -> tuple[bool, float]:
-        """Find the side to which event `e` leaves zero; return True if it is irregular, and the error of its slope.
+        """Find the sign that event function `e` takes on after a zero at the start of the motion, by its slope.
 
-        `known` is the number of its coefficients, and `error` is their error. The slope decides the side. Chebyshev's
-        polynomial of degree k has the slope 2 k**2 at the ends of [0, 1]. An event is irregular if it leaves zero in
-        the direction in which it reached zero, or if its slope is zero within its error.
+        Return True if the event is irregular, and the error of the slope. `known` is the number of the
+        function's coefficients, and `error` their error. Chebyshev's polynomial of degree k has the slope 2 k**2
+        at the ends of [0, 1]. An event is irregular if it leaves zero in the direction in which it reached
+        zero, or if its slope is zero within its error.
         """
         rank, linear = float(max(known - 1, 1)), self.powers[1]
         noise, slope = 2.0 * rank * rank * error, linear if known > 1 else 0.0

@@ -120,7 +120,7 @@ def candidate(a: Readable[float], units: Readable[float], k: int, i: int, stride
 
 @inline
 def larger_of_pairs(candidates: tuple[tuple[float, int], ...]) -> tuple[tuple[float, int], ...]:
-    """Return the larger candidate of each pair of neighbours."""
+    """Return the larger of each pair of neighbours among the pivot candidates `candidates`, as (size, row)."""
     pairs = tuple(larger_of(a, b) for a, b in zip(candidates[::2], candidates[1::2], strict=False))
     return (*pairs, candidates[-1]) if len(candidates) % 2 else pairs
 

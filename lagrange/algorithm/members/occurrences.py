@@ -83,9 +83,9 @@ class FirstOccurrences:
 
     @inline
     def keep(self, arrays: Any, seen: WholesOut, index: int, event: int, t: float, state: In) -> None:
-        """Store an occurrence of an `event` of member `index`, if it is among the first: its time and state.
+        """Store the time and state of an event of member `index` in `arrays`, if it is among the first.
 
-        `seen` is the number of occurrences of each event so far.
+        `event` is the index of the event, and `seen` has the number of stored occurrences of each event.
         """
         number = seen[min(event, max(self.kept - 1, 0))]
         if event < self.kept and number < arrays.most:

@@ -298,9 +298,10 @@ def without_sizes(outcome: int, member: Member, method: MemberMethod) -> int:
 
 @inline
 def some_rounded(floors: In, coordinate_count: int) -> bool:
-    """Return whether the floor of a coordinate or velocity is below `SMALL_FLOOR` times the largest of its kind.
+    """Return True if an absolute tolerance is below `SMALL_FLOOR` times the largest of its kind.
 
-    The first `coordinate_count` floors are those of the coordinates.
+    `floors` are the absolute tolerances of the state's entries. The first `coordinate_count` are those of the
+    coordinates, the others those of the velocities.
     """
     is_rounded = False
     for begin in (0, coordinate_count):

@@ -128,9 +128,10 @@ class StepSamples(Samples):
 def review_step(
     watch: ReviewedEvents, numbers: In, table: In, factors: In, step: Out, end: float, *, functions: MemberFunctions
 ) -> int:
-    """Find the zeros of events on a step up to the time `end`, and return the reason for the end of the search.
+    """Find the zeros of event functions on a step up to time `end`. Return the reason for the search's end.
 
-    `table` has the coefficients of the method, and `factors` perturb a state.
+    The zeros are written to `watch`. `step` is the step, `table` has the coefficients of the method, and
+    `factors` perturb a state.
     """
     n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
     path, cubic, given = functions.path("review_"), functions.cubic(), (numbers, table)

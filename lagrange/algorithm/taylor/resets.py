@@ -125,8 +125,7 @@ def reset_state(
 ) -> bool:
     """Apply the only reset that is due at the state at time t, if its event function then leaves zero at once.
 
-    `jet` computes a series from the arrays `prepared` and `constants`. The event and the new state are recorded.
-    Return True if the reset was applied. Otherwise nothing has changed.
+    `jet` computes a series from `prepared` and `constants`. Return False, with nothing changed, if it was not applied.
     """
     layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):
