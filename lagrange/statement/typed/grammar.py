@@ -12,10 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import islice, product, zip_longest
 
-from lagrange.statement.typed.derivatives import OPENING
 from lagrange.statement.typed.names import Names, Piece
 from lagrange.statement.typed.remarks import WORD, kind_of
-from lagrange.statement.typed.tokens import Token
+from lagrange.statement.typed.tokens import OPENING, Token
 from lagrange.statement.vocabulary.letters import GREEK
 
 DEEPEST = 40  # Most levels of nested brackets, functions, fractions and exponents; the parser is recursive

@@ -110,18 +110,17 @@ class Clause:
     @cached_property
     def words(self) -> tuple[Word, ...]:
         """The words of the clause, with their kinds."""
-        return tuple(self._word(token) for token in self.tokens if token.kind == "word")
-
-    def _word(self, token: Token) -> Word:
-        """Return the span and the kind of a word."""
-        pieces = next(iter(self.names.readings(token.text)), [])
-        if token.order or token.primes or any(piece.kind == "function" or piece.order for piece in pieces):
-            kind = FORMULA
-        elif pieces or self.names.hint(token.text):
-            kind = SYMBOL
-        else:
-            kind = kind_of(self.text[token.begin : token.end])
-        return Word(token.begin, token.end, kind)
+        words = []
+        for token in (token for token in self.tokens if token.kind == "word"):
+            pieces = next(iter(self.names.readings(token.text)), [])
+            if token.order or token.primes or any(piece.kind == "function" or piece.order for piece in pieces):
+                kind = FORMULA
+            elif pieces or self.names.hint(token.text):
+                kind = SYMBOL
+            else:
+                kind = kind_of(self.text[token.begin : token.end])
+            words.append(Word(token.begin, token.end, kind))
+        return tuple(words)
 
     def part(self, begin: int, end: int, *, aside: bool = False) -> Clause:
         """Return text[begin:end] of this clause as a clause; `aside` is true for a remark beside an equation."""
