@@ -42,7 +42,7 @@ from lagrange.procedure.spelling import ATOM, WORDS, Literals, Operator
 from lagrange.procedure.spelling import OPERATORS as COMMON
 
 OPERATORS: Mapping[str, Operator] = {
-    **{op: one for op, one in COMMON.items() if op != "div"},
+    **{op: operator for op, operator in COMMON.items() if op != "div"},
     **WORDS,
     "select": Operator(1, "{1} if {0} else {2}", (2, 2, 1)),
     "neg": Operator(8, "-{0}", (8,)),

@@ -37,10 +37,10 @@ class Outputs:
 
         `direction` is 1.0 or -1.0, the sign of the run's steps. `path` maps times (k,) to states (2n, k).
         """
-        rest = self.times[self.record.done : -1]
-        count = int(np.count_nonzero((rest - end) * direction < 0))
+        times = self.times[self.record.done : -1]
+        count = int(np.count_nonzero((times - end) * direction < 0))
         if count:
-            self.states[self.record.done : self.record.done + count] = path(rest[:count]).T
+            self.states[self.record.done : self.record.done + count] = path(times[:count]).T
             self.record.done += count
 
     def joined(

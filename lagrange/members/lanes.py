@@ -346,11 +346,11 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
         path = plan.path_of(problem, np.array([problem.t0]), problem.y0[None]).kind
     watched = MemberEvents.of(impacts)
     tasks = MemberTasks(alone.keep.reductions, path, varying, watched)
-    kept = _COMPILED.setdefault(alone.model, {})
+    cache = _COMPILED.setdefault(alone.model, {})
     key = _kind(plan), tasks
-    if key not in kept:
-        kept[key] = compiled_members(alone.model, plan, tasks)
-    return LaneEngine(kept[key], plan, alone)
+    if key not in cache:
+        cache[key] = compiled_members(alone.model, plan, tasks)
+    return LaneEngine(cache[key], plan, alone)
 
 
 def _kind(plan: Plan) -> Any:

@@ -213,8 +213,8 @@ def folder_of(store: Any) -> Path:
 def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> StoreBlocks:
     """Return the blocks of an existing store. Partial files of a killed call are removed."""
     with writing(path):
-        for rest in path.rglob("*.partial"):
-            rest.unlink(missing_ok=True)
+        for partial in path.rglob("*.partial"):
+            partial.unlink(missing_ok=True)
     names = tuple(variables_of(job, table, 0, 0, Results.empty(0, job.columns)))
     try:
         group = _zarr().open_group(str(path), mode="r+")
@@ -292,11 +292,11 @@ def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) 
     dimensions = {part: column.dimensions for column in job.columns for part in stored_names(column.name, names)}
     variables = variables_of(job, table, 0, 0, Results.empty(0, job.columns))
     for name, rows in variables.items():
-        rest = rows.shape[1:]
+        entry_shape = rows.shape[1:]
         group.create_array(
             name,
-            shape=(members, *rest),
-            chunks=(min(block, members), *rest),
+            shape=(members, *entry_shape),
+            chunks=(min(block, members), *entry_shape),
             dtype=rows.dtype,
             fill_value=INTERRUPTED if name == STATUS else np.nan if rows.dtype.kind == "f" else 0,
             dimension_names=(MEMBER, *dimensions.get(name, ())),

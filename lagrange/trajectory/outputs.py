@@ -119,9 +119,9 @@ class AcceptedStates:
         """Drop all states but the last, and store the largest sizes of the entries."""
         self._sizes = self._largest()
         last = self.parts[-1]
-        kept = last._replace(times=last.times[-1:].copy(), states=last.states[-1:].copy())
+        end = last._replace(times=last.times[-1:].copy(), states=last.states[-1:].copy())
         self.removed += len(self.parts) - 1
-        self.parts, self.bytes = [kept], 0
+        self.parts, self.bytes = [end], 0
 
     def joined(self) -> tuple[FloatArray, FloatArray]:
         """Return the accepted times (S+1,) and states (S+1, 2n).

@@ -46,7 +46,7 @@ def rest_of(
     steps = sum(part.steps + part.rejected for part in parts)
     wall = None if problem.max_wall is None else max(problem.max_wall - sum(part.wall for part in parts), 1e-3)
     times = [np.concatenate(times) for times in zip(*(part.t_events for part in parts), strict=True)]
-    seen = [int((forward * (each - begin) <= 0).sum()) for each in times]
+    seen = [int((forward * (event_times - begin) <= 0).sum()) for event_times in times]
     return replace(
         problem,
         t0=begin,
@@ -159,10 +159,10 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
             break
         last = status_at_end(problem, parts)
         parts[-1] = before_outputs_at_end(problem, parts[-1])
-        rest = rest_of(segment, parts[-1:], end, behind.y, output_at_begin=True)
-        rest = replace(rest, parameters=behind.parameters, step=parts[0].step)
-        added.append(added[-1] + energy(rest, behind.y) - energy(segment, before))
-        begins, values, segment = [*begins, end], [*values, rest.parameter_array], rest
+        remainder = rest_of(segment, parts[-1:], end, behind.y, output_at_begin=True)
+        remainder = replace(remainder, parameters=behind.parameters, step=parts[0].step)
+        added.append(added[-1] + energy(remainder, behind.y) - energy(segment, before))
+        begins, values, segment = [*begins, end], [*values, remainder.parameter_array], remainder
         if last is not None:
             parts.append(point_of(problem, parts[-1], behind.y, last))
             break

@@ -262,14 +262,14 @@ def prepared(method: Planned, problem: Problem) -> PreparedPlan:
     if not (_is_key(options[0]) and _is_key(options[1]) and _is_key(options[2])):
         return PreparedPlan(method.plan(problem))
     watched = (problem.events,) if problem.events else ()
-    kept, key, span = problem.model.prepared, (id(method), *options, *watched), (problem.t0, problem.t1)
-    kept_plan: PreparedPlan | None = kept.get(key)
+    cache, key, span = problem.model.prepared, (id(method), *options, *watched), (problem.t0, problem.t1)
+    kept_plan: PreparedPlan | None = cache.get(key)
     if kept_plan is None or kept_plan.span not in (None, span):
         plan = method.plan(problem)
         whenever = plan.tolerances.rtol > 0.0 and plan.tolerances.longest == math.inf
         kept_plan = PreparedPlan(plan, method, None if whenever else span, {} if kept_plan is None else kept_plan.idle)
-        kept[key] = kept_plan
-        drop_oldest(kept, PLANS_KEPT)
+        cache[key] = kept_plan
+        drop_oldest(cache, PLANS_KEPT)
     return kept_plan
 
 
@@ -281,8 +281,8 @@ def _is_key(option: Any) -> bool:
     return option is None or (isinstance(option, float) and option > 0.0)
 
 
-def drop_oldest(kept: dict[Any, Any], most: int) -> None:
+def drop_oldest(cache: dict[Any, Any], most: int) -> None:
     """Drop the oldest entries until `most` are left. Other threads may drop entries at the same time."""
-    if len(kept) > most:
-        for key in tuple(kept)[:-most]:
-            kept.pop(key, None)
+    if len(cache) > most:
+        for key in tuple(cache)[:-most]:
+            cache.pop(key, None)

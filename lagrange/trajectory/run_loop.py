@@ -120,10 +120,10 @@ def not_begun(problem: Problem, name: str, cause: str) -> Trajectory:
     )
 
 
-def _driven(problem: Problem, kept: PreparedPlan, name: str) -> Trajectory:
+def _driven(problem: Problem, prepared_plan: PreparedPlan, name: str) -> Trajectory:
     began = time.perf_counter()
-    plan, parameters = kept.plan, problem.parameter_array
-    tolerances, idle = plan.tolerances, kept.take(problem)
+    plan, parameters = prepared_plan.plan, problem.parameter_array
+    tolerances, idle = plan.tolerances, prepared_plan.take(problem)
     state = tolerances.begin(problem.t0, problem.t1, problem.y0) if idle is None else idle.state
     if problem.largest is not None:
         np.maximum(state.floors, state.reals[DriverState.SHARE] * problem.largest, out=state.floors)
@@ -152,7 +152,7 @@ def _driven(problem: Problem, kept: PreparedPlan, name: str) -> Trajectory:
             # Compilation serves many runs and is not counted.
             preparation_ends()
             run.began = time.perf_counter()
-            per_call = max(FIRST_STEPS_PER_CALL, kept.steps if idle is None else idle.steps)
+            per_call = max(FIRST_STEPS_PER_CALL, prepared_plan.steps if idle is None else idle.steps)
             driver = steps if watch is None else watch.driver
             status, detail = (Status.MAX_WALL, late) if late else run.advance_to_end(driver, per_call)
         except SingularMassMatrix:
@@ -164,7 +164,7 @@ def _driven(problem: Problem, kept: PreparedPlan, name: str) -> Trajectory:
         trajectory = run.ended(Status.INTERRUPTED, "", "")
     if trajectory.status is Status.SUCCESS:
         tried = min(trajectory.steps + trajectory.rejected + 2, MOST_STEPS_PER_CALL)
-        kept.give(problem, idle, steps, state, tried if trajectory.wall < SECONDS_PER_CALL else 0, run.watch)
+        prepared_plan.give(problem, idle, steps, state, tried if trajectory.wall < SECONDS_PER_CALL else 0, run.watch)
     return trajectory
 
 

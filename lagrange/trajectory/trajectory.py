@@ -182,12 +182,12 @@ class Trajectory:
 def run_until(run: Trajectory, end: float) -> Trajectory:
     """Return a run cut at an earlier time `end`, with its outputs and events up to there."""
     forward = 1.0 if run.span[1] >= run.span[0] else -1.0
-    kept = forward * (run.t - end) <= 0
+    before = forward * (run.t - end) <= 0
     events = [forward * (times - end) <= 0 for times in run.t_events]
     return replace(
         run,
-        t=run.t[kept],
-        y=run.y[:, kept],
+        t=run.t[before],
+        y=run.y[:, before],
         span=(run.span[0], end),
         t_events=tuple(times[rows] for times, rows in zip(run.t_events, events, strict=True)),
         y_events=tuple(states[rows] for states, rows in zip(run.y_events, events, strict=True)),

@@ -103,12 +103,12 @@ def _factorization_sizes(matrix: FloatArray) -> FloatArray:
     An entry may be zero in M but not in the factors: a constraint adds G M^-1 G^T to the zero block of M. Source:
     Higham, theorem 10.3.
     """
-    sizes, rest = abs(matrix), matrix.copy()
+    sizes, remainder = abs(matrix), matrix.copy()
     for k in range(len(matrix)):
-        if abs(rest[k, k]) <= NO_PIVOT * sizes[k, k]:
+        if abs(remainder[k, k]) <= NO_PIVOT * sizes[k, k]:
             return abs(matrix)
-        terms = np.outer(rest[k + 1 :, k], rest[k, k + 1 :] / rest[k, k])
-        rest[k + 1 :, k + 1 :] -= terms
+        terms = np.outer(remainder[k + 1 :, k], remainder[k, k + 1 :] / remainder[k, k])
+        remainder[k + 1 :, k + 1 :] -= terms
         sizes[k + 1 :, k + 1 :] += abs(terms)
     return sizes
 

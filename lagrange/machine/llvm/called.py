@@ -106,12 +106,12 @@ class CompiledCall:
 
     def give(self, **arguments: Any) -> None:
         """Set arguments by name. Arrays and records are not copied. None stands for no array or no function."""
-        indices, reals, kept, words = self.code.places, self.code.reals, self._kept, self._wholes
+        indices, reals, references, words = self.code.places, self.code.reals, self._kept, self._wholes
         for name, value in arguments.items():
             if name in reals:
                 self._reals[indices[name]] = value
             elif name in indices:
-                kept[name], words[indices[name]] = value, _word(value)
+                references[name], words[indices[name]] = value, _word(value)
 
     def __call__(self) -> Any:
         """Run the procedure with the arguments set before; return None, a value or a tuple of values."""

@@ -179,8 +179,8 @@ def _mantissa(e: Emitter, x: str, lanes: int) -> str:
     real, whole = type_of(REAL, lanes), type_of(WHOLE, lanes)
     low, one = (splat(e, str(value), WHOLE, lanes) for value in (2**52 - 1, 1023 << 52))
     bits = e.value(f"bitcast {real} {x} to {whole}")
-    kept = e.value(f"or {whole} {e.value(f'and {whole} {bits}, {low}')}, {one}")
-    return e.value(f"bitcast {whole} {kept} to {real}")
+    mantissa = e.value(f"or {whole} {e.value(f'and {whole} {bits}, {low}')}, {one}")
+    return e.value(f"bitcast {whole} {mantissa} to {real}")
 
 
 _BITS = {"two_to": _two_to, "exponent": _exponent, "mantissa": _mantissa}

@@ -21,10 +21,10 @@ def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArra
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.constants, 0.0, [0.0] * program.states, list(parameters))
-    table, rest = np.array(values[: len(program.numbers)], dtype=float), values[len(program.numbers) :]
+    table, entries = np.array(values[: len(program.numbers)], dtype=float), values[len(program.numbers) :]
     unknown, inverses = bool(np.isnan(parameters).any()), []
     for plan in (stage.plan for stage in program.stages if not stage.plan.moving):
-        matrix, rest = symmetric(plan, rest), rest[len(plan.triangle) :]
+        matrix, entries = symmetric(plan, entries), entries[len(plan.triangle) :]
         whole = np.full_like(matrix, np.nan) if unknown else np.zeros_like(matrix)
         for block in () if unknown else plan.blocks:
             whole[np.ix_(block, block)] = inverse(matrix[np.ix_(block, block)])

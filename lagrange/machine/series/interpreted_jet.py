@@ -87,14 +87,14 @@ class Jet:
     @cached_property
     def _constant(self) -> list[Eliminated | None]:
         """The matrix of each stage after elimination, or None for a stage whose matrix is not constant."""
-        rest = iter(self._table[len(self.program.numbers) :])
-        return [None if stage.plan.moving else self._eliminated(stage.plan, rest) for stage in self.program.stages]
+        entries = iter(self._table[len(self.program.numbers) :])
+        return [None if stage.plan.moving else self._eliminated(stage.plan, entries) for stage in self.program.stages]
 
     def _matrices(self, triangles: Sequence[Any]) -> list[Eliminated]:
         """Return the matrix of each stage after elimination. `triangles` has the lower triangles of all matrices."""
-        rest, stages = iter(triangles), self.program.stages
+        entries, stages = iter(triangles), self.program.stages
         return [
-            self._eliminated(stage.plan, rest) if known is None else known
+            self._eliminated(stage.plan, entries) if known is None else known
             for stage, known in zip(stages, self._constant, strict=True)
         ]
 

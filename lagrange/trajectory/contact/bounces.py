@@ -56,17 +56,17 @@ class WrittenImpacts:
 def written_impacts(model: Model) -> WrittenImpacts | None:
     """Return the impacts of a model as formulas; None with constraints, friction or many coupled coordinates."""
     statement = model.statement
-    if statement.constraints or any(each.slip and not each.friction[0].is_zero for each in statement.contacts):
+    if statement.constraints or any(contact.slip and not contact.friction[0].is_zero for contact in statement.contacts):
         return None
     mass, resets, results = coupling(statement), [], []
     if mass is None:
         return None
-    for each in statement.contacts:
-        written, impulse, lost, speed = _impact(each, statement.coordinates, statement.velocities, mass)
+    for contact in statement.contacts:
+        written, impulse, lost, speed = _impact(contact, statement.coordinates, statement.velocities, mass)
         # A series locates the zero of another gap only to the tolerance of the run, which is not enough.
-        exact = each.gap.is_polynomial(*statement.coordinates, time)
+        exact = contact.gap.is_polynomial(*statement.coordinates, time)
         long = sum(int(value.count_ops()) for value in written.values()) > LONGEST
-        resets.append(None if each.restitution.is_zero or long or not exact else written)
+        resets.append(None if contact.restitution.is_zero or long or not exact else written)
         results += [impulse, lost, speed]
     nodes = tuple(map(model.equations.translate, results))
     return WrittenImpacts(tuple(resets), model.function("impacts", nodes)) if any(resets) else None
@@ -87,22 +87,24 @@ def response_of(mass: Any, direction: Any) -> Any:
     return mass.LUsolve(direction)
 
 
-def _impact(each: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any) -> tuple[dict[Any, Any], Any, Any, Any]:
-    """Return the reset of an impact of the contact `each`, with its impulse, energy loss and speed, as expressions.
+def _impact(
+    contact: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any
+) -> tuple[dict[Any, Any], Any, Any, Any]:
+    """Return the reset of an impact of a contact, with its impulse, energy loss and speed, as expressions.
 
     `q` are the coordinates, `rates` the velocities, and `mass` is the mass matrix. The reset closes the gap exactly.
     """
-    direction = sympy.Matrix([each.gap.diff(x) for x in q])
-    speed = -sympy.Add(partial_rate(each.gap, q), *(w * v for w, v in zip(direction, rates, strict=True)))
+    direction = sympy.Matrix([contact.gap.diff(x) for x in q])
+    speed = -sympy.Add(partial_rate(contact.gap, q), *(w * v for w, v in zip(direction, rates, strict=True)))
     response = response_of(mass, direction)
     compliance = (direction.T * response)[0]
-    e = each.restitution.xreplace({impact_speed: speed})
+    e = contact.restitution.xreplace({impact_speed: speed})
     impulse = (1 + e) * speed / compliance
     lost = (1 - e**2) * speed**2 / (2 * compliance)
     moved = [(x, v, change) for x, v, change in zip(q, rates, response, strict=True) if change != 0]
     behind = {v: v + change * impulse for _, v, change in moved}
     # Rounding of the gap would not be small compared with the last flights.
-    behind |= {x: x - change * each.gap / compliance for x, _, change in moved}
+    behind |= {x: x - change * contact.gap / compliance for x, _, change in moved}
     return behind, impulse, lost, speed
 
 

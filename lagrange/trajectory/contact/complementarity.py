@@ -88,20 +88,20 @@ def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
     """
     count = math.prod(len(contact.cases()) for contact in contacts)
     if count > MOST_CASES:
-        balances = _by_pivoting(matrix, bias, contacts)
-        return [] if balances is None else [balances]
-    kept: list[Balance] = []
+        pivoted = _by_pivoting(matrix, bias, contacts)
+        return [] if pivoted is None else [pivoted]
+    balances: list[Balance] = []
     for balance in _balances(matrix, bias, contacts):
         close = 10 * _noise(matrix, bias, balance.forces)
-        same = (i for i, other in enumerate(kept) if (np.abs(balance.rates - other.rates) <= close).all())
+        same = (i for i, other in enumerate(balances) if (np.abs(balance.rates - other.rates) <= close).all())
         twin = next(same, None)
         if twin is None:
-            kept.append(balance)
-        elif balance.states.count(SLIDING) == kept[twin].states.count(SLIDING):
-            size, other_size = (float(np.linalg.norm(each.forces)) for each in (balance, kept[twin]))
+            balances.append(balance)
+        elif balance.states.count(SLIDING) == balances[twin].states.count(SLIDING):
+            size, other_size = (float(np.linalg.norm(solution.forces)) for solution in (balance, balances[twin]))
             if size < (1 - NOISE) * other_size:
-                kept[twin] = balance
-    return [balance for balance in kept if not any(_displaces(other, balance, contacts) for other in kept)]
+                balances[twin] = balance
+    return [balance for balance in balances if not any(_displaces(other, balance, contacts) for other in balances)]
 
 
 def rows_of(contacts: Sequence[Friction]) -> Iterator[tuple[int, slice]]:
@@ -152,8 +152,8 @@ class _Rows:
         self.along = np.ones(len(self.contact), dtype=bool)
         self.along[self.normals] = False
         self.members = (self.contact[:, None] == np.arange(len(contacts))) & self.along[:, None]
-        self.static, self.kinetic = np.array([(each.static, each.kinetic) for each in contacts]).T
-        self.slides = np.array([each.way is not None for each in contacts])
+        self.static, self.kinetic = np.array([(surface.static, surface.kinetic) for surface in contacts]).T
+        self.slides = np.array([surface.way is not None for surface in contacts])
 
     def directions(self, values: FloatArray) -> FloatArray:
         """Return unit vectors (C, rows) along the friction rows of `values` (C, rows), separately for each contact.
@@ -224,11 +224,11 @@ def _forces(
     Rates are zero where contacts are closed or stick. The third result is a mask (C,), True for combinations with a
     solution. If contacts depend on each other, the forces are not unique; the shortest force vector is returned.
     """
-    each = states[:, rows.contact]
-    active = np.where(rows.along, each == STICKING, each != OPEN)
+    contact_states = states[:, rows.contact]
+    active = np.where(rows.along, contact_states == STICKING, contact_states != OPEN)
     pushes = np.eye(len(bias)) * active[:, None, :]
     along = np.flatnonzero(rows.along)
-    rubs = -rows.kinetic[rows.contact] * ways * (each == SLIDING)
+    rubs = -rows.kinetic[rows.contact] * ways * (contact_states == SLIDING)
     pushes[:, along, rows.normals[rows.contact[along]]] = rubs[:, along]
     square, right = (matrix @ pushes) * active[:, :, None], (-bias * active)[..., None]
     inverse = np.linalg.pinv(square, rcond=DEPENDENT)
@@ -307,7 +307,7 @@ def _by_pivoting(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Fricti
             way = rates[along] / slide if way is None and not sticks else way
         states.append(state)
         ways.append(way)
-    directions = np.concatenate([np.zeros(1 + each.components) for each in contacts])
+    directions = np.concatenate([np.zeros(1 + surface.components) for surface in contacts])
     for (_, along), way in zip(rows_of(contacts), ways, strict=True):
         directions[along] = 0.0 if way is None else way
     rows = _Rows(contacts)
@@ -328,9 +328,9 @@ def lemke(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
     basis, entering, row = list(range(n)), 2 * n, int(np.argmin(right))
     for _ in range(50 * n + 50):
         table[row] /= table[row, entering]
-        for other in range(n):
-            if other != row:
-                table[other] -= table[other, entering] * table[row]
+        for other_row in range(n):
+            if other_row != row:
+                table[other_row] -= table[other_row, entering] * table[row]
         leaving, basis[row] = basis[row], entering
         if leaving == 2 * n:
             solution = np.zeros(2 * n + 1)

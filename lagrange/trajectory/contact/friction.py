@@ -106,28 +106,30 @@ def written_friction(model: Model, which: int) -> WrittenFriction | None:
 
     It is possible for friction along a line that is not coupled to the gap, with constant mass matrix.
     """
-    statement, each = model.statement, model.statement.contacts[which]
+    statement, contact = model.statement, model.statement.contacts[which]
     q, rates = statement.coordinates, statement.velocities
     mass = coupling(statement)
-    if len(each.slip) != 1 or mass is None or statement.constraints or statement.inputs:
+    if len(contact.slip) != 1 or mass is None or statement.constraints or statement.inputs:
         return None
-    normal, along = ([expression.diff(x) for x in of] for expression, of in ((each.gap, q), (each.slip[0], rates)))
+    normal, along = (
+        [expression.diff(x) for x in of] for expression, of in ((contact.gap, q), (contact.slip[0], rates))
+    )
     rows = sympy.Matrix([*mass, *normal, *along])
-    if rows.has(time, *q, *rates) or any(each.slip[0].diff(x) != 0 for x in q) or mass.det() == 0:
+    if rows.has(time, *q, *rates) or any(contact.slip[0].diff(x) != 0 for x in q) or mass.det() == 0:
         return None
     lines = [sympy.Matrix(line) for line in (normal, along)]
     responses = [response_of(mass, line) for line in lines]
     if _coupled(lines[0], responses[1], statement.parameters):
         return None
     free = [model.equations.express(node) for node in model.equations.bias]
-    stated = each.slip[0].xreplace(dict.fromkeys(rates, sympy.S.Zero))
-    drifts = partial_rate(partial_rate(each.gap, q), q), stated.diff(time)
+    stated = contact.slip[0].xreplace(dict.fromkeys(rates, sympy.S.Zero))
+    drifts = partial_rate(partial_rate(contact.gap, q), q), stated.diff(time)
     sizes = [line.dot(response) for line, response in zip(lines, responses, strict=True)]
     force, hold = (
         -sympy.Add(drift, *(x * y for x, y in zip(response, free, strict=True))) / size
         for drift, response, size in zip(drifts, responses, sizes, strict=True)
     )
-    return _written(model, which, _Forces(each, force, hold, lines, responses, sizes))
+    return _written(model, which, _Forces(contact, force, hold, lines, responses, sizes))
 
 
 def _coupled(line: Any, response: Any, parameters: Sequence[Any]) -> bool:
@@ -153,14 +155,14 @@ class _Forces:
 
 
 def _written(model: Model, which: int, forces: _Forces) -> WrittenFriction:
-    statement, each = model.statement, forces.contact
+    statement, contact = model.statement, forces.contact
     names = {*statement.names, *(symbol.name for symbol in statement.parameters)}
-    name = each.name + "_"
+    name = contact.name + "_"
     while name + "way" in names or name + "moment" in names:
         name += "_"
     way, moment = coordinate_of(name + "way"), sympy.Symbol(name + "moment", real=True)
     slides, rate = way**2, velocity_of(way)
-    friction = (1 - slides) * forces.hold - each.friction[1] * way * forces.normal
+    friction = (1 - slides) * forces.hold - contact.friction[1] * way * forces.normal
     applied = [
         force + w * forces.normal + d * friction for force, w, d in zip(statement.forces, *forces.lines, strict=True)
     ]
@@ -175,22 +177,22 @@ def _written(model: Model, which: int, forces: _Forces) -> WrittenFriction:
         initial=tuple(np.insert(statement.initial, [model.layout.q.stop, model.layout.v.stop], 0.0).tolist()),
         contacts=(),
     )
-    cone = (each.friction[0] * forces.normal) ** 2 - forces.hold**2
+    cone = (contact.friction[0] * forces.normal) ** 2 - forces.hold**2
     onwards = -sympy.sign(forces.hold)
-    kept = sympy.Piecewise((0, cone >= 0), (1, True)) * onwards
+    after = sympy.Piecewise((0, cone >= 0), (1, True)) * onwards
     events = (
         Event((1 - slides) * cone + slides, direction=-1, reset=_behind(statement, forces, moment, way, onwards)),
-        Event(way * each.slip[0] + 1 - slides, direction=-1, reset=_behind(statement, forces, moment, way, kept)),
+        Event(way * contact.slip[0] + 1 - slides, direction=-1, reset=_behind(statement, forces, moment, way, after)),
     )
     return WrittenFriction(which, model.on_same_machine(stated), moment, forces.normal, events)
 
 
 def _behind(statement: Any, forces: _Forces, moment: Any, way: Any, onwards: Any) -> dict[Any, Any]:
     """Return the reset at a change: gap and gap rate become zero, and the slip zero or small in direction `onwards`."""
-    each, q = forces.contact, statement.coordinates
+    contact, q = forces.contact, statement.coordinates
     pace = 2 * SLIGHT * abs(forces.hold) * forces.sizes[1] * sympy.Max(abs(time), moment)
-    rate = partial_rate(each.gap, q) + forces.lines[0].dot(sympy.Matrix(statement.velocities))
-    errors = each.gap / forces.sizes[0], rate / forces.sizes[0], (each.slip[0] - onwards * pace) / forces.sizes[1]
+    rate = partial_rate(contact.gap, q) + forces.lines[0].dot(sympy.Matrix(statement.velocities))
+    errors = contact.gap / forces.sizes[0], rate / forces.sizes[0], (contact.slip[0] - onwards * pace) / forces.sizes[1]
     behind = {way: onwards}
     for x, v, up, along in zip(q, statement.velocities, *forces.responses, strict=True):
         if up != 0:

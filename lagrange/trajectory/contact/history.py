@@ -74,7 +74,7 @@ def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> Co
     modes = tuple(_stored_mode(*fields) for fields in json.loads(str(arrays["modes"])))
     impacts = tuple(np.asarray(arrays[f"impacts_{i}"]) for i in range(len(contacts)))
     matching = {len(mode.states) == len(contacts) == len(mode.ways) for mode in modes}
-    wide = [each.shape[1:] == (FRICTION + len(stated.slip),) for each, stated in zip(impacts, contacts, strict=True)]
+    wide = [rows.shape[1:] == (FRICTION + len(stated.slip),) for rows, stated in zip(impacts, contacts, strict=True)]
     if matching != {True} or len(arrays["begins"]) != len(modes) or not all(wide):
         raise StatementError("its modes are not those of the contacts of its system.")
     rests = tuple(tuple(arrays[f"rests_{i}"].tolist()) for i in range(len(contacts)))
@@ -105,7 +105,7 @@ class ContactRun:
     def by_name(self) -> ByName[ContactResult]:
         """The results of each contact by its name."""
         stated = self.model.statement.contacts
-        return ByName("contact", ((each.name, ContactResult(self, i, each)) for i, each in enumerate(stated)))
+        return ByName("contact", ((contact.name, ContactResult(self, i, contact)) for i, contact in enumerate(stated)))
 
     def _segments(self, times: FloatArray) -> Iterator[tuple[Mode, NDArray[np.bool_]]]:
         """Yield each mode that holds at some of the times (K,), with the mask (K,) of these times."""
@@ -137,19 +137,19 @@ class ContactRun:
         statement = self.model.statement
         plain = expression_of(expression, "the expression").xreplace(statement.gaps)
         pairs = zip(statement.contacts, mode.states, strict=True)
-        absent = {each.normal: sympy.S.Zero for each, state in pairs if state == OPEN}
+        absent = {contact.normal: sympy.S.Zero for contact, state in pairs if state == OPEN}
         model = modes_of(self.model).model_of(mode)
         return np.asarray(model.evaluate_expression(plain.xreplace(absent), times, y, self.parameters))
 
     def friction(self, contact: int) -> FloatArray:
         """Return the friction force of a contact along its slip components, at the outputs, (components, N)."""
-        each = self.model.statement.contacts[contact]
-        forces = np.zeros((len(each.slip), len(self.t)))
+        stated = self.model.statement.contacts[contact]
+        forces = np.zeros((len(stated.slip), len(self.t)))
         for mode, where in self._segments(self.t):
             if mode.labels[contact] in (SLIDING, STICKING):
                 y = self.trajectory.y[:, where]
                 forces[:, where] = [
-                    self._in_mode(mode, force, self.t[where], y) for force in _friction(each, mode, contact)
+                    self._in_mode(mode, force, self.t[where], y) for force in _friction(stated, mode, contact)
                 ]
         return forces
 
@@ -214,9 +214,9 @@ class ContactRun:
         total, path = np.zeros(len(times)), self.trajectory.dense
         for mode, where in self._segments(times):
             y = path(times[where]) if SLIDING in mode.states else None
-            for i, each in enumerate(self.model.statement.contacts):
+            for i, contact in enumerate(self.model.statement.contacts):
                 if y is not None and mode.states[i] == SLIDING:
-                    pairs = zip(_friction(each, mode, i), each.slip, strict=True)
+                    pairs = zip(_friction(contact, mode, i), contact.slip, strict=True)
                     power = sympy.Add(*(-force * slip for force, slip in pairs))
                     total[where] += self._in_mode(mode, power, times[where], y)
         return total
@@ -264,8 +264,8 @@ class ContactResult:
         return self._run.history.rests[self._which]
 
 
-def _friction(each: Contact, mode: Mode, which: int) -> list[Any]:
+def _friction(contact: Contact, mode: Mode, which: int) -> list[Any]:
     """Return the friction force of a contact in a mode, one expression for each slip component."""
     if mode.states[which] == STICKING:
-        return [multiplier(name) for name in each.slip_names]
-    return sliding_friction(each, mode.ways[which])
+        return [multiplier(name) for name in contact.slip_names]
+    return sliding_friction(contact, mode.ways[which])

@@ -76,10 +76,10 @@ def contact_function(model: Model) -> Kernel:
     equations = model.equations
     stated: dict[str, Any] = {}
     holonomic = []
-    for each in model.statement.contacts:
-        stated[each.name] = equations.translate(each.gap)
-        stated |= dict(zip(each.slip_names, map(equations.translate, each.slip), strict=True))
-        holonomic += [True] + [False] * len(each.slip)
+    for contact in model.statement.contacts:
+        stated[contact.name] = equations.translate(contact.gap)
+        stated |= dict(zip(contact.slip_names, map(equations.translate, contact.slip), strict=True))
+        holonomic += [True] + [False] * len(contact.slip)
     constraints = constraint_equations(stated, holonomic, equations.q, equations.v, equations.time)
     gaps = [gap for gap in constraints.positions if gap is not None]
     gradient = [entry for row in constraints.gradient for entry in row]
@@ -101,26 +101,26 @@ class Kinematics:
 
     def __init__(self, model: Model, parameters: FloatArray) -> None:
         self.model, self.parameters, self.contacts = model, parameters, model.statement.contacts
-        sizes = [1 + len(each.slip) for each in self.contacts]
+        sizes = [1 + len(contact.slip) for contact in self.contacts]
         self.normals = [sum(sizes[:i]) for i in range(len(sizes))]
         self.rows = [list(range(row, row + size)) for row, size in zip(self.normals, sizes, strict=True)]
         self._places, self._speeds, self._momentum = np.zeros(len(sizes)), np.zeros(sum(sizes)), 0.0
         self._kernel = contact_function(model)
         values = dict(zip(model.statement.parameters, map(Float, parameters.tolist()), strict=True))
-        self._restitution = [each.restitution.xreplace(values) for each in self.contacts]
-        self._friction = [tuple(float(mu.xreplace(values)) for mu in each.friction) for each in self.contacts]
+        self._restitution = [contact.restitution.xreplace(values) for contact in self.contacts]
+        self._friction = [tuple(float(mu.xreplace(values)) for mu in contact.friction) for contact in self.contacts]
         self._check()
 
     def _check(self) -> None:
-        for each, mus, e in zip(self.contacts, self._friction, self._restitution, strict=True):
+        for contact, mus, e in zip(self.contacts, self._friction, self._restitution, strict=True):
             if min(mus) < 0 or mus[1] > mus[0]:
                 raise StatementError(
-                    f"the friction of the contact {each.name!r} is {mus[0]:g} (static) and {mus[1]:g} (kinetic): give "
-                    "coefficients that are not negative, the static one at least the kinetic one."
+                    f"the friction of the contact {contact.name!r} is {mus[0]:g} (static) and {mus[1]:g} (kinetic): "
+                    "give coefficients that are not negative, the static one at least the kinetic one."
                 )
             if e.is_number and not 0 <= float(e) <= 1:
                 raise StatementError(
-                    f"the restitution of the contact {each.name!r} is {float(e):g}: give a number between 0 and 1."
+                    f"the restitution of the contact {contact.name!r} is {float(e):g}: give a number between 0 and 1."
                 )
 
     @property
@@ -179,14 +179,14 @@ class Kinematics:
         right = np.vstack([directions.T, np.zeros((m, len(directions)))])
         return np.asarray(np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n])
 
-    def closed(self, y: FloatArray, touch: Touch, contacts: Sequence[int], kept: Sequence[int] = ()) -> FloatArray:
+    def closed(self, y: FloatArray, touch: Touch, contacts: Sequence[int], unchanged: Sequence[int] = ()) -> FloatArray:
         """Return a state whose gaps of `contacts` are closed, by one Newton step with the least change.
 
-        The kinetic energy measures the change. The gaps of the contacts `kept` are not changed.
+        The kinetic energy measures the change. The gaps of the contacts `unchanged` are not changed.
         """
         if not contacts:
             return y
-        both = [*contacts, *(i for i in kept if i not in contacts)]
+        both = [*contacts, *(i for i in unchanged if i not in contacts)]
         y, normals = y.copy(), [self.normals[i] for i in both]
         changes = np.array([*touch.gaps[contacts], *np.zeros(len(both) - len(contacts))])
         y[self.model.layout.q] -= touch.responses[:, normals] @ least_solution(
@@ -205,10 +205,10 @@ class Kinematics:
         """Return the restitution of a contact at an impact speed. Raises StatementError outside of [0, 1]."""
         value = float(self._restitution[contact].xreplace({impact_speed: Float(speed, 17)}))
         if not 0 <= value <= 1:
-            each = self.contacts[contact]
+            stated = self.contacts[contact]
             raise StatementError(
-                f"the restitution of the contact {each.name!r}, {formula(each.restitution, 60)}, is {value:g} at the "
-                f"impact speed {speed:g}: it must lie between 0 and 1."
+                f"the restitution of the contact {stated.name!r}, {formula(stated.restitution, 60)}, is {value:g} at "
+                f"the impact speed {speed:g}: it must lie between 0 and 1."
             )
         return value
 

@@ -152,7 +152,7 @@ class Modes:
             if len(self._prepared) > EVENTS_KEPT * (1 + len(self._models)):
                 self._prepared.clear()
             mode_events, ends = _ends(self.contacts, mode)
-            absent = {each.normal: sympy.S.Zero for i, each in enumerate(self.contacts) if mode.states[i] == OPEN}
+            absent = {contact.normal: sympy.S.Zero for i, contact in enumerate(self.contacts) if mode.states[i] == OPEN}
             if written is not None:
                 mode_events = tuple(
                     event if reset is None else replace(event, terminal=most, reset=reset)
@@ -173,8 +173,8 @@ class Modes:
     def timeless(self) -> bool:
         """True if the system, with its contacts, does not depend on time explicitly."""
         stated = self.model.statement
-        relations = (each.expression for each in stated.constraints)
-        surfaces = (part for each in self.contacts for part in (each.gap, *each.slip))
+        relations = (constraint.expression for constraint in stated.constraints)
+        surfaces = (part for contact in self.contacts for part in (contact.gap, *contact.slip))
         return self.without_time((stated.lagrangian, stated.dissipation, *stated.forces, *relations, *surfaces))
 
     def without_time(self, expressions: Iterable[Any]) -> bool:
@@ -202,14 +202,17 @@ class Modes:
         The last entry is the same for the constraints stated in velocities.
         """
         stated = self.model.statement
-        rest = dict.fromkeys(stated.velocities, sympy.S.Zero)
-        rates = [*(each.slip for each in self.contacts), [c.expression for c in stated.constraints if not c.holonomic]]
-        return [all(sympy.expand(rate.xreplace(rest)).is_zero for rate in of) for of in rates]
+        at_rest = dict.fromkeys(stated.velocities, sympy.S.Zero)
+        rates = [
+            *(contact.slip for contact in self.contacts),
+            [c.expression for c in stated.constraints if not c.holonomic],
+        ]
+        return [all(sympy.expand(rate.xreplace(at_rest)).is_zero for rate in of) for of in rates]
 
     def constraint_count(self, mode: Mode) -> int:
         """Return the number of constraints of a mode: stated ones, and those of closed contacts."""
         pairs = zip(self.contacts, mode.states, strict=True)
-        counts = [1 + (state == STICKING) * len(each.slip) for each, state in pairs if state != OPEN]
+        counts = [1 + (state == STICKING) * len(contact.slip) for contact, state in pairs if state != OPEN]
         return len(self.model.statement.constraints) + sum(counts)
 
     def model_of(self, mode: Mode) -> Model:
@@ -234,18 +237,18 @@ def mode_statement(statement: Statement, mode: Mode) -> Statement:
     -mu lambda dslip/dv against its slip, with the multiplier lambda of its gap.
     """
     constraints, forces = list(statement.constraints), list(statement.forces)
-    for each, state, way in zip(statement.contacts, mode.states, mode.ways, strict=True):
+    for contact, state, way in zip(statement.contacts, mode.states, mode.ways, strict=True):
         if state == OPEN:
             continue
-        constraints.append(Constraint(each.name, each.gap, holonomic=True))
+        constraints.append(Constraint(contact.name, contact.gap, holonomic=True))
         if state == STICKING:
-            slips = zip(each.slip_names, each.slip, strict=True)
+            slips = zip(contact.slip_names, contact.slip, strict=True)
             constraints += [Constraint(name, slip, holonomic=False) for name, slip in slips]
         if state == SLIDING:
-            pushes = sliding_friction(each, way)
+            pushes = sliding_friction(contact, way)
             for i, q in enumerate(statement.coordinates):
                 rate = velocity_of(q)
-                slopes = [push * slip.diff(rate) for push, slip in zip(pushes, each.slip, strict=True)]
+                slopes = [push * slip.diff(rate) for push, slip in zip(pushes, contact.slip, strict=True)]
                 forces[i] = sympy.Add(forces[i], *slopes)
     return replace(
         statement,
@@ -256,35 +259,35 @@ def mode_statement(statement: Statement, mode: Mode) -> Statement:
     )
 
 
-def sliding_friction(each: Contact, way: Way) -> list[Any]:
+def sliding_friction(contact: Contact, way: Way) -> list[Any]:
     """Return the friction forces of a sliding contact, one for each slip component."""
-    size = each.friction[1] * each.normal
-    if len(each.slip) == 1:
+    size = contact.friction[1] * contact.normal
+    if len(contact.slip) == 1:
         return [-size * way]
-    return [-size * slip / _speed(each) for slip in each.slip]
+    return [-size * slip / _speed(contact) for slip in contact.slip]
 
 
-def _speed(each: Contact) -> Any:
-    return sympy.sqrt(sympy.Add(*(slip**2 for slip in each.slip)))
+def _speed(contact: Contact) -> Any:
+    return sympy.sqrt(sympy.Add(*(slip**2 for slip in contact.slip)))
 
 
 def _ends(contacts: Sequence[Contact], mode: Mode) -> tuple[tuple[Event, ...], tuple[tuple[int, str], ...]]:
     """Return the events that end a mode, and for each event the index of its contact and its kind."""
     zeros: list[Any] = []
     ends = []
-    for i, (each, state, way) in enumerate(zip(contacts, mode.states, mode.ways, strict=True)):
+    for i, (contact, state, way) in enumerate(zip(contacts, mode.states, mode.ways, strict=True)):
         if state == OPEN:
-            zeros.append(each.gap)
+            zeros.append(contact.gap)
             ends.append((i, GAP))
             continue
-        zeros.append(each.normal)
+        zeros.append(contact.normal)
         ends.append((i, RELEASE))
         if state == SLIDING:
-            zeros.append(each.slip[0] * way if len(each.slip) == 1 else _speed(each) - mode.slowest)
+            zeros.append(contact.slip[0] * way if len(contact.slip) == 1 else _speed(contact) - mode.slowest)
             ends.append((i, SLIP))
         if state == STICKING:
-            slip_forces = [multiplier(name) ** 2 for name in each.slip_names]
-            zeros.append(each.friction[0] ** 2 * each.normal**2 - sympy.Add(*slip_forces))
+            slip_forces = [multiplier(name) ** 2 for name in contact.slip_names]
+            zeros.append(contact.friction[0] ** 2 * contact.normal**2 - sympy.Add(*slip_forces))
             ends.append((i, CONE))
     return tuple(Event(zero, direction=-1, terminal=1) for zero in zeros), tuple(ends)
 

@@ -93,7 +93,7 @@ class _ContactRun:
         self.largest = np.abs(problem.y0)
         self.kept: list[Mode] = []
         self.begins: list[float] = []
-        self.impacts = [[np.empty((0, FRICTION + len(each.slip)))] for each in self.contacts]
+        self.impacts = [[np.empty((0, FRICTION + len(contact.slip)))] for contact in self.contacts]
         self.rests: list[list[float]] = [[] for _ in self.contacts]
         self.bounces = Bounces()
         self.frictions = not any(event.reset or event.settings for event in problem.events)
@@ -157,8 +157,8 @@ class _ContactRun:
         if at_once < MOST_AT_ONCE:
             return None
         names = listing(
-            repr(each.name)
-            for each, old, new in zip(self.contacts, mode.states, following.states, strict=True)
+            repr(contact.name)
+            for contact, old, new in zip(self.contacts, mode.states, following.states, strict=True)
             if old != new or set(mode.states) == {OPEN}
         )
         return Status.SINGULAR, (
@@ -359,10 +359,10 @@ class _ContactRun:
         """Raise StatementError for a start inside a body."""
         problem, kin = self.problem, self.kinematics
         touch = kin.at(problem.t0, problem.y0)
-        for i, each in enumerate(self.contacts):
+        for i, contact in enumerate(self.contacts):
             if touch.gaps[i] < -touch.near[i]:
                 raise StatementError(
-                    f"the start is inside a body: the gap {each.name!r} is {touch.gaps[i]:.6g} there. "
+                    f"the start is inside a body: the gap {contact.name!r} is {touch.gaps[i]:.6g} there. "
                     f"{self._nearest(i)}"
                 )
 
@@ -384,10 +384,10 @@ class _ContactRun:
     def _note(self) -> str:
         """Return the sentences of the message on impacts that accumulate."""
         told = []
-        for each, times in zip(self.contacts, self.rests, strict=True):
+        for contact, times in zip(self.contacts, self.rests, strict=True):
             if times:
                 more = f" and {counted(len(times) - 1, 'later time')}" if len(times) > 1 else ""
-                told.append(f"Infinitely many impacts of {each.name!r} end at t = {number(times[0])}{more}.")
+                told.append(f"Infinitely many impacts of {contact.name!r} end at t = {number(times[0])}{more}.")
         shared = next((mode for mode in self.kept if mode.kept is not None), None)
         if shared is not None and shared.kept is not None:
             names = listing(repr(self.contacts[i].name) for i in shared.closed)

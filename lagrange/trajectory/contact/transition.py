@@ -277,8 +277,8 @@ class Transitions:
         if any(len(way) > 1 for way in slides.values()) and not self._slowest:
             self._slowest = self._slow_share / STILL * float(touch.noise.max())
         plane = any(state == SLIDING and len(kin.contacts[i].slip) > 1 for i, state in enumerate(states))
-        kept = self._independent(t, y, touch, states)
-        mode = Mode(tuple(states), tuple(kept_ways), kept, slowest=self._slowest if plane else 0.0)
+        independent = self._independent(t, y, touch, states)
+        mode = Mode(tuple(states), tuple(kept_ways), independent, slowest=self._slowest if plane else 0.0)
         mode = replace(mode, still=self.modes.leaves_no_freedom(mode))
         slight = SLIGHT * float(terms.max()) * max(abs(t), self._moment)
         begins = {kin.normals[i]: slight for i in {*resting, *released} if states[i] == OPEN}
@@ -311,8 +311,8 @@ class Transitions:
         if len(gradient) < 2:
             return None
         stated = self.kinematics.stated_directions(t, y)
-        kept = independent_rows(np.vstack([stated, gradient]))
-        return None if len(kept) == len(stated) + len(gradient) else kept
+        rows = independent_rows(np.vstack([stated, gradient]))
+        return None if len(rows) == len(stated) + len(gradient) else rows
 
     def _held_rows(self, states: Sequence[str]) -> list[int]:
         """Return the rows of gaps and slips that are constraints in a mode."""

@@ -61,12 +61,12 @@ def _where(kin: Kinematics, touch: Touch, y: FloatArray, chosen: Sequence[int]) 
 
 def _region(model: Model, which: int, way: int) -> str:
     """Return as text the gap acceleration by a unit normal force while a contact slides along `way`, or "" if long."""
-    statement, each = model.statement, model.statement.contacts[which]
+    statement, contact = model.statement, model.statement.contacts[which]
     mass = None if statement.constraints else coupling(statement)
     if mass is None:
         return ""
-    normal = sympy.Matrix([each.gap.diff(q) for q in statement.coordinates])
-    along = sympy.Matrix([each.slip[0].diff(rate) for rate in statement.velocities])
-    change = normal.dot(response_of(mass, normal - way * each.friction[1] * along))
+    normal = sympy.Matrix([contact.gap.diff(q) for q in statement.coordinates])
+    along = sympy.Matrix([contact.slip[0].diff(rate) for rate in statement.velocities])
+    change = normal.dot(response_of(mass, normal - way * contact.friction[1] * along))
     region = statement.quote(sympy.together(sympy.expand(change)), LONGEST_REGION + 1)
     return region if len(region) <= LONGEST_REGION else ""

@@ -61,11 +61,11 @@ def sides_behind(
     rounding. Events in `happened` have just occurred: their side is undecided. A pending touch of a contact is cleared,
     because a contact must not act without crossing zero.
     """
-    kept = []
+    sides_after = []
     for i, (side, impact, before, after) in enumerate(zip(sides, impacts, *change, strict=True)):
         stays = i not in happened and not impact.root and abs(after - before) <= noise[i]
-        kept.append(Side(side.sign, side.near and not impact.reset) if stays else Side())
-    return kept
+        sides_after.append(Side(side.sign, side.near and not impact.reset) if stays else Side())
+    return sides_after
 
 
 SMALL_FRACTION = 2.0**-26

@@ -315,8 +315,8 @@ class SeriesWatch(EventLog):
             return {}
         events = slice(self.surfaces, None)
         change, occurred = (before.watched[0, events], look.watched[0, events]), [i - self.surfaces for i in happened]
-        kept = sides_behind(self.zero_sides[events], self.impacts, change, before.noise[events], occurred)
-        return {i: side for i, side in enumerate(kept, self.surfaces) if side.sign}
+        sides = sides_behind(self.zero_sides[events], self.impacts, change, before.noise[events], occurred)
+        return {i: side for i, side in enumerate(sides, self.surfaces) if side.sign}
 
     def at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
         """Return the series of the surfaces at the state as a function of their sides."""

@@ -121,13 +121,13 @@ class StepBatch:
             noise = np.maximum(edge[:, 1:], edge[:, :-1])
             # The error scales with the change of the state: x**2 + v**2 may be constant while x and v change. It is
             # sampled at the same nodes for any number of steps: every second node of the full degree.
-            each = slice(None, None, degree // COARSE)
-            moves = states[:, :-1] + RELATIVE_PERTURBATION * np.ptp(samples[..., each], axis=-1) * tilt[:-1, None]
+            coarse = slice(None, None, degree // COARSE)
+            moves = states[:, :-1] + RELATIVE_PERTURBATION * np.ptp(samples[..., coarse], axis=-1) * tilt[:-1, None]
             gain = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / RELATIVE_PERTURBATION
-            spread = np.fmax(np.ptp(values[..., each], axis=-1), gain)
+            spread = np.fmax(np.ptp(values[..., coarse], axis=-1), gain)
             sensitive = DENSE_ROUND_OFF * np.where(np.isfinite(spread), spread, 0.0)
             noise = noise + sensitive
-            sure = certain(values[..., each] @ to_chebyshev(COARSE).T, noise)
+            sure = certain(values[..., coarse] @ to_chebyshev(COARSE).T, noise)
         batch = cls(kernel, rates, parameters, path, ends, edge, noise, sensitive, sure)
         if degree == DEGREE:
             batch._keep(steps, samples, values)
@@ -170,8 +170,8 @@ def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
     `noise` (...) is their error. The truncated part is estimated as eight times the last coefficients.
     """
     sizes = np.abs(chebyshev)
-    others = sizes[..., 1:].sum(axis=-1) + TAIL * sizes[..., -2:].max(axis=-1) + 4 * noise
-    return np.asarray(sizes[..., 0] > CERTAINTY * others)
+    tail = sizes[..., 1:].sum(axis=-1) + TAIL * sizes[..., -2:].max(axis=-1) + 4 * noise
+    return np.asarray(sizes[..., 0] > CERTAINTY * tail)
 
 
 def state_noise(

@@ -213,13 +213,13 @@ class EventDriver:
         code = waiting.accept()
         return None if code == GO_ON else Outcome(code)
 
-    def _set_back(self, state: DriverState, cut: Cut, kept: int, waiting: Waiting) -> None:
-        """Set the state to a cut after `kept` steps. The next step begins a new smooth piece."""
+    def _set_back(self, state: DriverState, cut: Cut, steps: int, waiting: Waiting) -> None:
+        """Set the state to a cut after `steps` steps. The next step begins a new smooth piece."""
         memory, run, count = self._memory, self._run, len(state.floors)
         state.fault = None
         run.changed = self._watch.changed
-        waiting.go_back(kept, cut.t, cut.y, cut.length)
-        sizes = np.abs(memory.states[2 : kept + 2, :count]).max(axis=0, initial=0.0)
+        waiting.go_back(steps, cut.t, cut.y, cut.length)
+        sizes = np.abs(memory.states[2 : steps + 2, :count]).max(axis=0, initial=0.0)
         np.maximum(memory.kept_reals[S.FLOORS :][:count], state.reals[S.SHARE] * sizes, out=state.floors)
         run.starts, self._next_left, self._left_to_arrays = 1, 1, 0
         self._watch.set_back(cut)

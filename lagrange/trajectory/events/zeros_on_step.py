@@ -301,13 +301,13 @@ def ended(step_zeros: StepZeros, s: float, isolate: Isolate | None = None, *, de
 
 def _merged(located: list[Root]) -> tuple[Root, ...]:
     """Return the roots with repeated crossings of one jump merged. A rounded path may cross a jump several times."""
-    kept: list[Root] = []
+    merged: list[Root] = []
     for root in located:
-        if kept and kept[-1].jump and root.jump and root.time - kept[-1].time <= SAME_JUMP:
-            kept.pop()
+        if merged and merged[-1].jump and root.jump and root.time - merged[-1].time <= SAME_JUMP:
+            merged.pop()
         else:
-            kept.append(root)
-    return tuple(kept)
+            merged.append(root)
+    return tuple(merged)
 
 
 def _starts_clear(piece: LocalPolynomial) -> bool:

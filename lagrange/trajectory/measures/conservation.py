@@ -118,8 +118,8 @@ def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float)
     times = np.linspace(problem.t0, until, SPEED_SAMPLES + 1)
     alone = isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None
     if alone or (problem.t_eval is None and len(t) > SPEED_SAMPLES):
-        kept = np.minimum(np.searchsorted(np.abs(t - t[0]), np.abs(times - t[0])), len(t) - 1)
-        states = y[:, kept]
+        rows = np.minimum(np.searchsorted(np.abs(t - t[0]), np.abs(times - t[0])), len(t) - 1)
+        states = y[:, rows]
     else:
         states = trajectory.dense(times)
     speeds = np.sqrt(_finite(_kinetic(problem, states)))
@@ -152,6 +152,6 @@ def _finite(values: FloatArray) -> FloatArray:
 def _remedy(trajectory: Trajectory, adaptive: bool) -> str:
     if not adaptive:
         return "Shorten the step, or take an adaptive method such as dop853."
-    other = DEFAULT_METHOD if trajectory.method != DEFAULT_METHOD else "dop853"
+    method = DEFAULT_METHOD if trajectory.method != DEFAULT_METHOD else "dop853"
     now = "" if trajectory.rtol is None else f" (now {trajectory.rtol:g})"
-    return f"Lower rtol{now} and atol, or take another method, such as {other}."
+    return f"Lower rtol{now} and atol, or take another method, such as {method}."

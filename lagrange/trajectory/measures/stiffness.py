@@ -180,13 +180,13 @@ def _found(
         eigenvalues = np.sign(step) * (np.linalg.eigvals(jacobian) if np.isfinite(jacobian).all() else np.zeros(1))
         sizes = np.abs(eigenvalues)
         # A growing mode belongs to the solution. Rounding moves oscillations away from the imaginary axis.
-        kept = (eigenvalues.real <= 1e-6 * sizes) & (sizes > 0)
+        decaying = (eigenvalues.real <= 1e-6 * sizes) & (sizes > 0)
         limits = np.array(
-            [stability_limit(polynomial, abs(float(np.angle(eigenvalue)))) for eigenvalue in eigenvalues[kept]]
+            [stability_limit(polynomial, abs(float(np.angle(eigenvalue)))) for eigenvalue in eigenvalues[decaying]]
         )
-        near = abs(step) * sizes[kept] / limits
-        if near.size and near.max() > NEAR_LIMIT and sizes[kept][near.argmax()] > SLOWER * change:
-            rate = float(sizes[kept][near.argmax()])
+        near = abs(step) * sizes[decaying] / limits
+        if near.size and near.max() > NEAR_LIMIT and sizes[decaying][near.argmax()] > SLOWER * change:
+            rate = float(sizes[decaying][near.argmax()])
             at_limit.append((rate, abs(step) * rate, limits[near.argmax()], rate / max(change, 1e-12 * rate)))
     share = len(at_limit) / len(h)
     if share <= 0.5:

@@ -207,12 +207,12 @@ def tableau(
     weights = _entries(name, b)
     error = None
     if embedded is not None:
-        other = _entries(name, embedded)
-        if len(other) != len(weights):
+        embedded_weights = _entries(name, embedded)
+        if len(embedded_weights) != len(weights):
             raise StatementError(
-                f"the tableau {shown(name)} has {len(weights)} weights in b and {len(other)} in embedded."
+                f"the tableau {shown(name)} has {len(weights)} weights in b and {len(embedded_weights)} in embedded."
             )
-        difference = tuple(x - y for x, y in zip(weights, other, strict=True))
+        difference = tuple(x - y for x, y in zip(weights, embedded_weights, strict=True))
         if not any(difference):
             raise StatementError(
                 f"the tableau {shown(name)} has embedded equal to b: their difference estimates no error."
