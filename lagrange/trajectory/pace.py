@@ -1,4 +1,4 @@
-"""Tests of slow runs for rounding noise and for sticking to a surface, and limits of compile time and memory."""
+"""Tests whether a slow run is due to rounding noise or sticks to a surface; limits of compile time and of memory."""
 
 from __future__ import annotations
 
@@ -37,9 +37,10 @@ rates must lead to the surface, relative to the time between these states.
 def stuck(
     problem: Problem, t: float, parts: Sequence[Part], covered: float, rows: int = LAST_ROWS
 ) -> EventResult | None:
-    """Return the end of a run at time t if its last accepted states stick to a surface, else None.
+    """Return the end of a run at time t if its last accepted states stick to a switching surface, else None.
 
-    `covered` is the time by which the run advanced since the last test. The last `rows` states at most are tested.
+    States stick if the motion returns to the surface from both sides. `parts` are blocks of accepted states. The last
+    `rows` states at most are tested. `covered` is the time by which the run advanced since the last test.
     """
     switched = switch(problem.model.equations.graph, problem.model.equations.accelerations)
     if not switched.stated:
@@ -55,10 +56,11 @@ def stuck(
 def _led_back(
     problem: Problem, nodes: tuple[Node, ...], last: tuple[FloatArray, FloatArray], covered: float
 ) -> int | None:
-    """Return the index of the first surface to which all states in `last` return from both sides, or None.
+    """Return the index of the first surface to which the motion returns from both sides at all last states, or None.
 
-    The state on the other side of a surface is the mirror image of the state. A state counts only if its motion reaches
-    the surface within the time `covered`. `nodes` are the surfaces.
+    `nodes` are the expressions that are zero on the surfaces. `last` has times (k,) and states (2n, k). The state on
+    the other side of a surface is the mirror image of the state. A state counts only if its motion reaches the
+    surface within the time `covered`.
     """
     times, states = last
     equations, count = problem.model.equations, len(nodes)
@@ -91,9 +93,9 @@ noise. Computing the noise takes 1 to 20 ms; 4,096 steps of a small system take 
 
 
 class Pace:
-    """Tests the pace of a run between calls of its driver.
+    """Tests, between two calls of the driver, whether a run is slow because of rounding noise or sticks to a surface.
 
-    `next_look` is the number of trial steps at the next test.
+    `next_look` is the number of trial steps at which the next test is made.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -101,10 +103,11 @@ class Pace:
         self._problem, self._tries, self._t = problem, 0, problem.t0
 
     def look(self, state: DriverState, parts: Sequence[Part], result: EventResult) -> EventResult:
-        """Raise the floors of a slow run. Return the end of a run that sticks, else `result`, that of the last steps.
+        """Return the end of a run that sticks to a surface, else `result`. Raise the tolerance floors of a slow run.
 
-        Sticking is tested in three cases: the run would reach `max_steps` at the pace since the last test; steps become
-        too small; an implicit step of any length did not converge. `parts` are the accepted states.
+        `result` is the result of the last driver call, and `parts` are the accepted states. Sticking is tested in
+        three cases: the run would reach `max_steps` at the pace since the last test; steps become too small; an
+        implicit step of any length did not converge.
         """
         if result.status is Status.DIVERGED and not result.detail and state.reals[DriverState.RTOL]:
             reach = UNSOLVED_REACH * abs(state.t - float(parts[-1].times[-UNSOLVED_ROWS:][0]))
@@ -125,10 +128,11 @@ class Pace:
 
 
 def limiting_entry(problem: Problem, state: DriverState) -> tuple[int, int] | None:
-    """Return the index of the entry that limits the step, and of the entry of its kind with the largest tolerance.
+    """Return two indices of entries of the state: the one that limits the step, and one with a much larger tolerance.
 
-    The limiting entry has the largest error of one step of DOPRI5, relative to its tolerance. Returns None unless this
-    tolerance is far below those of other entries of its kind, coordinates or velocities.
+    The first entry has the largest error of one DOPRI5 step relative to its tolerance. The second has the largest
+    tolerance of the same kind, coordinates or velocities. Returns None unless the first tolerance is far below the
+    second.
     """
     y, h = state.y, float(state.reals[DriverState.H])
     law = slopes_of(problem.model, problem.parameter_array)
@@ -153,7 +157,7 @@ ASSUMED_MEMORY = 8 * 2**30
 
 
 def memory_limit(problem: Problem) -> float:
-    """Return the number of bytes that the run may store."""
+    """Return the number of bytes that stored states may take: `max_memory`, or a part of the machine's memory."""
     return machine_memory() / MEMORY_DIVISOR if problem.max_memory is None else problem.max_memory
 
 
@@ -168,7 +172,7 @@ def machine_memory() -> int:
 
 
 def compiled_late(problem: Problem) -> str:
-    """Return a sentence with the remedy if compilation exceeded the time limit of the run, else ""."""
+    """Return a sentence with the remedy if compiling took longer than the run's limit `max_wall`, else ""."""
     seconds = time.perf_counter() - problem.began
     if problem.max_wall is None or seconds <= max(problem.max_wall, COMPILE_SECONDS):
         return ""

@@ -61,9 +61,9 @@ def rest_of(
 
 
 def _counted(event: Event, count: int) -> Event:
-    """Return an event whose `terminal` count is reduced by the number of its occurrences so far.
+    """Return the event with its `terminal` count reduced by `count`, the number of its occurrences in earlier parts.
 
-    If the count does not change, the event itself is returned, because methods prepare an event object once.
+    If the terminal count does not change, the event itself is returned, because methods prepare an event object once.
     """
     limit = max(event.terminal - count, min(event.terminal, 1))
     return event if limit == event.terminal else replace(event, terminal=limit)
@@ -72,7 +72,7 @@ def _counted(event: Event, count: int) -> Event:
 def joined(
     problem: Problem, parts: Sequence[Trajectory], note: str = "", *, both_at_joints: bool = False
 ) -> Trajectory:
-    """Return the parts of a run joined to one run, with `note` after the message.
+    """Return one run that joins the `parts` of a run in order. `note` is appended to the message of the last part.
 
     Without output times, the last state of a part and the first state of the next part may have the same time. The
     later state is dropped, unless `both_at_joints`.
@@ -180,7 +180,7 @@ def _acting(problem: Problem, part: Trajectory) -> list[int]:
 
 
 def status_at_end(problem: Problem, parts: Sequence[Trajectory]) -> Status | None:
-    """Return the status if the run ends with these segments, or None if it continues."""
+    """Return the status EVENT or SUCCESS if the run ends with the last of its `parts`, or None if it continues."""
     for i, event in enumerate(problem.events):
         if event.terminal and sum(len(part.t_events[i]) for part in parts) >= event.terminal:
             return Status.EVENT
@@ -217,7 +217,7 @@ def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float,
 
 
 def _told(problem: Problem, parts: Sequence[Trajectory]) -> str:
-    """Return the note on the step size that the method chose for the first segment and that all segments use."""
+    """Return a note on the step size that the method chose for all segments; "" if there is nothing to note."""
     step = parts[0].step
     if problem.step is not None or step is None or len(parts) == 1:
         return ""
@@ -229,9 +229,9 @@ def _name(problem: Problem, i: int) -> str:
 
 
 def before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
-    """Return the segment `part` without the state after the event that ends it; the state before the event stays.
+    """Return the segment `part` without the stored state after the event that ends it.
 
-    With output times no state at the event is stored.
+    Without output times the state before the event stays. With output times no state at the event is stored.
     """
     count = int(np.searchsorted(abs(part.t - part.span[0]), abs(part.span[1] - part.span[0])))
     count += problem.t_eval is None

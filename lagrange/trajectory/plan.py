@@ -1,4 +1,4 @@
-"""Plans: a method prepared for a model, with its driver. Later runs of the model use them again."""
+"""Plans: methods prepared for a model, with drivers (loops over steps). Later runs of the model use them again."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ Watcher = StepWatch | SeriesWatch
 
 
 class Plan(Protocol):
-    """Protocol of a method that is prepared for a model."""
+    """Protocol of a method that is prepared for a model: it makes drivers, watchers of events, and dense output."""
 
     @property
     def tolerances(self) -> Tolerances:
@@ -52,7 +52,7 @@ class Plan(Protocol):
         """True if the driver writes the states at output times during the run."""
 
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
-        """Return a driver for parameters (k,)."""
+        """Return a driver, the loop over steps, for parameters (k,)."""
 
     def watch(self, problem: Problem, driver: Any, memory: Any = None) -> Watcher | None:
         """Return the watcher of events and switching surfaces for the plan's driver, or None without any.
@@ -64,7 +64,10 @@ class Plan(Protocol):
         """Return the dense output, from the accepted times (S+1,), the states (S+1, 2n), and the watcher."""
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state (2n,) after the failed step. Its entries that are not finite show the cause."""
+        """Return the state (2n,) to which the failed step leads from the driver's `state`.
+
+        Entries of the result that are not finite show the cause of the failure.
+        """
 
 
 @runtime_checkable
@@ -72,7 +75,7 @@ class Planned(Protocol):
     """Protocol of an integrator whose driver can be prepared once for many runs."""
 
     def plan(self, problem: Problem) -> Plan:
-        """Return the plan. Raises StatementError for a setting that the method does not use."""
+        """Return the plan for a problem. Raises StatementError for a setting that the method does not use."""
 
 
 @runtime_checkable
@@ -81,17 +84,21 @@ class Stepped(Protocol):
 
     @property
     def program(self) -> StepProgram:
-        """The step as a program."""
+        """The program that computes one step."""
 
 
 def locates_events(integrator: Integrator) -> bool:
-    """Return True if a method locates events: a method with a plan does, another method may claim it."""
+    """Return True if a method locates events. A method with a plan does; any other states it in its `claims`."""
     return hasattr(integrator, "plan") or integrator.claims.events
 
 
 @dataclass(frozen=True)
 class StepPlan:
-    """The plan of a method that is a step program."""
+    """The plan of a method whose step is a program, `step`, such as a Runge-Kutta step.
+
+    `path_of` returns the dense output from a problem and its accepted times (S+1,) and states (S+1, 2n). `form` says
+    how a step is computed, "" if there is no choice.
+    """
 
     step: StepProgram
     tolerances: Tolerances
@@ -104,7 +111,7 @@ class StepPlan:
     watched = False  # a step program passes switching surfaces without locating them
 
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
-        """Return the driver of the step, for the law of the step."""
+        """Return the driver, a loop over steps, with the function of the state that a step evaluates."""
         law = LAWS[self.step.law]
         derivative = model.law(law.derivative) if self.step.solves else None
         has_constraints = self.projected and len(model.equations.constraints) > 0
@@ -119,7 +126,7 @@ class StepPlan:
         return StepWatch(problem, driver, partial(self.path_of, problem), fixed=fixed, memory=memory)
 
     def followed(self, problem: Problem, output_times: FloatArray, watch: Any) -> FollowedSteps:
-        """Return the evaluator of `output_times` (K,) during a run."""
+        """Return the object that evaluates the dense output at `output_times` (K,) during a run."""
         return FollowedSteps(
             problem, output_times, partial(self.path_of, problem), None if watch is None else watch.breaks
         )
@@ -133,9 +140,9 @@ class StepPlan:
         )
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state (2n,) after the failed step, which is repeated in Python.
+        """Return the state (2n,) to which the failed step leads from the driver's `state`, computed in Python.
 
-        A step that is implicit, or evaluates another law than a slope, is replaced by a step along the slope.
+        A step along the right-hand side replaces a step that is implicit or evaluates more than the right-hand side.
         """
         step, parameters = self.step, problem.parameter_array
         kernel, layout = problem.model.kernel("rhs"), problem.model.layout
@@ -159,7 +166,11 @@ class StepPlan:
 
 
 def _state_moved_by_slope(f: Callable[[float, FloatArray], FloatArray], state: DriverState, h: float) -> FloatArray:
-    """Return the state (2n,) plus h times a slope ahead: the first one that is not finite, within eight steps."""
+    """Return the state (2n,) plus h times the slope f at a point ahead of it.
+
+    The points are 1, 2, 4 and 8 steps ahead, along the slope at the state. The first slope that is not finite is
+    used, or else the last.
+    """
     first = f(state.t, state.y)
     for reach in (1, 2, 4, 8):
         slope = f(state.t + reach * h, state.y + reach * h * first)
@@ -181,10 +192,11 @@ Runs of larger systems take so long that making a new driver does not matter.
 
 
 class IdleDriver(NamedTuple):
-    """A driver between two runs, the state that it advanced, and the `reals` of that state at the start of a run.
+    """A driver that waits for the next run with its parameters, and the driver `state` that it advanced.
 
-    `steps` is the number of steps of the last run, which the first driver call of the next run takes at once; 0 if
-    these steps took too long for one call. `memory` is the memory of the watcher of events, or None.
+    `first` are the `reals` of that state at the start of a run: time, step length, tolerances. `steps` is the number
+    of steps of the last run, which the first driver call of the next run takes at once; 0 if these steps took too
+    long for one call. `memory` is the memory of the watcher of events, or None.
     """
 
     driver: Driver
@@ -196,10 +208,11 @@ class IdleDriver(NamedTuple):
 
 @dataclass(eq=False)
 class PreparedPlan:
-    """A plan, the method that made it, and its idle drivers by the bytes of their parameters.
+    """A plan, the method that made it, and its `idle` drivers, which wait for the next run with their parameters.
 
-    `span` is the only time span for which the plan is valid, or None for any span. `steps` is the number of steps of
-    the last run whose driver was not kept, or 0 if these steps took too long for one call.
+    The keys of `idle` are the bytes of these parameters. `span` is the only time span for which the plan is valid, or
+    None for any span. `steps` is the number of steps of the last run whose driver was not kept, or 0 if these steps
+    took too long for one call.
     """
 
     plan: Plan
@@ -282,7 +295,7 @@ def _is_key(option: Any) -> bool:
 
 
 def drop_oldest(cache: dict[Any, Any], most: int) -> None:
-    """Drop the oldest entries until `most` are left. Other threads may drop entries at the same time."""
+    """Drop the oldest entries of `kept` until `most` are left. Other threads may drop entries at the same time."""
     if len(cache) > most:
         for key in tuple(cache)[:-most]:
             cache.pop(key, None)

@@ -101,10 +101,10 @@ def integrate_since(
 
 
 def compiled(system: Stated | Model, example: str, *, progress: bool | str = False) -> Model:
-    """Return a model unchanged, or a system compiled. `progress` prints on a terminal that compiling takes long.
+    """Return `system` itself if it is a model, else the model compiled from it.
 
-    Raises StatementError for anything else, with the scene `example` in the message, and for functions of time without
-    values.
+    `progress` prints on a terminal that compiling takes long. Raises StatementError for any other object, with the
+    example of a call in the message, and for a system with functions of time that have no values.
     """
     statement = stated(system, example)
     require_values(statement)
@@ -123,7 +123,11 @@ def run_stated(
     check: bool,
     progress: bool,
 ) -> Solution:
-    """Compile a system and run it, for `lagrange.System.run`. Options that are None come from the system's scene."""
+    """Compile a system for the machine `target` and run it from `t_start` to `t_end`, for `lagrange.System.run`.
+
+    `initial` replaces entries of the stated initial state. If `check`, the compiled accelerations are tested first. A
+    `t_end` or an option that is None comes from the system's scene.
+    """
     began, scene = time.perf_counter(), system.statement.run
     end = scene.t_end if t_end is None else real_number(t_end, "t_end, the time at which the run ends,")
     chosen = scene.method or DEFAULT_METHOD if options.method is None else options.method

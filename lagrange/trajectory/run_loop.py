@@ -87,7 +87,10 @@ def drive_by(method: Planned, problem: Problem, name: str) -> Trajectory:
 
 
 def _within_time(problem: Problem, name: str, prepare: Callable[[], PreparedPlan]) -> Trajectory:
-    """Prepare and run a problem. The limit `max_wall` applies to the preparation, and again to the steps."""
+    """Run a problem by the plan that `prepare` returns. `name` is the method's name in messages.
+
+    The limit `max_wall` applies to the preparation, and again to the steps.
+    """
     if not isinstance(problem, Problem) or problem.max_wall is None:  # the method checks its problem
         return _driven(problem, prepare(), name)
     try:
@@ -171,9 +174,9 @@ def _driven(problem: Problem, prepared_plan: PreparedPlan, name: str) -> Traject
 def _check_first_slope(
     problem: Problem, name: str, parameters: FloatArray, *, inertia: bool
 ) -> tuple[Status | None, str]:
-    """Return a status and message if the right-hand side has no value at the start, else None and "".
+    """Return a status and a message if the right-hand side has no value at the start of a run, else None and "".
 
-    With `inertia`, coordinates without inertia are also searched for.
+    If `inertia`, a coordinate without inertia at the start also has the status SINGULAR. `name` is the method's name.
     """
     model, y0 = problem.model, problem.y0
     kernel = model.kernel("rhs")
@@ -209,7 +212,7 @@ class _Run:
     watch: Watcher | None = None
 
     def advance_to_end(self, driver: Driver, per_call: int) -> tuple[Status, str]:
-        """Advance until the run ends, and return its status and a detail; the first call takes `per_call` steps."""
+        """Advance the run to its end; return its status and a detail. The first call takes `per_call` steps."""
         problem, state, rows, watch = self.problem, self.state, self.rows, self.watch
         limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
         times, states, call, pace = NOTHING, NOTHING, 0, Pace(problem)
@@ -268,7 +271,7 @@ class _Run:
             return Status.INTERRUPTED, ""
 
     def record_events(self) -> None:
-        """Record the events on all rows when the loop ends early, for example by Ctrl-C."""
+        """Record the events on all accepted steps when the loop ends early, for example by Ctrl-C."""
         if self.watch is not None:
             self.watch.is_due(self.state)
 
@@ -282,7 +285,10 @@ class _Run:
         return "" if ended is None else rank_lost(self.problem, state.y, *ended)
 
     def after_call(self, outcome: Outcome) -> EventResult:
-        """Return the result of a driver call that ended early without an event; raise floors if the driver asks."""
+        """Return the result of a driver call that ended early without an event.
+
+        If the driver needs larger floors of the tolerances, raise them; the run then goes on.
+        """
         problem, state = self.problem, self.state
         if outcome is Outcome.PAUSED:
             return GOES_ON
@@ -329,7 +335,7 @@ class _Run:
         return run
 
     def singular_end(self, status: Status, detail: str) -> tuple[Status, str]:
-        """Return SINGULAR and a detail if the equations are singular where the run ended, else the arguments."""
+        """Return SINGULAR and a detail if the equations are singular where the run ended, else the two arguments."""
         problem, state = self.problem, self.state
         stuck = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
         given_up = status is Status.MAX_STEPS and len(problem.model.equations.constraints) > 0
@@ -344,7 +350,7 @@ class _Run:
         return (Status.SINGULAR, message) if message else (status, detail)
 
     def final_sentence(self, status: Status, cause: str) -> str:
-        """Return the message of the end of the run. A failed step is repeated to find its cause."""
+        """Return the message of a run that ended with `status`. A failed step is repeated to find its cause."""
         problem, state, tolerances, t, y = self.problem, self.state, self.plan.tolerances, self.state.t, self.state.y
         if status is Status.SUCCESS and not cause:
             return message(status, problem, t, y, self.name)

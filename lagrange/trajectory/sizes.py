@@ -1,4 +1,4 @@
-"""Sizes of the entries of a state, their rounding noise, and the floors of the tolerances that result."""
+"""Sizes of the entries of a state, their rounding noise, and the floors (least absolute tolerances) that result."""
 
 from __future__ import annotations
 
@@ -53,9 +53,10 @@ Slopes = Callable[[float, FloatArray], FloatArray]
 def first_floors(
     slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, share: float
 ) -> tuple[FloatArray, float]:
-    """Return floors (2n,) of the tolerances for a solver of another package, and the natural period of the motion.
+    """Return floors (2n,), the least tolerances, for a solver of another package; and the motion's natural period.
 
-    A floor is at least `share` times the size of its entry. `left` is the remaining time of the run, signed.
+    `slopes` is the right-hand side f(t, y). A floor is at least `share` times the size of its entry. `left` is the
+    remaining time of the run, signed.
     """
     force_points = [(t + left * k / FORCE_SAMPLES, y) for k in range(FORCE_SAMPLES + 1)]
     sizes, coupled, period = entry_sizes(slopes, layout, t, y, left, force_points)
@@ -63,7 +64,7 @@ def first_floors(
 
 
 def slopes_of(model: Model, parameters: FloatArray) -> Slopes:
-    """Return the right-hand side as a function that returns NaN if the mass matrix is singular."""
+    """Return the right-hand side of a model as a function f(t, y); it returns NaN if the mass matrix is singular."""
     try:
         law = one_state(model.kernel("rhs"), parameters)
     except SingularMassMatrix:
@@ -86,10 +87,10 @@ def entry_sizes(
     left: float,
     force_points: Sequence[tuple[float, FloatArray]],
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return the sizes (2n,) of entries, the changes (2n,) due to other entries in a natural period, and the period.
+    """Return the sizes (2n,) of the entries of a state, their changes (2n,) by other entries, and a natural period.
 
-    `left` is the remaining time of the run, signed. `force_points` are times and states (2n,) at which forces are
-    evaluated.
+    The changes are those in one period. `slopes` is the right-hand side f(t, y). `left` is the remaining time of the
+    run, signed. `force_points` are times and states (2n,) at which forces are evaluated.
     """
     with np.errstate(all="ignore"):
         slope = slopes(t, y)
@@ -128,7 +129,7 @@ def _own_sizes(layout: StateLayout, y: FloatArray, force: FloatArray, period: fl
 
 
 class _Response:
-    """The change of slopes due to a displacement of the state, as a linear map."""
+    """The change of the right-hand side due to a displacement of the state, estimated as a linear map."""
 
     def __init__(
         self, slopes: Callable[[FloatArray], FloatArray], slope: FloatArray, y: FloatArray, layout: StateLayout
@@ -137,7 +138,7 @@ class _Response:
         self._factors, self._known, self._sizes = perturbation_factors(len(y)), y != 0, np.abs(y)
 
     def __call__(self, displacement: FloatArray) -> FloatArray:
-        """Return the sizes of the changes (2n,) due to a displacement (2n,) of any length."""
+        """Return the absolute changes (2n,) of the right-hand side due to a displacement (2n,) of any length."""
         far = displacement > 0
         if not far.any():
             return np.zeros_like(self._y)
@@ -203,7 +204,10 @@ time. Terms that are zero at the start, as of a chain that hangs at rest, have n
 
 
 def some_rounded(layout: StateLayout, floors: FloatArray) -> bool:
-    """Return True if an entry may be a rounding error: its floor (2n,) is far below the largest of its kind."""
+    """Return True if an entry may be a rounding error: its floor is far below the largest of its kind.
+
+    `floors` (2n,) are the least absolute tolerances. The kinds are coordinates and velocities.
+    """
     return any(bool(half.min(initial=np.inf) < SMALL_FLOOR * half.max(initial=0.0)) for half in layout.split(floors))
 
 
@@ -293,7 +297,10 @@ REST_HALVINGS = 52
 
 
 def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
-    """Raise the floors of a run that returned with the outcome UNSCALED."""
+    """Raise the tolerance floors in the `state` of a driver that returned for an estimate of sizes (UNSCALED).
+
+    New floors follow from the sizes of the entries, and from their rounding noise.
+    """
     reals, before = state.reals, state.count(DriverState.SURVEYED)
     t, left, share = state.t, float(reals[DriverState.END]) - state.t, float(reals[DriverState.SHARE])
     h = float(reals[DriverState.H]) or DEFAULT_FIRST * left
@@ -328,7 +335,7 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
 
 
 def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> bool:
-    """Raise floors that are below rounding noise. Return True if one rose by more than a factor of two.
+    """Raise the tolerance floors in a driver state to rounding noise. Return True if one more than doubled.
 
     Without this, the steps of a chain with one moving link would decrease to resolve the noise of the other links.
     """

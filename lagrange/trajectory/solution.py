@@ -166,7 +166,7 @@ class Solution:
 
     @cached_property
     def _along(self) -> Parameters:
-        """The parameters at the outputs."""
+        """The parameters at the output times: `parameters` itself, or an array (k, N) if events set parameters."""
         return self.trajectory.parameters_at(self.t, self.parameters)
 
     @cached_property
@@ -223,7 +223,7 @@ class Solution:
 
     @cached_property
     def stiff(self) -> Stiffness | None:
-        """The analysis of a stiff run: stability, not accuracy, limited the steps of an explicit method. Else None."""
+        """The analysis of a run whose steps were limited by stability, not by accuracy (a stiff run). Else None."""
         return stiffness(self.model, self.trajectory, self.parameters)
 
     def evaluate(self, expression: Any) -> FloatArray:
@@ -293,7 +293,7 @@ class Solution:
         return self
 
     def card(self) -> dict[str, Any]:
-        """Return the status card as JSON-ready data; numbers that are not finite are None."""
+        """Return the status card, a summary of the run, as JSON-ready data; numbers that are not finite are None."""
         from lagrange.show.card import card_of
 
         return card_of(self)

@@ -41,7 +41,10 @@ class ParameterHistory:
             )
 
     def changes(self, names: Sequence[str]) -> list[tuple[float, dict[str, float]]]:
-        """Return the begin of each segment but the first, with the new values of parameters, by their `names` (k,)."""
+        """Return for each segment but the first its begin, and the parameters that changed there, as a dict by name.
+
+        `names` (k,) are the names of the parameters in the statement's order.
+        """
         new = zip(self.begins[1:].tolist(), self.values[1:], self.values[1:] != self.values[:-1], strict=True)
         return [
             (begin, {names[i]: float(row[i]) for i in np.flatnonzero(changed).tolist()}) for begin, row, changed in new
@@ -175,7 +178,7 @@ class Trajectory:
         return segment_numbers(history.begins, times, forward=self.span[1] >= self.span[0])
 
     def _hold(self, name: str, value: Any) -> None:
-        """Replace a field by its checked value."""
+        """Replace the field `name` of this frozen object by its checked `value`."""
         object.__setattr__(self, name, value)
 
 

@@ -114,10 +114,10 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
 
 
 def complete_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return `consistent_start` for a system with coordinates of first order; otherwise the state, unchanged.
+    """Return the start by `consistent_start` if some coordinates have no inertia; else the state y, unchanged.
 
-    The velocities of coordinates of first order follow from other entries. Systems without such coordinates are
-    exported with their initial state as stated.
+    The equations of such coordinates are of first order, and their velocities follow from other entries. Other
+    systems are exported with their initial state as stated.
     """
     return consistent_start(model, t, y, parameters) if model.equations.first_order else y
 
@@ -129,8 +129,8 @@ START_CORRECTIONS = 20
 def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return states (2n, k) with the velocities of coordinates without inertia computed from the other entries.
 
-    The system has no other constraints. Columns in which such velocities do not exist are NaN. Raises RunError if an
-    equation determines no velocity.
+    `y` (2n, k) are the given states. The system has no other constraints. Columns in which such velocities do not
+    exist are NaN. Raises RunError if an equation determines no velocity.
     """
     if not model.equations.first_order:
         return y

@@ -46,7 +46,7 @@ SEARCH_AHEAD = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Discontinuity:
-    """A discontinuity at the fraction `part` of the step from the state (t, y) to the time `after`.
+    """A discontinuity of a constraint, at the fraction `part` of the step from the state (t, y) to the time `after`.
 
     `what` is the message. `steps` is the number of steps from that state to the last state that was searched.
     """
@@ -95,9 +95,10 @@ class Discontinuities:
         return "" if discontinuity is None else discontinuity.what
 
     def _switched(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
-        """Return the first surface at which a constraint jumps, or None.
+        """Return the first switching surface at which a constraint jumps or has a corner, or None.
 
-        The result is the index of the state before the surface, the fraction of the step, and a message.
+        The result is the index of the state before the surface, the fraction of the step at which the surface is
+        reached, and a message. `times` is (k,), `states` is (k, 2n).
         """
         g = self.residuals.surfaces(times, states.T, self.parameters)
         begins, ends = g[:, :-1], g[:, 1:]
@@ -125,7 +126,7 @@ class Discontinuities:
         return int(rows[first]), float(parts[first]), self._told(which, int(surfaces[first]))
 
     def _told(self, which: int, surface: int) -> str:
-        """Return the message for a discontinuity at a surface of constraint `which`, an index of `residuals.labels`."""
+        """Return the message for a jump or corner of constraint `which` of `residuals.labels` at a surface."""
         name, node = self.residuals.labels[which], self.residuals.switched.expressions[surface]
         zero = self.model.equations.express(node).xreplace(dict(self.model.statement.plain))
         where = formula(-zero if zero.could_extract_minus_sign() else zero, LONGEST_SURFACE)
@@ -142,9 +143,10 @@ class Discontinuities:
     def _zeros(
         self, times: FloatArray, states: FloatArray, rows: NDArray[np.intp], surfaces: NDArray[np.intp]
     ) -> FloatArray:
-        """Return for each pair of a step and a surface the fraction of the step at which the surface is zero.
+        """Return for k pairs of a step and a surface the fractions (k,) of the step at which the surface is crossed.
 
-        Step i begins at the state with index `rows[i]`. The states between are on the chord to the next state.
+        Step i begins at the state with index `rows[i]`, and crosses the surface with index `surfaces[i]`. The states
+        between are on the chord to the next state.
         """
         columns = np.arange(len(rows))
 
@@ -165,7 +167,8 @@ class Discontinuities:
     def _vanishing(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
         """Return the first step on which a row of G that depends on velocities becomes zero, or None.
 
-        The result has the same three entries as that of `_switched`.
+        G is the gradient of the constraints by the velocities. The result is the index of the state before the step,
+        the fraction of the step at which the row is zero, and a message.
         """
         if not len(self.residuals.turning):
             return None
@@ -199,10 +202,11 @@ class Discontinuities:
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """The constraints at k states: `values` phi and psi (p + m, k), `sizes` of their terms, and `rows` of G (m, n, k).
+    """Constraints at k states on one side of a surface: `values` phi and psi (p + m, k), `sizes` of their terms.
 
-    All are divided by the lengths of the rows of G. So a constraint that is only multiplied by a factor on one side of
-    a surface is the same on both sides.
+    `rows` (m, n, k) is the gradient G, and `positions` (p,) are the rows of G that belong to phi. All are divided by
+    the lengths of the rows of G. So a constraint that is only multiplied by a factor on one side of a surface is the
+    same on both sides.
     """
 
     values: FloatArray
@@ -222,7 +226,10 @@ class _Surface:
         return cls(values / units, sizes / units, rows / lengths[:, None], positions)
 
     def change(self, other: _Surface) -> FloatArray:
-        """Return the changes (p + m, k) of phi, then of psi or G, from these states to `other`, relative to terms."""
+        """Return the changes (p + m, k) from these states to `other` of phi, then of psi or G, relative to terms.
+
+        For each psi the result is the larger one of its own change and the change of its row of G.
+        """
         signs = np.where((self.rows * other.rows).sum(axis=1) < 0, -1.0, 1.0)
         turned = np.abs(self.rows - signs[:, None] * other.rows).max(axis=1)
         signs = np.concatenate([signs[self.positions], signs])

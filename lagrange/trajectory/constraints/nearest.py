@@ -108,7 +108,10 @@ class Nearest:
         return x, residuals
 
     def _step(self, residuals: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
-        """Return the displacement d with G d = `right` that is closest to `towards`; zero if d overflows."""
+        """Return the displacement d with G d = `right` that is closest to `towards`; zero if d overflows.
+
+        G is the gradient of the `residuals`.
+        """
         free, n = self._free, len(self._free)
         gradient = residuals.gradient[:, free]
         matrix = np.block([[self._metric[np.ix_(free, free)], gradient.T], [gradient, np.zeros((len(right),) * 2)]])

@@ -88,9 +88,10 @@ class StatesPassed:
         return self._times[self._count :], self._states[self._count :]
 
     def lead_over(self, written: int, model: Model, start: State, parameters: FloatArray, rtol: float) -> bool:
-        """Count `written` new states, and return True if rounding decided the motion on the stored states.
+        """Count `written` new states; return True if rounding decided the motion on the stored states.
 
-        `start` is the start of the motion. The test is `dependent_passage`.
+        This is so if the motion passed dependent constraints by short steps, as tested by `dependent_passage`.
+        `start` is the start of the motion.
         """
         self._count += written
         if self._count <= FIRST_STEPS + 2:
@@ -217,7 +218,10 @@ class Nearness:
             )
 
     def last_known(self, times: FloatArray, states: FloatArray, row: int, rtol: float) -> int:
-        """Return the last index up to `row` at which a violation rtol changes velocities by sqrt(rtol) at most."""
+        """Return the last index up to `row` of a state at which the velocities are known to sqrt(rtol).
+
+        This is so if a violation rtol of the constraints changes the velocities by at most this fraction.
+        """
         while row > 0 and self.at(times, states, [row])[0] < rtol**0.25:
             row -= 1
         return row
@@ -244,9 +248,10 @@ NEARLY_DEPENDENT = 1e-2
 
 
 def regularity(model: Model, parameters: FloatArray, start: State, end: State) -> tuple[float, Singular] | None:
-    """Return the least singular value at `end`, relative to `start`, and the nearly singular rows or motion there.
+    """Return how regular the equations are at `end`, relative to `start`, and what is nearly singular there.
 
-    The matrices are the gradient G of the constraints and the mass matrix. Returns None if an entry is not finite.
+    The measure is the least singular value of the gradient G of the constraints and of the mass matrix. Nearly
+    singular are rows of G or a motion. Returns None if an entry is not finite.
     """
     before = matrices_at(model, model.equations, *start, parameters)
     scale = scales(*before)
@@ -271,7 +276,11 @@ class Approach:
         self.nearness = [1.0]
 
     def ends(self, state: DriverState) -> tuple[float, Singular] | None:
-        """Return the result of `regularity` if the run approaches a singular state and should end here, else None."""
+        """Return a value and what is singular if the run approaches a singular state and should end here, else None.
+
+        The value is the least singular value of the constraints' gradient or of the mass matrix, relative to the
+        start of the run. Singular are dependent constraints, or a motion without inertia.
+        """
         steps = int(state.integers[DriverState.STEPS])
         if steps < self.next_test:
             return None

@@ -29,7 +29,7 @@ LONGEST_EXPRESSION = 60
 
 
 class Projection:
-    """Projection of states of one model at one time: first of the coordinates, then of the velocities."""
+    """Projects states of one model at one time onto its constraints: first the coordinates, then the velocities."""
 
     def __init__(self, model: Model, t: float, parameters: FloatArray, held: Sequence[int] = ()) -> None:
         self.model, self.t, self.parameters = model, t, parameters
@@ -52,7 +52,7 @@ class Projection:
         return self.share(y) > ON_SURFACE
 
     def share(self, y: FloatArray) -> float:
-        """Return the largest violation at a state, relative to the sizes of the residuals.
+        """Return the largest violation of a constraint at a state (2n,), relative to the size of its residual.
 
         A size is the larger of the constraint's terms and the change of its value by rounding of the state.
         """
@@ -139,7 +139,9 @@ class Projection:
     ) -> tuple[FloatArray, Residuals]:
         """Return the state with the nearest coordinates (part 0) or velocities (part 1) on the constraints.
 
-        The second result has the residuals at this state. If the search fails, the state is the last iterate.
+        The second result has the residuals at this state. `units` (n,) are the scales of displacements, the square
+        roots of inertia. If the search fails, the state is the last iterate. If `nearest` is False, some close state
+        is returned instead, in less time.
         """
         rows = (self.model.layout.q, self.model.layout.v)[part]
 
@@ -153,9 +155,10 @@ class Projection:
         return moved(point), residuals
 
     def differentiable(self, residuals: Residuals, part: int, y: FloatArray) -> None:
-        """Raise StatementError if a constraint has no value, or no derivative, at a state.
+        """Raise StatementError if a constraint has no value, or no derivative, at the state y (2n,).
 
-        `part` is 0 for constraints on coordinates, 1 for constraints on velocities.
+        `residuals` are those at this state. `part` is 0 for constraints on coordinates, 1 for constraints on
+        velocities.
         """
         all_stated, corner = self.residuals.stated, self.residuals.at_corner(self.t, y, self.parameters)
         if corner is not None:
@@ -178,7 +181,7 @@ class Projection:
         )
 
     def place(self, y: FloatArray) -> str:
-        """Return the text of a state for a message."""
+        """Return the text of a state (2n,) for a message."""
         return listing(f"{name} = {x:.6g}" for name, x in zip(self.model.layout.names(".dot"), y, strict=True))
 
     def _at(self, part: int, y: FloatArray, units: FloatArray) -> Residuals:

@@ -26,10 +26,10 @@ CORNER = 1e-4
 class ConstraintResiduals:
     """The constraints of one model as functions of the state: phi on positions (p,), and psi on velocities (m,).
 
-    psi has the time derivatives of phi, and the constraints that are stated in velocities. G = dpsi/dv is the gradient
-    (m, n), with respect to the velocities. The size of a constraint on
-    velocities is the size of its terms. The size of a constraint on positions is at least the gradient times the
-    largest entry, since the only term of y = 0 is y itself.
+    psi has the time derivatives of phi, and the constraints that are stated in velocities. G = dpsi/dv (m, n) is the
+    gradient by the velocities. The size of a constraint on velocities is the size of its terms. The size of a
+    constraint on positions is at least the gradient times the largest entry, since the only term of y = 0 is y
+    itself.
     """
 
     def __init__(self, model: Model) -> None:
@@ -109,7 +109,8 @@ class ConstraintResiduals:
     def of_part(self, part: int, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
         """Return the residuals of constraints on positions (part 0), or of all constraints on velocities (part 1).
 
-        Gradients are by the coordinates, or by the velocities. `units` (n,) are the scales of `units_of`.
+        Gradients are by the coordinates, or by the velocities. `units` (n,) are the scales of displacements, the
+        square roots of inertia.
         """
         values, terms = self.of_many(t, y, parameters)
         gradient, layout = self.gradient(t, y, parameters), self._layout
@@ -163,10 +164,10 @@ def units_of(metric: FloatArray) -> FloatArray:
 def _residuals(
     values: FloatArray, rows: FloatArray, terms: FloatArray, entries: FloatArray, units: FloatArray
 ) -> Residuals:
-    """Return the record of residuals `values` with gradients `rows` and `terms`, and compute their `sizes`.
+    """Return `Residuals` of `values` (m,) with their gradients `rows` (m, k) and `terms` (m,); compute their sizes.
 
-    A size is the larger of the terms of a value and of its change if the `entries` of the state change by rounding.
-    Entries times `units` are comparable: each may be wrong by the rounding of the largest.
+    A size is the larger of the terms of a value and of its change if the `entries` (k,) of the state change by
+    rounding. Entries times `units` (k,) are comparable: each may be wrong by the rounding of the largest.
     """
     largest = np.abs(units * entries).max(initial=0.0)
     # A gradient that is not finite is refused later, in a message with the constraint's name.

@@ -44,9 +44,10 @@ LONGEST = 2_000
 
 @dataclass(frozen=True, eq=False)
 class WrittenImpacts:
-    """Impacts without friction as resets of events: `resets` has one for each contact, None if it is not written out.
+    """Impacts without friction as resets of events: `resets` has one for each contact, or None.
 
-    `kernel` returns, for each contact, the impulse, the energy lost and the impact speed at a state.
+    A reset is None if the restitution is zero, the formulas are too long, or the gap is not a polynomial. `kernel`
+    returns, for each contact, the impulse, the energy lost and the impact speed at a state.
     """
 
     resets: tuple[dict[Any, Any] | None, ...]
@@ -125,12 +126,12 @@ class Bounces:
         self.clear()
 
     def clear(self) -> None:
-        """Remove all impacts."""
+        """Remove all impacts from the series."""
         self.times, self.speeds = np.empty(0), np.empty(0)
         self.contacts: list[frozenset[int]] = []
 
     def add(self, times: FloatArray, speeds: FloatArray, contacts: Sequence[frozenset[int]]) -> None:
-        """Record impacts with `times` and `speeds` (k,), and the sets `contacts` of the last impacts.
+        """Add impacts with `times` and `speeds` (k,) to the series, and the sets of `contacts` of the last impacts.
 
         A flight that is not shorter than the previous one begins a new series.
         """
@@ -172,7 +173,10 @@ class Bounces:
 def in_order(
     times: Sequence[FloatArray], states: Sequence[FloatArray]
 ) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
-    """Return the times (N,) of events in order, the index of the event of each (N,), and the states (N, 2n)."""
+    """Return occurrences of several events in order of time: their times (N,), their events (N,) and states (N, 2n).
+
+    `times` and `states` have one array for each event, (k,) and (k, 2n). Events are given by index.
+    """
     if len(times) == 1:
         return times[0], np.zeros(len(times[0]), dtype=np.intp), states[0]
     when, which = np.concatenate(times), np.repeat(np.arange(len(times)), list(map(len, times)))

@@ -58,7 +58,7 @@ class Friction:
     way: FloatArray | None = None
 
     def cases(self) -> list[tuple[str, FloatArray | None]]:
-        """Return the possible states, each with its direction of sliding, or None if the direction must be computed."""
+        """Return the possible states of the contact, each with its sliding direction, None if none is known."""
         if not self.components:
             return [(OPEN, None), (CLOSED, None)]
         if self.way is not None:
@@ -71,7 +71,10 @@ class Friction:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """A solution: `forces` and `rates` (rows,), and for each contact its state, and its sliding direction or None."""
+    """A solution of the complementarity problem: `forces` and `rates` (rows,).
+
+    For each contact it has the state (open, closed, sliding or sticking), and the direction of sliding or None.
+    """
 
     forces: FloatArray
     rates: FloatArray
@@ -165,7 +168,7 @@ class _Rows:
 
 
 def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> Iterator[Balance]:
-    """Yield the combinations of contact states that obey all laws, in order of the number of sliding contacts."""
+    """Yield the solutions among all combinations of contact states, in order of the number of sliding contacts."""
     rows = _Rows(contacts)
     chosen = list(itertools.product(*(contact.cases() for contact in contacts)))
     chosen.sort(key=lambda cases: sum(state == SLIDING for state, _ in cases))
@@ -244,7 +247,11 @@ def _forces(
 def _obeys(
     rows: _Rows, states: NDArray[np.str_], ways: FloatArray, forces: FloatArray, rates: FloatArray, noise: FloatArray
 ) -> NDArray[np.bool_]:
-    """Return a mask (C,) of combinations with valid results: forces push, rates separate, friction is in its cone."""
+    """Return a mask (C,) of the valid ones of C combinations: forces push, rates separate, friction is in its cone.
+
+    `states` (C, k) are the states of the contacts; `ways` are sliding directions, and `noise` the errors of `rates`,
+    with shapes (C, rows).
+    """
     weak = NOISE * np.abs(forces).max(axis=1, keepdims=True)
     push, apart = forces[:, rows.normals], rates[:, rows.normals]
     friction = np.sqrt((forces**2) @ rows.members)

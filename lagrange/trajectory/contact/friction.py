@@ -38,10 +38,11 @@ UNCOUPLED = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class WrittenFriction:
-    """The friction of the contact with index `which` as a `model` with one more coordinate, the way.
+    """The friction of the contact `which`, as a `model` whose state has one more coordinate, the way.
 
-    `moment` is a parameter of that model, a short time. `normal` is the expression of the normal force. `events` end
-    sticking and sliding, and reset the way and the velocities.
+    The way is 1 or -1, the direction of sliding, or 0 while the contact sticks. `moment` is a parameter of that
+    model, a short time. `normal` is the expression of the normal force. `events` end sticking and sliding, and reset
+    the way and the velocities.
     """
 
     which: int
@@ -51,7 +52,7 @@ class WrittenFriction:
     events: tuple[Event, ...]
 
     def of_whole(self, problem: Problem, way: int, moment: float) -> Problem:
-        """Return a problem of the system as a problem of this model.
+        """Return a problem of the system as a problem of this model, which has the way (1, -1 or 0) as a coordinate.
 
         `way` is the initial direction of sliding, 1 or -1, or 0 for sticking. `moment` is the value of the parameter.
         """
@@ -62,11 +63,11 @@ class WrittenFriction:
         return replace(problem, model=self.model, y0=y0, largest=largest, parameters=parameters)
 
     def plain(self, y: FloatArray) -> FloatArray:
-        """Return states of the system, (2n,) or (2n, N), from states of this model, which also have the way."""
+        """Return states (2n,) or (2n, N) of the system from states of this model, which also have the way."""
         return plain_states(self.model.layout, y)
 
     def plain_run(self, part: Trajectory) -> Trajectory:
-        """Return a run of the system from a run of this model."""
+        """Return a run of this model as a run of the system: the way is removed from its states."""
         events = tuple(self.plain(states.T).T for states in part.y_events)
         dense = PlainPath(part.dense, self.model.layout)
         return replace(part, y=self.plain(part.y), dense=dense, y_events=events)
@@ -74,7 +75,8 @@ class WrittenFriction:
     def ways(self, part: Trajectory, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the changes between sliding and sticking in the run `part`, whose last state is `last`.
 
-        The results are the times (k,), the states before the changes (k, 2n + 2), and the ways after them (k,).
+        The results are the times (k,), the states before the changes (k, 2n + 2), and the ways after them (k,): the
+        direction of sliding, 1 or -1, or 0 for sticking.
         """
         first, row = -len(self.events), self.model.layout.q.stop - 1
         times, _, states = in_order(part.t_events[first:], part.y_events[first:])
@@ -133,7 +135,10 @@ def written_friction(model: Model, which: int) -> WrittenFriction | None:
 
 
 def _coupled(line: Any, response: Any, parameters: Sequence[Any]) -> bool:
-    """Return True if the product of a line and a response is not zero, at irrational values of the parameters."""
+    """Return True if a force along one row causes an acceleration along another: `line` times `response` is not zero.
+
+    The product is tested at irrational values of the parameters.
+    """
     values = {symbol: sympy.sqrt(sympy.prime(k + 1)) for k, symbol in enumerate(parameters)}
     terms = [float((x * y).xreplace(values)) for x, y in zip(line, response, strict=True)]
     return abs(math.fsum(terms)) > UNCOUPLED * sum(map(abs, terms))
@@ -141,9 +146,10 @@ def _coupled(line: Any, response: Any, parameters: Sequence[Any]) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Forces:
-    """A contact with its `normal` force N and holding force `hold`, F in the equations of this module.
+    """A contact with its `normal` force N and the force `hold` that keeps its slip at zero, as expressions.
 
-    `lines` are W and D, `responses` are M^-1 W and M^-1 D, and `sizes` are W M^-1 W^T and D M^-1 D^T.
+    `lines` are W = dgap/dq and D = dslip/dv, `responses` are M^-1 W and M^-1 D with the mass matrix M, and `sizes`
+    are W M^-1 W^T and D M^-1 D^T.
     """
 
     contact: Contact
@@ -188,7 +194,10 @@ def _written(model: Model, which: int, forces: _Forces) -> WrittenFriction:
 
 
 def _behind(statement: Any, forces: _Forces, moment: Any, way: Any, onwards: Any) -> dict[Any, Any]:
-    """Return the reset at a change: gap and gap rate become zero, and the slip zero or small in direction `onwards`."""
+    """Return the reset at a change between sliding and sticking, as a dict from symbols to their new values.
+
+    Gap and gap rate become zero. The slip becomes zero, or small in the direction `onwards`, 1, -1 or 0.
+    """
     contact, q = forces.contact, statement.coordinates
     pace = 2 * SLIGHT * abs(forces.hold) * forces.sizes[1] * sympy.Max(abs(time), moment)
     rate = partial_rate(contact.gap, q) + forces.lines[0].dot(sympy.Matrix(statement.velocities))

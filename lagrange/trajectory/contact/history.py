@@ -51,7 +51,7 @@ class ContactHistory:
     rubbed: FloatArray | None = None
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays of a file by name, as `stored_history` reads them."""
+        """Return the history as arrays by name, to be stored in a file; `stored_history` reads them."""
         arrays: dict[str, Any] = {"begins": self.begins}
         arrays["modes"] = np.array(json.dumps([astuple(mode) for mode in self.modes]))
         for i, (impacts, rests) in enumerate(zip(self.impacts, self.rests, strict=True)):
@@ -116,7 +116,7 @@ class ContactRun:
             yield mode, np.isin(numbers, mine)
 
     def labels(self, contact: int) -> NDArray[Any]:
-        """Return the state of a contact at the output times, as texts (N,)."""
+        """Return the state of a contact at the output times, (N,): "open", "closed", "sliding" or "sticking"."""
         states = np.full(len(self.t), OPEN, dtype="<U8")
         for mode, where in self._segments(self.t):
             states[where] = mode.labels[contact]
@@ -167,7 +167,7 @@ class ContactRun:
         return lost
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays of a file by name."""
+        """Return the history of contacts as arrays by name, to be stored in a file."""
         return self.history.arrays() | {"rubbed": self._rubbed(self.t)}
 
     def lost_at(self, times: FloatArray) -> FloatArray:

@@ -72,7 +72,11 @@ class Touch:
 
 @lru_cache(maxsize=MODELS_KEPT)
 def contact_function(model: Model) -> Kernel:
-    """Return the gaps, rates, biases and directions of the contacts of a model as a function, cached by model."""
+    """Return a function, cached by model, that evaluates the gaps, rates, biases and directions of the contacts.
+
+    Rates are dgap/dt and the slips. Biases are their time derivatives at zero acceleration. Directions are their
+    derivatives by the velocities.
+    """
     equations = model.equations
     stated: dict[str, Any] = {}
     holonomic = []
@@ -87,7 +91,7 @@ def contact_function(model: Model) -> Kernel:
 
 
 def quick_function(model: Model, name: str, nodes: tuple[Node, ...]) -> Kernel:
-    """Return the kernel of `nodes`; short ones are printed as Python, which is fastest for a few calls."""
+    """Return a function that evaluates `nodes`; if short, it is printed as Python, fastest for a few calls."""
     kernel = model.function(name, nodes)
     return PythonKernel(kernel.program) if fits(kernel.program) else kernel
 
@@ -180,9 +184,10 @@ class Kinematics:
         return np.asarray(np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n])
 
     def closed(self, y: FloatArray, touch: Touch, contacts: Sequence[int], unchanged: Sequence[int] = ()) -> FloatArray:
-        """Return a state whose gaps of `contacts` are closed, by one Newton step with the least change.
+        """Return the state y (2n,) changed so that the gaps of `contacts` are closed, by one Newton step.
 
-        The kinetic energy measures the change. The gaps of the contacts `unchanged` are not changed.
+        `touch` has the contacts at y. The change is the least, measured by the kinetic energy. The gaps of the
+        contacts `kept` are not changed.
         """
         if not contacts:
             return y
@@ -213,7 +218,10 @@ class Kinematics:
         return value
 
     def friction(self, contact: int, slip: FloatArray, noise: FloatArray) -> Friction:
-        """Return the friction of a contact with velocities `slip` (components,): it slides if they exceed `noise`."""
+        """Return the friction of a contact with velocities `slip` (components,) of its surfaces.
+
+        The contact slides if these velocities exceed `noise` (components,).
+        """
         static, kinetic = self._friction[contact]
         if not len(slip) or static == 0:
             return Friction()

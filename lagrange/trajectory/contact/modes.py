@@ -77,10 +77,10 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class PreparedMode:
-    """A compiled mode: its model and events, with the contact and the kind of each event that ends the mode.
+    """A compiled mode: its model and events. `ends` has the contact and kind of each event that ends the mode.
 
-    The events of the user come first, then the events that end the mode, then the events of a written `friction`.
-    `zeros` evaluates the events that end the mode, (k,), at a time and a state.
+    The events of the user come first, then the events that end the mode. If `friction` is given, its changes between
+    sliding and sticking come last. `zeros` evaluates the events that end the mode, (k,), at a time and a state.
     """
 
     model: Model
@@ -124,7 +124,7 @@ class Modes:
 
     @cached_property
     def written(self) -> WrittenImpacts | None:
-        """The impacts as resets, for the mode with only open contacts; None if formulas for them are not available."""
+        """The impacts as resets by formulas, for the mode with only open contacts; None without formulas."""
         return written_impacts(self.model)
 
     def friction(self, mode: Mode) -> WrittenFriction | None:
@@ -272,7 +272,11 @@ def _speed(contact: Contact) -> Any:
 
 
 def _ends(contacts: Sequence[Contact], mode: Mode) -> tuple[tuple[Event, ...], tuple[tuple[int, str], ...]]:
-    """Return the events that end a mode, and for each event the index of its contact and its kind."""
+    """Return the events that end a mode, and for each event the index of its contact and its kind.
+
+    The kinds are a gap that closes, a contact that is released, a slip that stops, and a friction force that leaves
+    its cone.
+    """
     zeros: list[Any] = []
     ends = []
     for i, (contact, state, way) in enumerate(zip(contacts, mode.states, mode.ways, strict=True)):

@@ -104,7 +104,7 @@ class _ContactRun:
         self.fired: list[tuple[int, str]] = []
 
     def trajectory(self) -> Trajectory:
-        """Return the whole run."""
+        """Run the problem from segment to segment, and return the whole run with its history of contacts."""
         problem = self.problem
         self._check_start()
         n = len(self.contacts)
@@ -147,7 +147,11 @@ class _ContactRun:
         self.parts.append(part)
 
     def _limit(self, end: float, mode: Mode, following: Mode) -> tuple[Status, str] | None:
-        """Return the status and the cause of a run that reached a limit between two modes, or None."""
+        """Return the status and the cause of a run that reached a limit at the time `end` between two modes, or None.
+
+        The limits are those of steps and of time, and the number of changes of the mode at one instant. The run would
+        change from `mode` to `following`.
+        """
         problem = self.problem
         if sum(part.steps + part.rejected for part in self.parts) + len(self.parts) >= problem.max_steps:
             return Status.MAX_STEPS, ""
@@ -167,7 +171,7 @@ class _ContactRun:
         )
 
     def _segment(self, segment: Problem, mode: Mode) -> Mode:
-        """Run a segment in a mode, store it with the user's events only, and return the mode."""
+        """Run a segment that begins in `mode`, store it with the user's events, and return the mode at its end."""
         users, written = len(self.problem.events), None if mode.closed else self.written
         friction = self.modes.friction(mode) if self.frictions else None
         until = min(self.rest_time, segment.t1) if mode.bouncing else segment.t1
@@ -284,14 +288,14 @@ class _ContactRun:
         return True
 
     def _fired(self) -> list[tuple[int, str]]:
-        """Return the indices of the contacts whose events ended the last segment, each with the kind of its event."""
+        """Return the contacts whose events ended the last segment: pairs of contact index and kind of event."""
         if self.part.status is not Status.EVENT:
             return []
         pairs = zip(self.prepared.ends, self.part.t_events[self.prepared.own], strict=True)
         return [which for which, when in pairs if len(when) and when[-1] == self.part.span[1]]
 
     def _is_begin(self, begin: float) -> bool:
-        """Return True if a segment ends where it begins, at a gap that opens or a slip that begins."""
+        """Return True if the last segment ends at its begin, at a gap that opens or a slip that begins."""
         end, fired = self.part.span[1], self._fired()
         if not fired or abs(end - begin) > CLOSEST * max(abs(end), EARLIEST):
             return False
@@ -323,7 +327,11 @@ class _ContactRun:
         self.end_state, self.part = self.prepared.plain(y), self.prepared.plain_run(_ended(part, y))
 
     def _after(self, mode: Mode, fired: Sequence[tuple[int, str]]) -> Behind:
-        """Return the state and the mode after the last segment, and after the impacts at its end."""
+        """Return the state and the mode after the last segment, and after the impacts at its end.
+
+        `mode` is the mode at its end. `fired` are pairs of a contact's index and the kind of the event that ended the
+        segment.
+        """
         t, y = self.part.span[1], self.end_state
         by_kind = {kind: [i for i, other in fired if other == kind] for kind in (RELEASE, GAP, SLIP, CONE)}
         ends = {"met": by_kind[GAP], "released": by_kind[RELEASE], "stopped": by_kind[SLIP], "freed": by_kind[CONE]}
@@ -382,7 +390,7 @@ class _ContactRun:
         return f"The nearest start outside has {listing(moved)}."
 
     def _note(self) -> str:
-        """Return the sentences of the message on impacts that accumulate."""
+        """Return sentences on impacts that accumulate and on contacts that depend on each other, or ""."""
         told = []
         for contact, times in zip(self.contacts, self.rests, strict=True):
             if times:

@@ -224,7 +224,8 @@ class Transitions:
     ) -> Balance:
         """Return the only solution in `balances`. Raises `Undetermined` if there are none or several.
 
-        The other arguments are for the message: `chosen` contacts at the state y, and `what` they do.
+        The other arguments are for its message: the `chosen` contacts at the state y, and `what` they do, "motion" or
+        "impact".
         """
         if len(balances) == 1:
             return balances[0]
@@ -306,7 +307,10 @@ class Transitions:
         return turned
 
     def _independent(self, t: float, y: FloatArray, touch: Touch, states: Sequence[str]) -> tuple[int, ...] | None:
-        """Return the indices of independent constraints of a mode, or None if all are independent."""
+        """Return the indices of independent constraints in a mode, or None if all are independent.
+
+        `states` are the states of the contacts in the mode, `touch` has the contacts at the state y (2n,).
+        """
         gradient = touch.directions[self._held_rows(states)]
         if len(gradient) < 2:
             return None
@@ -315,7 +319,7 @@ class Transitions:
         return None if len(rows) == len(stated) + len(gradient) else rows
 
     def _held_rows(self, states: Sequence[str]) -> list[int]:
-        """Return the rows of gaps and slips that are constraints in a mode."""
+        """Return the rows of gaps and slips that are constraints for the given `states` of the contacts."""
         kin = self.kinematics
         rows = []
         for i, state in enumerate(states):

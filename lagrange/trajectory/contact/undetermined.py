@@ -44,7 +44,7 @@ def undetermined(
 
 
 def _where(kin: Kinematics, touch: Touch, y: FloatArray, chosen: Sequence[int]) -> str:
-    """Return the region of the paradox: a condition in the user's symbols, or the coordinates."""
+    """Return where Painleve's paradox occurs: a condition in the user's symbols, or the coordinates."""
     for i in chosen:
         normal, *along = kin.rows[i]
         for way in (1, -1) if len(along) == 1 else ():
@@ -60,7 +60,11 @@ def _where(kin: Kinematics, touch: Touch, y: FloatArray, chosen: Sequence[int]) 
 
 
 def _region(model: Model, which: int, way: int) -> str:
-    """Return as text the gap acceleration by a unit normal force while a contact slides along `way`, or "" if long."""
+    """Return the gap acceleration by a unit normal force and its sliding friction, as text, or "" if it is too long.
+
+    The contact `which` slides in the direction `way`, 1 or -1. Where this acceleration is not positive, pushing does
+    not open the gap.
+    """
     statement, contact = model.statement, model.statement.contacts[which]
     mass = None if statement.constraints else coupling(statement)
     if mass is None:

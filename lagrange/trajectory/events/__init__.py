@@ -1,1 +1,1 @@
-"""Event functions, switching surfaces and resets: zeros on a step, and the changes of the motion at the zeros."""
+"""Events and switching surfaces: zeros of their functions on a step, and the resets, switches or ends that follow."""

@@ -1,4 +1,4 @@
-"""Events of a run as nodes: the directions that count, terminal counts, and resets as compiled functions."""
+"""Events of a run as expression nodes: directions that count, terminal counts, and resets as compiled functions."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Impact:
 
     @property
     def reaction(self) -> Reaction:
-        """The settings of the event, in the form that the memory of a compiled loop stores."""
+        """The event's direction, terminal count and reset, as the memory of a compiled loop stores them."""
         return Reaction(self.direction, self.terminal, self.first, self.rows, self.root, self.smooth)
 
     def counts(self, rising: int) -> bool:
@@ -78,9 +78,9 @@ class Impact:
         return self.direction in (0, rising)
 
     def apply(self, t: float, before: FloatArray, parameters: FloatArray, state: FloatArray) -> None:
-        """Write the reset entries to `state` (2n,), computed from the state `before` and the parameters (k,).
+        """Write the entries that the event resets to `state` (2n,), computed from the state `before` it (2n,).
 
-        An entry that another event at the same time resets to a different value becomes nan.
+        `parameters` is (k,). An entry that another event at the same time resets to a different value becomes nan.
         """
         if self.kernel is not None:
             rows = list(self.rows)
@@ -150,7 +150,7 @@ def root_of(node: Node) -> Impact:
 
 
 def impacts(model: Model, events: Sequence[Event]) -> tuple[Impact, ...]:
-    """Return the events of a run, translated for a model. One kernel computes all resets."""
+    """Return the events of a run with expressions as nodes of a model's graph. One kernel computes all resets."""
     equations, rows = model.equations, state_rows(model.statement.coordinates)
     values = [value for event in events for value in event.reset.values()]
     kernel = model.function("reset", tuple(map(equations.translate, values))) if values else None
@@ -166,7 +166,7 @@ def impacts(model: Model, events: Sequence[Event]) -> tuple[Impact, ...]:
 
 @lru_cache(maxsize=64)
 def rates(equations: Equations, nodes: tuple[Node, ...]) -> tuple[Node, ...]:
-    """Return the derivatives of nodes by time along the motion, with the accelerations of the equations."""
+    """Return the time derivatives of nodes along the motion, as nodes, with the accelerations of the equations."""
     ahead = dict(zip((*equations.q, *equations.v), (*equations.rate, *equations.accelerations), strict=True))
     along = tangents(nodes, {**ahead, equations.time: equations.graph.one})
     return tuple(along(node) for node in nodes)

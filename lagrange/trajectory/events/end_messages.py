@@ -12,9 +12,10 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 
 @dataclass(frozen=True)
 class EventResult:
-    """Result of event processing: a status if the run ends, with a sentence `detail`; `jumped` if the state has jumped.
+    """Result of event processing: whether and why the run ends, and whether the state has jumped.
 
-    `smooth` is True if the motion may continue although its series does not.
+    `status` is the status of a run that ends, else None, and `detail` a sentence on its cause. `jumped` is True if
+    the state has jumped. `smooth` is True if the motion may continue although its series does not.
     """
 
     status: Status | None = None
@@ -24,7 +25,7 @@ class EventResult:
 
 
 def at_rest(name: str) -> EventResult:
-    """Return the end of a run that comes to rest on a contact, because the reset leaves no velocity."""
+    """Return the end of a run that comes to rest on the contact `name`, because the reset leaves no velocity."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"After the reset {name} is zero, its rate is zero, and the motion would cross zero: the body comes to rest "
@@ -34,7 +35,7 @@ def at_rest(name: str) -> EventResult:
 
 
 def accumulating(name: str) -> EventResult:
-    """Return the end of a run whose events accumulate, so that the time does not advance."""
+    """Return the end of a run in which the event `name` accumulates, so that the time does not advance."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"Events accumulate: {name} is zero again and again within the spacing of floating-point times, as for a ball "
@@ -44,7 +45,7 @@ def accumulating(name: str) -> EventResult:
 
 
 def unresolved(name: str) -> EventResult:
-    """Return the end of a run whose resets are closer together than its steps, or errors, can resolve."""
+    """Return the end of a run with resets by event `name` that are closer together than steps or errors resolve."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"The resets where {name} is zero follow each other too quickly: between them the steps no longer show how it "
@@ -55,7 +56,10 @@ def unresolved(name: str) -> EventResult:
 
 
 def sliding(name: str, t: float) -> EventResult:
-    """Return the end of a run on a switching surface to which the motion returns from both sides."""
+    """Return the end of a run at time t on a switching surface, to which the motion returns from both sides.
+
+    `name` is the text of the surface's expression.
+    """
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"The equations of motion switch where {name} is zero, and at t = {t:.6g} both sides lead back there: the "
@@ -86,9 +90,10 @@ def off_constraints(names: str, violated: str) -> EventResult:
 
 
 def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
-    """Return the end of a run at a state without a value of an event function.
+    """Return the end of a run at a state at which an event function has no value.
 
-    `watched` (order + 1, functions) has the Taylor coefficients of the event functions at this state.
+    `names` are the names of the event functions. `watched` (order + 1, functions) has their Taylor coefficients at
+    this state.
     """
     bad = int(np.argmax(~np.isfinite(watched).all(axis=0)))
     return EventResult(
@@ -100,7 +105,7 @@ def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
 
 
 def rootless(name: str) -> EventResult:
-    """Return the end of a run where a square root in the equations of motion becomes zero."""
+    """Return the end of a run where the square root `name` in the equations of motion becomes zero."""
     return EventResult(
         Status.NON_FINITE,
         f"{name} becomes zero there, and its series ends: behind it lies a sqrt, log or power outside its domain, or a "
@@ -110,9 +115,10 @@ def rootless(name: str) -> EventResult:
 
 
 def without_series(name: str, value: float, *, smooth: bool) -> EventResult:
-    """Return the end of a run at a point after which the series of an event function is not valid.
+    """Return the end of a run at a point after which the series of the event function `name` is not valid.
 
-    `smooth` is True for a switching surface in a branch that ends there, since the motion may continue.
+    `value` is the value of the function there. `smooth` is True for a switching surface in a branch that ends there,
+    since the motion may continue.
     """
     return EventResult(
         Status.NON_FINITE,
@@ -123,7 +129,7 @@ def without_series(name: str, value: float, *, smooth: bool) -> EventResult:
 
 
 def without_value(name: str, value: float) -> EventResult:
-    """Return the end of a run at a point after which an event function has no value."""
+    """Return the end of a run at a point with `value`, after which the event function `name` has no value."""
     return EventResult(
         Status.NON_FINITE,
         f"{name}, which is watched, has a pole there or leaves its domain: its value is {value:.4g}, and behind it "

@@ -61,10 +61,10 @@ class Occurrences:
 
 
 class Breaks:
-    """The rows of a run after which a new smooth piece begins, for states of length `size`.
+    """The rows of a run (indices of stored states) after which a new smooth piece of motion begins.
 
-    The step before a break may have been shortened. `times` (k,) and `states` (k, 2n) are the end of the whole step
-    before it was shortened, and NaN for other steps.
+    `size` is the length 2n of a state. The step before a break may have been shortened. `times` (k,) and `states` (k,
+    2n) are the end of the whole step before it was shortened, and NaN for other steps.
     """
 
     def __init__(self, size: int) -> None:
@@ -86,7 +86,11 @@ class Breaks:
             self._count += len(rows)
 
     def since(self, first: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-        """Return the rows, times and states of all breaks except the first `first` ones."""
+        """Return the rows (k,), times (k,) and states (k, 2n) of all breaks except the first `first` ones.
+
+        A row is the index of the stored state before the break. Times and states are the ends of the whole steps, or
+        NaN.
+        """
         parts, begin = [], self._count
         for part in reversed(self._parts):
             parts.append(part)
@@ -105,7 +109,7 @@ class EventLog:
         self.state: DriverState | None = None
 
     def first_change(self, zeros: Iterable[EventZero], impacts: Sequence[Impact]) -> EventZero | None:
-        """Return the first zero in `zeros` whose event resets the state or ends the run, or None.
+        """Return the first zero in `zeros`, in order of time, whose event resets the state or ends the run, or None.
 
         `impacts` are all events; a zero refers to its event by index.
         """
@@ -145,7 +149,7 @@ class EventLog:
 
     @property
     def y_events(self) -> tuple[FloatArray, ...]:
-        """The states at each event, (k, 2n)."""
+        """The states at each event, (k, 2n), up to the last accepted step."""
         return tuple(occurrences.until(self.steps)[1] for occurrences in self.occurrences)
 
     @property
@@ -155,19 +159,19 @@ class EventLog:
 
 
 class ChangeCounter:
-    """Counts changes of the motion at nearly the same time, to detect that the time does not advance."""
+    """Counts changes of the motion, such as resets, at nearly one time, to detect that time does not advance."""
 
     def __init__(self) -> None:
         self.last = -math.inf
         self.counts: Counter[int] = Counter()
 
     def begin(self, t: float, which: int) -> None:
-        """Start to count anew: event number `which` changed the motion at time t, far from all earlier changes."""
+        """Count anew from a change of the motion by event `which` at time t, far from all earlier changes."""
         self.counts = Counter([which])
         self.last = t
 
     def accumulates(self, t: float, which: Iterable[int]) -> bool:
-        """Count changes by the events `which` at a time. Return True if one of them changes the motion too often."""
+        """Count changes by the events `which` at time t. Return True if one causes too many at nearly one time."""
         if abs(t - self.last) > CLOSEST * max(abs(t), EARLIEST):
             self.counts.clear()
         self.last = t
@@ -183,11 +187,11 @@ class ResetIntervals:
         self.count = 0
 
     def begin(self, length: float) -> None:
-        """Record a regular interval between two resets."""
+        """Record an interval of time `length` between two resets that is regular, and count anew."""
         self.least, self.count = length, 0
 
     def idle(self, length: float, *, unseen: bool) -> bool:
-        """Count an interval between two resets. Return True if too many in a row no longer decrease.
+        """Count an interval `length` between two resets. Return True if too many in a row no longer decrease.
 
         `unseen` is True if the event function did not exceed rounding noise in the interval.
         """

@@ -44,8 +44,8 @@ def inertia_stays(equations: Equations) -> bool:
 class WatchedEvents:
     """The events of a run by a step program, kept for the next run of its driver with the same events.
 
-    `kernel` evaluates the event functions. `steps` is the compiled loop, or None if no run was long enough. `dense` is
-    the first path, whose compiled code all later paths use.
+    `kernel` evaluates the event functions. `memory` is shared with the compiled loop `steps`, which is None if no run
+    was long enough. `dense` is the first dense output, whose compiled code all later ones use.
     """
 
     impacts: tuple[Impact, ...]
@@ -56,7 +56,7 @@ class WatchedEvents:
 
     @classmethod
     def of(cls, problem: Problem) -> WatchedEvents:
-        """Return the translated events of a problem."""
+        """Return the events of a problem, with the kernel that evaluates them and the memory of the loop."""
         model = problem.model
         impacts = impacts_of(model, problem.events)
         kernel = model.function("events", tuple(impact.node for impact in impacts))
@@ -106,10 +106,11 @@ class WatchedEvents:
         stayed: Mapping[int, float],
         zeros: Mapping[int, int],
     ) -> None:
-        """Write the sides of events for the loop, and the number of occurrences of each until the caller has to act.
+        """Write the sides of zero (signs) of the event functions to the memory of the compiled loop.
 
-        `stayed` maps the events that count as zero at the start of a motion to the size of the event function there.
-        `zeros` maps events to the direction in which they reached zero.
+        Also write how often each event may still occur, after its `occurrences` so far, until the caller has to act.
+        `stayed` maps the events that count as zero at the start of a smooth piece of motion to the size of the event
+        function there. `zeros` maps events to the direction in which they reached zero.
         """
         memory, impacts = self.memory, self.impacts
         memory.sign[:] = [side.sign for side in zero_sides]
@@ -124,9 +125,9 @@ class WatchedEvents:
         memory.came[:] = [2 + zeros[i] if i in zeros else other for i, other in enumerate(unmet)]
 
     def collect(self, log: EventLog, breaks: Breaks) -> None:
-        """Copy the events and resets that the loop has written to `log` and `breaks`.
+        """Copy the events and resets that the compiled loop has found to `log` and `breaks`.
 
-        Events on steps that are not reviewed yet count once these steps are accepted.
+        Events on steps that are not yet searched completely count once these steps are accepted.
         """
         memory = self.memory
         waits, proven, happened = memory.waits, memory.run.proven, memory.happened()
@@ -139,7 +140,7 @@ class WatchedEvents:
 
     @property
     def sides(self) -> list[Side]:
-        """The sides of the events after the steps of the loop."""
+        """The side of zero (the known sign) of each event function after the steps of the loop."""
         pairs = zip(self.memory.sign.tolist(), self.memory.near.tolist(), strict=True)
         return [Side(sign, bool(near)) for sign, near in pairs]
 

@@ -35,10 +35,11 @@ from lagrange.trajectory.trajectory import FloatArray
 class MotionStart:
     """Event functions at the start of a smooth piece of motion: which ones are zero there, and why.
 
-    `first` is True at the start of the run. `stayed` maps events that count as zero to the size of the event function.
-    `zeros` maps events that have just occurred to their direction. `rested` are events with a reset that have stayed
-    zero on all steps since the start; their side is undecided. `jumped` are events that occurred at a jump over zero.
-    Rounding decides on which side of a jump the motion starts, so a second jump at once is the same jump.
+    `first` is True at the start of the run. Events are given by index. `stayed` maps events that count as zero to the
+    size of the event function. `zeros` maps events that have just occurred to their direction: 1, -1, or 0 for a
+    touch. `rested` are events with a reset that have stayed zero on all steps since the start; their sign is
+    undecided. `jumped` are events that occurred at a jump over zero. Rounding decides on which side of a jump the
+    motion starts, so a second jump at once is the same jump.
     """
 
     first: bool = False
@@ -55,11 +56,11 @@ def sides_behind(
     noise: FloatArray,
     happened: Container[int],
 ) -> list[Side]:
-    """Return the sides of event functions after a reset, from the sides before it. A side of sign 0 is undecided.
+    """Return the sides of zero (known signs) of event functions after a reset, from `sides` before it.
 
-    `change` has the values of the event functions before and after the reset, (E,) each, and `noise` (E,) is their
-    rounding. Events in `happened` have just occurred: their side is undecided. A pending touch of a contact is cleared,
-    because a contact must not act without crossing zero.
+    A side of sign 0 is undecided. `change` has the values of the event functions before and after the reset, (E,)
+    each, and `noise` (E,) is their rounding. Events in `happened` have just occurred: their side is undecided. A
+    pending touch of a contact is cleared, because a contact must not act without crossing zero.
     """
     sides_after = []
     for i, (side, impact, before, after) in enumerate(zip(sides, impacts, *change, strict=True)):
@@ -100,8 +101,8 @@ def sent_through(
     """Return a zero in `zeros` at which the reset would send the motion to the wrong side, or None.
 
     The path of a long step may bring a ball to the floor although its velocity there already points upwards. A reset
-    would then send it downwards. `states` are the states before and after the reset. `along` is 1, or -1 for a run
-    backwards in time.
+    would then send it downwards. `rates` computes the time derivatives of the event functions. `states` are the
+    states before and after the reset. `along` is 1, or -1 for a run backwards in time.
     """
     coming, going = along * rates(np.full(2, t), np.column_stack(states), parameters).T
     for m in zeros:
@@ -111,7 +112,7 @@ def sent_through(
 
 
 def entry(batch: StepBatch, step: int, index: int, span: float) -> float:
-    """Return the size up to which contact `index` counts as zero where it is reached.
+    """Return the size up to which the event function of contact `index` counts as zero at the start of a step.
 
     It is the noise of the event function, or its change during the spacing of floating-point times. `span` is the
     duration of the run, which sets the spacing.

@@ -37,9 +37,9 @@ class EventSeries:
     def at(
         cls, series: Series, order: int, t: float, y: FloatArray, scale: float, values: FloatArray, rtol: float
     ) -> EventSeries:
-        """Return the series at a state (2n,); `scale` has the sign of the run's direction.
+        """Return the series at time t and state y (2n,) in the time unit `scale`, negative for a run backwards.
 
-        Raises SingularMassMatrix.
+        `values` are the further arguments of the series: parameters and sides of surfaces. Raises SingularMassMatrix.
         """
         size = len(y)
         rows = series.rows(order, t, y, scale, values)
@@ -55,7 +55,7 @@ class EventSeries:
         return cls(scale, unit, rtol, rows, watched, noise)
 
     def near(self, which: int) -> FloatArray:
-        """Return the series of event function `which`, (order + 1,), scaled by `near` to comparable terms."""
+        """Return the series of event function `which`, (order + 1,), scaled so that its terms are comparable."""
         return near(self.watched[:, which : which + 1], self.unit, self.rtol, self.noise[which : which + 1])[:, 0]
 
     def leaving(self, which: int, margin: float = math.inf) -> tuple[int, int]:
@@ -74,10 +74,10 @@ class EventSeries:
 
 
 def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[float]:
-    """Return the times, at most s, up to which the columns of a series are accurate.
+    """Return for each column of a series the time, at most s, up to which it is accurate.
 
-    A column of the series (order + 1, k) is accurate if its truncation error is below the tolerance, or below its noise
-    (k,). For most series the first and the last two terms prove that they are accurate on the whole step.
+    A column of the series (order + 1, k) is accurate if its truncation error is below the tolerance, or below its
+    noise (k,). For most series the first and the last two terms prove that they are accurate on the whole step.
     """
     tolerance, run, ends, far = EVENT_SLACK * max(rtol, EPSILON), called(event_series.reach.form()), [0, 1, -2, -1], []
     with np.errstate(all="ignore"):
@@ -89,7 +89,7 @@ def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[
 
 
 def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray) -> FloatArray:
-    """Return the columns of a series scaled to the time `unit`, or to the shorter time of its accuracy."""
+    """Return the columns of a series (order + 1, k) scaled to the time `unit`, or the shorter time of accuracy."""
     with np.errstate(all="ignore"):
         return np.asarray(series * np.array(reach(series, unit, rtol, noise)) ** _ranks(len(series) - 1)[:, None])
 

@@ -1,4 +1,4 @@
-"""The watch of a run by Taylor steps: events, and the surfaces on which the equations of motion switch.
+"""Events, and the surfaces on which the equations of motion switch, along a run by Taylor steps.
 
 The compiled loop over steps finds the zeros of these functions, and ends a step at the first zero that changes the
 motion. In regular cases the loop itself resets the state or crosses the surface. In other cases it returns, and this
@@ -45,12 +45,12 @@ S = DriverState
 
 
 class SeriesWatch(EventLog):
-    """Watches the surfaces and the events along a run. Indices count surfaces first, then events.
+    """Watches the functions of surfaces and events along a run. Indices count surfaces first, then events.
 
-    The series have an `order`, and `names` returns the names of the watched functions. `memory` is shared with the loop
-    over steps; the memory of a former run by the driver with the same parameters is used again, or None is given.
-    `zero_sides` are the sides of the functions before the next step. `starting` has the functions that are zero at the
-    start of this step, and `pending` the events at the present state.
+    The series have an `order`, and `names` returns the names of the watched functions. `memory` is shared with the
+    loop over steps; the memory of a former run by the driver with the same parameters is used again, or None is
+    given. `zero_sides` are the sides of zero (known signs) of the functions before the next step. `starting` has the
+    functions that are zero at the start of this step, and `pending` the events at the present state.
     """
 
     def __init__(
@@ -93,7 +93,10 @@ class SeriesWatch(EventLog):
         self.memory = memory
 
     def begin(self, state: DriverState) -> EventResult:
-        """Begin a run or a new motion. Without surfaces the loop determines the sides, else this method does."""
+        """Begin to watch a run or a new smooth piece of it: determine the sides of zero of the watched functions.
+
+        A side is the known sign of a function, 1 or -1. Without surfaces the loop determines the sides.
+        """
         first, self.state = self.state is None, state
         if not self.surfaces:
             self.leave_start_to_the_loop(state, first=first)
@@ -101,7 +104,7 @@ class SeriesWatch(EventLog):
         return self._begin(state)
 
     def _begin(self, state: DriverState) -> EventResult:
-        """Determine the sides of surfaces and events at the start of a motion, without the loop."""
+        """Determine the sides of zero of surfaces and events at the start of a smooth piece, without the loop."""
         result = self.start(state, {})
         if result.status is None:
             self.pending = self.impacts_at_once(state, ())
@@ -109,7 +112,7 @@ class SeriesWatch(EventLog):
         return result
 
     def process(self, state: DriverState) -> EventResult:
-        """Make the change of the motion at which the loop stopped, or return the reason why no step is possible."""
+        """Reset the state, cross a surface or end the run where the loop stopped, or say why no step is possible."""
         self.read(state)
         try:
             if self.unbegun:
@@ -131,7 +134,7 @@ class SeriesWatch(EventLog):
         return rootless(name) if self.is_root(limiting) else without_series(name, value, smooth=smooth)
 
     def end(self, state: DriverState) -> EventResult:
-        """Apply the pending events at the end of the run, and return its result."""
+        """Apply the pending events at the end of the run, and return the result of the run."""
         self.read_events(state)
         if not self.is_pending:
             return EventResult(Status.SUCCESS)
@@ -174,7 +177,7 @@ class SeriesWatch(EventLog):
         return self._rootless(state)
 
     def _switches(self, look: EventSeries, soon: float) -> bool:
-        """Return True if the state is on a surface, or reaches one within the time `soon`."""
+        """Return True if the state is on a switching surface, or reaches one within the time `soon`."""
         return any(which in self.starting or look.falls(which, soon) for which in range(self.surfaces))
 
     def _rootless(self, state: DriverState) -> EventResult | None:
@@ -187,7 +190,7 @@ class SeriesWatch(EventLog):
         return None
 
     def _finish(self, state: DriverState) -> EventResult:
-        """Apply the pending zeros: cross surfaces, record events, reset the state, or end the run."""
+        """Apply the pending zeros at a state: cross surfaces, record events, reset the state, or end the run."""
         pending, self.pending = self.pending, []
         if self.change_counter.accumulates(state.t, (m.which for m in pending)):
             return accumulating(self.names()[pending[0].which])
@@ -278,7 +281,7 @@ class SeriesWatch(EventLog):
         return EventResult()
 
     def start(self, state: DriverState, stayed: Mapping[int, float], before: EventSeries | None = None) -> EventResult:
-        """Determine the side of every surface and event at the state, or just after it.
+        """Determine the side of zero of every surface and event at the driver's state, or just after it.
 
         `stayed` maps the events that occurred here to the size of the event function; four times this size counts as
         zero. `before` has the series before a reset, or is None.
@@ -310,7 +313,10 @@ class SeriesWatch(EventLog):
         return EventResult()
 
     def _known(self, before: EventSeries | None, look: EventSeries, happened: Collection[int]) -> dict[int, Side]:
-        """Return the sides that events keep over a reset. Events in `happened` are undecided."""
+        """Return the sides of zero that events keep over a reset, by index. Events in `happened` are undecided.
+
+        `before` and `look` are the series before and after the reset.
+        """
         if before is None:
             return {}
         events = slice(self.surfaces, None)
@@ -319,7 +325,10 @@ class SeriesWatch(EventLog):
         return {i: side for i, side in enumerate(sides, self.surfaces) if side.sign}
 
     def at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
-        """Return the series of the surfaces at the state as a function of their sides."""
+        """Return a function that maps the sides of surfaces, 1, -1 or 0, to the surfaces' series at the state.
+
+        The series (order + 1, surfaces) are scaled so that their terms are comparable.
+        """
         size, scale = len(state.y), signed_scale(state)
 
         def surfaces(sides: FloatArray) -> FloatArray:
@@ -331,7 +340,7 @@ class SeriesWatch(EventLog):
         return surfaces
 
     def go_on(self, state: DriverState) -> None:
-        """Pass the present sides to the driver, and request a return at its next step for an inspection."""
+        """Pass the present sides of surfaces to the driver, and make it return at its next step for inspection."""
         values = self.values
         if not self.epochs or self.epochs[-1][1].tobytes() != values.tobytes():
             self.driver.use(values)
@@ -386,12 +395,12 @@ class SeriesWatch(EventLog):
         return which >= self.surfaces and self.impacts[which - self.surfaces].root
 
     def read(self, state: DriverState) -> None:
-        """Read events, sides and pending events from the loop."""
+        """Read events, sides of zero and pending events from the memory of the compiled loop."""
         self.read_events(state)
         self.read_sides()
 
     def read_events(self, state: DriverState) -> None:
-        """Read the occurrences of events, and the crossings of surfaces, from the loop."""
+        """Read the occurrences of events, and the crossings of surfaces, from the memory of the compiled loop."""
         memory = self.memory
         if memory.record.done:
             # Ctrl-C may come anywhere here. The mark prevents adding occurrences twice.
@@ -414,7 +423,7 @@ class SeriesWatch(EventLog):
         return bool(self.pending) or self.memory.record.due != 0
 
     def read_sides(self) -> None:
-        """Read the sides and the pending event from the loop."""
+        """Read the sides of zero and the pending event from the memory of the compiled loop."""
         memory, record = self.memory, self.memory.record
         signs, nears = memory.signs.tolist(), memory.nears.tolist()
         self.zero_sides = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]
@@ -426,7 +435,7 @@ class SeriesWatch(EventLog):
             self.change_counter.begin(record.changed, record.changed_at)
 
     def write(self) -> None:
-        """Write the sides for the loop. The loop is disabled while an event is pending."""
+        """Write the sides of zero to the memory of the compiled loop. It is disabled while an event is pending."""
         memory, record = self.memory, self.memory.record
         memory.signs[:] = [side.sign for side in self.zero_sides]
         memory.nears[:] = [side.near for side in self.zero_sides]
@@ -436,11 +445,14 @@ class SeriesWatch(EventLog):
 
     @property
     def unbegun(self) -> bool:
-        """True while the loop has not yet determined the sides at the start of the motion."""
+        """True while the loop has not yet determined the sides of zero at the start of a smooth piece of motion."""
         return bool(self.memory.record.fresh)
 
     def leave_start_to_the_loop(self, state: DriverState, *, first: bool) -> None:
-        """Let the loop determine the sides at the start of a motion. `first` is True at the start of the run."""
+        """Let the compiled loop determine the sides of zero at the start of a smooth piece of motion.
+
+        `first` is True at the start of the run.
+        """
         if first:
             self.epochs.append((0, self.values))
         else:

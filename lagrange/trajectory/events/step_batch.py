@@ -20,7 +20,7 @@ FULL_AT_ONCE = 12
 
 
 class StepsPath(Protocol):
-    """Accepted steps, each with a polynomial of degree at most 16 through both of its states."""
+    """The dense output of accepted steps: on each a polynomial of degree at most 16 through both of its states."""
 
     @property
     def times(self) -> FloatArray:
@@ -40,7 +40,7 @@ PathOf = Callable[[FloatArray, FloatArray], StepsPath]
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The steps of a path from number `begin` to before `end`, as a path."""
+    """The steps of a path from number `begin` to before `end`, themselves as a path (dense output of steps)."""
 
     path: StepsPath
     begin: int
@@ -63,7 +63,10 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One step: its time, its length, and the Chebyshev coefficients of states (2n, 17) and event functions (E, 17)."""
+    """A step from time `t` with length `h`, and its event functions `values` (E, 17) at 17 Chebyshev nodes.
+
+    `states` (2n, 17) are the Chebyshev coefficients of the state on the step. `batch` is the batch of the step.
+    """
 
     t: float
     h: float
@@ -138,7 +141,7 @@ class StepBatch:
         return batch
 
     def sample(self, step: int) -> Sample:
-        """Return a step, sampled at the full degree."""
+        """Return the sample of step number `step` at all 17 nodes."""
         if step not in self.samples:
             steps = np.array([step])
             samples = _sampled(self.path, steps, DEGREE)
@@ -146,7 +149,7 @@ class StepBatch:
         return self.samples[step]
 
     def _keep(self, steps: Places, states: FloatArray, values: FloatArray) -> None:
-        """Store samples at the full degree for the steps (k,): states (2n, k, 17) and event functions (E, k, 17)."""
+        """Store the samples of k steps, from states (2n, k, 17) and event functions `values` (E, k, 17) at nodes."""
         times = self.path.times
         # A matrix product would round a step differently for different numbers of steps.
         coefficients = np.zeros_like(states)
@@ -158,7 +161,7 @@ class StepBatch:
 
 
 def evaluate(chebyshev: FloatArray, s: FloatArray) -> FloatArray:
-    """Return functions with Chebyshev coefficients (..., degree + 1) at points s (K,) in [0, 1], (..., K)."""
+    """Return the values (..., K) at s (K,) in [0, 1] of functions with Chebyshev coefficients (..., degree + 1)."""
     ranks = np.arange(chebyshev.shape[-1])
     angles = 2 * np.arcsin(np.sqrt(s))
     return np.asarray(chebyshev @ ((-1.0) ** ranks[:, None] * np.cos(np.outer(ranks, angles))))
@@ -186,7 +189,7 @@ def state_noise(
 
 
 def _sampled(path: StepsPath, steps: Places, degree: int) -> FloatArray:
-    """Return the states (2n, k, degree + 1) at the nodes of steps (k,). At both ends they are the accepted states."""
+    """Return the states (2n, k, degree + 1) at the Chebyshev nodes of k steps: accepted states at both ends."""
     size, inner = path.states.shape[1], nodes(degree)[1:-1]
     states = np.empty((size, len(steps), degree + 1))
     states[..., 0], states[..., -1] = path.states[steps].T, path.states[steps + 1].T
@@ -195,7 +198,7 @@ def _sampled(path: StepsPath, steps: Places, degree: int) -> FloatArray:
 
 
 def _along(kernel: Kernel, parameters: FloatArray, path: StepsPath, steps: Places, states: FloatArray) -> FloatArray:
-    """Return the event functions (E, k, degree + 1) at sampled states (2n, k, degree + 1)."""
+    """Return the event functions (E, k, degree + 1) at the nodes of k steps, with states (2n, k, degree + 1)."""
     size, count, points = states.shape
     start, end = path.times[steps][:, None], path.times[steps + 1][:, None]
     times = start + (end - start) * nodes(points - 1)

@@ -1,7 +1,8 @@
 """Events along the steps of a step program, located on the dense output of each step.
 
-Some steps are taken first and then reviewed. If an event on them changes the motion, the run is set back to it, and
-later steps are discarded. In long runs machine code handles all regular events. Other steps are reviewed on arrays.
+Some steps are taken first and then reviewed, that is, searched for events. If an event on them resets the state or
+ends the run, the run is set back to it, and later steps are discarded. In long runs machine code handles all regular
+events. Other steps are reviewed on arrays.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ class Cut:
     """Point to which a run is set back: `steps` steps are kept, the last one up to time t and state y (2n,).
 
     `length` is the length of the step that contains the point or follows it. `whole` is the end of a step that is
-    shortened, or None. A `late` cut is not a change of the motion: the time limit of the run was reached.
+    shortened, or None. If the cut is `late`, no event acts there: the time limit of the run was reached.
     """
 
     steps: int
@@ -79,7 +80,7 @@ class Cut:
 
 
 class EventDriver:
-    """Advances a run like the driver of its steps, but only up to the next change of the motion."""
+    """Advances a run like the driver of its steps, but only up to an event that resets the state or ends the run."""
 
     def __init__(self, driver: Driver, watch: StepWatch, *, fixed: bool) -> None:
         self._driver, self._watch, self._fixed = driver, watch, fixed
@@ -94,7 +95,10 @@ class EventDriver:
         """Do nothing: the driver state has its own memory."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Advance a run as `Driver.advance` does. The outcome is WATCHED if the state is at a change of the motion."""
+        """Advance a run by at most `budget` steps; write accepted times and states to `times` (k,), `rows` (k, 2n).
+
+        The outcome is WATCHED if the state is at an event that resets it or ends the run.
+        """
         run = self._run
         run.budget = run.left = budget
         self._memory.keep(state)
@@ -114,7 +118,7 @@ class EventDriver:
             self._first = False
 
     def _in_loop(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
-        """Advance the run by machine code. Return an outcome, or None after a step that must be reviewed on arrays."""
+        """Advance the run by machine code. Return an outcome, or None after a step to be searched on arrays."""
         if self._compiled is None:
             raise AssertionError("there is machine code")
         if self._stale:
@@ -132,11 +136,11 @@ class EventDriver:
         return None
 
     def _leave_to_arrays(self) -> None:
-        """Set the number of the next steps to review on arrays: one step, and twice as many at each repetition."""
+        """Set the number of next steps to search for events on arrays: one, and twice as many at each repetition."""
         self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, LONGEST_LOOK)
 
     def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
-        """Take steps if all earlier ones are reviewed, and review some steps on arrays.
+        """Take steps if all earlier ones are reviewed, and review some steps on arrays: find the events on them.
 
         Return an outcome, or None to continue.
         """
@@ -157,10 +161,10 @@ class EventDriver:
         return self._look(state, run.begin + count - 1, waiting)
 
     def _is_compiled(self, t: float, steps: int) -> bool:
-        """Return True if the loop has just been compiled.
+        """Return True if the loop over steps has just been compiled, at this call.
 
-        This is decided only in the first call and at the start of a motion. The number of steps in other calls depends
-        on measured times, but the digits of events must not depend on measured times.
+        This is decided only in the first call and at the start of a smooth piece of motion. The number of steps in
+        other calls depends on measured times, but the digits of events must not depend on measured times.
         """
         if self._compiled is None:
             self._compiled = self._watch.compiled(self._driver, float(t), steps)
@@ -184,7 +188,7 @@ class EventDriver:
         return Waiting(*arguments)
 
     def _forget(self, state: DriverState) -> None:
-        """Remove the steps that are not reviewed from the state's counts."""
+        """Set the driver state back to its time, entries and counts before the steps not yet searched for events."""
         memory, run = self._memory, self._run
         if memory.waits:
             state.reals[:], state.counts[:], state.y[:] = memory.kept_reals, memory.kept_counts, memory.states[1]
@@ -192,9 +196,9 @@ class EventDriver:
             state.fault = None
 
     def _look(self, state: DriverState, last: int, waiting: Waiting) -> Outcome | None:
-        """Review steps up to number `last` on arrays. Return an outcome, or None to continue.
+        """Find the events on the steps up to number `last`, on arrays. Return an outcome, or None to continue.
 
-        If all steps are reviewed, accept them. If a change of the motion is found, set the run back to it.
+        If all steps are searched, accept them. If an event resets the state or ends the run, set the run back to it.
         """
         memory, run = self._memory, self._run
         if not memory.waits:
@@ -214,7 +218,7 @@ class EventDriver:
         return None if code == GO_ON else Outcome(code)
 
     def _set_back(self, state: DriverState, cut: Cut, steps: int, waiting: Waiting) -> None:
-        """Set the state to a cut after `steps` steps. The next step begins a new smooth piece."""
+        """Set the driver state back to `cut` after `kept` steps. The next step begins a new smooth piece."""
         memory, run, count = self._memory, self._run, len(state.floors)
         state.fault = None
         run.changed = self._watch.changed
@@ -226,7 +230,7 @@ class EventDriver:
 
 
 class StepWatch(EventLog):
-    """Watches the events along one run by a step program."""
+    """Finds the events along one run by a step program, and handles them: records, resets, ends of the run."""
 
     def __init__(
         self, problem: Problem, driver: Driver, path_of: PathOf, memory: WatchedEvents | None = None, *, fixed: bool
@@ -276,7 +280,7 @@ class StepWatch(EventLog):
         return [formula(event.expression.xreplace(plain), 80) for event in self.problem.events]
 
     def begin(self, state: DriverState) -> EventResult:
-        """Begin at the start of the run."""
+        """Begin to watch a run at its start; return the end of the run if an event function has no value there."""
         self.state = state
         limit = self.problem.max_wall
         self._deadline = math.inf if limit is None else time.perf_counter() + limit
@@ -286,7 +290,7 @@ class StepWatch(EventLog):
         return self._defined(state)
 
     def process(self, state: DriverState) -> EventResult:
-        """Apply the pending events at the state to which the run was set back."""
+        """Apply the pending events at the state to which the run was set back: record, reset the state, or end."""
         self.breaks.append(state.count(S.STEPS) + self.jumps, self._whole)
         if self._verdict is not None:
             return self._verdict
@@ -316,10 +320,10 @@ class StepWatch(EventLog):
         return self.memory.path(self._path_of, times, states)
 
     def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, steps_before: int) -> Cut | None:
-        """Find the events on the steps `begin` to before `end` of times (S+1,) and states (S+1, 2n), on arrays.
+        """Return the first point with a reset or an end of the run on some steps, or None; record earlier events.
 
-        Returns the first change of the motion, whose events are then pending for `process`, or None. `steps_before`
-        counts the steps before `times[0]`.
+        The steps are `begin` to before `end` of times (S+1,) and states (S+1, 2n). The run is set back to the result,
+        whose events are then pending for `process`. `steps_before` counts the steps before `times[0]`.
         """
         path = self.path(times, states)
         cut = self._ahead(Window(path, begin, end), steps_before + begin)
@@ -332,7 +336,7 @@ class StepWatch(EventLog):
         return started and not self._resting
 
     def write(self) -> None:
-        """Write the present sides and counts for machine code."""
+        """Write the sides of zero (known signs) of event functions, and event counts, for machine code."""
         run, begun = self.shared.run, self._start
         run.starts, run.jumps = int(begun is not None), self.jumps
         run.changed, run.changed_at = self.changed, self._changed_at
@@ -340,7 +344,7 @@ class StepWatch(EventLog):
         self.memory.write(self._relay, self.occurrences, stayed, zeros)
 
     def read(self) -> None:
-        """Read events, resets and sides from machine code."""
+        """Read events, resets and sides of zero from the memory of machine code."""
         run, memory = self.shared.run, self.shared
         last = run.breaks
         self.collect()
@@ -359,11 +363,11 @@ class StepWatch(EventLog):
             self._whole = None if math.isnan(end) else (end, memory.break_states[last].copy())
 
     def collect(self) -> None:
-        """Read only the events and resets that machine code has written."""
+        """Read only the events and resets from the memory of machine code."""
         self.memory.collect(self, self.breaks)
 
     def _ahead(self, path: StepsPath, steps_before: int) -> Cut | None:
-        """Find the events on all steps of a path. Return the first change of the motion, or None."""
+        """Find the events on all steps of a path. Return the first point with a reset or an end, or None."""
         times = path.times
         batch = StepBatch.of(self.kernel, self._rates, self.parameters, path)
         doubtful = ~batch.certain
@@ -386,7 +390,7 @@ class StepWatch(EventLog):
                 return replace(_cut(batch, step - 1, batch.sample(step - 1), 1.0), late=True)
 
     def set_back(self, cut: Cut) -> None:
-        """Record that the run was set back to a cut."""
+        """Record that the run was set back to a cut, and the end of the step that was shortened for it."""
         self._whole = cut.whole
 
     def _rates(self) -> Kernel:
@@ -399,7 +403,7 @@ class StepWatch(EventLog):
         return EventResult() if np.isfinite(values).all() else undefined(self.names(), values[None])
 
     def _step(self, batch: StepBatch, step: int, watched: Sequence[int], steps_before: int) -> Cut | None:
-        """Record the zeros of the events `watched` on a step. Return the first change of the motion, or None."""
+        """Record the zeros of events `watched` on a step. Return the first point with a reset or an end, or None."""
         sample, begun = batch.sample(step), self._start
         last = bool(batch.path.times[step + 1] == self.problem.t1)
         zero = self._at_zero(batch, step, watched)
@@ -443,9 +447,10 @@ class StepWatch(EventLog):
         return None
 
     def _at_zero(self, batch: StepBatch, step: int, watched: Sequence[int]) -> list[int]:
-        """Return the events that are zero at the start of a motion, where the step begins, and store their values.
+        """Return the events that are zero at the start of a smooth piece of motion, where the step begins.
 
-        An event with a known sign at the start is not included: its zeros are found as on any other step.
+        Also store the values of their functions. An event with a known sign at the start is not included: its zeros
+        are found as on any other step.
         """
         begun, ends = self._start, batch.ends[:, step]
         if begun is None:
@@ -464,8 +469,8 @@ class StepWatch(EventLog):
     def _changes_at_once(self, begun: MotionStart, zero: Mapping[int, StepZeros], sample: Sample) -> bool:
         """Return True if an event acts at the start of a motion: the motion leads through a contact, or back to it.
 
-        The rules are those of the module `motion_start`: such contacts have an undecided side. `zero` has the zeros of
-        the event functions that start at zero.
+        The sign of such a contact's function is undecided at the start, as the module `motion_start` explains. `zero`
+        has the zeros of the event functions that start at zero.
         """
         for i, found_zeros in zero.items():
             sign, order = found_zeros.leaving
@@ -493,10 +498,10 @@ class StepWatch(EventLog):
         sample: Sample,
         steps_before: int,
     ) -> None:
-        """Record the events on a step before its first change of the motion. Events at the time of it become pending.
+        """Record the events on a step before the zero `first`, whose event resets the state or ends the run.
 
-        `first` is the zero of the change. `zeros` are all on the step, and `traces` the analysis of each event
-        function.
+        Events at the time of `first` become pending. `zeros` are all on the step, and `traces` the analysis of each
+        event function.
         """
         s = first.root.time
         close = TOGETHER * max(abs(sample.t / sample.h), s)
@@ -566,7 +571,7 @@ class StepWatch(EventLog):
 
 
 def _cut(batch: StepBatch, step: int, sample: Sample, s: float) -> Cut:
-    """Return the cut at fraction s of a step."""
+    """Return the point to which a run is set back, at the fraction s of step number `step`."""
     times, states = batch.path.times, batch.path.states
     if s == 0:
         return Cut(step, float(times[step]), states[step], sample.h)
