@@ -187,7 +187,7 @@ class Kinematics:
         """Return the state y (2n,) changed so that the gaps of `contacts` are closed, by one Newton step.
 
         `touch` has the contacts at y. The change is the least, measured by the kinetic energy. The gaps of the
-        contacts `kept` are not changed.
+        contacts `unchanged` are kept.
         """
         if not contacts:
             return y
