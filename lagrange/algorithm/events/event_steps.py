@@ -231,8 +231,8 @@ class Waiting:
     def try_steps(self, tries: int) -> int:
         """Take `tries` trial steps by the driver, and return the `Outcome` with which it stops."""
         self.event_run.left -= tries
-        given = self.words, self.reals, self.counts, self.driver_work
-        outcome: int = self.drive(*given, tries, self.times[2:], self.row(2))
+        arrays = self.words, self.reals, self.counts, self.driver_work
+        outcome: int = self.drive(*arrays, tries, self.times[2:], self.row(2))
         return outcome
 
     @inline

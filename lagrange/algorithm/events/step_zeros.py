@@ -253,8 +253,8 @@ class ZeroSearch:
             has_no_value, size = self.sample(b, e, start, width)
             begins = at_zero and start == 0.0
             least = noise if begins else 0.0
-            given = size, noise, self.tails[top], least
-            known, error, tail = local_polynomial(self.coefficients, *given, self.powers)
+            sizes = size, noise, self.tails[top], least
+            known, error, tail = local_polynomial(self.coefficients, *sizes, self.powers)
             if unlikely(known == 0):
                 is_hopeless = width <= NARROWEST or halvings >= STEP_HALVINGS or not size < math.inf
                 is_irregular = is_hopeless or is_bad or has_no_value
@@ -304,9 +304,9 @@ class ZeroSearch:
             is_irregular, noise = self.leave_zero(e, known, error)
         more = 0
         if length > 0.0:
-            given = self.powers[first:], known - first, length, noise
+            polynomial = self.powers[first:], known - first, length, noise
             side = self.signs[e], self.nears[e] != 0, is_end
-            met, sign, near = roots(*given, *side, self.roots, self.ways, MOST_ROOTS)
+            met, sign, near = roots(*polynomial, *side, self.roots, self.ways, MOST_ROOTS)
             is_far = met > 0 and self.roots[0] == 0.0 and abs(self.powers[0]) > JUMP * size and not begins
             is_irregular = is_irregular or met < 0 or count + met > MOST_ZEROS or is_far
             self.signs[e], self.nears[e] = sign, int(near)

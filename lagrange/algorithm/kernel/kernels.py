@@ -56,8 +56,8 @@ def prepare(
     program = prepared.program
     parameters = None if in_place else p.array("parameters", size=program.parameters, read=True)
     out = p.array("p", size=prepared.size)
-    given = out if parameters is None else parameters
-    body = Body(p, program, Inputs(given, {}, names=names or {}, largest=prepared.largest), style)
+    array = out if parameters is None else parameters
+    body = Body(p, program, Inputs(array, {}, names=names or {}, largest=prepared.largest), style)
     if parameters is not None:
         known = {
             instruction.place: ref

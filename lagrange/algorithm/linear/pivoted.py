@@ -74,9 +74,9 @@ def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
         for i in range(max(j - 2 * band, 0), min(n, j + band + 1)):
             entries[i] = 0.0
     for j in range(n):
-        entries, given = factors[column(n, band, j) :], a[j * band :]
+        entries, source = factors[column(n, band, j) :], a[j * band :]
         for i in range(j, min(n, j + band + 1)):
-            entry = given[i]
+            entry = source[i]
             entries[i] = entry
             factors[column(n, band, i) :][j] = entry
     singular = False
@@ -151,9 +151,9 @@ def largest_in_rows(n: int, band: int, a: Readable[float], scales: Readable[floa
     for i in range(n):
         largest[i] = 0.0
     for j in range(n):
-        given = a[j * band :]
+        source = a[j * band :]
         for i in range(j, min(n, j + band + 1)):
-            size = abs(given[i])
+            size = abs(source[i])
             across, down = size * scales[j], size * scales[i]
             if across > largest[i]:
                 largest[i] = across

@@ -152,10 +152,10 @@ class EventSearch:
     @inline
     def arguments(self, memory: SearchMemory, job: Any, numbers: In) -> Watched:
         """Return a member's watched functions and its prepared numbers as arguments of the loop over steps."""
-        given = job.watched
+        watched = job.watched
         unused = memory.unused, memory.unused, memory.unused, memory.scratch, memory.whole_scratch
-        arrays = given.tilts, memory.sides, given.settings, memory.times, memory.states, memory.places, *unused
-        arguments: Any = given.sizes, job.values, job.values, numbers, numbers, *arrays, None, None
+        arrays = watched.tilts, memory.sides, watched.settings, memory.times, memory.states, memory.places, *unused
+        arguments: Any = watched.sizes, job.values, job.values, numbers, numbers, *arrays, None, None
         return Watched(memory.watch, *arguments)
 
     @inline

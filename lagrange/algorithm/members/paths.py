@@ -120,13 +120,13 @@ class MemberStepPath:
         return self.kind.size(self.dimension, 1)
 
     @inline
-    def write(self, given: tuple[In, In], columns: int, own: In, beside: In, work: Out, out: Out) -> None:
+    def write(self, tables: tuple[In, In], columns: int, own: In, beside: In, work: Out, out: Out) -> None:
         """Write the coefficients of the polynomials of a block of steps to `out`, by powers.
 
-        `given` are two arrays: the prepared numbers of the law, and the coefficients of the method. `own` are
+        `tables` are two arrays: the prepared numbers of the law, and the coefficients of the method. `own` are
         the steps and `beside` their neighbours, each with data as in `OwnStep`, in a number of `columns`.
         """
-        numbers, table = given
+        numbers, table = tables
         names = "parameters", "table", "stages", "degree", "dimension", "columns", "own", "beside", "work", "out"
         layout = self.kind.stages, self.kind.degree, self.dimension, columns
         arguments = dict(zip(names, (numbers, table, *layout, own, beside, work, out), strict=True))

@@ -134,10 +134,10 @@ def review_step(
     `factors` perturb a state.
     """
     n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
-    path, cubic, given = functions.path("review_"), functions.cubic(), (numbers, table)
+    path, cubic, tables = functions.path("review_"), functions.cubic(), (numbers, table)
     work = reals(max(path.size, cubic.size), room=WIDEST_VECTOR)
     c, memory = reals((max(degree, 3) + 1) * n, room=WIDEST_VECTOR), reals(work_size(n, events, 1), room=WIDEST_VECTOR)
-    paths = path.write, given, degree, 0, functions.events.screened, cubic.write, given, functions.law, numbers
+    paths = path.write, tables, degree, 0, functions.events.screened, cubic.write, tables, functions.law, numbers
     watched = functions.kernel, numbers, n, events, factors, memory
     arguments: Any = *paths, step, step, work, c, *watched, None, None, 0, end
     samples = StepSamples(*arguments)
@@ -216,14 +216,14 @@ class StepEventSearch:
         return ReviewMemory(Review(), *sides, *zeros, wholes(4 * count), reals(count), reals(n), seen)
 
     @inline
-    def begin(self, memory: ReviewMemory, given: ReviewArguments) -> None:
+    def begin(self, memory: ReviewMemory, watched: ReviewArguments) -> None:
         """Reset the search at the start of a member's run: no events, and unknown signs of functions."""
         self.occurrences.begin(memory.seen)
         clear(memory.review)
         memory.review.end, memory.review.room = 1, ZERO_ROOM
         for e in unrolled(self.events.count):
             memory.sign[e], memory.near[e] = 0, 0
-            memory.remaining[e], memory.came[e] = given.terminal[e], ANYHOW
+            memory.remaining[e], memory.came[e] = watched.terminal[e], ANYHOW
             memory.stayed[e] = 0.0
 
     @inline
@@ -238,24 +238,24 @@ class StepEventSearch:
         `memory.there`, and the time and the fraction are those of the event. `index` is the number of the
         member.
         """
-        review, steps, given = memory.review, member.counts.steps, job.watched
+        review, steps, watched = memory.review, member.counts.steps, job.watched
         review.found, review.starts = 0, int(steps == 1)
         review.last = 0 if end == job.t1 else -1
         review.rounded = float(steps - 1) * (1.0 / NOISE_HALVES)
-        sides = memory.sign, memory.near, given.direction, memory.remaining, memory.stayed, memory.came
+        sides = memory.sign, memory.near, watched.direction, memory.remaining, memory.stayed, memory.came
         zeros = memory.which, memory.when, memory.zeros, memory.noted, memory.levels
         watch = ReviewedEvents(review, *sides, *zeros)
-        why = review_step(watch, member.numbers, job.table, given.factors, step.memory, end, functions=self.functions)
+        why = review_step(watch, member.numbers, job.table, watched.factors, step.memory, end, functions=self.functions)
         is_changed = why == CHANGED
         is_regular = why == ENDED or is_changed
         if unlikely(review.found > 0 and is_regular):
             for slot in range(review.found):
                 zero = memory.zeros[slot * self.dimension :]
-                self.occurrences.keep(given, memory.seen, index, memory.which[slot], memory.when[slot], zero)
+                self.occurrences.keep(watched, memory.seen, index, memory.which[slot], memory.when[slot], zero)
         t, part = end, 1.0
         if unlikely(is_changed):
             t, part = self.place_of_end(memory, step, end)
-            self.occurrences.keep(given, memory.seen, index, review.event, t, memory.there)
+            self.occurrences.keep(watched, memory.seen, index, review.event, t, memory.there)
         return ENDED_BY_EVENT if is_changed else Outcome.PAUSED if is_regular else Outcome.WATCHED, t, part
 
     @inline

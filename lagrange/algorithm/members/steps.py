@@ -135,7 +135,7 @@ class StepMembers(MemberMethod):
             method_memory.path.step.t[0] = run.t
             copy_state(member, method_memory.path.step.y, self.dimension)
         numbers = member.numbers
-        given = Running(
+        arguments = Running(
             job.law,
             numbers,
             job.law,
@@ -150,7 +150,7 @@ class StepMembers(MemberMethod):
             None,
             None,
         )
-        outcome: int = generated(self.steps, given, trials, method_memory.unused, method_memory.unused)
+        outcome: int = generated(self.steps, arguments, trials, method_memory.unused, method_memory.unused)
         if self.path is not None and counts.steps > before:
             ended = self.follow(self.path, job, member, index)
             outcome = outcome if ended == Outcome.PAUSED else ended

@@ -105,9 +105,9 @@ class TaylorMembers(MemberMethod):
             method_memory.work,
             self.order,
         )
-        given = Arguments(job.law, *arguments)
+        loop_arguments = Arguments(job.law, *arguments)
         before = counts.steps
-        outcome: int = iteration(given, last, -logarithm(job.rtol), layout=self.layout)
+        outcome: int = iteration(loop_arguments, last, -logarithm(job.rtol), layout=self.layout)
         if self.along is not None:
             # Sample the last step while its series is in memory; commit the one before if it is proven.
             if counts.steps > before:

@@ -47,40 +47,40 @@ UNROLLED_PRODUCT = 64
 """Largest number of blocks for which the product of a matrix and a vector is written out."""
 
 
-@procedure(given=running)
-def solve_unknowns(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
+@procedure(arguments=running)
+def solve_unknowns(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
     """Solve the equations of a step of length h from time t for its unknowns, and return an outcome.
 
-    The unknowns are predicted and corrected by Newton's method, in the work array of `given`. If that fails,
+    The unknowns are predicted and corrected by Newton's method, in the work array of `arguments`. If that fails,
     corrections begin again from the guess of the method, with a new matrix. `solve` has the equations and the
     places of their data.
     """
-    newton = given.newtons[solve.index]
+    newton = arguments.newtons[solve.index]
     newton.tried_step = h
     if solve.adaptive:
-        weigh_by_tolerance(given, t, h, layout, solve)
+        weigh_by_tolerance(arguments, t, h, layout, solve)
     is_fresh = newton.known == 0
     if not is_fresh:
-        predict(given, t, h, layout, solve)
-        is_fresh = iterate(given, t, h, layout=layout, solve=solve) != Outcome.DONE
+        predict(arguments, t, h, layout, solve)
+        is_fresh = iterate(arguments, t, h, layout=layout, solve=solve) != Outcome.DONE
     if is_fresh:
         request_matrix(newton)
         newton.rate = 1.0
         newton.known = 0
-        outcome = guess(given, t, h, layout=layout, solve=solve)
+        outcome = guess(arguments, t, h, layout=layout, solve=solve)
         if outcome == Outcome.DONE:
-            outcome = iterate(given, t, h, layout=layout, solve=solve)
+            outcome = iterate(arguments, t, h, layout=layout, solve=solve)
         if outcome != Outcome.DONE:
             return outcome
     newton.solved = 1
     return Outcome.DONE
 
 
-@procedure(apart=True, given=running)
-def guess(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
+@procedure(apart=True, arguments=running)
+def guess(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
     """Set the unknowns to the guesses of the method. Return DONE, or SINGULAR for a singular matrix."""
     stated = solve.solve
-    vectors = vectors_of(given, t, h, layout, stated.preparation, stated.guesses)
+    vectors = vectors_of(arguments, t, h, layout, stated.preparation, stated.guesses)
     is_singular = vectors.evaluate_all(stated.preparation)
     for i, combination in enumerate(stated.guesses):
         vectors.combine(combination, vectors.at(stated.first + i))
@@ -88,27 +88,27 @@ def guess(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLay
 
 
 @inline
-def weigh_by_tolerance(given: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
+def weigh_by_tolerance(arguments: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
     """Set the weight of each unknown: its largest effect on a state at which the law is called, in tolerances.
 
     The size of an entry of the state is at least its slope times the step, for entries that begin at zero. A
     multiplier has no tolerance: its weight is 0, and its effect on the velocities counts.
     """
-    step, stated, rtol = layout.step, solve.solve, given.run.rtol
+    step, stated, rtol = layout.step, solve.solve, arguments.run.rtol
     reached = [[stated.reach(i, state) for state in unrolled(step.states)] for i in unrolled(stated.count)]
     nodes = [node for effects in reached for factors in effects for node in factors]
-    vectors = vectors_of(given, t, h, layout, nodes=nodes)
+    vectors = vectors_of(arguments, t, h, layout, nodes=nodes)
     slope = vectors.at(step.calls[0].first) if step.starts_with_slope else None
     for i, effects in enumerate(reached):
         effects_on_states = [largest_size(vectors, factors) for factors in effects]
-        weights = given.work[solve.weights + i * solve.width :]
+        weights = arguments.work[solve.weights + i * solve.width :]
         for k in each(solve.width, spill=True, disjoint=True):
             weight = 0.0
             for state, effect in enumerate(effects_on_states):
                 size = abs(vectors.at(state)[k])
                 if slope is not None:
                     size = larger(size, abs(h * slope[k]))
-                share = effect / fma(rtol, size, given.floors[state * solve.length :][k])
+                share = effect / fma(rtol, size, arguments.floors[state * solve.length :][k])
                 weight = larger(weight, share) if state else share
             weights[k] = weight
 
@@ -122,12 +122,12 @@ def largest_size(vectors: StepVectors, factors: list[Node]) -> float:
     return largest
 
 
-@procedure(apart=True, given=running)
-def iterate(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
+@procedure(apart=True, arguments=running)
+def iterate(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
     """Correct the unknowns until the estimated error is negligible; return an outcome."""
-    stated, work, newton = solve.solve, given.work, given.newtons[solve.index]
-    vectors = vectors_of(given, t, h, layout, stated.calls, stated.residuals)
-    unit = given.run.rtol if solve.adaptive else UNIT_ROUND_OFF
+    stated, work, newton = solve.solve, arguments.work, arguments.newtons[solve.index]
+    vectors = vectors_of(arguments, t, h, layout, stated.calls, stated.residuals)
+    unit = arguments.run.rtol if solve.adaptive else UNIT_ROUND_OFF
     previous, moved, since = 0.0, 0.0, MATRIX_AGE
     for iteration in range(MOST_CORRECTIONS_ADAPTIVE if solve.adaptive else MOST_CORRECTIONS):
         if vectors.evaluate_all(stated.calls):
@@ -135,12 +135,12 @@ def iterate(given: Running, t: float, h: float, *, layout: Layout, solve: SolveL
         for i, residual in enumerate(stated.residuals):
             vectors.combine(residual, work[solve.residual + i * solve.width :])
         if newton.matrix_step != h:
-            outcome = build_matrix(given, t, h, layout=layout, solve=solve)
+            outcome = build_matrix(arguments, t, h, layout=layout, solve=solve)
             if outcome != Outcome.DONE:
                 return outcome
             since = 0
         norm = correct(work, solve)
-        given.effort.residual = norm * unit
+        arguments.effort.residual = norm * unit
         if not norm < LARGEST_CORRECTION:
             # The law has no finite value there, unless a large correction has led out of its domain.
             return Outcome.NON_FINITE if previous * unit < LARGE_CORRECTION else Outcome.DIVERGED

@@ -76,16 +76,16 @@ class MatrixCoefficients:
         return [node for nodes in (self.identity, *self.blocks.values(), *self.shares) for node in nodes]
 
 
-@procedure(apart=True, given=running)
-def build_matrix(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
+@procedure(apart=True, arguments=running)
+def build_matrix(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
     """Write the inverse Newton matrix, from the stored derivative of the law or a new one.
 
     Return DONE, or SINGULAR for a singular matrix.
     """
-    work, newton, terms = given.work, given.newtons[solve.index], MatrixCoefficients(layout, solve)
+    work, newton, terms = arguments.work, arguments.newtons[solve.index], MatrixCoefficients(layout, solve)
     inverse, point, nodes = work[solve.inverse :], terms.point, [*terms.nodes, *[damp.factor for damp in solve.damped]]
     calls = [] if point is None else [point]
-    vectors = vectors_of(given, t, h, layout, calls, solve.solve.residuals, nodes)
+    vectors = vectors_of(arguments, t, h, layout, calls, solve.solve.residuals, nodes)
     matrix = Matrix(layout, solve, work[solve.matrix :], work[solve.derivative :], work[solve.pivots :])
     # Gradients of constraints turn from step to step: with an old derivative more corrections are needed.
     if (solve.adaptive and point is not None) or newton.differentiated == 0:

@@ -14,14 +14,14 @@ from lagrange.procedure.front.vocabulary import Out, Writable, each, fma, unroll
 
 
 @inline
-def predict(given: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
+def predict(arguments: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
     """Write the initial guess of the unknowns: by the formula of the method if it has one, else by extrapolation."""
-    work, newton, predicted = given.work, given.newtons[solve.index], solve.solve.predicted
+    work, newton, predicted = arguments.work, arguments.newtons[solve.index], solve.solve.predicted
     unknowns, residual = work[solve.first :], work[solve.residual :]
     if not solve.adaptive:
         extrapolate(newton.order, differences_of(work, solve), unknowns, solve.all)
     else:
-        vectors = vectors_of(given, t, h, layout, (), predicted, ratio=h / newton.old_step)
+        vectors = vectors_of(arguments, t, h, layout, (), predicted, ratio=h / newton.old_step)
         # The predicted unknowns are combinations of those of the previous step, which have the same numbers.
         copy_vector(work[solve.history :], unknowns, solve.all)
         for i, combination in enumerate(predicted):

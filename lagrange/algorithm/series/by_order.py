@@ -98,8 +98,8 @@ class ByOrderJet(LoopJet):
             for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
                 self.x[chunk] = self.share(self.before(rate))
             self.fill(packing.before)
-            for place, (stage, guess) in enumerate(zip(packing.stages, guesses, strict=True)):
-                self.solve(place, stage, guess, iteration)
+            for stage_number, (stage, guess) in enumerate(zip(packing.stages, guesses, strict=True)):
+                self.solve(stage_number, stage, guess, iteration)
             self.write()
         p.leave(self.singular)
         return p.finish(FLAG)
@@ -115,31 +115,31 @@ class ByOrderJet(LoopJet):
         for chunk in chunks:
             self.x[chunk] = of_width(self.p, coefficient(ChunkAt(self, chunk)), len(chunk.values))
 
-    def know(self, place: int, found: Sequence[Term]) -> None:
-        """Set the present coefficients of the unknowns of linear system `place` to `found`.
+    def know(self, stage_number: int, values: Sequence[Term]) -> None:
+        """Set the present coefficients of the unknowns of linear system `stage_number` to `values`.
 
         Operands that were gathered with earlier values of the unknowns are dropped.
         """
-        self.operands = {operand: x for operand, x in self.operands.items() if self.is_known(operand, place)}
-        self.x |= zip(self.packing.stages[place].unknowns, found, strict=True)
+        self.operands = {operand: x for operand, x in self.operands.items() if self.is_known(operand, stage_number)}
+        self.x |= zip(self.packing.stages[stage_number].unknowns, values, strict=True)
 
-    def solve(self, place: int, stage: PackedStage, guess: Sequence[Any] | None, iteration: Whole) -> None:
-        """Compute the present unknowns of linear system `place`, then the values that depend on them.
+    def solve(self, stage_number: int, stage: PackedStage, guess: Sequence[Any] | None, iteration: Whole) -> None:
+        """Compute the present unknowns of linear system `stage_number`, then the values that depend on them.
 
         Order 1 may be computed in two iterations. Then `guess` are variables with the unknowns that the first
         one found; otherwise it is None. `iteration` is the number of the present iteration.
         """
         p = self.p
-        guesses = [None if guess is None else one.value for one in guess or [None] * len(stage.unknowns)]
-        self.know(place, guesses)
+        guesses = [None if guess is None else variable.value for variable in guess or [None] * len(stage.unknowns)]
+        self.know(stage_number, guesses)
         self.fill(stage.trial)
-        solution = solved(self, place, stage, guesses)
-        found = [wide(p, x, len(chunk.values)) for chunk, x in zip(stage.unknowns, solution, strict=True)]
+        solution = solved(self, stage_number, stage, guesses)
+        values = [wide(p, x, len(chunk.values)) for chunk, x in zip(stage.unknowns, solution, strict=True)]
         if guess is not None:
             weight = p.choose(iteration.equals(0), p.real(1.0), 0.0)
-            for one, x in zip(guess, found, strict=True):
-                one.value = x * weight
-        self.know(place, found)
+            for variable, x in zip(guess, values, strict=True):
+                variable.value = x * weight
+        self.know(stage_number, values)
         self.fill(stage.found)
 
     def write_first(self) -> None:
@@ -148,16 +148,16 @@ class ByOrderJet(LoopJet):
         Operands that are multiplied by their order are zero there.
         """
         self.write_state(self.at_zero)
-        for operand, place in self.places.items():
+        for operand, index in self.places.items():
             lanes = len(operand.values)
-            put(self.p, self.rows, place, None if operand.ranked else self.at_zero(operand), lanes, lanes)
+            put(self.p, self.rows, index, None if operand.ranked else self.at_zero(operand), lanes, lanes)
 
     def write(self) -> None:
         """Write the row of the present order to memory."""
         self.write_state(self.now)
-        for operand, place in self.places.items():
+        for operand, index in self.places.items():
             lanes = len(operand.values)
-            put(self.p, self.row, place, self.now(operand), lanes, lanes)
+            put(self.p, self.row, index, self.now(operand), lanes, lanes)
 
     def write_state(self, x: Any) -> None:
         """Write coefficients of the state and of the event functions to a row; `x` returns those of an operand.
@@ -170,8 +170,8 @@ class ByOrderJet(LoopJet):
             if self.places.get(chunk.whole) != begin:
                 put(self.p, row, begin, x(chunk.whole), len(chunk.values), chunk.count)
             begin += chunk.count
-        for place, number in enumerate(self.program.watched, self.layout.watched_at):
-            put(self.p, row, place, None if number is None else x(Operand((number,))), 1, 1)
+        for index, number in enumerate(self.program.watched, self.layout.watched_at):
+            put(self.p, row, index, None if number is None else x(Operand((number,))), 1, 1)
 
     def now(self, operand: Operand) -> Term:
         """Return the coefficient of an operand at the present order."""
@@ -194,6 +194,6 @@ class ByOrderJet(LoopJet):
         """Return the reciprocal of an operand at order 0."""
         return self.reciprocals[operand]
 
-    def total(self, chunk: Chunk, which: int) -> Term:
-        """Return one sum that the rule of a chunk reads: sum number `which`, of x[j] y[k-j] over 0 < j < k."""
-        return self.sums[chunk.sums[which]]
+    def total(self, chunk: Chunk, number: int) -> Term:
+        """Return one sum that the rule of a chunk reads: sum number `number`, of x[j] y[k-j] over 0 < j < k."""
+        return self.sums[chunk.sums[number]]

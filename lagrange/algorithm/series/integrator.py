@@ -101,14 +101,14 @@ class TaylorProcedures:
     def orders(self) -> list[tuple[float, int]]:
         """Pairs (tolerance, order), by decreasing tolerance: each order is used below its tolerance."""
         exponents = [-k * ORDER_BITS / ORDER_GRID for k in range(ORDER_GRID + 1)]
-        found = [(math.inf, self.order(1.0))]
+        pairs = [(math.inf, self.order(1.0))]
         for above, below in pairwise(exponents):
             low, high = 2.0**below, 2.0**above
-            if self.order(low) != found[-1][1]:
+            if self.order(low) != pairs[-1][1]:
                 while (middle := math.sqrt(low * high)) not in (low, high):
-                    low, high = (middle, high) if self.order(middle) != found[-1][1] else (low, middle)
-                found.append((high, self.order(low)))
-        return found
+                    low, high = (middle, high) if self.order(middle) != pairs[-1][1] else (low, middle)
+                pairs.append((high, self.order(low)))
+        return pairs
 
     def order(self, rtol: float) -> int:
         """Return the order of the series for a relative tolerance."""
@@ -134,15 +134,15 @@ class TaylorProcedures:
             jet = WrittenJet(self.single, self.numbers, self.highest)
         return jet.build(), jet.layout
 
-    def prepare(self, others: Procedure) -> Procedure:
+    def prepare(self, functions: Procedure) -> Procedure:
         """Return the procedure that computes all numbers that depend on parameters alone.
 
-        It first runs `others`, which does this for the other functions of the system, and then does it for the
+        It first runs `functions`, which does this for the other functions of the system, and then does it for the
         series.
         """
-        first = replace(others, name=f"{others.name}_functions")
-        both = prepare_both.form(first=first, second=self.numbers.prepare())
-        return replace(both, name=others.name, about=others.about)
+        first = replace(functions, name=f"{functions.name}_functions")
+        combined = prepare_both.form(first=first, second=self.numbers.prepare())
+        return replace(combined, name=functions.name, about=functions.about)
 
     def taylor(self) -> Procedure:
         """Return the procedure that runs from a start time to an end time by Taylor series."""
@@ -228,8 +228,8 @@ def taylor_run(
     output_times[0] = math.nan
     arrays = floors, held, outputs, output_times, states, times, rows
     numbers = None if projection is None else p
-    given = Arguments(of.jet, p, p, run, counts, taylor, *arrays, None, projection, numbers, work, order)
-    outcome = taylor_steps(given, max_steps, layout=layout)
+    arguments = Arguments(of.jet, p, p, run, counts, taylor, *arrays, None, projection, numbers, work, order)
+    outcome = taylor_steps(arguments, max_steps, layout=layout)
     t[0] = run.t
     y[:n] = work[:n]
     return outcome

@@ -63,7 +63,7 @@ class JetBuilder:
     def begin(self) -> None:
         """Add the code for constants, values of order 0, and inverses or factors of the mass matrices."""
         program, p = self.program, self.p
-        self.constants = [self.numbers.constant(self.prepared, place) for place in range(len(program.numbers))]
+        self.constants = [self.numbers.constant(self.prepared, index) for index in range(len(program.numbers))]
         self.joined: dict[tuple[int, ...], Term] = {}
         """Coefficients joined to vectors, by their indices in the table."""
         self.reciprocals: dict[Operand, Term] = {}
@@ -79,27 +79,27 @@ class JetBuilder:
         flags = [p.false if start.singular is None else Flag.of(start.singular.value)]
         for stage, known in zip(program.stages, self.numbers.systems(p, self.prepared), strict=True):
             if known is None:
-                known, found = moving_system(p, stage.plan, triangles, memory, self.largest)
+                known, singular = moving_system(p, stage.plan, triangles, memory, self.largest)
                 memory = memory.at(size) if (size := system_size(stage.plan, self.largest)) else memory
-                flags += found
+                flags += singular
             self.systems.append(known)
         self.singular = reduce(lambda a, b: a | b, flags)
 
-    def constant(self, places: tuple[int, ...]) -> Term:
-        """Return the constants of the series program with the indices `places`, as one number or vector."""
-        if places not in self.joined:
-            self.joined[places] = self.numbers.vector(self.prepared, places, self.constants)
-        return self.joined[places]
+    def constant(self, indices: tuple[int, ...]) -> Term:
+        """Return the constants of the series program with these `indices`, as one number or vector."""
+        if indices not in self.joined:
+            self.joined[indices] = self.numbers.vector(self.prepared, indices, self.constants)
+        return self.joined[indices]
 
-    def common(self, places: Sequence[int]) -> float | None:
-        """Return the number that all constants with the indices `places` equal, if known at compile time; else None."""
-        known = dict.fromkeys(self.program.numbers[place] for place in places)
+    def common(self, indices: Sequence[int]) -> float | None:
+        """Return the number that all constants with these `indices` equal, if known at compile time; else None."""
+        known = dict.fromkeys(self.program.numbers[index] for index in indices)
         return next(iter(known)) if len(known) == 1 else None
 
-    def is_known(self, operand: Operand, place: int) -> bool:
-        """Return True if no value of an operand depends on a linear system after number `place`."""
+    def is_known(self, operand: Operand, stage_number: int) -> bool:
+        """Return True if no value of an operand depends on a linear system after number `stage_number`."""
         depth = self.program.depth
-        return all(value == ZERO_LANE or depth[value] <= place for value in operand.values)
+        return all(value == ZERO_LANE or depth[value] <= stage_number for value in operand.values)
 
     def at_zero(self, operand: Operand) -> Term:
         """Return an operand at order 0, as a number or vector."""
@@ -168,16 +168,16 @@ def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
     return x * high if low is None else jet.p.fma(x, high, x * low)
 
 
-def solved(jet: Any, place: int, stage: PackedStage, guesses: Sequence[Term]) -> list[Term]:
+def solved(jet: Any, stage_number: int, stage: PackedStage, guesses: Sequence[Term]) -> list[Term]:
     """Return the coefficients of the unknowns of a linear system at the present order k, by chunk.
 
     They are guesses + M0^-1 (f[k-1] * scale / k - p^[k]), with the matrix M0 at order 0, the forces f, and the
-    momenta p^ computed with the guesses as unknowns. `jet` is the builder, `stage` the system and `place` its
+    momenta p^ computed with the guesses as unknowns. `jet` is the builder, `stage` the system and `stage_number` its
     number.
     """
     right = []
     for force, momentum in zip(stage.right, stage.left, strict=True):
         rate = None if force is None else jet.share(jet.before(force))
         right.append(less(rate, None if momentum is None else jet.now(momentum)))
-    solution = jet.systems[place].solve(stage.rows, right)
+    solution = jet.systems[stage_number].solve(stage.rows, right)
     return [plus(x, guess) for x, guess in zip(solution, guesses, strict=True)]

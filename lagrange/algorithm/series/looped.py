@@ -68,14 +68,14 @@ class Image:
             self.place(operand)
         self.size = whole_blocks(self.end, ALIGNED)
 
-    def place_homes(self, wanted: dict[Operand, None] | None) -> None:
+    def place_homes(self, operands: dict[Operand, None] | None) -> None:
         """Choose memory indices for the values of chunks that have none yet.
 
-        Only chunks that are in `wanted` as operands get an index, or all if `wanted` is None.
+        Only chunks that are in `operands` as operands get an index, or all if `operands` is None.
         """
         unknowns = [chunk for chunk in self.packing.unknowns if chunk.values[0] not in self.homes]
         for chunk in (*self.packing.computed, *unknowns):
-            if chunk.values[0] not in self.homes and (wanted is None or chunk.whole in wanted):
+            if chunk.values[0] not in self.homes and (operands is None or chunk.whole in operands):
                 begin = self.room(len(chunk.values))
                 for lane, value in enumerate(chunk.values):
                     self.homes.setdefault(value, begin + lane)
@@ -117,13 +117,13 @@ class Image:
 
         These are the indices of the row, and those of operands that rules of higher orders read at order 0.
         """
-        found = {place: value for place, value in self.repeated.items() if place < self.width}
+        values_at = {index: value for index, value in self.repeated.items() if index < self.width}
         initial = dict.fromkeys(self.packing.initial)
         for operand, begin in self.places.items():
             if not operand.ranked and (begin < self.width or operand in initial):
-                places = enumerate(operand.values, begin)
-                found |= {place: value for place, value in places if value != ZERO_LANE}
-        return found
+                entries = enumerate(operand.values, begin)
+                values_at |= {index: value for index, value in entries if value != ZERO_LANE}
+        return values_at
 
 
 def read(packing: Packing) -> Iterator[Operand]:
@@ -174,11 +174,11 @@ class LoopedJet(LoopJet):
             self.sum_up()
             self.find_coordinates()
             self.fill(packing.before)
-            for place, (stage, guess) in enumerate(zip(packing.stages, guesses, strict=True)):
-                self.know(place, stage, guess)
+            for stage_number, (stage, guess) in enumerate(zip(packing.stages, guesses, strict=True)):
+                self.know(stage_number, stage, guess)
                 self.fill(stage.trial)
-                solution = self.solved_in_memory(place, stage, guess)
-                self.know(place, stage, solution)
+                solution = self.solved_in_memory(stage_number, stage, guess)
+                self.know(stage_number, stage, solution)
                 if guess is not None:
                     weight = p.choose(iteration.equals(0), p.real(1.0), 0.0)
                     with p.each(stage.plan.size, width=1) as i:
@@ -202,8 +202,8 @@ class LoopedJet(LoopJet):
         chunks = self.packing.computed
         end = 0
         for chunk in chunks:
-            for which in range(len(chunk.sums)):
-                self.sums[chunk, which] = end
+            for number in range(len(chunk.sums)):
+                self.sums[chunk, number] = end
                 end += len(chunk.values)
         constants: dict[tuple[int, ...], None] = {}
         for chunk in chunks:
@@ -213,12 +213,12 @@ class LoopedJet(LoopJet):
         self.arrays["totals"] = p.reserve(max(end, 1), name="totals")
         size = sum(map(len, constants))
         self.arrays["constants"] = p.reserve(max(size, 1), name="factors")
-        place = 0
+        index = 0
         for vector in constants:
-            self.vectors[vector] = place
+            self.vectors[vector] = index
             for c in vector:
-                self.arrays["constants"][place] = self.constants[c]
-                place += 1
+                self.arrays["constants"][index] = self.constants[c]
+                index += 1
         first, zero = self.arrays["first"], p.real(0.0)
         self.clear(first, self.image.width)
         for at, value in self.image.filled().items():
@@ -230,15 +230,15 @@ class LoopedJet(LoopJet):
 
     def find_divisors(self, chunks: Iterable[Chunk]) -> None:
         """Write the reciprocals of the values at order 0 by which chunks are divided."""
-        wanted = [operand for operand in dict.fromkeys(chunk.divisor for chunk in chunks) if operand is not None]
-        self.arrays["reciprocals"] = self.p.reserve(max(sum(len(o.values) for o in wanted), 1), name="reciprocals")
-        place = 0
-        for operand in wanted:
-            self.divisors[operand] = place
-            target, source = self.part_of("reciprocals", place), self.part_of("first", self.image.places[operand])
+        divisors = [operand for operand in dict.fromkeys(chunk.divisor for chunk in chunks) if operand is not None]
+        self.arrays["reciprocals"] = self.p.reserve(max(sum(len(o.values) for o in divisors), 1), name="reciprocals")
+        index = 0
+        for operand in divisors:
+            self.divisors[operand] = index
+            target, source = self.part_of("reciprocals", index), self.part_of("first", self.image.places[operand])
             with self.p.each(len(operand.values), width=1) as i:
                 target[i] = 1.0 / source[i]
-            place += len(operand.values)
+            index += len(operand.values)
 
     def prepare_systems(self) -> None:
         """Reserve a right-hand side and a solution for each stage. Write the inverses of diagonal matrices."""
@@ -252,16 +252,16 @@ class LoopedJet(LoopJet):
                     inverse[i] = x
             self.solutions.append((p.reserve(n, name="right"), p.reserve(n, name="solution"), inverse))
 
-    def part_of(self, array: str, place: int) -> Memory:
-        """Return the part from index `place` on of the local array with the name `array`.
+    def part_of(self, array: str, index: int) -> Memory:
+        """Return the part from index `index` on of the local array with the name `array`.
 
         Values of the present order that later orders read are in the row, not in the array "now".
         """
-        return self.arrays["row" if array == "now" and place < self.image.width else array].at(place)
+        return self.arrays["row" if array == "now" and index < self.image.width else array].at(index)
 
-    def array_of(self, place: int) -> Memory:
-        """Return the array with the present value at index `place`: the row, or the local array "now"."""
-        return self.arrays["row" if place < self.image.width else "now"]
+    def array_of(self, index: int) -> Memory:
+        """Return the array with the present value at index `index`: the row, or the local array "now"."""
+        return self.arrays["row" if index < self.image.width else "now"]
 
     # --- orders
 
@@ -288,16 +288,16 @@ class LoopedJet(LoopJet):
         A piece is a tuple: its chunk, the number of the sum in the chunk's rule, the first lane, and the number
         of lanes.
         """
-        for chunk, which in self.sums:
+        for chunk, number in self.sums:
             size = len(chunk.values)
             for begin in range(0, size, TILE):
-                yield chunk, which, begin, min(TILE, size - begin)
+                yield chunk, number, begin, min(TILE, size - begin)
 
     def sum_tile(self, pieces: Sequence[Piece]) -> None:
         """Compute the sums of `pieces` in one loop over the lower orders."""
         width = self.layout.width
-        for chunk, which, begin, size in pieces:
-            self.clear(self.part_of("totals", self.sums[chunk, which] + begin), size)
+        for chunk, number, begin, size in pieces:
+            self.clear(self.part_of("totals", self.sums[chunk, number] + begin), size)
         if pieces:
             with self.p.loop(1, self.k) as j:
                 lower, upper = self.rows.at(j * width), self.rows.at((self.k - j) * width)
@@ -306,9 +306,9 @@ class LoopedJet(LoopJet):
 
     def add_product(self, piece: Piece, lower: Memory, upper: Memory) -> None:
         """Add the product x[j] y[k-j] to each sum of a piece, from the rows `lower` (order j) and `upper`."""
-        chunk, which, begin, size = piece
-        a, b = (self.image.places[operand] + begin for operand in chunk.sums[which])
-        total, left, right = self.part_of("totals", self.sums[chunk, which] + begin), lower.at(a), upper.at(b)
+        chunk, number, begin, size = piece
+        a, b = (self.image.places[operand] + begin for operand in chunk.sums[number])
+        total, left, right = self.part_of("totals", self.sums[chunk, number] + begin), lower.at(a), upper.at(b)
         with self.p.each(size, width=1) as i:
             total[i] = self.p.fma(left[i], right[i], total[i])
 
@@ -358,54 +358,54 @@ class LoopedJet(LoopJet):
         if operand not in image.gathered or operand in self.current:
             return
         self.current[operand] = None
-        place = image.places[operand]
+        index = image.places[operand]
         if operand.ranked:
             plain = Operand(operand.values)
             self.gather(plain)
-            source, target = self.part_of("now", image.places[plain]), self.part_of("now", place)
+            source, target = self.part_of("now", image.places[plain]), self.part_of("now", index)
             with self.p.each(len(operand.values), width=1) as i:
                 target[i] = source[i] * self.rank
             return
         for lane, home, count in image.runs(operand):
-            self.copy_run(home, place + lane, count)
+            self.copy_run(home, index + lane, count)
 
-    def copy_run(self, home: int, place: int, count: int) -> None:
-        """Copy `count` adjacent values from index `home` to index `place`; for `NOWHERE` as home write a zero."""
+    def copy_run(self, home: int, index: int, count: int) -> None:
+        """Copy `count` adjacent values from index `home` to `index`; for `NOWHERE` as home write a zero."""
         if home == NOWHERE:
-            self.array_of(place)[place] = 0.0
+            self.array_of(index)[index] = 0.0
         elif count < SHORTEST_RUN:
             for k in range(count):
-                self.array_of(place + k)[place + k] = self.array_of(home + k)[home + k]
+                self.array_of(index + k)[index + k] = self.array_of(home + k)[home + k]
         else:
-            self.p.copy(self.part_of("now", home), self.part_of("now", place), count, width=1, spill=False)
+            self.p.copy(self.part_of("now", home), self.part_of("now", index), count, width=1, spill=False)
 
-    def know(self, place: int, stage: PackedStage, found: Memory | None) -> None:
-        """Set the present coefficients of the unknowns of linear system `place` to those in the memory `found`.
+    def know(self, stage_number: int, stage: PackedStage, solution: Memory | None) -> None:
+        """Set the present coefficients of the unknowns of a linear system to those in the memory `solution`.
 
-        If `found` is None they are left as they are. Operands that were gathered with earlier values are
+        If `solution` is None they are left as they are. Operands that were gathered with earlier values are
         dropped.
         """
         begin = 0
-        self.current = {operand: None for operand in self.current if self.is_known(operand, place)}
-        if found is None:
+        self.current = {operand: None for operand in self.current if self.is_known(operand, stage_number)}
+        if solution is None:
             return
         for chunk in stage.unknowns:
-            target, source = self.part_of("now", self.image.homes[chunk.values[0]]), found.at(begin)
+            target, source = self.part_of("now", self.image.homes[chunk.values[0]]), solution.at(begin)
             with self.p.each(chunk.count, width=1) as i:
                 target[i] = source[i]
             begin += chunk.count
 
-    def solved_in_memory(self, place: int, stage: PackedStage, guess: Memory | None) -> Memory:
-        """Return memory with the unknowns of linear system `place`: its solution, plus `guess` if given.
+    def solved_in_memory(self, stage_number: int, stage: PackedStage, guess: Memory | None) -> Memory:
+        """Return memory with the unknowns of linear system `stage_number`: its solution, plus `guess` if given.
 
         `stage` is the system. `guess` has unknowns from the first iteration for order 1, or is None.
         """
-        p, (right, solution, inverse) = self.p, self.solutions[place]
+        p, (right, solution, inverse) = self.p, self.solutions[stage_number]
         begin = 0
         for chunk, force, momentum in zip(stage.unknowns, stage.right, stage.left, strict=True):
             self.right_side(chunk, force, momentum, right.at(begin))
             begin += chunk.count
-        system, n = self.systems[place], stage.plan.size
+        system, n = self.systems[stage_number], stage.plan.size
         if inverse is not None:
             with p.each(n, width=1) as i:
                 solution[i] = right[i] * inverse[i]
@@ -432,8 +432,8 @@ class LoopedJet(LoopJet):
         known = None if momentum is None else self.part_of("now", places[momentum])
         with self.p.each(chunk.count, width=1) as i:
             rate = None if before is None else self.share(before[i])
-            found = less(rate, None if known is None else known[i])
-            right[i] = 0.0 if found is None else found
+            total = less(rate, None if known is None else known[i])
+            right[i] = 0.0 if total is None else total
 
     def write_first(self) -> None:
         """Write the values of order 0 that later orders read to the first row."""
@@ -457,37 +457,37 @@ class ChunkLane(ChunkAt):
         super().__init__(series, chunk)
         self.i = i
 
-    def read(self, array: str, place: int) -> Real:
-        """Return this lane's number of the vector that begins at index `place` of a named local array."""
-        number: Real = self.series.part_of(array, place)[self.i]
+    def read(self, array: str, index: int) -> Real:
+        """Return this lane's number of the vector that begins at index `index` of a named local array."""
+        number: Real = self.series.part_of(array, index)[self.i]
         return number
 
-    def now(self, which: int) -> Term:
-        """Return argument number `which` of the rule at the present order, in this lane."""
-        return self.read("now", self.series.image.places[self.operand(which)])
+    def now(self, number: int) -> Term:
+        """Return argument number `number` of the rule at the present order, in this lane."""
+        return self.read("now", self.series.image.places[self.operand(number)])
 
-    def before(self, which: int) -> Term:
-        """Return argument number `which` of the rule at the previous order, in this lane."""
-        return self.read("previous", self.series.image.places[self.operand(which)])
+    def before(self, number: int) -> Term:
+        """Return argument number `number` of the rule at the previous order, in this lane."""
+        return self.read("previous", self.series.image.places[self.operand(number)])
 
-    def first(self, which: int) -> Real:
-        """Return argument number `which` of the rule at order 0, in this lane; for OWN the value itself."""
-        return self.read("first", self.series.image.places[self.operand(which)])
+    def first(self, number: int) -> Real:
+        """Return argument number `number` of the rule at order 0, in this lane; for OWN the value itself."""
+        return self.read("first", self.series.image.places[self.operand(number)])
 
-    def total(self, which: int) -> Term:
-        """Return sum number `which` of the rule, over 0 < j < k, in this lane."""
-        return self.read("totals", self.series.sums[self.chunk, which])
+    def total(self, number: int) -> Term:
+        """Return sum number `number` of the rule, over 0 < j < k, in this lane."""
+        return self.read("totals", self.series.sums[self.chunk, number])
 
-    def over(self, which: int) -> Real:
-        """Return the reciprocal of argument number `which` at order 0; for OWN that of the value itself."""
-        return self.read("reciprocals", self.series.divisors[self.operand(which)])
+    def over(self, number: int) -> Real:
+        """Return the reciprocal of argument number `number` at order 0; for OWN that of the value itself."""
+        return self.read("reciprocals", self.series.divisors[self.operand(number)])
 
-    def constant(self, which: int) -> Real:
-        """Return coefficient `which` of the chunk's rule, in this lane."""
-        known = self.known(which)
+    def constant(self, number: int) -> Real:
+        """Return coefficient `number` of the chunk's rule, in this lane."""
+        known = self.known(number)
         if known is not None:
             return self.p.real(known)
-        return self.read("constants", self.series.vectors[self.chunk.coefficients[which]])
+        return self.read("constants", self.series.vectors[self.chunk.coefficients[number]])
 
 
 class ScatteredLane(ChunkLane):
@@ -497,15 +497,15 @@ class ScatteredLane(ChunkLane):
         super().__init__(series, chunk, series.k)
         self.lane = lane
 
-    def now(self, which: int) -> Term:
-        """Return argument number `which` of the rule at the present order, in this lane."""
-        home = self.series.image.homes[self.chunk.args[which].values[self.lane]]
+    def now(self, number: int) -> Term:
+        """Return argument number `number` of the rule at the present order, in this lane."""
+        home = self.series.image.homes[self.chunk.args[number].values[self.lane]]
         return self.series.array_of(home)[home]
 
-    def known(self, which: int) -> float | None:
-        """Return coefficient `which` of the rule if it is known at compile time, else None."""
-        return self.series.common((self.chunk.coefficients[which][self.lane],))
+    def known(self, number: int) -> float | None:
+        """Return coefficient `number` of the rule if it is known at compile time, else None."""
+        return self.series.common((self.chunk.coefficients[number][self.lane],))
 
-    def constant(self, which: int) -> Real:
-        """Return coefficient `which` of the chunk's rule, in this lane."""
-        return self.series.constants[self.chunk.coefficients[which][self.lane]]
+    def constant(self, number: int) -> Real:
+        """Return coefficient `number` of the chunk's rule, in this lane."""
+        return self.series.constants[self.chunk.coefficients[number][self.lane]]

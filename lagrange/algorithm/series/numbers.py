@@ -33,8 +33,8 @@ class SeriesNumbers:
 
     def __init__(self, program: SeriesProgram, begin: int, packing: Packing | None = None) -> None:
         self.program, self.begin = program, begin
-        unknown = [place for place, number in enumerate(program.numbers) if number is None]
-        self.places = {place: k for k, place in enumerate(unknown)}
+        unknown = [index for index, number in enumerate(program.numbers) if number is None]
+        self.places = {index: k for k, index in enumerate(unknown)}
         self.slots: dict[int, int] = {}
         """Index in the prepared array of each hoisted result of order 0."""
         end = begin + len(unknown)
@@ -46,11 +46,11 @@ class SeriesNumbers:
         self.size = self.inverses + sum(map(constant_size, constant))
         self.vectors: dict[tuple[int, ...], int] = {}
         """Index of adjacent constants in the prepared array, by their indices in the table."""
-        for places in () if packing is None else (c for chunk in packing.computed for c in chunk.coefficients):
-            known = all(program.numbers[place] is not None for place in places)
-            if len(dict.fromkeys(places)) > 1 and not known and places not in self.vectors:
-                self.vectors[places] = self.size
-                self.size += len(places)
+        for indices in () if packing is None else (c for chunk in packing.computed for c in chunk.coefficients):
+            known = all(program.numbers[index] is not None for index in indices)
+            if len(dict.fromkeys(indices)) > 1 and not known and indices not in self.vectors:
+                self.vectors[indices] = self.size
+                self.size += len(indices)
 
     @property
     def given(self) -> int:
@@ -64,18 +64,18 @@ class SeriesNumbers:
         held = p.array("p", size=self.begin + self.size)
         constants = Body(p, program.constants, Inputs(held, {}))
         constants.run(range(len(program.constants.instructions)))
-        found = [p.real(constants.value(ref)) for ref in program.constants.outputs]
+        results = [p.real(constants.value(ref)) for ref in program.constants.outputs]
         to = held.at(self.begin)
-        for place, k in self.places.items():
-            to[k] = found[place]
-        start = Start(p, self, held, found)
+        for index, k in self.places.items():
+            to[k] = results[index]
+        start = Start(p, self, held, results)
         start.run(range(program.start.hoisted))
         for ref, slot in self.slots.items():
             start.save(ref, held, slot)
-        rest, flags, begin = iter(found[len(program.numbers) :]), [p.false], self.inverses
+        entries, flags, begin = iter(results[len(program.numbers) :]), [p.false], self.inverses
         for stage in program.stages:
             if not stage.plan.moving:
-                flags += constant_inverse(p, stage.plan, rest, to.at(begin))
+                flags += constant_inverse(p, stage.plan, entries, to.at(begin))
                 begin += constant_size(stage.plan)
         p.leave(reduce(lambda a, b: a | b, flags))
         return p.finish(FLAG)
@@ -88,15 +88,15 @@ class SeriesNumbers:
         """
         prepared = np.zeros(self.begin + self.size + INVERSE_MARGIN)
         prepared[: len(parameters)] = parameters
-        own = prepared[self.begin :]
-        for place, k in self.places.items():
-            own[k] = table[place]
-        for places, k in self.vectors.items():
-            own[k : k + len(places)] = table[list(places)]
+        numbers = prepared[self.begin :]
+        for index, k in self.places.items():
+            numbers[k] = table[index]
+        for indices, k in self.vectors.items():
+            numbers[k : k + len(indices)] = table[list(indices)]
         plans = [stage.plan for stage in self.program.stages if not stage.plan.moving]
         parts = [np.diag(a) if plan.diagonal else a.T.ravel() for a, plan in zip(inverses, plans, strict=True)]
         joined = np.concatenate([np.zeros(0), *parts])
-        own[self.inverses : self.inverses + len(joined)] = joined
+        numbers[self.inverses : self.inverses + len(joined)] = joined
         return prepared
 
     def prepare_start(self, name: str) -> Procedure:
@@ -106,7 +106,7 @@ class SeriesNumbers:
         """
         p = Builder(name, "Write the numbers of the start that depend on parameters alone.")
         held = p.array("p")
-        table = [self.constant(held, place) for place in range(len(self.program.numbers))]
+        table = [self.constant(held, index) for index in range(len(self.program.numbers))]
         start = Start(p, self, held, table, style=ALONE)
         start.run(range(self.program.start.hoisted))
         for ref, slot in self.slots.items():
@@ -114,20 +114,20 @@ class SeriesNumbers:
         p.leave(p.false if start.singular is None else start.singular.value)
         return p.finish(FLAG)
 
-    def vector(self, prepared: Memory, places: tuple[int, ...], constants: Sequence[Real]) -> Term:
-        """Return the constants of the series program with the indices `places` as one vector.
+    def vector(self, prepared: Memory, indices: tuple[int, ...], constants: Sequence[Real]) -> Term:
+        """Return the constants of the series program with these `indices` as one vector.
 
         It is read from the prepared array if it is stored there; else it is joined from the single `constants`.
         """
-        if places in self.vectors:
-            return prepared.entries(self.begin + self.vectors[places], len(places))
-        return joined(prepared.builder, [(constants[place], 0) for place in places])
+        if indices in self.vectors:
+            return prepared.entries(self.begin + self.vectors[indices], len(indices))
+        return joined(prepared.builder, [(constants[index], 0) for index in indices])
 
-    def constant(self, prepared: Memory, place: int) -> Real:
-        """Return constant number `place` of the series program: a known number, or one read from `prepared`."""
-        known = self.program.numbers[place]
-        found: Real = prepared[self.begin + self.places[place]] if known is None else prepared.builder.real(known)
-        return found
+    def constant(self, prepared: Memory, index: int) -> Real:
+        """Return constant number `index` of the series program: a known number, or one read from `prepared`."""
+        known = self.program.numbers[index]
+        value: Real = prepared[self.begin + self.places[index]] if known is None else prepared.builder.real(known)
+        return value
 
     def systems(self, p: Builder, prepared: Memory) -> Iterator[LinearSystem | None]:
         """Yield for each linear system the inverse of its matrix if that is constant, else None."""
@@ -181,11 +181,11 @@ class Start(Body):
         singly.
         """
         code, hoisted = self.program.instructions, self.program.hoisted
-        angles = [ref for ref in dict.fromkeys(one.args[0] for one in self.places) if ref >= hoisted]
+        angles = [ref for ref in dict.fromkeys(instruction.args[0] for instruction in self.places) if ref >= hoisted]
         if width > 1:
             late, needed = bytearray(len(code)), bytearray(len(code))
-            for i, one in enumerate(code):
-                late[i] = one.op in ANGLES or any(late[arg] for arg in one.args)
+            for i, instruction in enumerate(code):
+                late[i] = instruction.op in ANGLES or any(late[arg] for arg in instruction.args)
             angles = [ref for ref in angles if not late[ref]]
             for ref in angles:
                 needed[ref] = True
@@ -202,19 +202,19 @@ class Start(Body):
             width = min(most, 1 << (len(angles) - 1).bit_length())
             taken, angles = angles[:width], angles[width:]
             padded = [*taken, *[taken[-1]] * (width - len(taken))]
-            both = self.p.sine_cosine(joined(self.p, [(self.value(ref), 0) for ref in padded]))
-            for op, found in zip(ANGLES, both, strict=True):
+            pair = self.p.sine_cosine(joined(self.p, [(self.value(ref), 0) for ref in padded]))
+            for op, values in zip(ANGLES, pair, strict=True):
                 for lane, ref in enumerate(taken):
-                    if (place := self.places.get(Instruction(op, (ref,)))) is not None:
-                        self.values[place] = found.permuted(lane)
+                    if (position := self.places.get(Instruction(op, (ref,)))) is not None:
+                        self.values[position] = values.permuted(lane)
 
     def loaded(self, ref: int) -> None:
         """Read the result of instruction `ref` from the inputs, unless it has been read or has to be computed."""
-        one = self.program.instructions[ref]
-        if one.op == "parameter" and one.place >= self.count:
-            self.values[ref] = self.constants[one.place - self.count]
-        elif one.op == "state" and one.place >= self.states and ref not in self.values:
+        instruction = self.program.instructions[ref]
+        if instruction.op == "parameter" and instruction.place >= self.count:
+            self.values[ref] = self.constants[instruction.place - self.count]
+        elif instruction.op == "state" and instruction.place >= self.states and ref not in self.values:
             assert self.inputs.state is not None
-            self.values[ref] = self.inputs.state[one.place + self.moved]
+            self.values[ref] = self.inputs.state[instruction.place + self.moved]
         else:
             super().loaded(ref)

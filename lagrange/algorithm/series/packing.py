@@ -40,8 +40,8 @@ class Alignment:
             self.part |= dict.fromkeys(members, (number,))
         readers: dict[int, list[tuple[int, int]]] = {}
         for i in self.part:
-            for place, arg in enumerate(program.rules[i].args):
-                readers.setdefault(arg, []).append((i, place))
+            for argument, arg in enumerate(program.rules[i].args):
+                readers.setdefault(arg, []).append((i, argument))
         for members in reversed(groups):
             roles = {i: self.role(readers.get(i, [])) for i in members}
             if self.divide(members, roles):
@@ -55,7 +55,7 @@ class Alignment:
 
         `readers` are pairs (value that a rule computes, argument number).
         """
-        return tuple(sorted(dict.fromkeys((self.part[i], place) for i, place in readers)))
+        return tuple(sorted(dict.fromkeys((self.part[i], argument) for i, argument in readers)))
 
     def made_of(self, i: int) -> Any:
         """Return the parts that contain the arguments of value number i, sorted."""
@@ -66,23 +66,23 @@ class Alignment:
 
         It is not divided if all keys are equal, or if the parts take too many vectors.
         """
-        found: dict[Any, list[int]] = {}
+        parts: dict[Any, list[int]] = {}
         for i in members:
-            found.setdefault(keys[i], []).append(i)
-        apart, together = sum(self.vectors(len(part)) for part in found.values()), self.vectors(len(members))
-        if len(found) == 1 or apart > together * MOST_VECTORS:
+            parts.setdefault(keys[i], []).append(i)
+        apart, together = sum(self.vectors(len(part)) for part in parts.values()), self.vectors(len(members))
+        if len(parts) == 1 or apart > together * MOST_VECTORS:
             return False
-        for number, part in enumerate(found.values()):
+        for number, part in enumerate(parts.values()):
             for i in part:
                 self.part[i] = (*self.part[i], number)
         return True
 
     def parts(self, members: Members) -> list[list[int]]:
         """Return the parts of the group `members`, as lists of values."""
-        found: dict[tuple[int, ...], list[int]] = {}
+        parts: dict[tuple[int, ...], list[int]] = {}
         for i in members:
-            found.setdefault(self.part.get(i, ()), []).append(i)
-        return list(found.values())
+            parts.setdefault(self.part.get(i, ()), []).append(i)
+        return list(parts.values())
 
 
 @dataclass(frozen=True)
@@ -119,8 +119,8 @@ class Chunk:
     @cached_property
     def sums(self) -> tuple[tuple[Operand, Operand], ...]:
         """The sums of x[j] y[k-j] over 0 < j < k that the rule reads at order k, as operands (x, y)."""
-        whole = (*self.args, self.whole)
-        pairs = [[Operand(whole[f.argument].values, f.ranked) for f in pair] for pair in SUMS.get(self.op, ())]
+        operands = (*self.args, self.whole)
+        pairs = [[Operand(operands[f.argument].values, f.ranked) for f in pair] for pair in SUMS.get(self.op, ())]
         return tuple((x, y) for x, y in pairs)
 
     @property
@@ -153,8 +153,8 @@ class PackedStage:
     def rows(self) -> tuple[tuple[int, ...], ...]:
         """The index of each unknown among the unknowns of the linear system, by chunk and lane."""
         values = [value for chunk in self.unknowns for value in chunk.values[: chunk.count]]
-        places = {value: i for i, value in enumerate(values)}
-        return tuple(tuple(places[value] for value in chunk.values) for chunk in self.unknowns)
+        indices = {value: i for i, value in enumerate(values)}
+        return tuple(tuple(indices[value] for value in chunk.values) for chunk in self.unknowns)
 
 
 @dataclass(frozen=True)
@@ -210,8 +210,8 @@ class Packing:
     @cached_property
     def initial(self) -> tuple[Operand, ...]:
         """Operands that rules of higher orders read at order 0."""
-        found = [operand for chunk in self.computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
-        return tuple(dict.fromkeys(found))
+        operands = [operand for chunk in self.computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
+        return tuple(dict.fromkeys(operands))
 
 
 ALIGNED_BLOCK = 4
@@ -235,20 +235,20 @@ def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packin
     unknowns = [packer.unknowns(stage) for stage in program.stages]
     made = {group: packer.chunks(group.op, members) for group, members in groups.items()}
 
-    def part(place: int, which: str = "") -> tuple[Chunk, ...]:
-        chosen = (group for group in made if group.stage == place and (not which or getattr(group, which)))
+    def part(stage_number: int, kind: str = "") -> tuple[Chunk, ...]:
+        chosen = (group for group in made if group.stage == stage_number and (not kind or getattr(group, kind)))
         return tuple(chunk for group in chosen for chunk in made[group])
 
     stages = tuple(
         PackedStage(
             chunks,
-            part(place, "trial"),
-            part(place, "found"),
+            part(stage_number, "trial"),
+            part(stage_number, "found"),
             _outputs(chunks, stage, stage.left),
             _outputs(chunks, stage, stage.right),
             stage.plan,
         )
-        for place, (stage, chunks) in enumerate(zip(program.stages, unknowns, strict=True), 1)
+        for stage_number, (stage, chunks) in enumerate(zip(program.stages, unknowns, strict=True), 1)
     )
     rates = tuple(Operand(tuple(program.rates[value] for value in chunk.values)) for chunk in coordinates)
     return Packing(program, 1 if aligned else lanes, coordinates, rates, part(0), stages)
@@ -281,8 +281,10 @@ def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None
     known = dict(zip(stage.unknowns, outputs, strict=True))
     lanes = [[known[value] for value in chunk.values] for chunk in chunks]
     return tuple(
-        None if all(value is None for value in found) else Operand(tuple(ZERO_LANE if v is None else v for v in found))
-        for found in lanes
+        None
+        if all(value is None for value in values)
+        else Operand(tuple(ZERO_LANE if v is None else v for v in values))
+        for values in lanes
     )
 
 
@@ -301,11 +303,11 @@ class _Group(NamedTuple):
 
 def widths(count: int, lanes: int) -> list[int]:
     """Return the widths of the vectors of up to `lanes` lanes that hold `count` values."""
-    found = [lanes] * (count // lanes)
+    sizes = [lanes] * (count // lanes)
     rest = count % lanes
     if rest:
-        found.append(1 << (rest - 1).bit_length())
-    return found
+        sizes.append(1 << (rest - 1).bit_length())
+    return sizes
 
 
 class _Packer:
@@ -325,21 +327,21 @@ class _Packer:
         """Return the chunks of the unknowns of a linear system. Velocities have separate chunks."""
         end = self.program.states
         velocities = [value for value in stage.unknowns if value < end]
-        others = [value for value in stage.unknowns if value >= end]
-        return (*self.chunks("unknown", velocities), *self.chunks("unknown", others))
+        other_unknowns = [value for value in stage.unknowns if value >= end]
+        return (*self.chunks("unknown", velocities), *self.chunks("unknown", other_unknowns))
 
     def chunks(self, op: str, members: list[int]) -> list[Chunk]:
         """Return the chunks into which the group `members` of values with the operation `op` is divided."""
         if self.alignment is not None:
             return [self.whole(op, self.alignment.parts(members))] if members else []
         rules = {i: self.canonical(self.program.rules[i]) for i in members}
-        members, found = self.in_order(members, rules), []
+        members, chunks = self.in_order(members, rules), []
         for width in widths(len(members), self.lanes):
             chosen, members = members[:width], members[width:]
             padded = chosen + [chosen[-1]] * (width - len(chosen))
             self.place(chosen)
-            found.append(self.chunk(op, padded, len(chosen), rules))
-        return found
+            chunks.append(self.chunk(op, padded, len(chosen), rules))
+        return chunks
 
     def in_order(self, members: Sequence[int], rules: Mapping[int, SeriesRule]) -> list[int]:
         """Return the values `members`, which have one rule, sorted by the positions of their operands."""
@@ -395,14 +397,14 @@ def levels(program: SeriesProgram) -> list[tuple[int, int]]:
     lower orders. The second is the number of linear combinations after the last of them. Values of one level
     can be computed together. Unknowns of linear systems are last.
     """
-    found: list[tuple[int, int]] = []
+    pairs: list[tuple[int, int]] = []
     for i, rule in enumerate(program.rules):
-        before = [found[arg] for arg in program.direct(i)]
+        before = [pairs[arg] for arg in program.direct(i)]
         sums = max((level for level, _ in before), default=0)
         if rule.op == "unknown":
-            found.append((len(program.rules), 0))
+            pairs.append((len(program.rules), 0))
         elif rule.op == "linear":
-            found.append((sums, max((depth for level, depth in before if level == sums), default=0) + 1))
+            pairs.append((sums, max((depth for level, depth in before if level == sums), default=0) + 1))
         else:
-            found.append((sums + 1, 0))
-    return found
+            pairs.append((sums + 1, 0))
+    return pairs

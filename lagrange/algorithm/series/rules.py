@@ -19,7 +19,7 @@ Term = Any
 class ChunkAt:
     """Reads the inputs of the rule of a chunk (a vector of like values), at the present order k of a builder.
 
-    `series` is the builder. In the methods `which` is the number of an argument, of a sum or of a coefficient
+    `series` is the builder. In the methods `number` is that of an argument, of a sum or of a coefficient
     of the rule. As an argument, `OWN` stands for the chunk itself. `share(x)` is scale * x / k, with the unit
     of time as scale, and `part(x)` is x / k.
     """
@@ -29,39 +29,39 @@ class ChunkAt:
         self.p: Builder = series.p
         self.share, self.part = series.share, series.part
 
-    def operand(self, which: int) -> Operand:
-        """Return the operand that is argument `which`, or the chunk itself for OWN."""
-        return self.chunk.whole if which == OWN else self.chunk.args[which]
+    def operand(self, number: int) -> Operand:
+        """Return the operand that is argument `number`, or the chunk itself for OWN."""
+        return self.chunk.whole if number == OWN else self.chunk.args[number]
 
-    def now(self, which: int) -> Term:
-        """Return argument `which` at the present order."""
-        return self.series.now(self.operand(which))
+    def now(self, number: int) -> Term:
+        """Return argument `number` at the present order."""
+        return self.series.now(self.operand(number))
 
-    def before(self, which: int) -> Term:
-        """Return argument `which` at the previous order."""
-        return self.series.before(self.operand(which))
+    def before(self, number: int) -> Term:
+        """Return argument `number` at the previous order."""
+        return self.series.before(self.operand(number))
 
-    def first(self, which: int) -> Term:
-        """Return argument `which` at order 0, or the chunk itself for OWN."""
-        first = self.series.first(self.operand(which))
+    def first(self, number: int) -> Term:
+        """Return argument `number` at order 0, or the chunk itself for OWN."""
+        first = self.series.first(self.operand(number))
         return self.p.real(0.0) if first is None else first
 
-    def total(self, which: int) -> Term:
-        """Return sum number `which` of `Chunk.sums`, a sum of x[j] y[k-j] over 0 < j < k."""
-        return self.series.total(self.chunk, which)
+    def total(self, number: int) -> Term:
+        """Return sum `number` of `Chunk.sums`, a sum of x[j] y[k-j] over 0 < j < k."""
+        return self.series.total(self.chunk, number)
 
-    def over(self, which: int) -> Term:
-        """Return the reciprocal at order 0 of argument `which`, or of the chunk itself for OWN."""
-        return self.series.over(self.operand(which))
+    def over(self, number: int) -> Term:
+        """Return the reciprocal at order 0 of argument `number`, or of the chunk itself for OWN."""
+        return self.series.over(self.operand(number))
 
-    def known(self, which: int) -> float | None:
-        """Return constant `which` of the rule if known at compile time and equal in all lanes, else None."""
-        found: float | None = self.series.common(self.chunk.coefficients[which])
-        return found
+    def known(self, number: int) -> float | None:
+        """Return constant `number` of the rule if known at compile time and equal in all lanes, else None."""
+        coefficient: float | None = self.series.common(self.chunk.coefficients[number])
+        return coefficient
 
-    def constant(self, which: int) -> Term:
-        """Return the constant factor number `which` of the rule, as a number or vector."""
-        return self.series.constant(self.chunk.coefficients[which])
+    def constant(self, number: int) -> Term:
+        """Return the constant factor number `number` of the rule, as a number or vector."""
+        return self.series.constant(self.chunk.coefficients[number])
 
 
 def fma(p: Builder, a: Term, b: Term, total: Term) -> Term:
@@ -85,12 +85,12 @@ def plus(a: Term, b: Term) -> Term:
     return a + b
 
 
-def scaled(at: ChunkAt, x: Term, which: int = 0) -> Term:
-    """Return x times coefficient `which` of the rule."""
-    known = at.known(which)
+def scaled(at: ChunkAt, x: Term, number: int = 0) -> Term:
+    """Return x times coefficient `number` of the rule."""
+    known = at.known(number)
     if x is None or known == 1.0:
         return x
-    return -x if known == -1.0 else x * at.constant(which)
+    return -x if known == -1.0 else x * at.constant(number)
 
 
 def coefficient(at: ChunkAt) -> Term:
@@ -100,18 +100,18 @@ def coefficient(at: ChunkAt) -> Term:
 
 def _linear(at: ChunkAt) -> Term:
     total: Term = None
-    for which in range(len(at.chunk.args)):
-        x, known = at.now(which), at.known(which)
+    for number in range(len(at.chunk.args)):
+        x, known = at.now(number), at.known(number)
         if x is None:
             continue
         if total is None:
-            total = scaled(at, x, which)
+            total = scaled(at, x, number)
         elif known == 1.0:
             total = total + x
         elif known == -1.0:
             total = total - x
         else:
-            total = at.p.fma(x, at.constant(which), total)
+            total = at.p.fma(x, at.constant(number), total)
     return total
 
 
@@ -129,29 +129,29 @@ def _square(at: ChunkAt) -> Term:
     return total if a is None else fma(at.p, a, at.first(0) * 2.0, total)
 
 
-def _divided(at: ChunkAt, left: Term, which: int) -> Term:
-    """Return (left - b[k] * u[0]) / b[0], the coefficient u[k] of a quotient; b is argument `which`."""
-    last = at.now(which)
+def _divided(at: ChunkAt, left: Term, number: int) -> Term:
+    """Return (left - b[k] * u[0]) / b[0], the coefficient u[k] of a quotient; b is argument `number`."""
+    last = at.now(number)
     if last is not None:
         left = fma(at.p, -last, at.first(OWN), left)
-    return None if left is None else left * at.over(which)
+    return None if left is None else left * at.over(number)
 
 
 def _sqrt(at: ChunkAt) -> Term:
     left = less(at.now(0), at.total(0))
-    found = None if left is None else left * (at.over(OWN) * 0.5)
-    return _flat(at, at.first(OWN), found)
+    coefficient = None if left is None else left * (at.over(OWN) * 0.5)
+    return _flat(at, at.first(OWN), coefficient)
 
 
-def _flat(at: ChunkAt, zeroed: Term, found: Term) -> Term:
-    """Return the coefficient of a root or power: `found`, unless its divisor at order 0, `zeroed`, is zero.
+def _flat(at: ChunkAt, zeroed: Term, coefficient: Term) -> Term:
+    """Return the coefficient of a root or power: `coefficient`, unless its divisor at order 0, `zeroed`, is zero.
 
     If it is zero, the coefficient is 0 while the coefficients of the argument are zero, else NaN.
     """
     p, now = at.p, at.now(0)
     still = p.true if now is None else now.equals(0.0)
     dead = p.choose(still, 0.0, p.real(float("nan")))
-    return p.choose(zeroed.equals(0.0), dead, p.real(0.0) if found is None else found)
+    return p.choose(zeroed.equals(0.0), dead, p.real(0.0) if coefficient is None else coefficient)
 
 
 def _power(at: ChunkAt) -> Term:
@@ -168,8 +168,8 @@ def _power(at: ChunkAt) -> Term:
     now = at.now(0)
     if now is not None:
         left = fma(at.p, now, at.first(OWN) * exponent, left)
-    found = None if left is None else left * at.over(0)
-    return found if known is not None and known < 0 else _flat(at, at.first(0), found)
+    coefficient = None if left is None else left * at.over(0)
+    return coefficient if known is not None and known < 0 else _flat(at, at.first(0), coefficient)
 
 
 def _along(at: ChunkAt) -> Term:
@@ -185,7 +185,7 @@ def _against(at: ChunkAt) -> Term:
 
 
 def _choose(at: ChunkAt) -> Term:
-    first, second = (at.p.real(0.0) if (x := at.now(which)) is None else x for which in range(2))
+    first, second = (at.p.real(0.0) if (x := at.now(number)) is None else x for number in range(2))
     return at.p.choose(~at.constant(0).equals(0.0), first, second)
 
 

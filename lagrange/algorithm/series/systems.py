@@ -72,13 +72,13 @@ def moving_system(
     if is_factored(plan) and largest < ALL:
         return _factored(p, plan, blocks, memory)
     if _is_small(plan, largest):
-        found: Triangle = {}
+        inverses: Triangle = {}
         flags = []
         for block, lower in blocks:
             inverse, singular = _inverse(p, len(block), lower, plan.negative(block))
             flags.append(singular)
-            found |= {(block[i], block[j]): value for (i, j), value in inverse.items()}
-        return Inverse(p, plan.size, found), flags
+            inverses |= {(block[i], block[j]): value for (i, j), value in inverse.items()}
+        return Inverse(p, plan.size, inverses), flags
     n = plan.size
     matrix, work = memory.at(padded(n) ** 2), memory.at(padded(n) ** 2 + n * n)
     singular = _inverted(p, plan, blocks, matrix, memory, work)
@@ -122,12 +122,12 @@ def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
 
     `rows` has for each vector the indices of its unknowns, by lane.
     """
-    found = {}
+    values = {}
     for chunk, x in zip(rows, right, strict=True):
         for lane, row in enumerate(chunk):
-            if row not in found:
-                found[row] = joined(p, [(x, lane)])
-    return [found[row] for row in sorted(found)]
+            if row not in values:
+                values[row] = joined(p, [(x, lane)])
+    return [values[row] for row in sorted(values)]
 
 
 class Diagonal:
@@ -166,11 +166,11 @@ class Inverse:
         `rows` has for each vector the indices of its unknowns, by lane.
         """
         self.read(rows)
-        found: list[Term] = [None] * len(rows)
+        solution: list[Term] = [None] * len(rows)
         for j, x in enumerate(_apart(self.p, rows, right)):
             for i, chunk in enumerate(rows):
-                found[i] = fma(self.p, self.columns[chunk, j], x, found[i])
-        return found
+                solution[i] = fma(self.p, self.columns[chunk, j], x, solution[i])
+        return solution
 
     def read(self, rows: Rows) -> None:
         """Gather the entries of columns to vectors; `rows` has the unknowns by vector and lane."""
@@ -192,16 +192,16 @@ class InverseInMemory:
         `rows` has for each vector the indices of its unknowns, by lane.
         """
         p, n = self.p, self.size
-        given = p.reserve(n, name="right")
+        right_side = p.reserve(n, name="right")
         if all(len(chunk) == 1 for chunk in rows):
-            found = p.reserve(n, name="solution")
+            solution = p.reserve(n, name="solution")
             for i, x in enumerate(_apart(p, rows, right)):
-                given[i] = 0.0 if x is None else x
-            self.multiply(given, found)
-            return [found[i] for i in range(n)]
+                right_side[i] = 0.0 if x is None else x
+            self.multiply(right_side, solution)
+            return [solution[i] for i in range(n)]
         for chunk, x in zip(rows, right, strict=True):
-            put(p, given, chunk[0], x, len(chunk), len(dict.fromkeys(chunk)))
-        products = self.in_loop(rows, given) if n > MOST_INVERSE_COLUMNS else self.in_line(rows, given)
+            put(p, right_side, chunk[0], x, len(chunk), len(dict.fromkeys(chunk)))
+        products = self.in_loop(rows, right_side) if n > MOST_INVERSE_COLUMNS else self.in_line(rows, right_side)
         for k, chunk in enumerate(rows):
             # The last distinct entry is repeated in the lanes that repeat an unknown.
             last = len(dict.fromkeys(chunk)) - 1
@@ -228,15 +228,15 @@ class InverseInMemory:
                 total.value = fma(p, entries(column, chunk[0], len(chunk)), x, total.value)
         return [total.value for total in sums]
 
-    def multiply(self, right: Memory, found: Memory) -> None:
-        """Write the product of the inverse and a right-hand side in memory to the memory `found`."""
+    def multiply(self, right: Memory, solution: Memory) -> None:
+        """Write the product of the inverse and a right-hand side in memory to the memory `solution`."""
         p, n = self.p, self.size
         with p.each(n, width=1) as i:
-            found[i] = 0.0
+            solution[i] = 0.0
         with p.loop(0, n) as j:
             column, x = self.memory.at(j * self.stride), right[j]
             with p.each(n, width=1) as i:
-                found[i] = p.fma(column[i], x, found[i])
+                solution[i] = p.fma(column[i], x, solution[i])
 
 
 class FactoredSystem:
@@ -253,12 +253,12 @@ class FactoredSystem:
 
         `rows` has for each vector the indices of its unknowns, by lane.
         """
-        single, found = _apart(self.p, rows, right), [None] * self.size
+        single, product = _apart(self.p, rows, right), [None] * self.size
         for block in self.blocks:
             solution = block.solve([single[i] for i in block.unknowns])
             for i, x in zip(block.unknowns, solution, strict=True):
-                found[i] = x
-        return [joined(self.p, [(found[row], 0) for row in chunk]) for chunk in rows]
+                product[i] = x
+        return [joined(self.p, [(product[row], 0) for row in chunk]) for chunk in rows]
 
 
 def _is_small(plan: SolvePlan, largest: int) -> bool:
@@ -271,12 +271,12 @@ def _triangles(plan: SolvePlan, entries: Iterator[Real]) -> list[tuple[tuple[int
 
     `entries` are those of the lower triangle of the whole matrix, in the order of the plan.
     """
-    place = {unknown: (number, i) for number, block in enumerate(plan.blocks) for i, unknown in enumerate(block)}
-    found: list[Triangle] = [{} for _ in plan.blocks]
+    position = {unknown: (number, i) for number, block in enumerate(plan.blocks) for i, unknown in enumerate(block)}
+    triangles: list[Triangle] = [{} for _ in plan.blocks]
     for row, column in plan.triangle:
-        number, i = place[row]
-        found[number][i, place[column][1]] = next(entries)
-    return list(zip(plan.blocks, found, strict=True))
+        number, i = position[row]
+        triangles[number][i, position[column][1]] = next(entries)
+    return list(zip(plan.blocks, triangles, strict=True))
 
 
 def _write_triangle(p: Builder, n: int, lower: Mapping[tuple[int, int], Real], to: Memory) -> None:
@@ -296,15 +296,15 @@ def _inverse(p: Builder, n: int, lower: Triangle, negative: tuple[int, ...]) -> 
     plan = elimination(n, frozenset(lower), negative)
     factors, trusted = factored(p, plan, lower)
     columns = [solved(p, plan, factors, [p.real(float(i == j)) for i in range(n)]) for j in range(n)]
-    found = {(i, j): p.variable(columns[j][i]) for j in range(n) for i in range(j, n)}
+    variables = {(i, j): p.variable(columns[j][i]) for j in range(n) for i in range(j, n)}
     singular = p.variable(p.false)
     with p.when(~trusted, likely=False):
         matrix, inverse = p.reserve(n * n, name="matrix"), p.reserve(n * n, name="inverse")
         _write_triangle(p, n, lower, matrix)
         singular.value = p.call(invert_dense.form(), n, matrix, inverse, p.reserve(factor_size(n), name="work"))
-        for (i, j), variable in found.items():
+        for (i, j), variable in variables.items():
             variable.value = inverse[j * n + i]
-    entries = {place: variable.value for place, variable in found.items()}
+    entries = {entry: variable.value for entry, variable in variables.items()}
     return entries | {(j, i): value for (i, j), value in entries.items()}, Flag.of(singular.value)
 
 
@@ -327,9 +327,9 @@ def _inverted(
             second, first = sorted((block[i], block[j]))
             placed[first, second] = value
     _write_triangle(p, n, placed, matrix)
-    found = p.call(invert.form(), n, padded(n), matrix, inverse, work)
-    assert isinstance(found, Flag)
-    return found
+    is_singular = p.call(invert.form(), n, padded(n), matrix, inverse, work)
+    assert isinstance(is_singular, Flag)
+    return is_singular
 
 
 def _factored_size(block: Elimination) -> int:
@@ -340,10 +340,10 @@ def _factored_size(block: Elimination) -> int:
 def _factored(
     p: Builder, plan: SolvePlan, blocks: Sequence[tuple[tuple[int, ...], Triangle]], memory: Memory
 ) -> tuple[LinearSystem, list[Flag]]:
-    made, place = [], 0
+    made, begin = [], 0
     for (block, lower), how in zip(blocks, block_eliminations(plan), strict=True):
-        made.append(_FactoredBlock(p, block, how, lower, memory.at(place)))
-        place += _factored_size(how)
+        made.append(_FactoredBlock(p, block, how, lower, memory.at(begin)))
+        begin += _factored_size(how)
     return FactoredSystem(p, made, plan.size), [block.singular for block in made]
 
 
@@ -355,14 +355,14 @@ class _FactoredBlock:
     ) -> None:
         self.p, self.unknowns, self.how, self.memory = p, unknowns, how, memory
         n, band = how.order, how.band
-        self.places = {place: k for k, place in enumerate(how.places)}
+        self.places = {entry: k for k, entry in enumerate(how.places)}
         self.factors = memory.at(len(how.places))
         matrix = memory.at(len(how.places) + pivoted_size(n, band))
         self.right = memory.at(len(how.places) + pivoted_size(n, band) + band_size(n, band))
-        found, trusted = factored(p, how, lower)
+        factors, trusted = factored(p, how, lower)
         zero = p.real(0.0)
-        for place, k in self.places.items():
-            memory[k] = found.get(place, zero)
+        for entry, k in self.places.items():
+            memory[k] = factors.get(entry, zero)
         singular = p.variable(p.false)
         self.trusted = trusted
         with p.when(~trusted, likely=False):
@@ -373,17 +373,17 @@ class _FactoredBlock:
     def solve(self, right: Sequence[Term]) -> list[Term]:
         """Return the solution for a right-hand side of the block, without pivoting if that is accurate."""
         p, n, zero = self.p, self.how.order, self.p.real(0.0)
-        given: list[Any] = [zero if x is None else x for x in right]
-        found = [p.variable(zero) for _ in range(n)]
+        right_side: list[Any] = [zero if x is None else x for x in right]
+        variables = [p.variable(zero) for _ in range(n)]
         with p.when(self.trusted, likely=True) as ways:
-            entries = {place: self.memory[k] for place, k in self.places.items()}
-            solution = solved(p, self.how, entries, given)
-            for variable, x in zip(found, solution, strict=True):
+            entries = {entry: self.memory[k] for entry, k in self.places.items()}
+            solution = solved(p, self.how, entries, right_side)
+            for variable, x in zip(variables, solution, strict=True):
                 variable.value = x
         with ways.otherwise():
-            for rank, x in zip(self.how.ranks, given, strict=True):
+            for rank, x in zip(self.how.ranks, right_side, strict=True):
                 self.right[rank] = x
             p.call(solve_pivoted.form(), n, self.how.band, self.factors, self.right)
-            for rank, variable in zip(self.how.ranks, found, strict=True):
+            for rank, variable in zip(self.how.ranks, variables, strict=True):
                 variable.value = self.right[rank]
-        return [variable.value for variable in found]
+        return [variable.value for variable in variables]

@@ -32,15 +32,15 @@ def joined(p: Builder, parts_of: Sequence[tuple[Term, int]]) -> Term:
     """Return a vector of the entries `parts_of`, each a pair (value, index in the value); a value None is zero."""
     if all(x is None for x, _ in parts_of):
         return None
-    given = [(p.real(0.0), 0) if x is None else (x, place) for x, place in parts_of]
-    parts = {x.ref: x for x, _ in given}
-    if len(parts) == 1 and [place for _, place in given] == list(range(width(given[0][0]))):
-        return given[0][0]
+    terms = [(p.real(0.0), 0) if x is None else (x, entry) for x, entry in parts_of]
+    parts = {x.ref: x for x, _ in terms}
+    if len(parts) == 1 and [entry for _, entry in terms] == list(range(width(terms[0][0]))):
+        return terms[0][0]
     begin, starts = 0, {}
     for ref, x in parts.items():
         starts[ref] = begin
         begin += width(x)
-    return p.permuted(list(parts.values()), [starts[x.ref] + place for x, place in given])
+    return p.permuted(list(parts.values()), [starts[x.ref] + entry for x, entry in terms])
 
 
 def gathered(p: Builder, packing: Packing, operand: Operand, x: Callable[[Chunk], Term]) -> Term:
@@ -62,27 +62,27 @@ def of_width(p: Builder, x: Term, size: int) -> Term:
 
 def wide(p: Builder, x: Term, size: int) -> Real | Entries:
     """Return a vector of `size` entries: a vector, or a number repeated. None gives zeros."""
-    found = p.real(0.0) if x is None else x
-    return p.broadcast(found, size) if size > width(found) else found
+    value = p.real(0.0) if x is None else x
+    return p.broadcast(value, size) if size > width(value) else value
 
 
-def entries(memory: Memory, place: int, size: int) -> Term:
-    """Return `size` adjacent entries of an array, from index `place` on, as a number or vector."""
-    return memory[place] if size == 1 else memory.entries(place, size)
+def entries(memory: Memory, index: int, size: int) -> Term:
+    """Return `size` adjacent entries of an array, from index `index` on, as a number or vector."""
+    return memory[index] if size == 1 else memory.entries(index, size)
 
 
-def put(p: Builder, memory: Memory, place: int, x: Term, size: int, count: int) -> None:
-    """Write the first `count` of the `size` entries of a vector to an array, from index `place` on."""
-    whole: Term = wide(p, x, size)
+def put(p: Builder, memory: Memory, index: int, x: Term, size: int, count: int) -> None:
+    """Write the first `count` of the `size` entries of a vector to an array, from index `index` on."""
+    value: Term = wide(p, x, size)
     lane, part = 0, LARGEST_STORED_BLOCK
     while lane < count:
         while part > count - lane:
             part //= 2
-        piece = whole if part == size else p.permuted([whole], range(lane, lane + part))
+        piece = value if part == size else p.permuted([value], range(lane, lane + part))
         if part == 1:
-            memory[place + lane] = piece
+            memory[index + lane] = piece
         else:
-            memory.put(place + lane, piece)
+            memory.put(index + lane, piece)
         lane += part
 
 
@@ -126,10 +126,10 @@ class OrderSums:
         different = dict.fromkeys(pairs)
         uses = Counter(kept for pair in different for kept in pair)
         known = [(pair, sorted(pair, key=lambda kept: (uses[kept], -places[kept]))) for pair in different]
-        known.sort(key=lambda one: (places[one[1][1]], places[one[1][0]]))
+        known.sort(key=lambda item: (places[item[1][1]], places[item[1][0]]))
         lanes = [len(factors[0].values) for _, factors in known]
         starts = accumulate(lanes, initial=0)
-        self.sums = [OrderSum(place, pair, *factors) for place, (pair, factors) in zip(starts, known, strict=False)]
+        self.sums = [OrderSum(index, pair, *factors) for index, (pair, factors) in zip(starts, known, strict=False)]
         self.size = sum(lanes)
         self.totals = p.reserve(2 * self.size + 1, name="totals")
         with p.each(2 * self.size, width=1) as i:
@@ -148,34 +148,34 @@ class OrderSums:
     def tiles(self, size: int) -> Iterator[Sequence[OrderSum]]:
         """Yield the vectors of sums in tiles of at most `size` vectors."""
         tile: list[OrderSum] = []
-        for _, group in groupby(self.sums, key=lambda one: one.upper):
-            found = list(group)
-            if tile and len(tile) + len(found) > size:
+        for _, group in groupby(self.sums, key=lambda order_sum: order_sum.upper):
+            members = list(group)
+            if tile and len(tile) + len(members) > size:
                 yield tile
                 tile = []
-            while len(found) > size:
-                yield found[:size]
-                found = found[size:]
-            tile += found
+            while len(members) > size:
+                yield members[:size]
+                members = members[size:]
+            tile += members
         if tile:
             yield tile
 
     def sum_two(self, sums: Sequence[OrderSum], k: Whole) -> None:
         """Write the sums at an odd order k, and those at k + 1 without the products with order k."""
         p = self.p
-        first, second = ([p.variable(wide(p, None, one.lanes)) for one in sums] for _ in range(2))
+        first, second = ([p.variable(wide(p, None, order_sum.lanes)) for order_sum in sums] for _ in range(2))
         factors = self.factors(sums, self.row(k - 1))
         self.add(sums, first, self.row(1), factors)
         before = {kept: p.variable(x) for kept, x in factors.items()}
         with p.loop(2, k) as j:
             factors = self.factors(sums, self.row(k - j))
             self.add(sums, first, self.row(j), factors)
-            self.add(sums, second, self.row(j), {kept: one.value for kept, one in before.items()})
+            self.add(sums, second, self.row(j), {kept: variable.value for kept, variable in before.items()})
             for kept, x in factors.items():
                 before[kept].value = x
-        for one, total, following in zip(sums, first, second, strict=True):
-            put(p, self.totals, one.place, total.value, one.lanes, one.lanes)
-            put(p, self.totals, self.size + one.place, following.value, one.lanes, one.lanes)
+        for order_sum, total, following in zip(sums, first, second, strict=True):
+            put(p, self.totals, order_sum.place, total.value, order_sum.lanes, order_sum.lanes)
+            put(p, self.totals, self.size + order_sum.place, following.value, order_sum.lanes, order_sum.lanes)
 
     def completed(self, sums: Sequence[OrderSum], totals: Memory, k: Whole, even: Flag) -> Iterator[tuple[Pair, Term]]:
         """Yield the sums of a tile at order k, as pairs (factors, sums), read from the memory `totals`.
@@ -184,15 +184,15 @@ class OrderSums:
         branches in their place the outer solar system takes 1.08 times as long.
         """
         p = self.p
-        found = [p.variable(entries(totals, one.place, one.lanes)) for one in sums]
+        variables = [p.variable(entries(totals, order_sum.place, order_sum.lanes)) for order_sum in sums]
         for first, end in ((k - p.whole(even), k), (1, p.whole(even & (k > 2)) + 1)):
             with p.loop(first, end) as j:
-                self.add(sums, found, self.row(j), self.factors(sums, self.row(k - j)))
-        return ((one.pair, total.value) for one, total in zip(sums, found, strict=True))
+                self.add(sums, variables, self.row(j), self.factors(sums, self.row(k - j)))
+        return ((order_sum.pair, total.value) for order_sum, total in zip(sums, variables, strict=True))
 
     def factors(self, sums: Sequence[OrderSum], row: Memory) -> dict[Operand, Term]:
         """Return the coefficients of the factors `upper` of `sums`, read from a row, each once."""
-        return {kept: self.read(row, kept) for kept in dict.fromkeys(one.upper for one in sums)}
+        return {kept: self.read(row, kept) for kept in dict.fromkeys(order_sum.upper for order_sum in sums)}
 
     def add(
         self, sums: Sequence[OrderSum], totals: Sequence[Variable], row: Memory, factors: Mapping[Operand, Term]
@@ -201,8 +201,8 @@ class OrderSums:
 
         The factors `lower` are read from `row`; the factors `upper` are in `factors`.
         """
-        for one, total in zip(sums, totals, strict=True):
-            total.value = self.p.fma(self.read(row, one.lower), factors[one.upper], total.value)
+        for order_sum, total in zip(sums, totals, strict=True):
+            total.value = self.p.fma(self.read(row, order_sum.lower), factors[order_sum.upper], total.value)
 
     def read(self, row: Memory, kept: Operand) -> Term:
         """Return the coefficients of the operand `kept`, read from a row."""

@@ -73,15 +73,15 @@ class WrittenJet(JetBuilder):
         for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
             self.x[chunk, k] = self.share(self.before(rate))
         self.fill(packing.before)
-        for place, stage in enumerate(packing.stages):
+        for stage_number, stage in enumerate(packing.stages):
             guesses: list[Term] = [None] * len(stage.unknowns)
             # The unknowns of order 1 are corrected by the residual of dp/dt = f: they carry most of a step's rounding
             # error. Corrected accelerations of chains of 10 and 20 links are two to three times as accurate.
             for _ in range(2 if k == 1 and stage.plan.moving else 1):
-                self.know(place, guesses)
+                self.know(stage_number, guesses)
                 self.fill(stage.trial)
-                guesses = solved(self, place, stage, guesses)
-            self.know(place, guesses)
+                guesses = solved(self, stage_number, stage, guesses)
+            self.know(stage_number, guesses)
             last = stage is packing.stages[-1]
             if last and not self.program.watched:
                 self.end_order()
@@ -96,14 +96,14 @@ class WrittenJet(JetBuilder):
         if self.lowest <= self.k < self.highest:
             self.p.leave_if(self.order.equals(self.k), self.singular)
 
-    def know(self, place: int, found: Sequence[Term]) -> None:
-        """Set the present coefficients of the unknowns of linear system `place` to `found`.
+    def know(self, stage_number: int, values: Sequence[Term]) -> None:
+        """Set the present coefficients of the unknowns of linear system `stage_number` to `values`.
 
         Operands that were gathered with earlier values of the unknowns are dropped.
         """
-        for key in [key for key in self.operands if key[1] == self.k and not self.is_known(key[0], place)]:
+        for key in [key for key in self.operands if key[1] == self.k and not self.is_known(key[0], stage_number)]:
             del self.operands[key]
-        for chunk, value in zip(self.packing.stages[place].unknowns, found, strict=True):
+        for chunk, value in zip(self.packing.stages[stage_number].unknowns, values, strict=True):
             self.x[chunk, self.k] = value
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
@@ -113,11 +113,11 @@ class WrittenJet(JetBuilder):
 
     def write(self) -> None:
         """Write the row of the present order. Zeros are written too, because other runs use the same memory."""
-        place = self.k * self.layout.width
-        watched_at = place + self.layout.watched_at
+        index = self.k * self.layout.width
+        watched_at = index + self.layout.watched_at
         for chunk in self.packing.state:
-            put(self.p, self.rows, place, self.now(chunk.whole), len(chunk.values), chunk.count)
-            place += chunk.count
+            put(self.p, self.rows, index, self.now(chunk.whole), len(chunk.values), chunk.count)
+            index += chunk.count
         for i, watched in enumerate(self.program.watched, watched_at):
             put(self.p, self.rows, i, None if watched is None else self.now(Operand((watched,))), 1, 1)
 
@@ -139,13 +139,13 @@ class WrittenJet(JetBuilder):
         if key in self.operands:
             return self.operands[key]
         if k == 0:
-            found = self.at_zero(operand)
+            coefficient = self.at_zero(operand)
         else:
-            found = gathered(self.p, self.packing, operand, lambda chunk: self.x[chunk, k])
-            if operand.ranked and found is not None and k > 1:
-                found = found * float(k)
-        self.operands[key] = found
-        return found
+            coefficient = gathered(self.p, self.packing, operand, lambda chunk: self.x[chunk, k])
+            if operand.ranked and coefficient is not None and k > 1:
+                coefficient = coefficient * float(k)
+        self.operands[key] = coefficient
+        return coefficient
 
     def over(self, operand: Operand) -> Term:
         """Return the reciprocal of an operand at order 0."""
@@ -180,14 +180,14 @@ class WrittenJet(JetBuilder):
         high, low = reciprocal(self.k)
         return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= HIGHEST_EXACT_ORDER else None)
 
-    def total(self, chunk: Chunk, which: int) -> Term:
-        """Return one sum that the rule of a chunk reads: sum number `which`, of x[j] y[k-j] over 0 < j < k.
+    def total(self, chunk: Chunk, number: int) -> Term:
+        """Return one sum that the rule of a chunk reads: sum number `number`, of x[j] y[k-j] over 0 < j < k.
 
         Its code is added once at each order.
         """
-        key = chunk, which, self.k
+        key = chunk, number, self.k
         if key not in self.totals:
-            self.totals[key] = self.summed(*chunk.sums[which])
+            self.totals[key] = self.summed(*chunk.sums[number])
         return self.totals[key]
 
     def summed(self, a: Operand, b: Operand) -> Term:
@@ -206,11 +206,11 @@ class WrittenJet(JetBuilder):
         k, p = self.k, self.p
         parts: list[Term] = [None] * max(len(pairs) // PART, 1)
         early = len(pairs) - LATEST
-        for place, j in enumerate(pairs):
-            if place == early:
+        for index, j in enumerate(pairs):
+            if index == early:
                 parts = [reduce(plus, parts)]
-            which = place % len(parts)
-            parts[which] = fma(p, self.at(a, j), self.at(b, k - j), parts[which])
+            lane = index % len(parts)
+            parts[lane] = fma(p, self.at(a, j), self.at(b, k - j), parts[lane])
         return reduce(plus, parts)
 
 

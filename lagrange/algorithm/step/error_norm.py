@@ -35,14 +35,14 @@ DAMPING = 0.01
 """Weight of the second error vector's sum of squares in the norm of DOP853."""
 
 
-@procedure(given=running)
-def error_norm(given: Running, *, layout: Layout, control: Control) -> float:
+@procedure(arguments=running)
+def error_norm(arguments: Running, *, layout: Layout, control: Control) -> float:
     """Return the root mean square of the errors of a trial step, each relative to its tolerance.
 
     It is accepted if the norm is at most 1. The tolerance of an entry is rtol times its magnitude, plus its
     floor. Two error vectors are combined as in DOP853.
     """
-    rtol, floors, work, squares, second_squares = given.run.rtol, given.floors, given.work, 0.0, 0.0
+    rtol, floors, work, squares, second_squares = arguments.run.rtol, arguments.floors, arguments.work, 0.0, 0.0
     for state in unrolled(layout.step.states):
         old, new = work[layout.place(state) :], work[layout.place(layout.new + state) :]
         floor, errors = floors[state * layout.length :], errors_of(work, state, layout)
@@ -66,8 +66,8 @@ def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ..
     return tuple([work[layout.place(layout.errors + k) :] for k in unrolled(state, len(step.errors), step.states)])
 
 
-@procedure(apart=True, given=running)
-def reject(given: Running, cause: float, h: float, moved: bool, *, layout: Layout) -> bool:
+@procedure(apart=True, arguments=running)
+def reject(arguments: Running, cause: float, h: float, moved: bool, *, layout: Layout) -> bool:
     """Reject a trial step and set the length of the next one. Return True if a run must stop to estimate sizes.
 
     The caller then estimates the sizes of the entries of the state, from which absolute tolerances follow.
@@ -76,7 +76,7 @@ def reject(given: Running, cause: float, h: float, moved: bool, *, layout: Layou
     zero does not count. Sizes are also needed at the first, second, fourth, eighth, ... rejection if the entry
     with the largest error may be the rounding of larger entries, as defined at `ROUNDED`.
     """
-    run, counts, floors, work = given.run, given.counts, given.floors, given.work
+    run, counts, floors, work = arguments.run, arguments.counts, arguments.floors, arguments.work
     run.cause = cause
     run.h = h
     counts.after_reject += 1

@@ -52,35 +52,35 @@ NEEDS_SIZES = -1.0
 """Result if the caller has to estimate the sizes of the entries first."""
 
 
-@procedure(apart=True, given=running)
-def first_step(given: Running, span: float, direction: float, *, layout: Layout, control: Control) -> float:
+@procedure(apart=True, arguments=running)
+def first_step(arguments: Running, span: float, direction: float, *, layout: Layout, control: Control) -> float:
     """Return the length of the first step of a run, from the derivatives at three states, or NEEDS_SIZES.
 
     `span` is the duration of the run, and `direction` its sign. NEEDS_SIZES means that the caller must estimate
     the sizes of the entries. Without derivatives, as for methods in momenta, the length is a fraction of the span.
     """
-    run, work, floors, half = given.run, given.work, given.floors, layout.dimension // 2
+    run, work, floors, half = arguments.run, arguments.work, arguments.floors, layout.dimension // 2
     t, follows = run.t, run.share > 0.0
     least = abs(t) * (LEAST_SPACINGS * SPACING)
     if LAWS[layout.step.law].results > 1:
-        if follows and given.counts.surveyed == 0:
+        if follows and arguments.counts.surveyed == 0:
             return NEEDS_SIZES
         return smaller(larger(DEFAULT_FIRST * span, least), span)
     # Vectors of the step that are unused before its first trial. `later` are slopes after an Euler step.
     y, argument, result = work[0:], work[layout.argument :], work[layout.result :]
     slope, later = work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]
     sensitivity = work[layout.place(layout.new) :]
-    singular = evaluate(given, t, y, slope, layout)
+    singular = evaluate(arguments, t, y, slope, layout)
     rate = trial_rate(y, slope, floors, run.rtol, half)
     trial = smaller(FIRST_SHARE / rate if rate > 0.0 else FIRST_TRIAL * span, span)
     # Slopes after an Euler step, and at a slightly perturbed state.
     move = trial * direction
     for i in each(layout.width, spill=True, disjoint=True):
         argument[i] = fma(move, slope[i], y[i])
-    failed_later = evaluate(given, t + move, argument, later, layout)
+    failed_later = evaluate(arguments, t + move, argument, later, layout)
     for k, factor in enumerate(perturbation_factors(layout.dimension).tolist()):
         argument[k] = y[k] * (1 + RELATIVE_PERTURBATION * factor)
-    failed_beside = evaluate(given, t, argument, result, layout)
+    failed_beside = evaluate(arguments, t, argument, result, layout)
     singular = singular or failed_later or failed_beside
     doubtful, certain, moving, paired = 0.0, 0.0, 0.0, 0.0
     for i in range(half):
@@ -101,7 +101,7 @@ def first_step(given: Running, span: float, direction: float, *, layout: Layout,
         paired = larger(paired, sensed / position_size if is_doubtful and has_position else 0.0)
         sensitivity[below] = sensed if is_doubtful else 0.0
     asked = doubtful > CANCELLATION_DOMINANCE * certain or moving == 0.0
-    if follows and given.counts.surveyed == 0 and asked and not singular:
+    if follows and arguments.counts.surveyed == 0 and asked and not singular:
         return NEEDS_SIZES
     if singular:
         return DEFAULT_FIRST * span
@@ -110,22 +110,22 @@ def first_step(given: Running, span: float, direction: float, *, layout: Layout,
     aim = (FIRST_SHARE * run.rtol) ** (1.0 / control.exponent)
     h = smaller(larger(aim / rate if rate > 0.0 else DEFAULT_FIRST * span, least), span)
     if follows:
-        first_floors(given, h, h / trial, layout)
+        first_floors(arguments, h, h / trial, layout)
         noise_floors(floors, sensitivity, 1.0 / rate if rate > 0.0 else 0.0, half)
     return h
 
 
 @inline
-def evaluate(given: Running, t: float, y: In, out: Out, layout: Layout) -> bool:
+def evaluate(arguments: Running, t: float, y: In, out: Out, layout: Layout) -> bool:
     """Write the right-hand side at time t and state y to `out`. Return True if a matrix is singular."""
     n = layout.dimension
     if not layout.in_registers:
-        result = given.work[layout.result :]
-        failed: bool = given.law(t, y, given.parameters, result)
+        result = arguments.work[layout.result :]
+        failed: bool = arguments.law(t, y, arguments.parameters, result)
         copy_vector(result, out, layout.width)
         return failed
     state = tuple([y[i] for i in unrolled(n)])
-    results = given.law(t, *state, given.parameters)
+    results = arguments.law(t, *state, arguments.parameters)
     for k, value in enumerate((*state[n // 2 :], *results[:-1])):
         out[k] = value
     for k in unrolled(n, layout.width):
@@ -160,16 +160,16 @@ def trial_rate(y: In, slope: In, floors: In, rtol: float, coordinate_count: int)
 
 
 @inline
-def first_floors(given: Running, h: float, longer: float, layout: Layout) -> None:
+def first_floors(arguments: Running, h: float, longer: float, layout: Layout) -> None:
     """Raise the floors (absolute tolerances) of zero entries to a fraction of their change in a step.
 
     The change follows from the derivative at the start. If that is zero, it follows from the derivative at the
     end of the step, which is extrapolated from the trial step. The step has the length h, which is `longer`
     times the trial step.
     """
-    work, floors = given.work, given.floors
+    work, floors = arguments.work, arguments.floors
     y, slope, later = work[0:], work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]
-    factor = larger(given.run.share, LEAST_FIRST) * h
+    factor = larger(arguments.run.share, LEAST_FIRST) * h
     for i in each(layout.width, spill=True, disjoint=True):
         start_slope, floor = slope[i], floors[i]
         ahead = abs(fma(later[i] - start_slope, longer, start_slope))

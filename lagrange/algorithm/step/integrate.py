@@ -55,14 +55,14 @@ def one_step(of: SystemFunctions, t: float, h: float, y: Out, p: In, *, layout: 
     n = layout.dimension
     if is_off_constraints(of, t, y, p, n, relations):
         return Outcome.UNPROJECTED
-    given = begin(of, y, p, layout)
-    work = given.work
+    arguments = begin(of, y, p, layout)
+    work = arguments.work
     new = work[layout.place(layout.new) :]
     if layout.step.law == "accelerations":
         # The law reads velocities, but a step with coordinates alone has none.
         velocities = layout.argument + layout.length
         work[velocities : velocities + layout.length] = 0.0
-    outcome = take_step(given, t, h, slope_known=False, entries=None, layout=layout)
+    outcome = take_step(arguments, t, h, slope_known=False, entries=None, layout=layout)
     if outcome != Outcome.DONE:
         return outcome
     if of.projection is not None:
@@ -121,8 +121,8 @@ def adaptive_run(
     n = layout.dimension
     if is_off_constraints(of, t[0], y, p, n, relations):
         return Outcome.UNPROJECTED
-    given, times, rows = begin(of, y, p, layout), reals(1), reals(1)
-    run, floors = given.run, given.floors
+    arguments, times, rows = begin(of, y, p, layout), reals(1), reals(1)
+    run, floors = arguments.run, arguments.floors
     run.t = t[0]
     run.end = t_end
     run.rtol = rtol
@@ -130,7 +130,7 @@ def adaptive_run(
     run.longest = math.inf
     for i in each(n):
         floors[i] = larger(atol, LEAST_FLOOR)
-    outcome = controlled_steps(given, max_steps, times, rows, layout=layout, control=control)
+    outcome = controlled_steps(arguments, max_steps, times, rows, layout=layout, control=control)
     t[0] = run.t
-    y[:n] = given.work[:n]
+    y[:n] = arguments.work[:n]
     return outcome

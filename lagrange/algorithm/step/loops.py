@@ -31,16 +31,16 @@ UNROLLED_TEST = 2
 """Largest number of blocks of a vector for which the test for finite entries is written out."""
 
 
-@procedure(given=running, rows=rows_array)
-def equal_steps(given: Running, budget: int, times: Out, rows: Out, *, layout: Layout) -> Outcome:
+@procedure(arguments=running, rows=rows_array)
+def equal_steps(arguments: Running, budget: int, times: Out, rows: Out, *, layout: Layout) -> Outcome:
     """Take steps of equal length, and return an outcome: at the end, after `budget` steps, or on failure.
 
     If rows are recorded, the time and state after each step are written to `times` and `rows`. Time number k is
     `start + k*h`, rounded once, so that errors of the times do not add up.
     """
-    run, counts = given.run, given.counts
-    discard_history(given, layout)
-    entries = kept_entries(given, layout)
+    run, counts = arguments.run, arguments.counts
+    discard_history(arguments, layout)
+    entries = kept_entries(arguments, layout)
     start, end, h = run.start, run.end, run.step
     for _ in range(budget):
         t = run.t
@@ -50,31 +50,31 @@ def equal_steps(given: Running, budget: int, times: Out, rows: Out, *, layout: L
         left = end - fma(SHORTEST_LAST_STEP, h, grid)
         is_last = (-left if h < 0.0 else left) <= 0.0
         length = end - t if is_last else h
-        outcome = try_step(given, t, length, entries, layout=layout)
+        outcome = try_step(arguments, t, length, entries, layout=layout)
         if outcome != Outcome.DONE:
             return outcome
-        if not is_finite(given, layout, errors=False):
+        if not is_finite(arguments, layout, errors=False):
             return Outcome.NON_FINITE
         after = end if is_last else grid
         moved: bool | None = None
         if layout.projected:
-            projected, moved = project_new_state(given, after, entries, layout)
+            projected, moved = project_new_state(arguments, after, entries, layout)
             if projected != Outcome.DONE:
                 return projected
-        accept_step(given, entries, moved, after, times, rows, layout=layout)
+        accept_step(arguments, entries, moved, after, times, rows, layout=layout)
     return Outcome.DONE if run.t == end else Outcome.PAUSED
 
 
 @inline
-def discard_history(given: Running, layout: Layout) -> None:
+def discard_history(arguments: Running, layout: Layout) -> None:
     """Clear the data of previous steps in memory if they belong to another run."""
     if layout.keeps_history:
-        work = given.work
-        if given.counts.kept == 0:
-            given.counts.kept = 1
+        work = arguments.work
+        if arguments.counts.kept == 0:
+            arguments.counts.kept = 1
             work[layout.flags] = 0.0
             work[layout.flags + 1] = 0.0
-            for newton in given.newtons:
+            for newton in arguments.newtons:
                 clear(newton)
             lost = work[layout.lost :]
             for i in each(layout.step.states * layout.width if layout.step.exact else 0, spill=True):
@@ -97,24 +97,24 @@ def clear(newton: Newton) -> None:
 
 
 @inline
-def kept_entries(given: Running, layout: Layout) -> Out | None:
+def kept_entries(arguments: Running, layout: Layout) -> Out | None:
     """Return a local array with the entries of the state, if the layout keeps them in registers; else None."""
     if not layout.keeps_entries:
         return None
     entries = reals(2 * layout.dimension)
     for i in unrolled(layout.step.states):
         for k in unrolled(layout.length):
-            entries[i * layout.length + k] = given.work[layout.place(i) + k]
+            entries[i * layout.length + k] = arguments.work[layout.place(i) + k]
     return entries
 
 
 @inline
-def is_finite(given: Running, layout: Layout, *, errors: bool) -> bool:
+def is_finite(arguments: Running, layout: Layout, *, errors: bool) -> bool:
     """Return True if the new state is finite, and with `errors` its error vectors, too.
 
     The test uses 0 * x, which is NaN if x is not finite.
     """
-    new, total = given.work[layout.place(layout.new) :], 0.0
+    new, total = arguments.work[layout.place(layout.new) :], 0.0
     vectors = layout.step.states + (len(layout.step.errors) if errors else 0)
     for i in each(vectors * layout.width, unrolled=layout.width <= UNROLLED_TEST * layout.block):
         total = fma(new[i], 0.0, total)
@@ -153,22 +153,22 @@ def steps_of(layout: Layout) -> Procedure:
     return equal_steps.form(layout=layout) if control is None else controlled_steps.form(layout=layout, control=control)
 
 
-@procedure(given=running, rows=rows_array)
+@procedure(arguments=running, rows=rows_array)
 def controlled_steps(
-    given: Running, budget: int, times: Out, rows: Out, *, layout: Layout, control: Control
+    arguments: Running, budget: int, times: Out, rows: Out, *, layout: Layout, control: Control
 ) -> Outcome:
     """Take steps with error control, and return an outcome: at the end, after `budget` trials, or on failure.
 
     An accepted trial becomes the state; if rows are recorded, its time and state are written to `times` and
     `rows`. A rejected trial is repeated with a shorter length.
     """
-    run, counts = given.run, given.counts
-    discard_history(given, layout)
-    entries = kept_entries(given, layout)
+    run, counts = arguments.run, arguments.counts
+    discard_history(arguments, layout)
+    entries = kept_entries(arguments, layout)
     end = run.end
     distance = end - run.t
     direction = -1.0 if distance < 0.0 else 1.0
-    if run.h == 0.0 and not begin(given, abs(distance), direction, layout, control):
+    if run.h == 0.0 and not begin(arguments, abs(distance), direction, layout, control):
         return Outcome.UNSCALED
     for _ in range(budget):
         t = run.t
@@ -183,46 +183,46 @@ def controlled_steps(
         after = end if is_last else t + h
         # Far from time zero a step is a difference of times. Elsewhere it is h, so that a matrix can be reused.
         length = after - t if is_last or abs(h) < abs(t) * FAR_FROM_ZERO else h
-        outcome = try_step(given, t, length, entries, layout=layout)
-        if is_finite(given, layout, errors=True) and outcome == Outcome.DONE:
-            norm = error_norm(given, layout=layout, control=control)
+        outcome = try_step(arguments, t, length, entries, layout=layout)
+        if is_finite(arguments, layout, errors=True) and outcome == Outcome.DONE:
+            norm = error_norm(arguments, layout=layout, control=control)
             exponent = -(1 / control.exponent - PI_SHARE * control.memory)
             factor = larger(norm, LEAST_NORM) ** exponent * control.safety
             if norm <= 1.0:
                 next_h = length * growth(factor, run.previous, is_retry, control)
                 if layout.projected:
-                    cause, moved = project_within_tolerance(given, after, entries, layout, control)
+                    cause, moved = project_within_tolerance(arguments, after, entries, layout, control)
                     if likely(cause == Outcome.DONE):
-                        accept(given, norm, next_h, layout)
-                        accept_step(given, entries, moved, after, times, rows, layout=layout)
-                    elif reject(given, float(cause), length * AFTER_DIVERGED, moved=False, layout=layout):
+                        accept(arguments, norm, next_h, layout)
+                        accept_step(arguments, entries, moved, after, times, rows, layout=layout)
+                    elif reject(arguments, float(cause), length * AFTER_DIVERGED, moved=False, layout=layout):
                         return Outcome.UNSCALED
                 else:
-                    accept(given, norm, next_h, layout)
-                    accept_step(given, entries, None, after, times, rows, layout=layout)
+                    accept(arguments, norm, next_h, layout)
+                    accept_step(arguments, entries, None, after, times, rows, layout=layout)
             else:
                 shorter = smaller(larger(factor, control.least), LARGEST_RETRY)
-                if reject(given, float(Outcome.STEP_TOO_SMALL), length * shorter, moved=True, layout=layout):
+                if reject(arguments, float(Outcome.STEP_TOO_SMALL), length * shorter, moved=True, layout=layout):
                     return Outcome.UNSCALED
         else:
             cause = Outcome.NON_FINITE if outcome == Outcome.DONE else outcome
             part = AFTER_DIVERGED if outcome == Outcome.DIVERGED else AFTER_BROKEN
-            if reject(given, float(cause), length * part, moved=False, layout=layout):
+            if reject(arguments, float(cause), length * part, moved=False, layout=layout):
                 return Outcome.UNSCALED
     return Outcome.DONE if run.t == end else Outcome.PAUSED
 
 
 @inline
-def begin(given: Running, distance: float, direction: float, layout: Layout, control: Control) -> bool:
+def begin(arguments: Running, distance: float, direction: float, layout: Layout, control: Control) -> bool:
     """Choose the length of the first step. Return False if the sizes of the entries must be estimated first.
 
     `distance` is the time to the end of the run without sign, and `direction` its sign.
     """
-    size = first_step(given, distance, direction, layout=layout, control=control)
+    size = first_step(arguments, distance, direction, layout=layout, control=control)
     if LAWS[layout.step.law].results == 1:
-        given.counts.evaluations += 3
+        arguments.counts.evaluations += 3
     if not size < 0.0:
-        given.run.h = size * direction
+        arguments.run.h = size * direction
     return not size < 0.0
 
 
@@ -242,27 +242,27 @@ def growth(factor: float, previous: float, is_retry: bool, control: Control) -> 
 
 @inline
 def project_within_tolerance(
-    given: Running, after: float, entries: Out | None, layout: Layout, control: Control
+    arguments: Running, after: float, entries: Out | None, layout: Layout, control: Control
 ) -> tuple[Outcome, bool]:
     """Project the new state of a trial step onto the constraints. Return an outcome, and True if it has moved.
 
     `after` is the time at the end of the step. `entries` has the states if they are kept in registers, else it
     is None. The outcome is STEP_TOO_SMALL if the displacement is too large for the tolerance of the step.
     """
-    outcome, moved = project_new_state(given, after, entries, layout)
+    outcome, moved = project_new_state(arguments, after, entries, layout)
     correction = 0.0
     if moved:
-        correction = error_norm(given, layout=layout, control=control)
-    begun_off = larger(ROUNDED_START / given.run.rtol, LARGEST_CORRECTION)
-    most = begun_off if given.counts.after_reject >= SHORTENINGS else LARGEST_CORRECTION
+        correction = error_norm(arguments, layout=layout, control=control)
+    begun_off = larger(ROUNDED_START / arguments.run.rtol, LARGEST_CORRECTION)
+    most = begun_off if arguments.counts.after_reject >= SHORTENINGS else LARGEST_CORRECTION
     cause = Outcome.STEP_TOO_SMALL if outcome == Outcome.DONE and not correction <= most else outcome
     return cause, moved
 
 
 @inline
-def accept(given: Running, norm: float, h: float, layout: Layout) -> None:
+def accept(arguments: Running, norm: float, h: float, layout: Layout) -> None:
     """Store the error norm of the accepted step, and the length h of the next one. Raise the floors."""
-    given.run.previous = larger(norm, LEAST_PREVIOUS)
-    given.run.h = h
-    given.counts.after_reject = 0
-    raise_floors(given.run.share, given.floors, given.work, layout)
+    arguments.run.previous = larger(norm, LEAST_PREVIOUS)
+    arguments.run.h = h
+    arguments.counts.after_reject = 0
+    raise_floors(arguments.run.share, arguments.floors, arguments.work, layout)

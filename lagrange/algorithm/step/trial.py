@@ -28,8 +28,10 @@ def rows_array(layout: Layout) -> Array:
     return Array(room=layout.block)
 
 
-@procedure(given=running, entries=entries_array)
-def take_step(given: Running, t: float, h: float, slope_known: bool, entries: Out | None, *, layout: Layout) -> Outcome:
+@procedure(arguments=running, entries=entries_array)
+def take_step(
+    arguments: Running, t: float, h: float, slope_known: bool, entries: Out | None, *, layout: Layout
+) -> Outcome:
     """Compute a trial step of length h from time t, and return an outcome. Its results are in the work array.
 
     `slope_known` is true if the derivative at the start of the step is stored already. `entries` has the
@@ -37,13 +39,13 @@ def take_step(given: Running, t: float, h: float, slope_known: bool, entries: Ou
     """
     step = layout.step
     combinations = [*[action.vector for action in step.damps], *step.results, *step.errors]
-    vectors = vectors_of(given, t, h, layout, step.calls, combinations, state=entries)
+    vectors = vectors_of(arguments, t, h, layout, step.calls, combinations, state=entries)
     is_singular, registers = False, NO_REGISTERS
     for action in step.actions:
         if isinstance(action, Damp):
             damp(vectors, action)
         elif isinstance(action, Solve):
-            outcome = solve_unknowns(given, t, h, layout=layout, solve=layout.solve_of(action))
+            outcome = solve_unknowns(arguments, t, h, layout=layout, solve=layout.solve_of(action))
             if outcome != Outcome.DONE:
                 return outcome
         elif step.starts_with_slope and action is step.calls[0]:
@@ -96,46 +98,46 @@ def add_compensated(vectors: StepVectors, state: int) -> None:
         new[i], lost_by_trial[i] = compensated(old[i], added.entry(i) + lost[i])
 
 
-@procedure(given=running, entries=entries_array)
-def try_step(given: Running, t: float, h: float, entries: Out | None, *, layout: Layout) -> Outcome:
+@procedure(arguments=running, entries=entries_array)
+def try_step(arguments: Running, t: float, h: float, entries: Out | None, *, layout: Layout) -> Outcome:
     """Compute a trial step of a run, count its evaluations of the law, and return an outcome.
 
     In a two-step method the starting step is taken if the state one step before is not known. `entries` has the
     states if they are kept in registers, else it is None.
     """
-    step, counts, effort = layout.step, given.counts, given.effort
+    step, counts, effort = layout.step, arguments.counts, arguments.effort
     if layout.keeps_history:
         effort.evaluations = 0
     if step.starter is None:
         known = counts.slope_known != 0
         counts.evaluations += len(step.calls) - int(known) if step.starts_with_slope else len(step.calls)
-        outcome = take_step(given, t, h, known, entries, layout=layout)
+        outcome = take_step(arguments, t, h, known, entries, layout=layout)
     else:
         # A step from two states needs both at a distance equal to its length.
-        equal = h == given.run.step
-        given.work[layout.flags + 1] = float(equal)
-        if equal and given.work[layout.flags] == 1.0:
+        equal = h == arguments.run.step
+        arguments.work[layout.flags + 1] = float(equal)
+        if equal and arguments.work[layout.flags] == 1.0:
             counts.evaluations += len(step.calls)
-            outcome = take_step(given, t, h, slope_known=False, entries=entries, layout=layout)
+            outcome = take_step(arguments, t, h, slope_known=False, entries=entries, layout=layout)
         else:
             counts.evaluations += len(layout.starting.step.calls)
-            outcome = take_starting_step(given, t, h, layout)
+            outcome = take_starting_step(arguments, t, h, layout)
     if layout.keeps_history:
         counts.evaluations += effort.evaluations
-        given.run.residual = effort.residual
+        arguments.run.residual = effort.residual
     if step.starts_with_slope:
         counts.slope_known = 1
     return outcome
 
 
 @inline
-def take_starting_step(given: Running, t: float, h: float, layout: Layout) -> Outcome:
+def take_starting_step(arguments: Running, t: float, h: float, layout: Layout) -> Outcome:
     """Take a step of the method that starts a two-step method, in its own memory, and return the outcome."""
-    work, starting, width = given.work, layout.starting, layout.width
+    work, starting, width = arguments.work, layout.starting, layout.width
     memory = work[layout.end :]
     for i in unrolled(layout.step.states):
         copy_vector(work[layout.place(i) :], memory[starting.place(i) :], width)
-    starter = replace(given, newtons=given.starters, starters=(), work=memory)
+    starter = replace(arguments, newtons=arguments.starters, starters=(), work=memory)
     outcome = take_step(starter, t, h, slope_known=False, entries=None, layout=starting)
     for i in unrolled(layout.step.states):
         copy_vector(memory[starting.place(starting.new + i) :], work[layout.place(layout.new + i) :], width)
@@ -143,13 +145,13 @@ def take_starting_step(given: Running, t: float, h: float, layout: Layout) -> Ou
 
 
 @inline
-def project_new_state(given: Running, t: float, entries: Out | None, layout: Layout) -> tuple[Outcome, bool]:
+def project_new_state(arguments: Running, t: float, entries: Out | None, layout: Layout) -> tuple[Outcome, bool]:
     """Project the new state of a trial step onto the constraints. Return an outcome, and True if it has moved.
 
     If it has moved, its displacement is written to the error vectors of the step. `entries` has the states if
     they are kept in registers, else it is None.
     """
-    n, length, work = layout.dimension, layout.length, given.work
+    n, length, work = layout.dimension, layout.length, arguments.work
     state, lost = work[layout.argument :], reals(n, room=layout.block)
     for part, vector, low in state_parts(layout):
         copy_vector(work[vector:], state[part:], length)
@@ -159,7 +161,7 @@ def project_new_state(given: Running, t: float, entries: Out | None, layout: Lay
         else:
             copy_vector(work[low:], lost[part:], length)
     outcome, moved = project(
-        given.projection, given.projection_numbers, t, state, lost, dimension=n, block=layout.block
+        arguments.projection, arguments.projection_numbers, t, state, lost, dimension=n, block=layout.block
     )
     if moved:
         for k in unrolled(len(layout.step.errors)):
@@ -191,21 +193,21 @@ def state_parts(layout: Layout) -> list[tuple[int, int, int | None]]:
 
 
 @procedure(
-    given=running,
+    arguments=running,
     entries=entries_array,
     moved=lambda layout: FLAG if layout.projected else None,
     rows=rows_array,
 )
 def accept_step(
-    given: Running, entries: Out | None, moved: bool | None, t: float, times: Out, rows: Out, *, layout: Layout
+    arguments: Running, entries: Out | None, moved: bool | None, t: float, times: Out, rows: Out, *, layout: Layout
 ) -> None:
     """Make the new state of the trial step, at time t, the state of the run. Add a row if rows are recorded.
 
     The row is a time in `times` and a state in `rows`. If the projection has `moved` the state, the derivative
     at the end of the step is not valid.
     """
-    step, width, work, counts = layout.step, layout.width, given.work, given.counts
-    given.run.t = t
+    step, width, work, counts = layout.step, layout.width, arguments.work, arguments.counts
+    arguments.run.t = t
     if step.starter is not None:
         work[layout.flags] = work[layout.flags + 1]
     for i in unrolled(step.states):
@@ -224,7 +226,7 @@ def accept_step(
     is_known = int(step.ends_with_slope)
     counts.slope_known = is_known if moved is None else 0 if moved else is_known
     for solve in layout.solves:
-        keep_unknowns(given.newtons[solve.index], work, layout=layout, solve=solve)
+        keep_unknowns(arguments.newtons[solve.index], work, layout=layout, solve=solve)
     counts.steps += 1
     if counts.record != 0:
         row = counts.rows

@@ -29,7 +29,7 @@ NO_REGISTERS: Registers = {}
 
 @inline
 def vectors_of(
-    given: Running,
+    arguments: Running,
     t: float,
     h: float,
     layout: Layout,
@@ -50,7 +50,7 @@ def vectors_of(
     factors = [factor for combination in combined for _, factor in combination]
     numbers = list(dict.fromkeys([*factors, *[call.time for call in calls], *nodes, layout.step.graph.one]))
     values = evaluated(layout.step.scalars(numbers), t, h, ratio)
-    return StepVectors(given, layout, h, dict(zip(numbers, values, strict=True)), state)
+    return StepVectors(arguments, layout, h, dict(zip(numbers, values, strict=True)), state)
 
 
 @inline
@@ -176,8 +176,8 @@ class StepVectors:
         for call in calls:
             failed, _ = self.evaluate(call)
             is_singular = is_singular or failed
-        given = self.given
-        given.effort.evaluations += len(calls)
+        arguments = self.given
+        arguments.effort.evaluations += len(calls)
         return is_singular
 
     @inline

@@ -92,34 +92,34 @@ scale of 1, 24 changes by `SHORTER_SCALE` lead below `SHORTEST_SCALE`, to 1e-289
 """
 
 
-@procedure(given=arguments)
-def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Outcome:
+@procedure(arguments=arguments)
+def take_step(arguments: Arguments, exponent: float, *, layout: TaylorLayout) -> Outcome:
     """Take a Taylor step, or change the time scale or the limit of the step. Return an outcome.
 
-    It is PAUSED if the run continues. `given` are the arguments of the loop. `exponent` is the binary logarithm
+    It is PAUSED if the run continues. `exponent` is the binary logarithm
     of the step that the series allows, in units of the time scale.
     """
-    run, taylor, held, outputs = given.run, given.taylor, given.held, given.outputs
-    work, order, watched = given.work, given.order, watched_of(given)
+    run, taylor, held, outputs = arguments.run, arguments.taylor, arguments.held, arguments.outputs
+    work, order, watched = arguments.work, arguments.order, watched_of(arguments)
     t, low, scale = run.t, taylor.low, taylor.scale
     left = (run.end - t) - low
     is_ending = ends(order, exponent)
     if watched is not None:
         if unlikely(watched.watch.fresh != 0 and not begin_sides(t, scale, run.rtol, watched)):
             return Outcome.WATCHED
-        outcome = change_motion(given, t, watched, layout)
+        outcome = change_motion(arguments, t, watched, layout)
         if unlikely(outcome != Outcome.DONE):
             return outcome
     reach = logarithm(smaller(abs(left), run.longest) / abs(scale))
-    if unlikely(not fits(given, exponent, reach, is_ending)):
+    if unlikely(not fits(arguments, exponent, reach, is_ending)):
         return rescale(taylor, exponent, reach, is_ending)
-    s, rounded_exponent, final, is_small = length_of_step(given, t, scale, left, exponent)
+    s, rounded_exponent, final, is_small = length_of_step(arguments, t, scale, left, exponent)
     if unlikely(is_small):
         return Outcome.STEP_TOO_SMALL
     h = left if final else s * scale
     run.h = h
     if watched is not None:
-        cause, taken = inspected(given, InspectedStep(t, low, scale, run.rtol, s, left, final), watched, layout)
+        cause, taken = inspected(arguments, InspectedStep(t, low, scale, run.rtol, s, left, final), watched, layout)
         if unlikely(cause != Outcome.DONE):
             return cause
         is_whole = taken == s
@@ -130,32 +130,32 @@ def take_step(given: Arguments, exponent: float, *, layout: TaylorLayout) -> Out
     # A series that terminates may not satisfy the equations on a longer step. An event may have shortened it.
     is_longer = abs(h) > STEP_GROWTH * abs(held.h)
     if unlikely(is_ending and is_longer and not retries_exhausted(taylor)):
-        numbers, sizes = numbers_of(given, layout), (run.rtol, given.floors)
-        if not defect_along_step(given.jet, *numbers, *sizes, t, scale, s, work, order, layout=layout):
-            retry_shorter(given.counts, taylor, h)
+        numbers, sizes = numbers_of(arguments, layout), (run.rtol, arguments.floors)
+        if not defect_along_step(arguments.jet, *numbers, *sizes, t, scale, s, work, order, layout=layout):
+            retry_shorter(arguments.counts, taylor, h)
             if watched is not None:
                 restore_sides(watched, layout)
             return Outcome.PAUSED
-    raise_floors(run.share, given.floors, work, layout=layout)
+    raise_floors(run.share, arguments.floors, work, layout=layout)
     # A series that terminates does not estimate the next step.
     longer = two_to(int(0.0 if rounded_exponent > LARGEST_SCALE_RATIO else rounded_exponent))
     if unlikely(not advance(s, longer, work, order, layout=layout)):
         return Outcome.NON_FINITE
-    move_on(given, t, h, final)
+    move_on(arguments, t, h, final)
     if layout.projected:
-        result = projected(given, watched, layout)
+        result = projected(arguments, watched, layout)
         if unlikely(result != Outcome.DONE):
             return result
     outputs.ahead = outputs.done
-    if unlikely(outstanding(given.output_times, outputs.done, run.t, scale)):
-        write_outputs(run.t, held, outputs, given.output_times, given.output_states, work, order, layout=layout)
+    if unlikely(outstanding(arguments.output_times, outputs.done, run.t, scale)):
+        write_outputs(run.t, held, outputs, arguments.output_times, arguments.output_states, work, order, layout=layout)
     taylor.scale = scale * longer
     return Outcome.PAUSED
 
 
 @inline
 def length_of_step(
-    given: Arguments, t: float, scale: float, left: float, exponent: float
+    arguments: Arguments, t: float, scale: float, left: float, exponent: float
 ) -> tuple[float, float, bool, bool]:
     """Return the step length, its rounded binary logarithm, and two flags: it ends the run, it is too small.
 
@@ -163,7 +163,7 @@ def length_of_step(
     the binary logarithm of the step that the series allows. Operations without the coefficients come first:
     processors run them before the last coefficient is available.
     """
-    run, taylor = given.run, given.taylor
+    run, taylor = arguments.run, arguments.taylor
     inverse = 1.0 / abs(scale)
     whole_way = abs(left) * inverse
     limit = smaller(run.longest, taylor.limit)
@@ -177,14 +177,14 @@ def length_of_step(
 
 
 @inline
-def fits(given: Arguments, exponent: float, reach: float, is_ending: bool) -> bool:
+def fits(arguments: Arguments, exponent: float, reach: float, is_ending: bool) -> bool:
     """Return True if the step is near the scale of time, so that all coefficients are in the range of doubles.
 
     `reach` is the binary logarithm of the longest step, in units of the scale. A series that terminates (`is_ending`)
     fits if the scale is at least about as long as that step. After `MOST_RESCALINGS` changes any scale is accepted.
     """
-    tries = given.taylor.rescalings
-    is_first = given.counts.steps + tries == 0
+    tries = arguments.taylor.rescalings
+    is_first = arguments.counts.steps + tries == 0
     is_near = abs(exponent) < (FIRST_SCALE_RATIO if is_first else LARGEST_SCALE_RATIO)
     is_number = exponent == exponent
     return is_near or (is_ending and reach < 1.0) or (tries >= MOST_RESCALINGS and is_number)
@@ -209,7 +209,7 @@ def rescale(taylor: TaylorState, exponent: float, reach: float, terminates: bool
 
 
 @inline
-def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLayout) -> Outcome:
+def change_motion(arguments: Arguments, t: float, watched: Watched, layout: TaylorLayout) -> Outcome:
     """Apply the reset or surface crossing that is due at time t, if it is regular. Return an outcome.
 
     PAUSED means that it was applied, and WATCHED that the caller must handle it. DONE means that nothing was
@@ -220,26 +220,36 @@ def change_motion(given: Arguments, t: float, watched: Watched, layout: TaylorLa
         if unlikely(watch.due != 0):
             result = Outcome.WATCHED
     elif unlikely(watch.due == 1 and watch.enabled != 0):
-        jet, rtol, counts, taylor, is_done = given.jet, given.run.rtol, given.counts, given.taylor, False
+        jet, rtol, counts, taylor, is_done = (
+            arguments.jet,
+            arguments.run.rtol,
+            arguments.counts,
+            arguments.taylor,
+            False,
+        )
         if is_event(watched, whole_part(watched, "due", layout)[0]):
-            prepared, constants = numbers_of(given, layout)
-            is_done = reset_state(jet, prepared, constants, t, rtol, counts, taylor, given.times, given.rows, watched)
+            prepared, constants = numbers_of(arguments, layout)
+            is_done = reset_state(
+                jet, prepared, constants, t, rtol, counts, taylor, arguments.times, arguments.rows, watched
+            )
         else:
-            is_done = cross_surface(jet, given.prepared, given.constants, t, rtol, counts, taylor, watched)
+            is_done = cross_surface(jet, arguments.prepared, arguments.constants, t, rtol, counts, taylor, watched)
         result = Outcome.PAUSED if is_done else Outcome.DONE
     return result
 
 
 @inline
-def inspected(given: Arguments, step: InspectedStep, watched: Watched, layout: TaylorLayout) -> tuple[Outcome, float]:
+def inspected(
+    arguments: Arguments, step: InspectedStep, watched: Watched, layout: TaylorLayout
+) -> tuple[Outcome, float]:
     """Search a step for zeros of watched functions. Return an outcome and the new length of the step.
 
     DONE means that the step is to be taken; another outcome is the reason why not. The length is in units of
     the time scale.
     """
-    taylor, watch, doubtful = given.taylor, watched.watch, reals(layout.watched, room=WIDEST_VECTOR)
+    taylor, watch, doubtful = arguments.taylor, watched.watch, reals(layout.watched, room=WIDEST_VECTOR)
     everything, outcome, length = taylor.inspect != 0, Outcome.DONE, step.s
-    is_doubtful = doubtful_events(step.s, everything, doubtful, given.work, given.order, layout=layout)
+    is_doubtful = doubtful_events(step.s, everything, doubtful, arguments.work, arguments.order, layout=layout)
     if unlikely(is_doubtful and taylor.next_limit == math.inf):
         outcome = Outcome.WATCHED
         if watch.enabled != 0 and watch.due == 0:
@@ -250,9 +260,9 @@ def inspected(given: Arguments, step: InspectedStep, watched: Watched, layout: T
 
 
 @inline
-def move_on(given: Arguments, t: float, h: float, final: bool) -> None:
+def move_on(arguments: Arguments, t: float, h: float, final: bool) -> None:
     """Advance the time t by a step h, with compensation, and save the start of the step; `final` is the last step."""
-    run, taylor, held = given.run, given.taylor, given.held
+    run, taylor, held = arguments.run, arguments.taylor, arguments.held
     held.t, held.low, held.scale, held.h = t, taylor.low, taylor.scale, h
     held.unproven = 1
     total, lost = compensated(t, h + taylor.low)
@@ -263,32 +273,32 @@ def move_on(given: Arguments, t: float, h: float, final: bool) -> None:
 
 
 @inline
-def projected(given: Arguments, watched: Watched | None, layout: TaylorLayout) -> Outcome:
+def projected(arguments: Arguments, watched: Watched | None, layout: TaylorLayout) -> Outcome:
     """Project the compensated state onto the constraints. Return DONE, or PAUSED for a shorter step if that fails."""
-    work, taylor = given.work, given.taylor
-    corrections, lost = (given.projection, given.projection_numbers), work[layout.lost :]
-    result, _ = project(*corrections, given.run.t, work, lost, dimension=layout.dimension, block=layout.block)
+    work, taylor = arguments.work, arguments.taylor
+    corrections, lost = (arguments.projection, arguments.projection_numbers), work[layout.lost :]
+    result, _ = project(*corrections, arguments.run.t, work, lost, dimension=layout.dimension, block=layout.block)
     if unlikely(result == Outcome.UNPROJECTED and not retries_exhausted(taylor)):
-        reject_step(given.run, given.counts, taylor, given.held, work, layout=layout)
+        reject_step(arguments.run, arguments.counts, taylor, arguments.held, work, layout=layout)
         if watched is not None:
             restore_sides(watched, layout)
         result = Outcome.PAUSED
     return result
 
 
-@procedure(given=arguments)
-def taylor_steps(given: Arguments, budget: int, *, layout: TaylorLayout) -> Outcome:
+@procedure(arguments=arguments)
+def taylor_steps(arguments: Arguments, budget: int, *, layout: TaylorLayout) -> Outcome:
     """Take Taylor steps, and return an outcome: at the end, after `budget` steps, or on failure."""
-    counts = given.counts
+    counts = arguments.counts
     counts.rows = 0
-    given.held.unproven = 0
+    arguments.held.unproven = 0
     if counts.kept == 0:
-        begin_run(given.run, counts, given.taylor, given.held, given.work, layout)
+        begin_run(arguments.run, counts, arguments.taylor, arguments.held, arguments.work, layout)
     # Minus the binary logarithm of the relative tolerance.
-    digits = -logarithm(given.run.rtol)
+    digits = -logarithm(arguments.run.rtol)
     # The last iteration only tests the last step.
     for i in range(budget + 1):
-        outcome = iteration(given, i == budget, digits, layout=layout)
+        outcome = iteration(arguments, i == budget, digits, layout=layout)
         if unlikely(outcome != Outcome.PAUSED):
             return outcome
     return Outcome.PAUSED
@@ -310,26 +320,26 @@ def begin_run(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: A
     taylor.rescalings = taylor.failures = 0
 
 
-@procedure(given=arguments)
-def iteration(given: Arguments, last: bool, digits: float, *, layout: TaylorLayout) -> Outcome:
+@procedure(arguments=arguments)
+def iteration(arguments: Arguments, last: bool, digits: float, *, layout: TaylorLayout) -> Outcome:
     """Compute the series at the state, test the defect of the last step with it, and take the next step.
 
     The outcome is PAUSED if the run continues. If `last`, no further step is taken. `digits` is minus the
     binary logarithm of the relative tolerance.
     """
-    run, counts, taylor, held = given.run, given.counts, given.taylor, given.held
-    work, order = given.work, given.order
+    run, counts, taylor, held = arguments.run, arguments.counts, arguments.taylor, arguments.held
+    work, order = arguments.work, arguments.order
     is_there, is_idle = run.t == run.end, held.unproven == 0
     if is_idle and is_there:
         return Outcome.DONE
     if is_idle and last:
         return Outcome.PAUSED
-    is_singular = given.jet(run.t, taylor.scale, work, *numbers_of(given, layout), work[layout.rows :], order)
+    is_singular = arguments.jet(run.t, taylor.scale, work, *numbers_of(arguments, layout), work[layout.rows :], order)
     counts.evaluations += 1
     weights = reals(layout.padded, room=layout.block)
-    weigh(run.rtol, given.floors, weights, work, layout=layout)
+    weigh(run.rtol, arguments.floors, weights, work, layout=layout)
     if likely(not is_idle):
-        outcome = prove_step(given, weights, is_singular, layout=layout)
+        outcome = prove_step(arguments, weights, is_singular, layout=layout)
         if unlikely(outcome != Outcome.DONE):
             return outcome
         if is_there:
@@ -341,27 +351,27 @@ def iteration(given: Arguments, last: bool, digits: float, *, layout: TaylorLayo
     begins = (counts.steps == 0 or taylor.rescalings != 0) and counts.surveyed == 0
     if unlikely(begins and run.share > 0.0):
         # Floors of entries that are zero, at the start and after a change of the time scale, until sizes are known.
-        is_blind = first_floors(run.share, given.floors, work, order, layout=layout)
+        is_blind = first_floors(run.share, arguments.floors, work, order, layout=layout)
         if is_blind and may_ask(run, counts):
             if counts.steps == 0:
                 # The first series is in the unit of time, and says nothing of the sizes in a step.
-                forget_first_floors(given.floors, work, layout)
+                forget_first_floors(arguments.floors, work, layout)
             return Outcome.UNSCALED
-        weigh(run.rtol, given.floors, weights, work, layout=layout)
-    exponent = choose_exponent(run.rtol, digits, given.floors, weights, work, order, layout=layout)
-    return take_step(given, exponent, layout=layout)
+        weigh(run.rtol, arguments.floors, weights, work, layout=layout)
+    exponent = choose_exponent(run.rtol, digits, arguments.floors, weights, work, order, layout=layout)
+    return take_step(arguments, exponent, layout=layout)
 
 
-@procedure(given=arguments, weights=weights_type)
-def prove_step(given: Arguments, weights: In, is_singular: bool, *, layout: TaylorLayout) -> Outcome:
+@procedure(arguments=arguments, weights=weights_type)
+def prove_step(arguments: Arguments, weights: In, is_singular: bool, *, layout: TaylorLayout) -> Outcome:
     """Record or reject the last step: DONE if it is recorded, PAUSED if it is rejected.
 
     `weights` are 1 / tolerance of each entry of the state. `is_singular` is true if the new series has a singular
     matrix. At the second, fourth, eighth, ... rejection of a run the outcome is UNSCALED: the caller has to estimate
     the sizes of the entries.
     """
-    run, counts, taylor, held = given.run, given.counts, given.taylor, given.held
-    work, order, watched = given.work, given.order, watched_of(given)
+    run, counts, taylor, held = arguments.run, arguments.counts, arguments.taylor, arguments.held
+    work, order, watched = arguments.work, arguments.order, watched_of(arguments)
     length = abs(held.h) / abs(taylor.scale)
     is_good = defect_is_small(length, order, layout.rows + layout.width, weights, work, layout=layout)
     if unlikely(not (is_good and not is_singular) and not retries_exhausted(taylor)):
@@ -380,7 +390,7 @@ def prove_step(given: Arguments, weights: In, is_singular: bool, *, layout: Tayl
                 reject_step(run, counts, taylor, held, work, layout=layout)
                 restore_sides(watched, layout)
                 return Outcome.PAUSED
-    record_step(run, counts, taylor, held, given.outputs, work, given.times, given.rows, layout=layout)
+    record_step(run, counts, taylor, held, arguments.outputs, work, arguments.times, arguments.rows, layout=layout)
     if watched is not None:
         watched.watch.done, watched.watch.unproven = watched.watch.ahead, 0
     return Outcome.DONE

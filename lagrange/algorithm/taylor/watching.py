@@ -341,16 +341,16 @@ def arguments(layout: TaylorLayout) -> Bundle:
 
 
 @inline
-def watched_of(given: Arguments) -> Any:
+def watched_of(arguments: Arguments) -> Any:
     """Return the `Watched` functions with their series, or None."""
-    watched, work, order = given.watched, given.work, given.order
+    watched, work, order = arguments.watched, arguments.work, arguments.order
     return None if watched is None else replace(watched, work=work, order=order)
 
 
 @inline
-def numbers_of(given: Arguments, layout: TaylorLayout) -> tuple[Any, Any]:
+def numbers_of(arguments: Arguments, layout: TaylorLayout) -> tuple[Any, Any]:
     """Return the prepared numbers and constants of the series, for the present sides of switching surfaces."""
-    if given.watched is None or layout.observes:
-        return given.prepared, given.constants
-    begin = given.watched.watch.numbers
-    return given.prepared[begin:], given.constants[begin:]
+    if arguments.watched is None or layout.observes:
+        return arguments.prepared, arguments.constants
+    begin = arguments.watched.watch.numbers
+    return arguments.prepared[begin:], arguments.constants[begin:]
