@@ -146,7 +146,7 @@ def _refuse(
     lacking = [kind for kind, asked in requested.items() if asked and kind not in target.contents]
     if lacking:
         what = listing(methods) if lacking[0] == "steps" else lacking[0]
-        able = able_targets(lambda other: lacking[0] in other.contents)
+        able = able_targets(lambda candidate: lacking[0] in candidate.contents)
         raise StatementError(f"target {target.name!r} has no {what}: leave it out of contents, or take {able}.")
 
 

@@ -227,11 +227,11 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
         yield from _formula(f"event{k}", f"{write(event.expression)}{_told(event, write)}")
     yield ""
     values = [_with_unit(statement, p.name, statement.defaults.get(p)) for p in statement.parameters]
-    for what, parts in (
+    for title, parts in (
         ("coordinates", [_with_unit(statement, name) for name in statement.names]),
         ("parameters", values),
     ):
-        yield from wrapped(f"{what}: {', '.join(parts) or 'none'}", COMMENT_WIDTH)
+        yield from wrapped(f"{title}: {', '.join(parts) or 'none'}", COMMENT_WIDTH)
     if inputs:
         yield from wrapped(f"inputs: {', '.join(inputs)}: {INPUTS}", COMMENT_WIDTH)
 
@@ -249,8 +249,8 @@ def _writer(statement: Statement) -> Callable[[Any], str]:
     booklike = cache(lambda: Typesetter(statement, Notation()))
     printer, plain = StrPrinter({"order": "none"}), statement.plain
 
-    def named(other: Callable[[Any], str]) -> Callable[[Any], str]:
-        return lambda node: plain[node].name if node in plain else other(node)
+    def named(fallback: Callable[[Any], str]) -> Callable[[Any], str]:
+        return lambda node: plain[node].name if node in plain else fallback(node)
 
     # Long expressions are not rewritten in plain symbols first: SymPy needs seconds for that.
     printer._print_AppliedUndef = named(printer._print_Function)

@@ -263,8 +263,8 @@ class _Printer:
                 return ATOM, str(value)
             case ast.Subscript(value=ast.Name(id=array), slice=ast.Tuple(elts=[row, column])):
                 return ATOM, style.entry.format(array, self.index(row), self.index(column))
-            case ast.Subscript(value=ast.Name(id=array), slice=place):
-                return ATOM, style.element.format(array, self.index(place))
+            case ast.Subscript(value=ast.Name(id=array), slice=index):
+                return ATOM, style.element.format(array, self.index(index))
             case ast.BinOp(left=a, op=op, right=b):
                 return self._operation(
                     {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}[type(op)], a, b

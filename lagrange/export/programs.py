@@ -51,12 +51,12 @@ def marked(mark: str) -> Callable[[str], Sequence[str]]:
     return lambda text: commented(text, mark)
 
 
-def test_text(module: SourceModule, script: Script, **given: object) -> str:
+def test_text(module: SourceModule, script: Script, **extra_fields: object) -> str:
     """Return the self-test: a program that compares results with results of multiple precision.
 
-    `given` are further fields of the templates, beside those of `fields_of`.
+    `extra_fields` of the templates are added to those of `fields_of`.
     """
-    fields = {**fields_of(module), **given}
+    fields = {**fields_of(module), **extra_fields}
     text = ["\n".join([*script.comment(f"Self-test of {module.name}. {TEST} Exit status 0 if all are right."), "", ""])]
     text.append(script.head.format(**fields))
     for check in module.checks:
@@ -114,10 +114,10 @@ def _arguments(module: SourceModule, check: StepCheck, script: Script) -> str:
     return ", ".join(texts[parameter.name] for parameter in integrator.procedure.parameters)
 
 
-def main_text(module: SourceModule, script: Script, **given: object) -> str:
+def main_text(module: SourceModule, script: Script, **extra_fields: object) -> str:
     """Return the program that runs the initial state and prints the table.
 
-    `given` are further fields of the template. The module has a run.
+    `extra_fields` of the template are added to those of `fields_of`. The module has a run.
     """
     exported = run_of(module)
     assert exported is not None
@@ -136,6 +136,6 @@ def main_text(module: SourceModule, script: Script, **given: object) -> str:
         "steps": literals.whole(MOST_STEPS_PER_ROW),
         "outcomes": "".join(f"    {text},\n" for text in outcome_texts()).rstrip(),
         "columns": columns(module),
-        **given,
+        **extra_fields,
     }
     return "\n".join([*script.comment(about), "", script.main.format(**fields)])

@@ -56,24 +56,26 @@ def in_python(procedure: Procedure, prepared: memoryview, count: int) -> Evaluat
     return evaluation
 
 
-def check_of(name: str, program: Program, own: Evaluation, statement: Statement, parameters: Sequence[float]) -> Check:
-    """Return the test of a quantity; `own` evaluates the exported procedure in doubles.
+def check_of(
+    name: str, program: Program, evaluate: Evaluation, statement: Statement, parameters: Sequence[float]
+) -> Check:
+    """Return the test of a quantity; `evaluate` runs the exported procedure in doubles.
 
     States are drawn near the initial state, with the default parameters. Preferred are states at which doubles
     reproduce every result with a relative error of 2e-14. At other states the allowed error is 1e-12 of the largest
     result there, and the comments of the file say so. Raises StatementError if too few states have values.
     """
     states = list(_states(statement))
-    states.sort(key=lambda state: _sensitivity(own, *state) > WELL_CONDITIONED)
+    states.sort(key=lambda state: _sensitivity(evaluate, *state) > WELL_CONDITIONED)
     good: list[_Case] = []
-    others: list[_Case] = []
+    sensitive: list[_Case] = []
     for t, y in states:
-        if found := _case(program, own, t, y, parameters):
-            case, relative = found
-            (good if relative else others).append(case)
-        if len(good) == STATES or len(others) == STATES:
+        if pair := _case(program, evaluate, t, y, parameters):
+            case, relative = pair
+            (good if relative else sensitive).append(case)
+        if len(good) == STATES or len(sensitive) == STATES:
             break
-    chosen = [*good, *others][:STATES]
+    chosen = [*good, *sensitive][:STATES]
     if len(chosen) < STATES:
         missing = f"{name} of {statement.name} has no values at {STATES} states near the initial one"
         raise StatementError(missing + _no_states(program, states, statement, parameters))
@@ -122,10 +124,10 @@ def _states(statement: Statement) -> Iterator[tuple[float, tuple[float, ...]]]:
         yield point.t, (*point.q, *point.v)
 
 
-def _sensitivity(own: Evaluation, t: float, y: tuple[float, ...]) -> float:
+def _sensitivity(evaluate: Evaluation, t: float, y: tuple[float, ...]) -> float:
     """Return the largest relative change of a result when the state changes by a rounding error."""
     moved = tuple(x * (1.0 + (ULP if k % 2 else -ULP)) for k, x in enumerate(y))
-    results, moved_results = own(t, y), own(t, moved)
+    results, moved_results = evaluate(t, y), evaluate(t, moved)
     if results is None or moved_results is None:
         return math.inf
     changes = [abs(a - b) / abs(a) if a else abs(b) for a, b in zip(results, moved_results, strict=True)]
@@ -133,13 +135,13 @@ def _sensitivity(own: Evaluation, t: float, y: tuple[float, ...]) -> float:
 
 
 def _case(
-    program: Program, own: Evaluation, t: float, y: tuple[float, ...], parameters: Sequence[float]
+    program: Program, evaluate: Evaluation, t: float, y: tuple[float, ...], parameters: Sequence[float]
 ) -> tuple[_Case, bool] | None:
     """Return a test state, and True if doubles reproduce each result with a small error relative to that result.
 
     Return None if the results do not exist in multiple precision or in doubles.
     """
-    computed = own(t, y)
+    computed = evaluate(t, y)
     if computed is None or not all(map(math.isfinite, computed)):
         return None
     exact = _exact(program, t, y, parameters)

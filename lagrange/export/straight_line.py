@@ -144,10 +144,10 @@ class StraightLinePrinter:
             refs, key=lambda ref: (order.get(code[ref].op, 2), code[ref].place if code[ref].op in order else ref)
         )
 
-    def element(self, array: str, place: int) -> str:
-        """Return the text of entry `place` of an argument array."""
+    def element(self, array: str, index: int) -> str:
+        """Return the text of an entry of an argument array."""
         self.unused.pop(array, None)
-        return self.language.element.format(array, place + self.language.first)
+        return self.language.element.format(array, index + self.language.first)
 
     def _value(self, i: int, instruction: Instruction) -> None:
         match instruction.op:
@@ -425,16 +425,16 @@ class PrintedFunctions:
         printer.lines += [self._stored("p", k, printer.element("parameters", k)) for k in range(count)]
         return self._function(printer, "p", range(count, hoisted.size))
 
-    def _function(self, printer: StraightLinePrinter, array: str, places: Sequence[int]) -> PrintedFunction:
+    def _function(self, printer: StraightLinePrinter, array: str, indices: Sequence[int]) -> PrintedFunction:
         printer.values()
-        stored, flags = printer.program.outputs[: len(places)], printer.program.outputs[len(places) :]
-        lines = [self._stored(array, k, printer.number(ref)) for k, ref in zip(places, stored, strict=True)]
+        stored, flags = printer.program.outputs[: len(indices)], printer.program.outputs[len(indices) :]
+        lines = [self._stored(array, k, printer.number(ref)) for k, ref in zip(indices, stored, strict=True)]
         self.needed |= printer.needed
         status = printer.status(flags)
         written = [*printer.lines, *lines]
         unused = (*printer.unused, *([] if written else [array]))
         return PrintedFunction(written, status, printer.needed, printer.declared, unused)
 
-    def _stored(self, array: str, place: int, value: str) -> str:
-        name = self.language.element.format(array, place + self.language.first)
+    def _stored(self, array: str, index: int, value: str) -> str:
+        name = self.language.element.format(array, index + self.language.first)
         return self.language.stored(name, value)

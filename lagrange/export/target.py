@@ -135,7 +135,7 @@ def find(name: str) -> Target:
 
 def missing_operation(target: Target, module: SourceModule) -> tuple[str, str] | None:
     """Return (quantity, operation) of the first operation that the target cannot express, or None."""
-    operations = ((quantity.name, each.op) for quantity in module.quantities for each in quantity.program.instructions)
+    operations = ((quantity.name, code.op) for quantity in module.quantities for code in quantity.program.instructions)
     return next((pair for pair in operations if pair[1] in target.inexpressible), None)
 
 
@@ -146,5 +146,5 @@ def check_operations(target: Target, module: SourceModule) -> None:
         quantity, op = missing
         raise StatementError(
             f"{quantity} of {module.name} contains {op}, which target {target.name!r} has no function for: "
-            f"{able_targets(lambda other: op not in other.inexpressible)} have one."
+            f"{able_targets(lambda candidate: op not in candidate.inexpressible)} have one."
         )

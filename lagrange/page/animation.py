@@ -197,12 +197,12 @@ def _writable(path: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
     check_place(requested)
     if requested.suffix.lower() != ".mp4" or has_ffmpeg():
         return requested, ()
-    other = requested.with_suffix(".html")
-    if other.exists():
+    html = requested.with_suffix(".html")
+    if html.exists():
         raise StatementError(
-            f"{requested} needs the program ffmpeg, which is not installed, and {other}, which would do instead, is "
+            f"{requested} needs the program ffmpeg, which is not installed, and {html}, which would do instead, is "
             "there already: name a file that ends in .html or .gif."
         )
-    return other, (
-        f"ffmpeg is not installed, which {requested.name} needs: {other.name} is written instead, with a player.",
+    return html, (
+        f"ffmpeg is not installed, which {requested.name} needs: {html.name} is written instead, with a player.",
     )

@@ -69,8 +69,8 @@ class MotionSource:
 
 def contents(statement: Statement) -> tuple[str, ...]:
     """Return the names of the quantities that the exported module of a system computes."""
-    found = {"energies": not statement.lagrangian_alone, "positions": bool(statement.positions)}
-    return (*ALWAYS, *(name for name, there in found.items() if there))
+    optional = {"energies": not statement.lagrangian_alone, "positions": bool(statement.positions)}
+    return (*ALWAYS, *(name for name, present in optional.items() if present))
 
 
 def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionSource:

@@ -79,20 +79,20 @@ OPEN_SLIDERS = 15
 folded."""
 
 
-def slider_groups(found: Sequence[Slider], page: FoldedFormulas) -> str:
-    """Return HTML of the sliders `found` in groups: sliders that the user chose, parameters, initial values."""
-    chosen = [(place, slider) for place, slider in enumerate(found) if slider.chosen]
-    others = [(place, slider) for place, slider in enumerate(found) if not slider.chosen]
-    parameters = [pair for pair in others if pair[1].kind == PARAMETER]
-    states = [pair for pair in others if pair[1].kind != PARAMETER]
+def slider_groups(sliders: Sequence[Slider], page: FoldedFormulas) -> str:
+    """Return HTML of the sliders in groups: sliders that the user chose, parameters, initial values."""
+    chosen = [(index, slider) for index, slider in enumerate(sliders) if slider.chosen]
+    rest = [(index, slider) for index, slider in enumerate(sliders) if not slider.chosen]
+    parameters = [pair for pair in rest if pair[1].kind == PARAMETER]
+    states = [pair for pair in rest if pair[1].kind != PARAMETER]
     groups = [
         ("Sliders", chosen, False),
         ("Parameters", parameters, bool(chosen) or len(parameters) > OPEN_SLIDERS),
-        ("Start", states, bool(chosen) or len(others) > OPEN_SLIDERS),
+        ("Start", states, bool(chosen) or len(rest) > OPEN_SLIDERS),
     ]
-    units = any(slider.unit or slider.angle for slider in found)
+    units = any(slider.unit or slider.angle for slider in sliders)
     written = (
-        (title, folded, "".join(_slider(place, slider, page, units=units) for place, slider in rows))
+        (title, folded, "".join(_slider(index, slider, page, units=units) for index, slider in rows))
         for title, rows, folded in groups
         if rows
     )
@@ -102,17 +102,17 @@ def slider_groups(found: Sequence[Slider], page: FoldedFormulas) -> str:
     )
 
 
-def _slider(place: int, slider: Slider, page: FoldedFormulas, *, units: bool) -> str:
+def _slider(index: int, slider: Slider, page: FoldedFormulas, *, units: bool) -> str:
     name, unit = escape(slider.name), escape(plain_text(slider.unit))
     spoken = f"{name} in {unit}" if unit else name
-    shown_unit = f'<span id="unit{place}">{unit}</span>' if units else ""
+    shown_unit = f'<span id="unit{index}">{unit}</span>' if units else ""
     start = "" if slider.kind == PARAMETER else "initial value of "
     return (
-        f'<div class="slider"><label for="slider{place}">{page.letter(slider.name)}</label>'
-        f'<input type="range" id="slider{place}" min="{slider.low!r}" max="{slider.high!r}"'
+        f'<div class="slider"><label for="slider{index}">{page.letter(slider.name)}</label>'
+        f'<input type="range" id="slider{index}" min="{slider.low!r}" max="{slider.high!r}"'
         f' step="any" value="{slider.value!r}"'
         f' aria-label="{start}{spoken}">'
-        f'<input type="number" id="number{place}" step="any" value="{slider.value!r}"'
+        f'<input type="number" id="number{index}" step="any" value="{slider.value!r}"'
         f' aria-label="{start}{spoken}, typed">'
         f"{shown_unit}</div>\n"
     )

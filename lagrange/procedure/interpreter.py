@@ -66,8 +66,8 @@ def _effect(statement: Statement, known: Environment) -> Results | None:
     Return the results of the procedure if the statement ends it, else None. `known` maps ids to values.
     """
     match statement:
-        case form.Store(array=array, place=place, value=value):
-            known[array][known[place]] = known[value]
+        case form.Store(array=array, place=index, value=value):
+            known[array][known[index]] = known[value]
         case form.Write(record=record, field=field, value=value):
             setattr(known[record], field, known[value])
         case form.Set(variable=variable, value=value):
@@ -76,8 +76,8 @@ def _effect(statement: Statement, known: Environment) -> Results | None:
             for op, ref in (("sin", sine), ("cos", cosine)):
                 x, take = known[angle], OPERATIONS[op]
                 known[ref] = tuple(map(take, x)) if isinstance(x, tuple) else take(x)
-        case form.VectorStore(array=array, place=place, value=value, mask=mask):
-            adjacent = range(known[place], known[place] + len(known[value]))
+        case form.VectorStore(array=array, place=first, value=value, mask=mask):
+            adjacent = range(known[first], known[first] + len(known[value]))
             _scatter(known[array], adjacent, known[value], None if mask is None else known[mask])
         case form.Scatter(array=array, places=indices, value=value, mask=mask):
             _scatter(known[array], known[indices], known[value], known[mask])
@@ -288,7 +288,7 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "abs": abs,
     "sqrt": _total(math.sqrt),
     "sign": lambda a: 1.0 if a > 0 else -1.0 if a < 0 else a,
-    **{one.name: _total(one.of_float, pole=one.pole) for one in ELEMENTARY.values()},
+    **{function.name: _total(function.of_float, pole=function.pole) for function in ELEMENTARY.values()},
     "atan2": math.atan2,
     "copysign": math.copysign,
     "atanh": lambda x: math.copysign(math.inf, x) if abs(x) == 1 else _total(math.atanh)(x),

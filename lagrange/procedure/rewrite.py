@@ -214,15 +214,15 @@ class _Unpacker:
                     self.same[statement.ref] = self.entries[statement.vector][statement.place]
                 case form.Reduce():
                     self.reduce(statement)
-                case form.VectorLoad(vector=vector, place=place, mask=mask):
-                    indices = self.side_by_side(place, vector.width)
+                case form.VectorLoad(vector=vector, place=first, mask=mask):
+                    indices = self.side_by_side(first, vector.width)
                     flags = None if mask is None else self.entries[mask]
                     self.entries[statement.ref] = self.loaded(statement, indices, flags)
                 case form.Gather(places=chosen, mask=mask):
                     flags = None if mask is None else self.entries[mask]
                     self.entries[statement.ref] = self.loaded(statement, self.entries[chosen], flags)
-                case form.VectorStore(place=place, value=value):
-                    self.store(statement, self.side_by_side(place, len(self.entries[value])))
+                case form.VectorStore(place=first, value=value):
+                    self.store(statement, self.side_by_side(first, len(self.entries[value])))
                 case form.Scatter(places=chosen):
                     self.store(statement, self.entries[chosen])
                 case _:

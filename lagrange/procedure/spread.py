@@ -120,8 +120,8 @@ class _SpreadSearch:
         `parted` is true if only some of the members reach the statement.
         """
         match statement:
-            case form.Load(ref=ref, array=array, place=place):
-                common = self.own.isdisjoint((array, place)) and array not in self.apart and array not in self.written
+            case form.Load(ref=ref, array=array, place=index):
+                common = self.own.isdisjoint((array, index)) and array not in self.apart and array not in self.written
                 self.mark(ref, differs=not common)
             case form.Reserve(ref=ref) | form.ReserveRecord(ref=ref):
                 self.mark(ref, differs=True)
@@ -139,8 +139,8 @@ class _SpreadSearch:
             case form.When(condition=condition) | form.Repeat(condition=condition):
                 for body in inner(statement):
                     self.block(body, parted=parted or condition in self.own)
-            case form.Loop(place=place, start=start, stop=stop, body=body):
-                self.mark(place, differs=start in self.own)
+            case form.Loop(place=index, start=start, stop=stop, body=body):
+                self.mark(index, differs=start in self.own)
                 self.block(body, parted=parted or not self.own.isdisjoint((start, stop)))
             case form.Each(iterations=count, body=body, folds=folds):
                 self.block(body, parted=parted or count in self.own)

@@ -83,7 +83,9 @@ def momentum_jacobian(equations: Equations) -> Named:
 def constraint_forces(equations: Equations) -> Named:
     """Return the generalized force G_i^T lambda_i of each constraint i, n entries for each."""
     forces = [
-        entry * one for row, one in zip(equations.stated.gradient, equations.multipliers, strict=True) for entry in row
+        entry * multiplier
+        for row, multiplier in zip(equations.stated.gradient, equations.multipliers, strict=True)
+        for entry in row
     ]
     return {"constraint_forces": forces}
 
@@ -165,10 +167,10 @@ def program_of(name: str, equations: Equations) -> Program:
     shape = {0: (), 1: (count,), 2: (rows, count // rows)}[quantity.indices]
     # A kernel returns some results only if all others are inputs. Otherwise it writes all results.
     symbols = {symbol for block in inputs.values() for symbol in block}
-    others = (node for block, nodes in results.items() if block not in quantity.returned for node in nodes)
-    returned = quantity.returned if all(node in symbols for node in others) else ()
-    given = name, results, inputs, equations.time, equations.parameters
-    equations.programs[name] = program = lower(*given, shape=shape, returned=returned, solved=quantity.solved)
+    unreturned = (node for block, nodes in results.items() if block not in quantity.returned for node in nodes)
+    returned = quantity.returned if all(node in symbols for node in unreturned) else ()
+    arguments = name, results, inputs, equations.time, equations.parameters
+    equations.programs[name] = program = lower(*arguments, shape=shape, returned=returned, solved=quantity.solved)
     return program
 
 

@@ -46,15 +46,15 @@ def projection(equations: Equations) -> Named:
     n, zero = len(equations.q), equations.graph.zero
     phi = constraint_positions(held)
     dq, dv = ([graph.symbol(f"correction {what} {i}", Binding.ACCELERATION) for i in range(n)] for what in ("q", "v"))
-    moved = equations.plan.solved(equations.matrix, [*[zero] * n, *(-one for one in phi)])[:n]
+    moved = equations.plan.solved(equations.matrix, [*[zero] * n, *(-residual for residual in phi)])[:n]
     known = dict(zip(dq, moved, strict=True))
     along = tangents(held.velocities, dict(zip(equations.q, dq, strict=True)))
     missing = [graph.sum([(-1, psi), (-1, along(psi))]) for psi in held.velocities]
     turned = equations.plan.solved(equations.matrix, [*[zero] * n, *substitute(missing, known)])[:n]
     known |= dict(zip(dv, turned, strict=True))
 
-    places = [value for value in phi if value is not zero]
-    values = [*places, *(value for value in held.velocities if value is not zero)]
+    positions = [value for value in phi if value is not zero]
+    values = [*positions, *(value for value in held.velocities if value is not zero)]
     direction = dict(zip((*equations.q, *equations.v), (*dq, *dv), strict=True))
     first = tangents(values, direction)
     slopes = list(map(first, values))
@@ -62,8 +62,11 @@ def projection(equations: Equations) -> Named:
     left = substitute([graph.sum([(Fraction(1, 2), second(slope))]) for slope in slopes], known)
     sizes = term_sizes(values)
     # At rest the terms of rates are rounding: what the corrections add to them is larger.
-    added = substitute(term_sizes(slopes[len(places) :]), known)
-    later = [*sizes[: len(places)], *(size + more for size, more in zip(sizes[len(places) :], added, strict=True))]
+    added = substitute(term_sizes(slopes[len(positions) :]), known)
+    later = [
+        *sizes[: len(positions)],
+        *(size + more for size, more in zip(sizes[len(positions) :], added, strict=True)),
+    ]
     shares, rest = _shares(values, sizes), _shares(left, later)
 
     def worst(of: Sequence[Node]) -> Node:
@@ -71,9 +74,9 @@ def projection(equations: Equations) -> Named:
 
     # A sum instead of a maximum: it is NaN if one of its terms is NaN.
     remainder = graph.sum([(1, share) for share in rest])
-    found = {"coordinates": moved, "velocities": turned, "violation": [worst(shares)], "remainder": [remainder]}
+    results = {"coordinates": moved, "velocities": turned, "violation": [worst(shares)], "remainder": [remainder]}
     relations = len(equations.first_order)
-    return found | {"stated": [worst(shares[:-relations])]} if relations else found
+    return results | {"stated": [worst(shares[:-relations])]} if relations else results
 
 
 def _shares(values: Sequence[Node], sizes: Sequence[Node]) -> list[Node]:
@@ -104,12 +107,14 @@ def constrained(equations: Equations) -> Named:
     held, multipliers = equations.constraints, multiplier_symbols(equations)
     count = len(held)
     pushed = held.forces(multipliers[:count]) if count else [equations.graph.zero] * len(equations.q)
-    places = [one if phi is None else phi for phi, one in zip(held.positions, multipliers, strict=False)]
+    positions = [
+        multiplier if phi is None else phi for phi, multiplier in zip(held.positions, multipliers, strict=False)
+    ]
     return {
         "momenta": equations.motion.momenta,
         "forces": equations.motion.forces,
         "constraint_forces": pushed,
-        "positions": [*places, *multipliers[count:]],
+        "positions": [*positions, *multipliers[count:]],
         "velocities": [*held.velocities, *multipliers[count:]],
     }
 

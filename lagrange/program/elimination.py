@@ -45,20 +45,20 @@ class Elimination:
             if column:
                 first = min(column)
                 columns[first].update(i for i in column if i > first)
-        found: list[list[int]] = [[] for _ in range(self.order)]
+        rows: list[list[int]] = [[] for _ in range(self.order)]
         for j, column in enumerate(columns):
             for i in sorted(column):
-                found[i].append(j)
-        return tuple(map(tuple, found))
+                rows[i].append(j)
+        return tuple(map(tuple, rows))
 
     @cached_property
     def columns(self) -> tuple[tuple[int, ...], ...]:
         """Row indices i > j of the nonzero entries in each column j of L, ascending."""
-        found: list[list[int]] = [[] for _ in range(self.order)]
+        columns: list[list[int]] = [[] for _ in range(self.order)]
         for i, row in enumerate(self.rows):
             for j in row:
-                found[j].append(i)
-        return tuple(map(tuple, found))
+                columns[j].append(i)
+        return tuple(map(tuple, columns))
 
     @cached_property
     def places(self) -> tuple[tuple[int, int], ...]:
@@ -115,12 +115,12 @@ def elimination(order: int, entries: frozenset[tuple[int, int]], negative: tuple
 
 def block_eliminations(plan: SolvePlan) -> list[Elimination]:
     """Return the elimination of each diagonal block of the matrix of a solve plan."""
-    found = []
+    eliminations = []
     for block in plan.blocks:
-        place = {unknown: i for i, unknown in enumerate(block)}
-        there = frozenset((place[i], place[j]) for i, j in plan.triangle if i in place)
-        found.append(elimination(len(block), there, plan.negative(block)))
-    return found
+        index = {unknown: i for i, unknown in enumerate(block)}
+        pattern = frozenset((index[i], index[j]) for i, j in plan.triangle if i in index)
+        eliminations.append(elimination(len(block), pattern, plan.negative(block)))
+    return eliminations
 
 
 def is_factored(plan: SolvePlan) -> bool:

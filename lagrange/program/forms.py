@@ -55,11 +55,11 @@ class Form:
     @property
     def nodes(self) -> list[Node]:
         """All nodes in the forces and in the parts of the momenta, without the momenta themselves."""
-        found = [node for terms in self.forces for _, node in terms]
+        nodes = [node for terms in self.forces for _, node in terms]
         for part in self.parts.values():
-            found += [node for _, node in part.terms]
-            found += [node for _, c, y in part.swept for node in (c, y)]
-        return found
+            nodes += [node for _, node in part.terms]
+            nodes += [node for _, c, y in part.swept for node in (c, y)]
+        return nodes
 
 
 def forms(p: Sequence[Node], f: Sequence[Node], q: Sequence[Node], v: Sequence[Node], time: Node) -> list[Form]:
@@ -108,7 +108,7 @@ def _expanded(node: Node, whole: Collection[Node]) -> Expansion | None:
 
     Nodes in `whole` are not expanded.
     """
-    found: Expansion = {}
+    expansion: Expansion = {}
     root = node
     while root.kind is Kind.SUM and _is_scaled(root):
         root = root.args[0]
@@ -117,8 +117,8 @@ def _expanded(node: Node, whole: Collection[Node]) -> Expansion | None:
         coefficient, done, todo = stack.pop()
         if not todo:
             key = tuple(sorted(done, key=lambda factor: factor.id))
-            found[key] = found.get(key, 0) + coefficient
-            if len(found) > MOST_TERMS:
+            expansion[key] = expansion.get(key, 0) + coefficient
+            if len(expansion) > MOST_TERMS:
                 return None
             continue
         first, rest = todo[0], todo[1:]
@@ -137,7 +137,7 @@ def _expanded(node: Node, whole: Collection[Node]) -> Expansion | None:
             stack += [(coefficient * c, done, (arg, *rest)) for c, arg in zip(scales, first.args, strict=True)]
         else:
             stack.append((coefficient, (*done, first), rest))
-    return {key: c for key, c in found.items() if c}
+    return {key: c for key, c in expansion.items() if c}
 
 
 def _is_scaled(node: Node) -> bool:
@@ -247,17 +247,17 @@ class _FinishedCoordinates:
 
     def joined(self, terms: Expansion) -> Expansion:
         """Return `terms` with the remainder of each finished coordinate in place of its force and slope."""
-        found = dict(terms)
-        todo = [place for key in found for place in self._places.get(key, ())]
+        result = dict(terms)
+        todo = [index for key in result for index in self._places.get(key, ())]
         heapify(todo)
         while todo:
-            place = heappop(todo)
-            (force, scale), (slope, other), rest = self._forces[place]
-            share = Fraction(found.get(force, 0)) / scale if scale else Fraction(0)
-            if share and Fraction(found.get(slope, 0)) == -share * other:
-                del found[force], found[slope]
-                found[(rest,)] = exact(found.get((rest,), 0) + share)
+            index = heappop(todo)
+            (force, scale), (slope, slope_scale), rest = self._forces[index]
+            share = Fraction(result.get(force, 0)) / scale if scale else Fraction(0)
+            if share and Fraction(result.get(slope, 0)) == -share * slope_scale:
+                del result[force], result[slope]
+                result[(rest,)] = exact(result.get((rest,), 0) + share)
                 for later in self._places.get((rest,), ()):
-                    if later > place:
+                    if later > index:
                         heappush(todo, later)
-        return found
+        return result

@@ -39,14 +39,14 @@ def lower(
     outputs, state = ([node for block in named.values() for node in block] for named in (results, inputs))
     lowering = _Lowering(outputs[0].graph, outputs, state, time, parameters)
     refs = [lowering.ref(node) for node in outputs]
-    instructions, hoisted, found = lowering.finish(refs)
+    instructions, hoisted, output_refs = lowering.finish(refs)
     return Program(
         name=name,
         inputs=tuple(ProgramBlock(block, len(nodes)) for block, nodes in inputs.items()),
         parameters=len(parameters),
         instructions=instructions,
         hoisted=hoisted,
-        outputs=found,
+        outputs=output_refs,
         results=tuple(ProgramBlock(block, len(nodes)) for block, nodes in results.items()),
         shape=(len(outputs),) if shape is None else shape,
         returned=returned,
@@ -192,8 +192,8 @@ class _Lowering:
             return self.chain(coefficient, over)
         divisors = [self.power(self.ref(node.args[0]), -node.data) for node in under]
         divisor = divisors[0]
-        for other in divisors[1:]:
-            divisor = self.emit("mul", divisor, other)
+        for factor in divisors[1:]:
+            divisor = self.emit("mul", divisor, factor)
         return self.emit("div", self.chain(coefficient, over), divisor)
 
     def chain(self, coefficient: Exact, factors: Sequence[Node]) -> int:
@@ -266,11 +266,12 @@ class _Lowering:
         early = {i for i in needed if self.levels[i] <= Binding.PARAMETER or self.instructions[i].op == "parameter"}
         first = [i for i in needed if i in early]
         order = [*first, *(i for i in needed if i not in early)]
-        place = {old: new for new, old in enumerate(order)}
+        renumbered = {old: new for new, old in enumerate(order)}
         instructions = tuple(
-            self.instructions[i]._replace(args=tuple(place[arg] for arg in self.instructions[i].args)) for i in order
+            self.instructions[i]._replace(args=tuple(renumbered[arg] for arg in self.instructions[i].args))
+            for i in order
         )
-        return instructions, len(first), tuple(place[output] for output in outputs)
+        return instructions, len(first), tuple(renumbered[output] for output in outputs)
 
 
 _CONSTANTS = {"pi": 3.141592653589793, "e": 2.718281828459045, "nan": float("nan")}

@@ -54,10 +54,10 @@ class Instruction(NamedTuple):
 
     def __str__(self) -> str:
         shown = [self.place] if self.op in PLACED else [self.order] if self.op in SYSTEMS else []
-        given = (
+        data = (
             [f"{self.value:.17g}"] if self.op == "constant" else [*map(str, shown), *(f"-{i}" for i in self.negative)]
         )
-        return " ".join([self.op, *given, *(f"%{arg}" for arg in self.args)])
+        return " ".join([self.op, *data, *(f"%{arg}" for arg in self.args)])
 
 
 class ProgramBlock(NamedTuple):
@@ -96,8 +96,8 @@ class Program:
         verify(self)
 
     def __str__(self) -> str:
-        given = ["t", *map(str, self.inputs), f"p[{self.parameters}]"]
-        lines = [f"{self.name}: {', '.join(given)} -> {', '.join(map(str, self.results))} as {list(self.shape)}"]
+        arguments = ["t", *map(str, self.inputs), f"p[{self.parameters}]"]
+        lines = [f"{self.name}: {', '.join(arguments)} -> {', '.join(map(str, self.results))} as {list(self.shape)}"]
         for i, instruction in enumerate(self.instructions):
             if i in (0, self.hoisted):
                 lines.append("once per parameters:" if i < self.hoisted else "every time:")
@@ -111,24 +111,26 @@ class Program:
 
     def part(self, name: str) -> tuple[int, ...]:
         """Return the indices of the instructions that compute the entries of the result block `name`."""
-        place = 0
+        start = 0
         for block in self.results:
             if block.name == name:
-                return self.outputs[place : place + block.size]
-            place += block.size
+                return self.outputs[start : start + block.size]
+            start += block.size
         raise LagrangeError(f"program {self.name} has no result {name}")
 
     @cached_property
     def eliminations(self) -> Mapping[int, Elimination]:
         """Elimination of the matrix of each "factor" instruction, by index, without entries that are always zero."""
-        code, found = self.instructions, {}
-        for ref, one in enumerate(code):
-            if one.op == "factor":
-                places = ((i, j) for i in range(one.order) for j in range(i + 1))
-                pairs = zip(places, one.args, strict=True)
-                there = frozenset(place for place, arg in pairs if code[arg].op != "constant" or code[arg].value != 0.0)
-                found[ref] = elimination(one.order, there, one.negative)
-        return found
+        code, result = self.instructions, {}
+        for ref, instruction in enumerate(code):
+            if instruction.op == "factor":
+                positions = ((i, j) for i in range(instruction.order) for j in range(i + 1))
+                pairs = zip(positions, instruction.args, strict=True)
+                pattern = frozenset(
+                    position for position, arg in pairs if code[arg].op != "constant" or code[arg].value != 0.0
+                )
+                result[ref] = elimination(instruction.order, pattern, instruction.negative)
+        return result
 
     @property
     def saved(self) -> tuple[int, ...]:
@@ -153,7 +155,7 @@ def verify(program: Program) -> None:
 
 
 def _problems(program: Program) -> Iterator[str]:
-    for i, (op, args, place, _, order, negative) in enumerate(program.instructions):
+    for i, (op, args, index, _, order, negative) in enumerate(program.instructions):
         if op not in ARITY:
             yield f"%{i} has the unknown operation {op}"
         elif ARITY[op] not in (None, len(args)):
@@ -162,8 +164,8 @@ def _problems(program: Program) -> Iterator[str]:
             yield f"%{i} = {op} reads a later result"
         if i < program.hoisted and op in ("time", "state"):
             yield f"%{i} = {op} is hoisted but depends on the state"
-        if op in ("state", "parameter") and not 0 <= place < (program.states if op == "state" else program.parameters):
-            yield f"%{i} = {op} {place} is not there"
+        if op in ("state", "parameter") and not 0 <= index < (program.states if op == "state" else program.parameters):
+            yield f"%{i} = {op} {index} is not there"
         if op == "factor" and len(args) != order * (order + 1) / 2:
             yield f"%{i} factors a matrix of order {order} from {len(args)} entries"
         if any(not 0 <= k < order * (op == "factor") for k in negative) or sorted(negative) != list(negative):
@@ -181,17 +183,17 @@ def _problems(program: Program) -> Iterator[str]:
         yield f"{names} do not name its inputs and results"
     if any(name not in [block.name for block in program.results] for name in program.returned):
         yield f"{list(program.returned)} are not among its results"
-    given = [block.name for block in program.results if program.returned and block.name not in program.returned]
-    if any(program.instructions[ref].op != "state" for name in given for ref in program.part(name)):
-        yield f"{given} are not returned, and are no inputs"
+    unreturned = [block.name for block in program.results if program.returned and block.name not in program.returned]
+    if any(program.instructions[ref].op != "state" for name in unreturned for ref in program.part(name)):
+        yield f"{unreturned} are not returned, and are no inputs"
 
 
 def uses_of(program: Program) -> list[int]:
     """Return, for each instruction, a lower bound of the number of times that printed code reads its result."""
     uses = [0] * len(program.instructions)
-    for one in program.instructions:
-        for arg in one.args:
-            uses[arg] += 1 if one.op not in (*SYSTEMS, "select") else 2
+    for instruction in program.instructions:
+        for arg in instruction.args:
+            uses[arg] += 1 if instruction.op not in (*SYSTEMS, "select") else 2
     for ref in program.outputs:
         uses[ref] += 1
     return uses
@@ -225,11 +227,11 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
     depth: dict[int, int] = {}
     alike: dict[tuple[int, int], list[int]] = {}
     for i in refs:
-        one = program.instructions[i]
-        known[i] = max((depth.get(arg, 0) for arg in one.args), default=0)
-        depth[i] = known[i] + (one.op == "solve")
-        if one.op == "solve":
-            alike.setdefault((one.args[0], known[i]), []).append(i)
+        instruction = program.instructions[i]
+        known[i] = max((depth.get(arg, 0) for arg in instruction.args), default=0)
+        depth[i] = known[i] + (instruction.op == "solve")
+        if instruction.op == "solve":
+            alike.setdefault((instruction.args[0], known[i]), []).append(i)
     groups = [
         SolveGroup(factor, part) for (factor, _), solves in alike.items() for part in _parts(solves, most(factor))
     ]
@@ -238,7 +240,7 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
     grouped = dict.fromkeys(i for group in groups for i in group.solves)
     steps: list[tuple[int, int, int | SolveGroup]] = [(known[i] if i in grouped else depth[i], 2 * i, i) for i in refs]
     steps += [(known[group.solves[0]], 2 * group.solves[-1] + 1, group) for group in groups]
-    return [step for _, _, step in sorted(steps, key=lambda one: one[:2])]
+    return [step for _, _, step in sorted(steps, key=lambda step: step[:2])]
 
 
 def _parts(solves: list[int], most: int) -> list[tuple[int, ...]]:

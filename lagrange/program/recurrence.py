@@ -65,8 +65,8 @@ class RecurrenceBuilder:
             self.values[node] = self.add(SeriesRule("coordinate", (), (i,)), node)
         for i, node in enumerate(self.v):
             self.values[node] = self.add(SeriesRule("unknown", (), (i,)), node)
-        for node, place in unknowns.items():
-            self.values[node] = self.add(SeriesRule("unknown", (), (place,)), node)
+        for node, index in unknowns.items():
+            self.values[node] = self.add(SeriesRule("unknown", (), (index,)), node)
         self.values[time] = self.add(SeriesRule("time"), time)
         order = [node for node in reachable(outputs) if node.binding > Binding.PARAMETER]
         self.pairs = self._pairs(order)
@@ -306,27 +306,27 @@ class RecurrenceBuilder:
         velocities to symbols of their rounding errors. These errors enter differences of coordinates, so that bodies
         may move together far from the origin.
         """
-        found: list[Node | None] = []
+        nodes: list[Node | None] = []
         replaced = Substitution()
         for rule, node, offset in zip(self.rules, self.nodes, self.offsets, strict=True):
             if node is None:
-                found.append(None)
+                nodes.append(None)
                 continue
             if node in self.starts:
                 start = replaced(self.starts[node])
             elif rule.op == "linear":
                 pairs = zip(rule.coefficients, rule.args, strict=True)
-                terms = [(1, table[c] * known_node(found[arg])) for c, arg in pairs]
+                terms = [(1, table[c] * known_node(nodes[arg])) for c, arg in pairs]
                 if len(rule.args) > 1 and all(arg in low for arg in rule.args):
                     pairs = zip(rule.coefficients, rule.args, strict=True)
                     terms += [(1, table[c] * low[arg]) for c, arg in pairs]
                 start = self.graph.sum(terms if offset is None else [*terms, (1, offset)])
             else:
                 start = replaced(node)
-            found.append(start)
+            nodes.append(start)
             if start is not node:
                 replaced.replace(node, start)
-        return found
+        return nodes
 
 
 def known_node(node: Node | None) -> Node:
@@ -356,9 +356,9 @@ def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
         first, second = (b.graph.call(name, a) for name in names)
         if first not in b.values:
             b.value(a)
-            one, other = b.reserve(first), b.reserve(second)
-            b.integrate(one, a, other, signs[0])
-            b.integrate(other, a, one, signs[1])
+            sine, cosine = b.reserve(first), b.reserve(second)
+            b.integrate(sine, a, cosine, signs[0])
+            b.integrate(cosine, a, sine, signs[1])
         return b.values[node]
 
     return build
@@ -477,7 +477,7 @@ FUNCTION_RULES: dict[str, FunctionRule] = {
     "exp": _exponential,
     "tan": _tangent(1),
     "tanh": _tangent(-1),
-    **{one.name: _against(one.slope, one.sign) for one in ELEMENTARY.values() if one.slope is not None},
+    **{call.name: _against(call.slope, call.sign) for call in ELEMENTARY.values() if call.slope is not None},
     "erf": _error_function,
     "atan2": _atan2,
     "pow": _pow,

@@ -166,7 +166,7 @@ class SeriesProgram:
     @cached_property
     def depth(self) -> tuple[int, ...]:
         """For each value, the number of stages (linear systems) that are solved at each order before it is known."""
-        solved = {unknown: place for place, stage in enumerate(self.stages, 1) for unknown in stage.unknowns}
+        solved = {unknown: number for number, stage in enumerate(self.stages, 1) for unknown in stage.unknowns}
         depths: list[int] = []
         for i in range(len(self.rules)):
             depths.append(solved.get(i, max((depths[arg] for arg in self.direct(i)), default=0)))
@@ -175,7 +175,7 @@ class SeriesProgram:
     def direct(self, i: int) -> tuple[int, ...]:
         """Return the arguments of value number i whose coefficients of order k its rule reads to compute order k."""
         op, args, _ = self.rules[i]
-        return tuple(arg for place, arg in enumerate(args) if LAGGED.get(op) != place)
+        return tuple(arg for position, arg in enumerate(args) if LAGGED.get(op) != position)
 
     @cached_property
     def before(self) -> tuple[int, ...]:
@@ -185,18 +185,18 @@ class SeriesProgram:
     @cached_property
     def trials(self) -> tuple[tuple[int, ...], ...]:
         """For each stage, the values to compute with unknowns of zero, in order, for the right side of its system."""
-        wanted = ([value for value in stage.left if value is not None] for stage in self.stages)
-        return tuple(self._at(self._needed(values), place) for place, values in enumerate(wanted, 1))
+        sides = ([value for value in stage.left if value is not None] for stage in self.stages)
+        return tuple(self._at(self._needed(values), solved) for solved, values in enumerate(sides, 1))
 
     @cached_property
     def found(self) -> tuple[tuple[int, ...], ...]:
         """For each stage, the values to compute after its solution that this order or a later one reads, in order."""
         needed = self._needed(self._outputs(left=len(self.stages) > 1))
-        return tuple(self._at(needed, place) for place in range(1, len(self.stages) + 1))
+        return tuple(self._at(needed, solved) for solved in range(1, len(self.stages) + 1))
 
-    def _at(self, values: Sequence[int], place: int) -> tuple[int, ...]:
-        """Return those of `values` that are known after exactly `place` stages, without the unknowns themselves."""
-        return tuple(i for i in values if self.depth[i] == place and self.rules[i].op != "unknown")
+    def _at(self, values: Sequence[int], solved: int) -> tuple[int, ...]:
+        """Return those of `values` that are known after exactly `solved` stages, without the unknowns themselves."""
+        return tuple(i for i in values if self.depth[i] == solved and self.rules[i].op != "unknown")
 
     def _outputs(self, *, left: bool) -> list[int]:
         """Return the values that stages, events, dq/dt or later orders read; with `left` also the momenta."""
@@ -225,16 +225,16 @@ class SeriesProgram:
 
         A series of lower order may not contain the term of this power.
         """
-        found: list[int] = []
+        degrees: list[int] = []
         for op, args, _ in self.rules:
-            powers = [found[arg] if arg < len(found) else 0 for arg in args]
+            powers = [degrees[arg] if arg < len(degrees) else 0 for arg in args]
             if op == "mul":
-                found.append(sum(powers))
+                degrees.append(sum(powers))
             elif op == "square":
-                found.append(2 * powers[0])
+                degrees.append(2 * powers[0])
             else:
-                found.append(LARGEST_POWER if op == "power" else max(powers, default=1))
-        return max((found[value] for value in self.watched if value is not None), default=0)
+                degrees.append(LARGEST_POWER if op == "power" else max(powers, default=1))
+        return max((degrees[value] for value in self.watched if value is not None), default=0)
 
     @cached_property
     def hides_growth(self) -> bool:
@@ -262,8 +262,8 @@ class SeriesProgram:
         lines = [f"{self.name}: {self.dimension} coordinates, mass matrix of blocks {blocks}"]
         lines += [f"  c{i} = {number:.17g}" for i, number in enumerate(self.numbers) if number is not None]
         parts = [("before", self.before)]
-        for trial, found in zip(self.trials, self.found, strict=True):
-            parts += [("trial", trial), ("after", found)]
+        for trial, after in zip(self.trials, self.found, strict=True):
+            parts += [("trial", trial), ("after", after)]
         for title, members in parts:
             lines.append(f"{title}:")
             lines += [f"  %{i} = {_shown(self.rules[i])}" for i in members]
@@ -329,10 +329,10 @@ def _problems(program: SeriesProgram) -> Iterator[str]:
             yield f"%{i} = {op} reads a value that is not there"
         elif any(arg >= i for arg in program.direct(i)):
             yield f"%{i} = {op} reads a later value at its own order"
-    given = [len(program.numbers), len(program.started)]
+    output_counts = [len(program.numbers), len(program.started)]
     for stage in program.stages:
-        given[stage.plan.moving] += len(stage.plan.triangle)
-    if [len(program.constants.outputs), len(program.start.outputs)] != given:
+        output_counts[stage.plan.moving] += len(stage.plan.triangle)
+    if [len(program.constants.outputs), len(program.start.outputs)] != output_counts:
         yield "the start does not give every value of order 0 and the mass matrix"
     if len(program.surfaces.outputs) != max(program.sides, 1):
         yield "there is not one side for each surface"

@@ -45,14 +45,16 @@ def simplified(program: Program) -> Program:
     """
     if len(program.instructions) > LONGEST_PROGRAM:
         return program
-    found = _Simplifier(program).made()
-    return found if operations(found) < operations(program) else program
+    shorter = _Simplifier(program).made()
+    return shorter if operations(shorter) < operations(program) else program
 
 
 def operations(program: Program) -> int:
     """Return the number of operations of one evaluation; a multiply-add counts as two."""
     moving = program.instructions[program.hoisted :]
-    return sum(one.op not in NO_OPERATION for one in moving) + sum(one.op == "fma" for one in moving)
+    return sum(instruction.op not in NO_OPERATION for instruction in moving) + sum(
+        instruction.op == "fma" for instruction in moving
+    )
 
 
 class _Simplifier:
@@ -73,21 +75,21 @@ class _Simplifier:
 
     def made(self) -> Program:
         """Return the new, simplified program."""
-        for one, uses in zip(self.program.instructions, _uses(self.program), strict=True):
-            value = self.again(one)
+        for instruction, uses in zip(self.program.instructions, _uses(self.program), strict=True):
+            value = self.again(instruction)
             self.values.append(value)
             if uses > 1:
                 self.sums.pop(value.ref, None)
         outputs = [self.plain(ref) for ref in self.program.outputs]
         needed = self.needed(outputs)
-        order = [ref for wanted in (True, False) for ref in needed if self.hoisted[ref] is wanted]
-        place = {old: new for new, old in enumerate(order)}
-        instructions = tuple(self.code[i]._replace(args=tuple(place[a] for a in self.code[i].args)) for i in order)
+        order = [ref for hoisted in (True, False) for ref in needed if self.hoisted[ref] is hoisted]
+        renumbered = {old: new for new, old in enumerate(order)}
+        instructions = tuple(self.code[i]._replace(args=tuple(renumbered[a] for a in self.code[i].args)) for i in order)
         return replace(
             self.program,
             instructions=instructions,
             hoisted=sum(self.hoisted[ref] for ref in needed),
-            outputs=tuple(place[ref] for ref in outputs),
+            outputs=tuple(renumbered[ref] for ref in outputs),
         )
 
     def needed(self, outputs: Sequence[int]) -> list[int]:
@@ -103,36 +105,36 @@ class _Simplifier:
 
     def emit(self, op: str, *args: int, **data: Any) -> int:
         """Return the index in the new program of an instruction; an equal instruction is reused."""
-        one = Instruction(op, args, **data)
-        if one not in self.numbers:
-            ref = self.numbers[one] = len(self.code)
-            self.code.append(one)
+        instruction = Instruction(op, args, **data)
+        if instruction not in self.numbers:
+            ref = self.numbers[instruction] = len(self.code)
+            self.code.append(instruction)
             self.hoisted.append(op not in ("time", "state") and all(self.hoisted[arg] for arg in args))
             self.reads.append(0)
-            found = tuple(sorted(f for arg in args for f in self.factors[arg])) if op == "mul" else (ref,)
-            self.factors.append(found if len(found) <= MOST_COMPARED_TERMS else (ref,))
+            factors = tuple(sorted(f for arg in args for f in self.factors[arg])) if op == "mul" else (ref,)
+            self.factors.append(factors if len(factors) <= MOST_COMPARED_TERMS else (ref,))
             for arg in args:
                 self.reads[arg] += 1
-        return self.numbers[one]
+        return self.numbers[instruction]
 
-    def again(self, one: Instruction) -> Signed:
-        """Emit `one`, an instruction of the old program, and return its signed result in the new program."""
-        if one.op == "constant" and one.value < 0.0:
-            return Signed(self.emit("constant", value=-one.value), negative=True)
-        if one.op == "neg":
-            value = self.values[one.args[0]]
+    def again(self, instruction: Instruction) -> Signed:
+        """Emit an instruction of the old program, and return its signed result in the new program."""
+        if instruction.op == "constant" and instruction.value < 0.0:
+            return Signed(self.emit("constant", value=-instruction.value), negative=True)
+        if instruction.op == "neg":
+            value = self.values[instruction.args[0]]
             return Signed(value.ref, not value.negative)
-        given = [self.values[arg] for arg in one.args]
-        if one.op in ODD:
-            return self.odd(one.op, *given)
-        if one.op == "fma":
-            return self.sum(self.odd("mul", *given[:2]), given[2])
-        if one.op in SUMS:
-            first, second = given
-            return self.sum(first, Signed(second.ref, second.negative != (one.op == "sub")))
-        args = [value.ref if one.op in EVEN else self.plain_of(value) for value in given]
-        data = {name: getattr(one, name) for name in ("place", "value", "order", "negative")}
-        return Signed(self.emit(one.op, *args, **data))
+        operands = [self.values[arg] for arg in instruction.args]
+        if instruction.op in ODD:
+            return self.odd(instruction.op, *operands)
+        if instruction.op == "fma":
+            return self.sum(self.odd("mul", *operands[:2]), operands[2])
+        if instruction.op in SUMS:
+            first, second = operands
+            return self.sum(first, Signed(second.ref, second.negative != (instruction.op == "sub")))
+        args = [value.ref if instruction.op in EVEN else self.plain_of(value) for value in operands]
+        data = {name: getattr(instruction, name) for name in ("place", "value", "order", "negative")}
+        return Signed(self.emit(instruction.op, *args, **data))
 
     def odd(self, op: str, a: Signed, b: Signed) -> Signed:
         """Emit a product or quotient (`op`); return its signed result, negative if one operand is negative."""
@@ -144,10 +146,10 @@ class _Simplifier:
         if len(terms) > MOST_COMPARED_TERMS:
             return self.added(a, b)
         left = self.cancelled(terms)
-        found = self.added(a, b) if len(left) == len(terms) else self.total(left)
-        if self.code[found.ref].op in SUMS:
-            self.sums[found.ref] = [(negative != found.negative, factors) for negative, factors in left]
-        return found
+        result = self.added(a, b) if len(left) == len(terms) else self.total(left)
+        if self.code[result.ref].op in SUMS:
+            self.sums[result.ref] = [(negative != result.negative, factors) for negative, factors in left]
+        return result
 
     def added(self, a: Signed, b: Signed) -> Signed:
         """Return the signed sum of two values, by one addition or subtraction."""
@@ -171,37 +173,39 @@ class _Simplifier:
 
         Return None if it costs one, or if more than `readers` instructions read the result.
         """
-        one = self.code[ref]
-        if one.op == "constant":
-            return self.emit("constant", value=-one.value)
+        instruction = self.code[ref]
+        if instruction.op == "constant":
+            return self.emit("constant", value=-instruction.value)
         if self.hoisted[ref]:
             return self.emit("neg", ref)
         if self.reads[ref] > readers:
             return None
-        if one.op == "sub":
-            return self.emit("sub", *reversed(one.args))
-        if one.op not in ("add", *ODD):
+        if instruction.op == "sub":
+            return self.emit("sub", *reversed(instruction.args))
+        if instruction.op not in ("add", *ODD):
             return None
-        first, second = one.args
-        found = self.turned(first, 1)
-        if found is not None:
-            return self.emit("sub" if one.op == "add" else one.op, found, second)
-        found = self.turned(second, 1)
-        if found is None:
+        first, second = instruction.args
+        negated = self.turned(first, 1)
+        if negated is not None:
+            return self.emit("sub" if instruction.op == "add" else instruction.op, negated, second)
+        negated = self.turned(second, 1)
+        if negated is None:
             return None
-        return self.emit("sub", found, first) if one.op == "add" else self.emit(one.op, first, found)
+        return (
+            self.emit("sub", negated, first) if instruction.op == "add" else self.emit(instruction.op, first, negated)
+        )
 
     def parts(self, ref: int) -> list[Signed]:
         """Return the signed operands of `ref` if it is a sum or difference; an empty list for other instructions."""
-        one = self.code[ref]
-        if one.op not in SUMS:
+        instruction = self.code[ref]
+        if instruction.op not in SUMS:
             return []
-        return [Signed(one.args[0]), Signed(one.args[1], one.op == "sub")]
+        return [Signed(instruction.args[0]), Signed(instruction.args[1], instruction.op == "sub")]
 
     def terms(self, value: Signed) -> list[Term]:
         """Return a value as a list of products: several for a sum that nothing else reads, otherwise one."""
-        found = self.sums.get(value.ref, [(False, self.factors[value.ref])])
-        return [(negative != value.negative, factors) for negative, factors in found]
+        terms = self.sums.get(value.ref, [(False, self.factors[value.ref])])
+        return [(negative != value.negative, factors) for negative, factors in terms]
 
     def cancelled(self, terms: list[Term]) -> list[Term]:
         """Return terms in which F*u replaces F*(u - v) and F*v, as often as such pairs occur."""
@@ -215,20 +219,20 @@ class _Simplifier:
                 ]
                 for (sign, product), kept in zip(products, reversed(products), strict=True):
                     if (not sign, product) in terms:
-                        others = [one for k, one in enumerate(terms) if k != i]
-                        others.remove((not sign, product))
-                        return self.cancelled([*others, kept])
+                        remaining = [term for k, term in enumerate(terms) if k != i]
+                        remaining.remove((not sign, product))
+                        return self.cancelled([*remaining, kept])
         return terms
 
     def total(self, terms: Sequence[Term]) -> Signed:
         """Emit the sum of the products `terms`, and return its signed value."""
-        found = None
+        result = None
         for negative, factors in terms:
             value = Signed(self.product(factors), negative)
-            found = value if found is None else self.added(found, value)
-        if found is None:
+            result = value if result is None else self.added(result, value)
+        if result is None:
             return Signed(self.emit("constant", value=0.0))
-        return found
+        return result
 
     def product(self, factors: Sequence[int]) -> int:
         """Emit the product of `factors`, and return its index.
@@ -244,10 +248,10 @@ class _Simplifier:
 
 def _uses(program: Program) -> list[int]:
     """Return the number of instructions that read each result, counting an output as one more."""
-    found = [0] * len(program.instructions)
-    for one in program.instructions:
-        for arg in one.args:
-            found[arg] += 1
+    uses = [0] * len(program.instructions)
+    for instruction in program.instructions:
+        for arg in instruction.args:
+            uses[arg] += 1
     for ref in program.outputs:
-        found[ref] += 1
-    return found
+        uses[ref] += 1
+    return uses

@@ -143,10 +143,13 @@ class Solve:
         """Number of unknown vectors."""
         return len(self.residuals)
 
-    def reach(self, unknown: int, place: int) -> list[Node]:
-        """Return the coefficients of an unknown vector in argument `place` (0 or 1) of all calls in the residuals."""
+    def reach(self, unknown: int, position: int) -> list[Node]:
+        """Return the coefficients of an unknown in argument `position` (0 or 1) of each call in the residuals."""
         return [
-            factor for call in self.calls for vector, factor in call.arguments[place] if vector == self.first + unknown
+            factor
+            for call in self.calls
+            for vector, factor in call.arguments[position]
+            if vector == self.first + unknown
         ]
 
 
@@ -247,8 +250,8 @@ class StepProgram:
                 calls += [*action.preparation, *action.calls]
                 combinations += [*action.guesses, *action.residuals, *action.predicted]
         combinations += [argument for call in calls for argument in call.arguments]
-        found = [*(damp.factor for damp in self.damps), *(call.time for call in calls)]
-        return tuple(dict.fromkeys([*found, *(factor for one in combinations for _, factor in one)]))
+        factors = [*(damp.factor for damp in self.damps), *(call.time for call in calls)]
+        return tuple(dict.fromkeys([*factors, *(factor for combination in combinations for _, factor in combination)]))
 
     def scalars(self, nodes: Sequence[Node]) -> Program:
         """Return a program that computes the coefficients `nodes` of the step from t, h and the ratio of steps."""
@@ -303,7 +306,7 @@ def _lines(action: Action, names: Sequence[str], results: int) -> Iterator[str]:
     """Yield the lines that print an action; `names` are those of vectors, and a call has `results` results."""
     if isinstance(action, LawCall):
         made = ", ".join(names[action.first : action.first + results])
-        yield f"{made} = f({action.time!r}, {', '.join(_shown(one, names) for one in action.arguments)})"
+        yield f"{made} = f({action.time!r}, {', '.join(_shown(argument, names) for argument in action.arguments)})"
     elif isinstance(action, Damp):
         yield f"{names[action.result]} = (I - {action.factor!r} J)^-1 ({_shown(action.vector, names)})"
     else:
@@ -332,18 +335,18 @@ def trace(
     graph = Graph()
     states = LAWS[law].states
     time, h = graph.symbol("t", Binding.TIME), graph.symbol("h", Binding.TIME)
-    given = [TracedVector({i: graph.one}) for i in range(states if starter is None else 2 * states)]
-    recorder = Recorder(name, law, graph, len(given))
+    arguments = [TracedVector({i: graph.one}) for i in range(states if starter is None else 2 * states)]
+    recorder = Recorder(name, law, graph, len(arguments))
     try:
-        returned = function(recorder.call, time, *given, h, *([recorder] if implicit else []))
+        returned = function(recorder.call, time, *arguments, h, *([recorder] if implicit else []))
     except TypeError as error:
         raise StatementError(
             f"step function {name} cannot be compiled: {error}. A step adds vectors and multiplies them by numbers "
             "made of t and h."
         ) from error
-    found = list(returned) if isinstance(returned, (tuple, list)) else [returned]
-    _check_results(name, found, states, control)
-    combinations = [vector.combination() for vector in found]
+    vectors = list(returned) if isinstance(returned, (tuple, list)) else [returned]
+    _check_results(name, vectors, states, control)
+    combinations = [vector.combination() for vector in vectors]
     step = StepProgram(
         name=name,
         graph=graph,
@@ -375,11 +378,11 @@ def _check_scopes(step: StepProgram, inner: Mapping[int, None]) -> None:
         )
 
 
-def _check_results(name: str, found: Sequence[Any], states: int, control: Control | None) -> None:
+def _check_results(name: str, vectors: Sequence[Any], states: int, control: Control | None) -> None:
     errors = 0 if control is None else states * (2 if control.damped else 1)
-    if len(found) != states + errors or not all(isinstance(vector, TracedVector) for vector in found):
+    if len(vectors) != states + errors or not all(isinstance(vector, TracedVector) for vector in vectors):
         raise StatementError(
-            f"step function {name} returns {len(found)} values; it must return {states} new state vector(s)"
+            f"step function {name} returns {len(vectors)} values; it must return {states} new state vector(s)"
             + (f" and {errors} error vector(s)." if errors else ".")
         )
 
@@ -459,10 +462,10 @@ class Recorder:
 
         The step function gets this method as its argument f, a or g.
         """
-        wanted = self.law.arguments
-        if len(arguments) != wanted:
+        expected = self.law.arguments
+        if len(arguments) != expected:
             raise StatementError(
-                f"step function {self.name} calls f with t and {len(arguments)} vectors, and f takes {wanted}."
+                f"step function {self.name} calls f with t and {len(arguments)} vectors, and f takes {expected}."
             )
         for argument in arguments:
             if not isinstance(argument, TracedVector):

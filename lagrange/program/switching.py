@@ -113,16 +113,16 @@ class _Switches:
         if g.binding <= Binding.PARAMETER:
             return self.graph.call("sign", g)
         if g not in self.known:
-            place = len(self.sides)
-            symbol = self.graph.symbol(f"side {place}", Binding.PARAMETER)
+            index = len(self.sides)
+            symbol = self.graph.symbol(f"side {index}", Binding.PARAMETER)
             self.surfaces.append(g)
             self.sides.append(symbol)
             self.expressions.append(stated)
             self.conditions.append(when)
-            self.known[g] = place, symbol
-            self.known[-g] = place, -symbol
-        place, side = self.known[g]
-        self.conditions[place] = either(self.conditions[place], when)
+            self.known[g] = index, symbol
+            self.known[-g] = index, -symbol
+        index, side = self.known[g]
+        self.conditions[index] = either(self.conditions[index], when)
         return side
 
     def replace(self, node: Node, args: Sequence[Node]) -> Node:
@@ -146,17 +146,17 @@ def _with_sides(outputs: Sequence[Node]) -> Mapping[Node, None]:
 
     The angle in sin(3*atan2(y, x)) is not among them if it is used nowhere else: it may jump by 2 pi.
     """
-    found: dict[Node, None] = {}
+    nodes: dict[Node, None] = {}
     waiting = [*outputs]
     waiting += [node for node in reachable(outputs) if node.kind is Kind.CALL and node.data in SWITCHES]
     while waiting:
         node = waiting.pop()
-        if node not in found:
-            found[node] = None
+        if node not in nodes:
+            nodes[node] = None
             is_periodic = node.kind is Kind.CALL and node.data in ("sin", "cos", "tan")
             for arg in node.args:
                 waiting += _without_turns(arg) if is_periodic else [arg]
-    return found
+    return nodes
 
 
 def _without_turns(a: Node) -> list[Node]:
@@ -164,7 +164,7 @@ def _without_turns(a: Node) -> list[Node]:
 
     A whole multiple of an angle atan2(y, x) is replaced by y and x, because the function ignores jumps by 2 pi.
     """
-    found: list[Node] = []
+    nodes: list[Node] = []
     terms: list[tuple[Exact, Node]] = [(1, a)]
     while terms:
         times, term = terms.pop()
@@ -172,8 +172,8 @@ def _without_turns(a: Node) -> list[Node]:
             terms += [(times * inner, arg) for inner, arg in zip(term.data[1], term.args, strict=True)]
         else:
             whole = isinstance(times, int) and term.kind is Kind.CALL and term.data == "atan2"
-            found += term.args if whole else [term]
-    return found
+            nodes += term.args if whole else [term]
+    return nodes
 
 
 def _has_cut(node: Node) -> bool:

@@ -65,8 +65,8 @@ def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Sw
     unknown = zip(e.solution, motion_symbols(e), strict=True) if right else ()
     seen = substitute(watched, {node: symbol for node, symbol in unknown if node.kind is Kind.COMPONENT})
     # A constraint on positions may jump although its rate of change does not. Its surfaces belong to the motion, too.
-    places = [phi for phi in held.positions if phi is not None]
-    outputs = (*e.motion.momenta, *e.motion.forces, *held.velocities, *gradient, *matrix, *right, *places)
+    positions = [phi for phi in held.positions if phi is not None]
+    outputs = (*e.motion.momenta, *e.motion.forces, *held.velocities, *gradient, *matrix, *right, *positions)
     return switch(e.graph, outputs, seen)
 
 
@@ -100,8 +100,8 @@ class _Parts(NamedTuple):
         """Return the outputs of `switched_equations`, divided into their parts; `right` is empty unless `solved`."""
         n, m = len(e.motion.momenta), len(e.constraints)
         right = len(e.matrix) if solved else 0
-        places = sum(phi is not None for phi in e.constraints.positions)
-        ends = accumulate((0, n, n, m, m * n, len(e.plan.triangle), right, places, len(switched.outputs)))
+        positions = sum(phi is not None for phi in e.constraints.positions)
+        ends = accumulate((0, n, n, m, m * n, len(e.plan.triangle), right, positions, len(switched.outputs)))
         p, f, psi, gradient, triangle, h, _, rest = (switched.outputs[begin:end] for begin, end in pairwise(ends))
         return cls(p, f, psi, gradient, triangle, h, (*switched.surfaces, *rest))
 
@@ -220,8 +220,8 @@ class _Assembly:
         self.impulses = [b.add(SeriesRule("unknown", (), (n + j,)), None) for j in range(m)]
         for i in range(n) if m else ():
             terms = self.inertia(i)
-            for j, one in enumerate(self.impulses):
-                scale, value = self.impulse(one, gradient[j * n + i])
+            for j, impulse in enumerate(self.impulses):
+                scale, value = self.impulse(impulse, gradient[j * n + i])
                 terms.append((value, scale))
             terms = [(value, scale) for value, scale in terms if scale is not b.graph.zero]
             values, scales = zip(*terms, strict=True)
@@ -264,7 +264,7 @@ class _Assembly:
         """
         todo = [node]
         while todo:
-            inner = [other for _, _, other in self.sums[todo[-1]].inner if other not in self.known]
+            inner = [momentum for _, _, momentum in self.sums[todo[-1]].inner if momentum not in self.known]
             if inner:
                 todo += inner
             else:
@@ -288,8 +288,8 @@ class _Assembly:
             scale, w = b.split(c)
             factor, a = b.split(y)
             add(b.add(SeriesRule("along", (a, w), (b.constant(1),)), None), coefficient, scale, factor)
-        for coefficient, scale, other in part.inner:
-            known = self.known[other]
+        for coefficient, scale, momentum in part.inner:
+            known = self.known[momentum]
             if known is not None:
                 add(known, coefficient, scale)
         if not args:
@@ -321,8 +321,8 @@ class _Assembly:
         table = list(b.constants) or [e.graph.one]
         mass = substitute(self.triangles, {} if e.turning is None else e.turning.starts)
         symbols = (*e.parameters, *self.switched.sides)
-        entries = [e.graph.symbol(f"constant {place}", Binding.PARAMETER) for place in range(len(table))]
-        known = [node if node.kind is Kind.CONSTANT else entries[place] for place, node in enumerate(table)]
+        entries = [e.graph.symbol(f"constant {index}", Binding.PARAMETER) for index in range(len(table))]
+        known = [node if node.kind is Kind.CONSTANT else entries[index] for index, node in enumerate(table)]
         n = len(e.q)
         low = [e.graph.symbol(f"low {i}", Binding.CONFIGURATION if i < n else Binding.VELOCITY) for i in range(2 * n)]
         values = b.initial(known, dict(enumerate(low)))

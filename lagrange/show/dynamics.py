@@ -104,14 +104,14 @@ class PhasePortrait(Drawn, PortraitData):
 
     def _lines(self) -> list[tuple[str, str]]:
         fixed = listing(f"{name} = {value:g}" for name, value in self.held.items())
-        places = [
-            (place.kind, listing(map("{} = {:.6g}".format, self.statement.names, place.state)))
-            for place in self.equilibria[:_MOST_PLACES]
+        equilibria = [
+            (equilibrium.kind, listing(map("{} = {:.6g}".format, self.statement.names, equilibrium.state)))
+            for equilibrium in self.equilibria[:_MOST_PLACES]
         ]
         return [
             ("plane", listing(f"{axis.name} {axis.low:.4g} to {axis.high:.4g}" for axis in self.plane)),
             *([("held", fixed)] if self.held else []),
-            *places,
+            *equilibria,
             ("separatrices", str(len(self.separatrices))),
             ("orbits", f"{len(self.orbits)}, {sum(axis.closed for axis in self.orbits)} closed"),
         ]
@@ -390,8 +390,8 @@ def _runs(
     return model, Runs(model, model.parameter_array(parameters), options)
 
 
-def _positive(given: Any, what: str) -> float:
-    number = real_number(given, what)
+def _positive(value: Any, what: str) -> float:
+    number = real_number(value, what)
     if number <= 0:
         raise StatementError(f"{what} is {number:g}: give a positive number.")
     return number

@@ -143,8 +143,8 @@ class Ensemble:
         Raises StatementError for anything else.
         """
         label = key if isinstance(key, str) else reduction_label(key, self.model) or row_label(key)
-        others = [column.name for column in self.columns if column.name not in (STATE, OUTPUTS, STATUS)]
-        labels = dict.fromkeys([*self.names, *self.table.labels, *others])
+        kept = [column.name for column in self.columns if column.name not in (STATE, OUTPUTS, STATUS)]
+        labels = dict.fromkeys([*self.names, *self.table.labels, *kept])
         if not isinstance(key, str) and f"{label} 2" in labels:
             alike = [name for name in labels if name.startswith(label)]
             raise StatementError(f"several expressions are written {label}: give one of the names {listing(alike)}.")
@@ -311,14 +311,14 @@ class Ensemble:
         many = f" ({' x '.join(map(str, shape))})" if len(shape) > 1 else ""
         stored = len(self) - int(counts[INTERRUPTED]) - self.ran
         kept = [name for column in self.columns if column.name != STATUS for name in self._variables_of(column)]
-        each = f", {duration(self.wall / self.ran)} each" if self.ran else ""
+        per_run = f", {duration(self.wall / self.ran)} each" if self.ran else ""
         before = f"; {stored:,} were stored before" if stored > 0 and self.ran else ""
         lines = [
             ("", f"{self.model.statement.name}: {len(self):,} members{many}, varying {listing(self.table.labels)}"),
             ("method", f"{self.method}, {self.form}"),
             ("ended", ended),
             ("kept", listing(kept)),
-            ("time", f"{duration(self.wall)}{each}{before}"),
+            ("time", f"{duration(self.wall)}{per_run}{before}"),
         ]
         failed = np.flatnonzero(~COMPLETE[self._codes] & (self._codes != INTERRUPTED))
         if len(failed):

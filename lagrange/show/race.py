@@ -92,26 +92,26 @@ def _below(race: Race, shown: list[Entry]) -> list[str]:
     return below + [note for note in race.notes if "does not take part" not in note]
 
 
-def _draw(axis: Axes, label: str, entries: list[Entry], own: LineStyle, style: FigureStyle) -> None:
+def _draw(axis: Axes, label: str, entries: list[Entry], look: LineStyle, style: FigureStyle) -> None:
     """Draw the curve of one method: error against time of its `entries`.
 
     Methods of other libraries have open marks. An error below the uncertainty of the reference has an open mark without
     a line.
     """
     rival = entries[0].method.startswith(("scipy-", "cvode"))
-    common: dict[str, Any] = {"color": own.colour, "marker": own.marker, "markersize": 5.5, "markeredgewidth": 1.0}
+    common: dict[str, Any] = {"color": look.colour, "marker": look.marker, "markersize": 5.5, "markeredgewidth": 1.0}
     common["linewidth"] = 1.0 if rival else 1.6
     for resolved, group in groupby(entries, key=lambda entry: entry.resolved):
         part = list(group)
         axis.plot(
             [entry.time for entry in part],
             [entry.error for entry in part],
-            markerfacecolor=own.colour if resolved and not rival else style.paper,
-            linestyle=own.line if resolved else "none",
+            markerfacecolor=look.colour if resolved and not rival else style.paper,
+            linestyle=look.line if resolved else "none",
             **common,
         )
-    face = style.paper if rival else own.colour
-    axis.plot([], [], markerfacecolor=face, linestyle=own.line, label=label, **common)
+    face = style.paper if rival else look.colour
+    axis.plot([], [], markerfacecolor=face, linestyle=look.line, label=label, **common)
 
 
 def _settings(entries: list[Entry]) -> str:

@@ -229,14 +229,14 @@ def _source_names(module: SourceModule) -> list[dict[str, object]]:
 
 def fmi2_description(module: SourceModule, token: str) -> str:
     """Return the text of modelDescription.xml for FMI 2.0; `token` identifies the model."""
-    found = variables(module)
-    index = {variable.reference: k for k, variable in enumerate(found, 1)}
+    declared = variables(module)
+    index = {variable.reference: k for k, variable in enumerate(declared, 1)}
     scalars: list[str] = []
-    for variable in found:
+    for variable in declared:
         real = element("Real", _real(variable, index.get(variable.of, 0)))
         scalars += element("ScalarVariable", _attributes(variable), real)
-    rates = [{"index": index[variable.reference]} for variable in found if variable.kind == DERIVATIVE]
-    states = [index[variable.reference] for variable in found if variable.kind == STATE]
+    rates = [{"index": index[variable.reference]} for variable in declared if variable.kind == DERIVATIVE]
+    states = [index[variable.reference] for variable in declared if variable.kind == STATE]
     outputs = ({"index": k, "dependencies": k, "dependenciesKind": "constant"} for k in states)
     structure = [
         *element("Outputs", {}, elements("Unknown", outputs)),
@@ -245,17 +245,17 @@ def fmi2_description(module: SourceModule, token: str) -> str:
     ]
     parts = [*element("ModelVariables", {}, scalars), *element("ModelStructure", {}, structure)]
     sources = element("SourceFiles", {}, elements("File", _source_names(module)))
-    events = sum(variable.kind == INDICATOR for variable in found)
+    events = sum(variable.kind == INDICATOR for variable in declared)
     interfaces = _interfaces(module, "FMUstate", "providesDirectionalDerivative", sources)
     return _description(module, "2.0", ("guid", token), interfaces, parts, events)
 
 
 def fmi3_description(module: SourceModule, token: str) -> str:
     """Return the text of modelDescription.xml for FMI 3.0; `token` identifies the model."""
-    found = variables(module)
+    declared = variables(module)
     time = {"name": "time", "valueReference": 0, "causality": "independent", "variability": "continuous"}
     rows = [time | {"unit": module.units.get("t", "")}]
-    rows += [_attributes(variable) | _real(variable, variable.of) for variable in found]
+    rows += [_attributes(variable) | _real(variable, variable.of) for variable in declared]
     structure: list[str] = []
     for tag, kind in (
         ("Output", STATE),
@@ -263,7 +263,7 @@ def fmi3_description(module: SourceModule, token: str) -> str:
         ("InitialUnknown", DERIVATIVE),
         ("EventIndicator", INDICATOR),
     ):
-        for reference in (variable.reference for variable in found if variable.kind == kind):
+        for reference in (variable.reference for variable in declared if variable.kind == kind):
             constant = {"dependencies": reference, "dependenciesKind": "constant"} if tag == "Output" else {}
             structure += element(tag, {"valueReference": reference, **constant})
     parts = [
@@ -417,11 +417,11 @@ def library(name: str, sources: Mapping[str, str]) -> bytes:
         return folder.joinpath("library").read_bytes()
 
 
-def archive(found: Mapping[str, str | bytes]) -> bytes:
-    """Return a zip archive of the files `found`; the same files give the same bytes."""
+def archive(files: Mapping[str, str | bytes]) -> bytes:
+    """Return a zip archive of files; the same files give the same bytes."""
     data = BytesIO()
     with zipfile.ZipFile(data, "w") as packed:
-        for name, text in found.items():
+        for name, text in files.items():
             entry = zipfile.ZipInfo(name, DATE)
             entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
             packed.writestr(entry, text)

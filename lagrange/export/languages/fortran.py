@@ -45,11 +45,11 @@ def _finite(value: float) -> str:
 LITERALS = Literals("infinity", "not_a_number", (".false.", ".true."), 6, str, _finite)
 
 
-def _helper(kind: str, name: str, given: str, body: str) -> str:
-    """Return the text of the Fortran function `name` of the reals `given`; `body` sets its result r of type `kind`."""
+def _helper(kind: str, name: str, arguments: str, body: str) -> str:
+    """Return the text of a Fortran function of reals; `body` sets its result r of type `kind`."""
     lines = [
-        f"  elemental function {name}({given}) result(r)",
-        f"    real(dp), intent(in) :: {given}",
+        f"  elemental function {name}({arguments}) result(r)",
+        f"    real(dp), intent(in) :: {arguments}",
         f"    {kind} :: r",
     ]
     return "\n".join([*lines, *(f"    {line}" for line in body.splitlines()), f"  end function {name}", ""])
@@ -193,31 +193,33 @@ def source(module: SourceModule) -> str:
     return "\n".join([*lines, *LANGUAGE.definitions(functions.needed), f"end module {name}", ""])
 
 
-def _subroutine(name: str, given: str, about: str, function: PrintedFunction) -> Iterator[str]:
-    """Yield the lines of a subroutine with the arguments `given` and `singular`; it writes to the last of `given`."""
-    *arrays, made = given.split(", ")
+def _subroutine(name: str, arguments: str, about: str, function: PrintedFunction) -> Iterator[str]:
+    """Yield the lines of a subroutine with `arguments` and `singular`; it writes to the last of `arguments`."""
+    *arrays, made = arguments.split(", ")
     size = 1
     for _, _, dimensions in function.declared:
         size += dimensions[0] * dimensions[-1] if dimensions else 1
     recursive = " recursive" if size > LARGE else ""
-    yield f"  pure{recursive} subroutine {name}({given}, singular)"
+    yield f"  pure{recursive} subroutine {name}({arguments}, singular)"
     yield from _comment(about, "    ")
     if "t" in arrays:
         yield "    real(dp), intent(in) :: t"
-    yield f"    real(dp), intent(in) :: {', '.join(f'{one}(*)' for one in arrays if one != 't')}"
+    yield f"    real(dp), intent(in) :: {', '.join(f'{array}(*)' for array in arrays if array != 't')}"
     yield f"    real(dp), intent(inout) :: {made}(*)"
     yield "    logical, intent(out) :: singular"
     for kind, head in (("real", "    real(dp) :: "), ("flag", "    logical :: ")):
         names = [
-            f"{one}({', '.join(map(str, sizes))})" if sizes else one
-            for each, one, sizes in function.declared
-            if each == kind
+            f"{variable}({', '.join(map(str, sizes))})" if sizes else variable
+            for type_name, variable, sizes in function.declared
+            if type_name == kind
         ]
         yield from listed(head, names)
-    unused = [one if one == "t" else f"{one}(1)" for one in function.unused if one in (*arrays, made)]
+    unused = [
+        argument if argument == "t" else f"{argument}(1)" for argument in function.unused if argument in (*arrays, made)
+    ]
     if unused:
         # Compilers warn of arguments that are not used.
-        pairs = ", ".join(f"unused{k or ''} => {one}" for k, one in enumerate(unused))
+        pairs = ", ".join(f"unused{k or ''} => {argument}" for k, argument in enumerate(unused))
         yield from (f"    associate ({pairs})", "    end associate")
     for line in (*function.lines, f"singular = {function.status}"):
         yield from short(f"    {line}")
@@ -240,8 +242,8 @@ def _constants(module: SourceModule, prepared: int) -> Iterator[str]:
         yield f"  integer, parameter, public :: {name}_size = {count} ! {about}"
     yield from (f"  integer, parameter, public :: {name.lower()} = {k}" for name, k in indices(module, 1))
     values = ", ".join(map(LITERALS.real, module.values))
-    given = f"[real(dp) :: {values}]" if values else "[real(dp) ::]"
-    yield from short(f"  real(dp), parameter, public :: default_parameters({len(module.values)}) = {given}")
+    defaults = f"[real(dp) :: {values}]" if values else "[real(dp) ::]"
+    yield from short(f"  real(dp), parameter, public :: default_parameters({len(module.values)}) = {defaults}")
     for name, value in CONSTANTS.items():
         yield f"  real(dp), parameter :: {name} = {value}"
 

@@ -268,9 +268,13 @@ class _JavaScriptPrinter(BracedPrinter):
     def call(self, call: Call) -> None:
         callee = call.callee
         assert isinstance(callee, Procedure)
-        places = [self.place_of(arg) for arg in call.args]
-        args = [self.text(place.array) for place in places]
-        args += [summed(place.names, place.number) for k, place in enumerate(places) if k in self.file.shifted[callee]]
+        subarrays = [self.place_of(arg) for arg in call.args]
+        args = [self.text(subarray.array) for subarray in subarrays]
+        args += [
+            summed(subarray.names, subarray.number)
+            for k, subarray in enumerate(subarrays)
+            if k in self.file.shifted[callee]
+        ]
         called = f"{callee.name}({', '.join(args)})"
         kinds = results_of(self, call)
         if len(kinds) != 1 or call.refs[0] not in self.uses:

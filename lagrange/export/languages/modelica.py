@@ -178,14 +178,14 @@ def function_lines(functions: PrintedFunctions) -> Iterator[str]:
     module, size = functions.module, functions.hoisted.size
     state = places("y", module.state, first=1)
     lines = ["", *remark(module.prepare.about), *remark(places("parameters", module.parameters, first=1))]
-    given = {"parameters": len(module.parameters)}
-    lines += _function("prepare", given, f"p[{size}]", functions.prepare(), "")
+    arguments = {"parameters": len(module.parameters)}
+    lines += _function("prepare", arguments, f"p[{size}]", functions.prepare(), "")
     for quantity in module.quantities:
         lines += ["", *remark(about_of(module, quantity.procedure)), *remark(state)]
-        given = {"t": 0, "y": len(module.state), "p": size}
+        arguments = {"t": 0, "y": len(module.state), "p": size}
         count = len(quantity.results)
         finite = FINITE.format(count=count) if quantity.program.solved else ""
-        lines += _function(quantity.name, given, f"out[{count}]", functions.quantity(quantity), finite)
+        lines += _function(quantity.name, arguments, f"out[{count}]", functions.quantity(quantity), finite)
     lines += ["", *LANGUAGE.systems(functions.needed)][:-1]
     lines += [line for text in LANGUAGE.definitions(functions.needed) for line in text.rstrip().splitlines()]
     yield "package Functions"
@@ -193,16 +193,18 @@ def function_lines(functions: PrintedFunctions) -> Iterator[str]:
     yield "end Functions;"
 
 
-def _function(name: str, given: Mapping[str, int], made: str, function: PrintedFunction, finite: str) -> Iterator[str]:
+def _function(
+    name: str, arguments: Mapping[str, int], made: str, function: PrintedFunction, finite: str
+) -> Iterator[str]:
     """Yield the lines of a function.
 
-    `given` has the length of each argument by name, 0 for a number; `made` is the array that the function returns, and
-    `finite` are lines that end the function.
+    `arguments` has the length of each argument by name, 0 for a number; `made` is the array that the function returns,
+    and `finite` are lines that end the function.
     """
     yield f"function {name}"
     yield from (
         f"  input Real {argument};" if argument == "t" else f"  input Real {argument}[{size}];"
-        for argument, size in given.items()
+        for argument, size in arguments.items()
     )
     yield f"  output Real {made};"
     if function.declared:

@@ -226,15 +226,15 @@ class Tracer(Names):
         self.p.add(When(self.is_flag(condition).ref, ways[0], ways[1]))
         return outcome.value
 
-    def is_pure(self, bodies: Sequence[list[Statement]], what: str) -> bool:
+    def is_pure(self, bodies: Sequence[list[Statement]], construct: str) -> bool:
         """Return True if blocks only compute values. If so, their statements are added to the present block.
 
-        `what` names the expression in the error for impure blocks inside an `each`.
+        `construct` names the expression in the error for impure blocks inside an `each`.
         """
         statements = [statement for body in bodies for statement in body]
         pure = all(isinstance(s, (Get, Read)) or (isinstance(s, Let) and s.op not in UNSAFE) for s in statements)
         if not pure and self.iterations is not None:
-            raise Error(f"{what} loads or divides inside an `each`: give the value a name first.")
+            raise Error(f"{construct} loads or divides inside an `each`: give the value a name first.")
         if pure:
             self.p.current.extend(statements)
         return pure

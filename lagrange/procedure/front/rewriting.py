@@ -125,10 +125,10 @@ class Rewriter:
         self.count += 1
         return f"_{self.count}"
 
-    def refuse(self, node: ast.AST, what: str) -> LagrangeError:
-        """Return the error for a construct `what` that is not allowed at a node, with its line."""
+    def refuse(self, node: ast.AST, construct: str) -> LagrangeError:
+        """Return the error for a construct that is not allowed at a node, with its line."""
         line = getattr(node, "lineno", self.tree.lineno)
-        return LagrangeError(f"procedure {self.tree.name}, line {line}: a plain procedure cannot have {what}.")
+        return LagrangeError(f"procedure {self.tree.name}, line {line}: a plain procedure cannot have {construct}.")
 
     # --- statements
 
@@ -199,8 +199,8 @@ class Rewriter:
                 for i, entry in enumerate(targets):
                     made += self.to_target(entry, ast.Subscript(named(held), ast.Constant(i), LOAD))
                 return made
-            case ast.Subscript(value=array, slice=place) if not isinstance(place, ast.Slice):
-                return [ast.Expr(told("store", self.expression(array), self.expression(place), value))]
+            case ast.Subscript(value=array, slice=index) if not isinstance(index, ast.Slice):
+                return [ast.Expr(told("store", self.expression(array), self.expression(index), value))]
             case ast.Attribute(value=owner, attr=field):
                 return [ast.Expr(told("write", self.expression(owner), field, value))]
         raise self.refuse(target, INSTEAD.get(type(target), "this target"))
@@ -228,12 +228,12 @@ class Rewriter:
         match target:
             case ast.Name(id=name):
                 return [self.to_name(name, self.binary(op, self.name(name), self.expression(value)))]
-            case ast.Subscript(value=array, slice=place) if not isinstance(place, ast.Slice):
+            case ast.Subscript(value=array, slice=subscript) if not isinstance(subscript, ast.Slice):
                 memory, index = self.fresh(), self.fresh()
                 made = self.binary(op, told("item", named(memory), named(index)), self.expression(value))
                 return [
                     put(memory, self.expression(array)),
-                    put(index, self.expression(place)),
+                    put(index, self.expression(subscript)),
                     ast.Expr(told("store", named(memory), named(index), made)),
                 ]
             case ast.Attribute(value=owner, attr=field):
@@ -369,8 +369,8 @@ class Rewriter:
             case ast.Subscript(value=array, slice=ast.Slice(lower=lower, upper=upper, step=step)):
                 bounds = [self.optional(bound) for bound in (lower, upper, step)]
                 return told("item", self.expression(array), ast.Call(named("slice"), bounds, []))
-            case ast.Subscript(value=array, slice=place):
-                return told("item", self.expression(array), self.expression(place))
+            case ast.Subscript(value=array, slice=index):
+                return told("item", self.expression(array), self.expression(index))
             case ast.BinOp(left=left, op=op, right=right):
                 return self.binary(op, self.expression(left), self.expression(right))
             case ast.UnaryOp(op=ast.Not(), operand=operand):

@@ -129,13 +129,13 @@ def panels_of(recording: Recording, style: FigureStyle) -> list[Rows]:
 def _coordinates(recording: Recording, style: FigureStyle) -> list[Rows]:
     statement = recording.statement
     names = statement.names
-    each = ceil(len(names) / MOST_PANELS)
+    per_panel = ceil(len(names) / MOST_PANELS)
     panels = []
-    for begin in range(0, len(names), each):
-        some = names[begin : begin + each]
+    for begin in range(0, len(names), per_panel):
+        some = names[begin : begin + per_panel]
         labels = tuple(label_of_entry(statement, name) for name in some)
         title = labels[0] if len(some) == 1 else f"{labels[0]} to {labels[-1]}"
-        shades = colours(len(names), style.colours)[begin : begin + each]
+        shades = colours(len(names), style.colours)[begin : begin + per_panel]
         panels.append(Rows(title, recording.states[begin : begin + len(some)], labels, shades))
     return panels
 
@@ -205,9 +205,9 @@ class _FilmFigure:
             axis = self.figure.add_axes(plan.scene)
             film.scene.place(axis)
             moving.append((film.scene, axis))
-        for place, (rows, box) in enumerate(zip(film.panels, plan.charts, strict=True)):
+        for index, (rows, box) in enumerate(zip(film.panels, plan.charts, strict=True)):
             axis = self.figure.add_axes(box)
-            moving.append((MovingChart(axis, recording, rows, style, named=place == len(film.panels) - 1), axis))
+            moving.append((MovingChart(axis, recording, rows, style, named=index == len(film.panels) - 1), axis))
         canvas.draw()
         self.renderer = canvas.get_renderer()
         self.moving = [(part, Pen(self.renderer, axis, style.paper)) for part, axis in moving]
@@ -309,9 +309,11 @@ def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -
         return x / across, 1 - (y + high) / down, wide / across, high / down
 
     start, first = (border, top) if side_by_side else (0.0, top + free + under)
-    each = (down - first - _TIME) / max(count, 1)
+    panel_height = (down - first - _TIME) / max(count, 1)
     charts = [
-        part(start + _LEFT, first + k * each + _TITLE, across - start - _LEFT - _RIGHT, each - _TITLE - 4)
+        part(
+            start + _LEFT, first + k * panel_height + _TITLE, across - start - _LEFT - _RIGHT, panel_height - _TITLE - 4
+        )
         for k in range(count)
     ]
     return _Plan((width, height), scale, part(left, top, border - left - _RIGHT, max(free, 1.0)), charts)
@@ -399,12 +401,12 @@ class MovingScene:
                         pen.line(self.seen[point][:, a : b + 1], colour, 2.0, (part + 1) / FADES * CLEAR, cap="butt")
         for surface in self.surfaces:
             pen.line(now[surface].T, style.ink, 3.0)
-        place = {name: now[k] for k, name in enumerate(self.names)}
+        positions = {name: now[k] for k, name in enumerate(self.names)}
         for start, end, kind in self.recording.statement.links:
             if kind == SPRING:
-                pen.line(spring(place[start], place[end], self.spring_width), style.quiet, 1.4)
+                pen.line(spring(positions[start], positions[end], self.spring_width), style.quiet, 1.4)
             else:
-                pen.line(np.array([place[start], place[end]]).T, style.quiet, 1.2 if kind == EDGE else 2.4)
+                pen.line(np.array([positions[start], positions[end]]).T, style.quiet, 1.2 if kind == EDGE else 2.4)
         pen.marks(now[self.fixed].T, style.ink, 8.5, "s")
         if self.named:
             for point, colour in zip(self.moving, self.colours, strict=True):

@@ -80,8 +80,8 @@ def _ends(changed: NDArray[np.bool_]) -> tuple[int, int]:
 class _Colours:
     """Maps each pixel to the nearest of at most 255 colours: a film's colours and their blends with the background."""
 
-    def __init__(self, own: tuple[str, ...]) -> None:
-        base = np.rint(255.0 * np.array([parts_of(colour) for colour in own]))
+    def __init__(self, film_colours: tuple[str, ...]) -> None:
+        base = np.rint(255.0 * np.array([parts_of(colour) for colour in film_colours]))
         paper = base[0]
         blends = max(2, min(_BLENDS, 254 // (len(base) - 1)))
         shares = np.arange(1, blends + 1) / blends

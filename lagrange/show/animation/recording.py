@@ -83,8 +83,8 @@ def recording_of(solution: Solution, timing: Timing) -> Recording:
     detail = 1
     while len(frames) > 1 and detail < MOST_DETAIL and 2 * detail * len(frames) <= MOST_SAMPLES:
         detail *= 2
-    places = np.arange((len(frames) - 1) * detail + 1) / detail
-    t = np.interp(places, np.arange(len(frames)), frames)
+    positions = np.arange((len(frames) - 1) * detail + 1) / detail
+    t = np.interp(positions, np.arange(len(frames)), frames)
     t[::detail] = frames
     states = states_for_pictures(solution, t)
     points = points_at(solution.model, t, states, solution.parameters_at(t))
@@ -172,5 +172,5 @@ def _jumps(solution: Solution, t: FloatArray) -> NDArray[np.intp]:
             moved = np.abs(solution.at(at).T - before) > JUMP * np.abs(before).max(initial=1.0)
             times.append(at[moved.any(axis=1)])
     forward = 1.0 if t[-1] >= t[0] else -1.0
-    places = np.unique(np.searchsorted(forward * t, forward * np.concatenate(times), side="left") - 1)
-    return np.asarray(places[(places >= 0) & (places < len(t) - 1)], dtype=np.intp)
+    indices = np.unique(np.searchsorted(forward * t, forward * np.concatenate(times), side="left") - 1)
+    return np.asarray(indices[(indices >= 0) & (indices < len(t) - 1)], dtype=np.intp)

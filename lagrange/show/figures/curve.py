@@ -211,9 +211,9 @@ def first_times(run: Trajectory) -> FloatArray:
     """
     t = run.t
     if len(t) > MOST_SAMPLES:
-        places = np.arange(0.0, len(t) - 1, len(t) / MOST_SAMPLES)
-        jitter = np.modf(np.arange(len(places)) * 0.6180339887498949)[0] * len(t) / MOST_SAMPLES
-        chosen = np.minimum(places + jitter, len(t) - 1).astype(int)
+        positions = np.arange(0.0, len(t) - 1, len(t) / MOST_SAMPLES)
+        jitter = np.modf(np.arange(len(positions)) * 0.6180339887498949)[0] * len(t) / MOST_SAMPLES
+        chosen = np.minimum(positions + jitter, len(t) - 1).astype(int)
         return np.asarray(t[np.unique(np.concatenate([[0], chosen, [len(t) - 1]]))])
     if outputs_alone(run):
         return t
@@ -249,15 +249,15 @@ def in_plane(points: Points, t: FloatArray, pixels: Pixels, *, equal: bool = Tru
 
     `points(t)` returns the points at times (K,). They fill the panel; with `equal` both directions have the same scale.
     """
-    found = points(t)
-    scale = _pixels_in(np.array([pixels.width, pixels.height]), _extents(found, axis=(0, 2)))
+    coordinates = points(t)
+    scale = _pixels_in(np.array([pixels.width, pixels.height]), _extents(coordinates, axis=(0, 2)))
     if equal:
         scale = np.full(2, np.min(scale))
-    shape = (len(found), 2)
+    shape = (len(coordinates), 2)
     flat = _refined(
-        lambda times: points(times).reshape(2 * len(found), len(times)),
+        lambda times: points(times).reshape(2 * len(coordinates), len(times)),
         t,
-        found.reshape(2 * len(found), len(t)),
+        coordinates.reshape(2 * len(coordinates), len(t)),
         lambda _, v: v.reshape(*shape, v.shape[-1]),
         np.broadcast_to(scale, shape),
     )
@@ -294,18 +294,18 @@ def _over(t: FloatArray, values: FloatArray) -> FloatArray:
 def _refined(
     values: Rows,
     t: FloatArray,
-    found: FloatArray,
+    samples: FloatArray,
     placed: Callable[[FloatArray, FloatArray], FloatArray],
     scale: FloatArray,
     rounds: int = MOST_ROUNDS,
 ) -> tuple[FloatArray, FloatArray]:
     """Return times and values, with intervals halved until every chord is within the tolerance of the curve.
 
-    `found` (r, K) are the values at the times `t` (K,). `placed` maps times and values to points (p, 2, K), and `scale`
-    (p, 2) is the number of pixels per unit. Intervals next to an inexact chord, or to a turning point whose extreme
-    value is missed, are tested again.
+    `samples` (r, K) are the values at the times `t` (K,). `placed` maps times and values to points (p, 2, K), and
+    `scale` (p, 2) is the number of pixels per unit. Intervals next to an inexact chord, or to a turning point whose
+    extreme value is missed, are tested again.
     """
-    most = min(MOST_SAMPLES, _MOST_VALUES // max(len(found), 1))
+    most = min(MOST_SAMPLES, _MOST_VALUES // max(len(samples), 1))
     least = _LEAST * abs(float(t[-1] - t[0])) if len(t) else 0.0
     looked_at = np.abs(np.diff(t)) > least
     for _ in range(rounds):
@@ -314,14 +314,14 @@ def _refined(
         at = np.flatnonzero(looked_at)
         middle = t[at] + _SHARE * (t[at + 1] - t[at])
         new = values(middle)
-        begin, end = placed(t[at], found[:, at]), placed(t[at + 1], found[:, at + 1])
+        begin, end = placed(t[at], samples[:, at]), placed(t[at + 1], samples[:, at + 1])
         far = _distance(placed(middle, new), begin, end, scale) > TOLERANCE
         again = np.zeros(len(looked_at), dtype=bool)
         again[at] = far
-        t, found = np.insert(t, at + 1, middle), np.insert(found, at + 1, new, axis=1)
+        t, samples = np.insert(t, at + 1, middle), np.insert(samples, at + 1, new, axis=1)
         near = with_neighbours(np.repeat(again, 1 + looked_at))
-        looked_at = (near | _beside_turns(t, placed(t, found) * scale[:, :, None])) & (np.abs(np.diff(t)) > least)
-    return t, found
+        looked_at = (near | _beside_turns(t, placed(t, samples) * scale[:, :, None])) & (np.abs(np.diff(t)) > least)
+    return t, samples
 
 
 def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
@@ -381,5 +381,5 @@ def thinned(t: FloatArray, row: FloatArray, pixels: Pixels) -> FloatArray:
     parts = np.flatnonzero(np.diff(column[order]))
     extremes = [order[:1], order[parts], order[parts + 1], order[-1:]]
     kept = [np.array([0, len(t) - 1]), edges, edges + 1, *extremes, np.flatnonzero(~np.isfinite(row))]
-    places = np.unique(np.concatenate(kept))
-    return np.stack([t[places], row[places]])
+    indices = np.unique(np.concatenate(kept))
+    return np.stack([t[indices], row[indices]])

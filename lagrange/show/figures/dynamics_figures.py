@@ -190,7 +190,7 @@ def plot_section(section: SectionData, x: Any, y: Any, ax: Any, style: Any) -> F
         raise StatementError(f"there is nothing to draw: {section.message}")
     names = statement.state_names
     stated = (section.axes[0] if x is None else x, "x"), (section.axes[1] if y is None else y, "y")
-    columns = [row_of(statement, given, what) for given, what in stated]
+    columns = [row_of(statement, entry, what) for entry, what in stated]
     figure, axis = panel_on(ax, look, (7.0, 6.0))
     size = float(np.clip(LARGEST_POINT * (100 / max(len(section.points), 1)) ** 0.25, SMALLEST_POINT, LARGEST_POINT))
     for states, colour in zip(section.states, colours(len(section.states), look.colours), strict=True):
@@ -270,14 +270,14 @@ def _parameter_axis(axis: Axes, statement: Statement, parameter: str, values: Fl
         axis.set_xlim(low, high)
 
 
-def plot_branches(found: BranchesData, entry: Any, ax: Any, style: Any) -> Figure:
+def plot_branches(data: BranchesData, entry: Any, ax: Any, style: Any) -> Figure:
     """Return the figure of the coordinate `entry` of equilibria: solid lines where they are stable, else dashed."""
-    look, statement = style_of(style), found.statement
-    row = row_of(statement, found.axis if entry is None else entry, "entry")
-    if row >= len(statement.names) or not found.branches:
+    look, statement = style_of(style), data.statement
+    row = row_of(statement, data.axis if entry is None else entry, "entry")
+    if row >= len(statement.names) or not data.branches:
         raise StatementError(
-            f"there is nothing to draw: {found.message}"
-            if not found.branches
+            f"there is nothing to draw: {data.message}"
+            if not data.branches
             else f"equilibria rest: give one of the coordinates, such as {statement.names[0]}, and no velocity."
         )
     figure, axis = panel_on(ax, look, (7.6, 5.0))
@@ -285,17 +285,17 @@ def plot_branches(found: BranchesData, entry: Any, ax: Any, style: Any) -> Figur
         (1.0, look.colours[0], (1, 0), "no eigenvalue with a positive real part"),
         (0.0, look.colours[1], (5, 3), "unstable"),
     ):
-        for branch in found.branches:
+        for branch in data.branches:
             line = np.where(with_neighbours(branch.stable == stable), branch.coordinates[:, row], np.nan)
             if np.isfinite(line).any():
                 axis.plot(branch.values, line, color=colour, linewidth=1.8, dashes=dashes, label=label)
                 label = "_"
     dress(axis, look, f"{statement.name}: equilibria")
-    _parameter_axis(axis, statement, found.parameter, found.values)
+    _parameter_axis(axis, statement, data.parameter, data.values)
     axis.set_ylabel(label_of_entry(statement, statement.names[row]))
     if is_angle(statement, row):
         low, high = axis.get_ylim()
         angle_ticks(axis.yaxis, low, high)
     axis.legend(fontsize=8, frameon=False, labelcolor=look.ink)
-    say_below(figure, ax, look, "" if found.status.complete else found.message)
+    say_below(figure, ax, look, "" if data.status.complete else data.message)
     return figure

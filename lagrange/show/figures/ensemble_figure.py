@@ -176,11 +176,11 @@ def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
     return figure
 
 
-def _title(runs: Ensemble, what: str) -> str:
-    return f"{runs.model.statement.name}: {what}"
+def _title(runs: Ensemble, subject: str) -> str:
+    return f"{runs.model.statement.name}: {subject}"
 
 
-def _map(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -> str:
+def _map(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureStyle) -> str:
     """Draw a map of a quantity over the two varied quantities, and return the remark below it.
 
     The first varied quantity is on the horizontal axis.
@@ -190,18 +190,18 @@ def _map(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -
     across, up = ((name, values) for name, values in runs.table.varied.axes.items() if len(values) > 1)
     shape = len(across[1]), len(up[1])
     # Angles have cyclic colours; failures have a colour that is not in the scale.
-    name, mark, said = ("twilight", look.colours[2], "green") if found.angle else ("viridis", look.colours[1], "red")
-    image = _image(axis, across[1], up[1], np.ma.masked_invalid(found.values.reshape(shape).T), cmap=name)
-    if found.angle:
+    name, mark, said = ("twilight", look.colours[2], "green") if quantity.angle else ("viridis", look.colours[1], "red")
+    image = _image(axis, across[1], up[1], np.ma.masked_invalid(quantity.values.reshape(shape).T), cmap=name)
+    if quantity.angle:
         image.set_clim(-np.pi, np.pi)
-    failed = found.failed.reshape(shape).T
+    failed = quantity.failed.reshape(shape).T
     if failed.any():
         _image(axis, across[1], up[1], np.ma.masked_where(~failed, failed), cmap=ListedColormap([mark]))
     if 0 < failed.sum() <= MOST_CROSSES:
         rows, columns = np.nonzero(failed)
         axis.plot(across[1][columns], up[1][rows], "x", color=look.ink, markersize=4, markeredgewidth=0.9)
-    colour_bar(axis, image, found.label, look)
-    if found.angle:
+    colour_bar(axis, image, quantity.label, look)
+    if quantity.angle:
         angle_ticks(axis.figure.axes[-1].yaxis, -np.pi, np.pi)
     dress(axis, look, _title(runs, f"{len(runs):,} runs"))
     axis.grid(visible=False)
@@ -213,7 +213,7 @@ def _map(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -
         low, high = float(values.min()), float(values.max())
         if key in runs.names and is_angle(runs.model.statement, runs.names.index(key)) and high - low > 0.45 * TURN:
             angle_ticks(side, low, high)
-    return found.remark.replace("failed", f"failed, in {said}").replace("were not run", f"were not run, in {said}")
+    return quantity.remark.replace("failed", f"failed, in {said}").replace("were not run", f"were not run, in {said}")
 
 
 def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> ScalarMappable:
@@ -226,30 +226,30 @@ def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> Scalar
     return axis.pcolormesh(x, y, values, shading="nearest", rasterized=True, **look)
 
 
-def _curve(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -> None:
-    """Draw the quantity `found` against the only varied quantity; a cross at the bottom marks each failed member."""
+def _curve(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureStyle) -> None:
+    """Draw a quantity against the only varied quantity; a cross at the bottom marks each failed member."""
     (varied, values), *_ = (
         (name, axis_values) for name, axis_values in runs.table.varied.axes.items() if len(axis_values) > 1
     )
-    axis.plot(values, found.values, color=look.colours[0], linewidth=1.3, marker="." if len(values) <= 100 else "")
+    axis.plot(values, quantity.values, color=look.colours[0], linewidth=1.3, marker="." if len(values) <= 100 else "")
     bottom = axis.get_xaxis_transform()
-    if found.failed.any():
-        lost = values[found.failed]
+    if quantity.failed.any():
+        lost = values[quantity.failed]
         axis.plot(lost, np.zeros(len(lost)), "x", color=look.colours[1], transform=bottom, clip_on=False, markersize=5)
     dress(axis, look, _title(runs, f"{len(runs):,} runs"))
     axis.set_xlabel(label_of(runs, varied))
-    axis.set_ylabel(found.label)
+    axis.set_ylabel(quantity.label)
 
 
-def _histogram(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -> None:
+def _histogram(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureStyle) -> None:
     """Draw the distribution of the values, with their median and the middle nine tenths."""
-    values = found.values[np.isfinite(found.values)]
+    values = quantity.values[np.isfinite(quantity.values)]
     axis.hist(values, bins=min(BINS, max(8, round(len(values) ** 0.5))), color=look.colours[0], alpha=0.85)
     low, middle, high = np.quantile(values, [BANDS[0][0], 0.5, BANDS[0][1]])
     for quantile, width in ((low, 1.0), (middle, 1.8), (high, 1.0)):
         axis.axvline(quantile, color=look.ink, linewidth=width, linestyle="-" if width > 1 else "--")
     dress(axis, look, _title(runs, f"median {middle:.4g}, nine tenths from {low:.4g} to {high:.4g}"))
-    axis.set_xlabel(found.label)
+    axis.set_xlabel(quantity.label)
     axis.set_ylabel("members")
 
 

@@ -85,10 +85,10 @@ def _bars(axis: Axes, shapes: ModeShapes, k: int, look: FigureStyle) -> None:
     _name_coordinates(axis, shapes, positions)
 
 
-def _name_coordinates(axis: Axes, shapes: ModeShapes, places: NDArray[Any]) -> None:
+def _name_coordinates(axis: Axes, shapes: ModeShapes, ticks: NDArray[Any]) -> None:
     symbols = letters(shapes.names)
-    step = 1 + (len(places) - 1) // 12
-    axis.set_xticks(places[::step], [f"${symbols[name]}$" for name in shapes.names][::step])
+    step = 1 + (len(ticks) - 1) // 12
+    axis.set_xticks(ticks[::step], [f"${symbols[name]}$" for name in shapes.names][::step])
 
 
 def _all_bars(axis: Axes, shapes: ModeShapes, look: FigureStyle) -> None:
@@ -111,11 +111,11 @@ def _seen(shapes: ModeShapes) -> tuple[dict[str, FloatArray], dict[str, FloatArr
     """
     if not shapes.points:
         return {}, {}, 0.0
-    places = {
+    swept = {
         name: np.column_stack([point, point[:, None] + shapes.displacements[name].T])
         for name, point in shapes.points.items()
     }
-    view = view_of(places)
+    view = view_of(swept)
     points = {name: view.of(point[:, None])[:, 0] for name, point in shapes.points.items()}
     changes = {name: view.of(rows.T).T for name, rows in shapes.displacements.items()}
     return points, changes, float(np.ptp(np.array(list(points.values())), axis=0).max()) or 1.0
@@ -136,9 +136,9 @@ def _shape(
     largest = max(float(np.linalg.norm(rows[k])) for rows in moved.values())
     scale = LARGEST_DISPLACEMENT * extent / largest if largest > 1e-12 else 0.0
     at = {name: point + scale * moved[name][k] for name, point in points.items()}
-    for places, colour, width in ((points, look.grid, 1.4), (at, look.quiet, 1.6)):
+    for positions, colour, width in ((points, look.grid, 1.4), (at, look.quiet, 1.6)):
         for start, end, kind in shapes.statement.links:
-            ends = places[start], places[end]
+            ends = positions[start], positions[end]
             line = spring(*ends, 0.05 * extent) if kind == SPRING else np.array(ends).T
             axis.plot(*line, color=colour, linewidth=width, zorder=1 if colour == look.grid else 2)
     for name, point in points.items():

@@ -212,14 +212,14 @@ def violation(solution: Solution) -> PanelQuantity:
     return PanelQuantity(title, ("violation",), lambda run: run.constraint_error[None], drift=True)
 
 
-def expression(solution: Solution, given: Any) -> PanelQuantity:
+def expression(solution: Solution, stated: Any) -> PanelQuantity:
     """Return the values of an expression in the symbols of a system, accelerations and multipliers included."""
-    label = row_label(given)
+    label = row_label(stated)
     if label in solution.names:
         return _group(solution.model.statement, [label.removesuffix("_dot")], rate=label.endswith("_dot"))
-    formula = expression_of(given, "what")
+    formula = expression_of(stated, "what")
     solution.evaluate(formula)  # raises for symbols that the system does not have
-    typed, statement = as_typed(given, "what"), solution.model.statement
+    typed, statement = as_typed(stated, "what"), solution.model.statement
     text = f"${Typesetter(statement, LatexNotation()).write(typed)}$"
     if len(text) > _LONGEST or "\\begin" in text:
         text = Typesetter(statement, Notation()).write(typed)
@@ -306,9 +306,9 @@ def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[
     between = y[at] + (border - x[at]) / (x[at + 1] - x[at]) * (y[at + 1] - y[at])
     out, back = low + np.where(upwards, TURN, 0.0), low + np.where(upwards, 0.0, TURN)
     gap = np.full(len(at), np.nan)
-    places = np.repeat(at + 1, 3)
-    line = np.insert(x - turns * TURN, places, np.column_stack([out, gap, back]).ravel())
-    heights = np.insert(y, places, np.column_stack([between, gap, between]).ravel())
+    indices = np.repeat(at + 1, 3)
+    line = np.insert(x - turns * TURN, indices, np.column_stack([out, gap, back]).ravel())
+    heights = np.insert(y, indices, np.column_stack([between, gap, between]).ravel())
     return [(line + k * TURN, heights) for k in range(max(1, math.ceil((high - low) / TURN - 1e-9)))]
 
 
@@ -368,8 +368,8 @@ class TimePanel:
         base = 0.0 if quantity.drift else base_of(values)
         start = base_of(np.array([time for run in self.solutions for time in (run.t[0], run.t[-1])]))
         dress(axis, style)
-        for place, run in enumerate(runs):
-            self._draw_run(axis, place, run, (start, base), style)
+        for index, run in enumerate(runs):
+            self._draw_run(axis, index, run, (start, base), style)
         statement = self.solutions[0].model.statement
         axis.set_xlabel(with_unit(less("t", start), unit_of(statement, "t")), labelpad=2.0)
         axis.margins(x=0.0)
@@ -383,23 +383,23 @@ class TimePanel:
         axis.locator_params(axis="y", nbins=4 if self.wide else 3)
         self._name(axis, base, "; ".join(dict.fromkeys(run.note for run in runs if run.note)), style)
 
-    def _draw_run(self, axis: Axes, place: int, run: Curves, origin: tuple[float, float], style: FigureStyle) -> None:
-        """Draw the lines of run number `place`; `origin` is subtracted from times and values.
+    def _draw_run(self, axis: Axes, index: int, run: Curves, origin: tuple[float, float], style: FigureStyle) -> None:
+        """Draw the lines of run number `index`; `origin` is subtracted from times and values.
 
         Each run has its own colour. If a run has several rows, each row has a colour and each run a line style.
         """
         several, count = len(self.solutions) > 1, len(run.lines)
-        run_colour = colours(len(self.solutions), style.colours)[place]
+        run_colour = colours(len(self.solutions), style.colours)[index]
         shades = (style.ink,) if self.quantities[0].drift else colours(1, style.colours)
         if count > 1:
             shades = colours(count, style.colours)
         elif several:
             shades = (run_colour,)
-        kind = LINES[place % len(LINES)] if several and count > 1 else "-"
-        for line, shade, label in zip(run.lines, shades, self.quantities[place].labels, strict=False):
+        kind = LINES[index % len(LINES)] if several and count > 1 else "-"
+        for line, shade, label in zip(run.lines, shades, self.quantities[index].labels, strict=False):
             dots = run.dots or line.shape[1] < _FEW
             name = " ".join(
-                part for part in (label if count > 1 else "", self.labels[place] if several else "") if part
+                part for part in (label if count > 1 else "", self.labels[index] if several else "") if part
             )
             axis.plot(
                 line[0] - origin[0],

@@ -210,8 +210,8 @@ class Paths:
     def from_origin(self, origin: FloatArray) -> Paths:
         """Return the same paths relative to another origin: (2,) in a plane, (3,) in space with a view from a side."""
         space = self.space - origin[:, None] if self.view.spatial else self.space
-        place = self.view.of(origin[:, None]) if self.view.spatial else origin[:, None]
-        return replace(self, points=self.points - place, space=space, starts=self.starts - place[:, 0])
+        shift = self.view.of(origin[:, None]) if self.view.spatial else origin[:, None]
+        return replace(self, points=self.points - shift, space=space, starts=self.starts - shift[:, 0])
 
     @cached_property
     def on_paper(self) -> FloatArray:
@@ -341,8 +341,8 @@ class PathPanel:
         if self.view.spatial:
             box = Box.around(np.concatenate([space for run in runs for space in run.space], axis=1))
             draw_floor(axis, self.view, box, unit, style)
-        for place, run in enumerate(runs):
-            _draw_run(axis, run, self._shades(run, place, style), self.labels[place], box, style, place)
+        for index, run in enumerate(runs):
+            _draw_run(axis, run, self._shades(run, index, style), self.labels[index], box, style, index)
         self._frame(axis, runs, bounds - origin)
         if not self.view.spatial:
             right, up = (with_unit(less(name, base), unit) for name, base in zip(self.view.labels, origin, strict=True))
@@ -368,12 +368,12 @@ class PathPanel:
         more = ((high - low).max() - (high - low)) / 2 if to_scale or self.view.spatial else np.zeros(len(low))
         return np.array([low - more, high + more])
 
-    def _shades(self, run: Paths, place: int, style: FigureStyle) -> dict[str, str]:
-        """Return the colour of each moving point by name; a single point has the colour of run number `place`."""
+    def _shades(self, run: Paths, index: int, style: FigureStyle) -> dict[str, str]:
+        """Return the colour of each moving point by name; a single point has the colour of run number `index`."""
         hidden = corners(run.links)
         moving = [name for name, fixed in zip(run.names, run.fixed, strict=True) if not fixed and name not in hidden]
         if len(moving) == 1 and len(self.solutions) > 1:
-            return {moving[0]: colours(len(self.solutions), style.colours)[place]}
+            return {moving[0]: colours(len(self.solutions), style.colours)[index]}
         return dict(zip(moving, point_look(len(moving), style.colours)[0], strict=True))
 
     def _frame(self, axis: Axes, runs: list[Paths], bounds: FloatArray) -> None:
@@ -416,7 +416,7 @@ def _counted(origin: FloatArray) -> str:
 
 
 def _draw_run(
-    axis: Axes, paths: Paths, shades: dict[str, str], label: str, box: Box | None, style: FigureStyle, place: int
+    axis: Axes, paths: Paths, shades: dict[str, str], label: str, box: Box | None, style: FigureStyle, index: int
 ) -> None:
     size = float(np.max(paths.extents)) if paths.view.shape == "square" else 15.0
     for start, end, kind in paths.links:
@@ -427,14 +427,14 @@ def _draw_run(
         axis.plot(*np.array([paths.of(name)[:, -1] for name in surface]).T, color=style.ink, linewidth=2.4, zorder=2.5)
     hidden = corners(paths.links).union(*paths.surfaces)
     shared = bool(label) and len(shades) > 1  # then points have colours, and runs have line styles
-    kind = LINES[place % len(LINES)] if shared else "-"
+    kind = LINES[index % len(LINES)] if shared else "-"
     part = point_look(len(shades))[1]
     for k, name in enumerate(paths.names):
         if name in hidden:
             continue
         if paths.fixed[k]:
             marker = "s" if any(name in link[:2] for link in paths.links) else "P"
-            shown = "_nolegend_" if name == ORIGIN or place else name
+            shown = "_nolegend_" if name == ORIGIN or index else name
             axis.plot(*paths.of(name)[:, -1], marker, color=style.ink, ms=4.5, zorder=5, label=shown, linestyle="none")
             continue
         shade = shades[name]

@@ -53,11 +53,11 @@ class Contents:
 
         For a body they show its rates about its axes instead of the entries of its quaternion.
         """
-        entries = {name_of(q) for each in self.turned for q in each.quaternion}
-        others = [name for name in self.chosen if name not in entries]
-        rates = [panel for each in self.turned for rate in each.body for panel in self.of(rate)]
+        entries = {name_of(q) for rotation in self.turned for q in rotation.quaternion}
+        rest = [name for name in self.chosen if name not in entries]
+        rates = [panel for rotation in self.turned for rate in rotation.body for panel in self.of(rate)]
         momenta = self._over_time(quantities.momenta, wide=True)
-        return [*self._rows(others), *rates, *self.named("drift"), *momenta, *self._paths()]
+        return [*self._rows(rest), *rates, *self.named("drift"), *momenta, *self._paths()]
 
     def of(self, what: Any) -> list[Panel]:
         """Return the panels for `what`, one entry of the argument `what` of a plot.
@@ -70,8 +70,8 @@ class Contents:
             names, turned = self.solutions[0].names, shorthands(self.solutions[0].model.statement.rotations)
             if what in turned:
                 return self.of(turned[what])
-            if what not in names and (other := OTHER_NAMES.get(" ".join(what.replace("_", " ").split()))):
-                return self.named(other)
+            if what not in names and (synonym := OTHER_NAMES.get(" ".join(what.replace("_", " ").split()))):
+                return self.named(synonym)
             if what not in names:
                 raise StatementError(
                     f"what = {shown(what)} is not a quantity to plot: give {listing(WHAT)}, a coordinate or a velocity "
@@ -145,8 +145,8 @@ def chosen_coordinates(of: Any, names: Sequence[str]) -> list[str] | None:
     """
     if of is None:
         return None
-    given = list(of) if isinstance(of, (list, tuple)) else [of]
-    names_found = [row_label(key) for key in given]
+    keys = list(of) if isinstance(of, (list, tuple)) else [of]
+    names_found = [row_label(key) for key in keys]
     for name in names_found:
         if name not in names:
             raise StatementError(
@@ -214,13 +214,13 @@ def plot_runs(
     return on_paper(figure, look)
 
 
-def labels_of(solutions: Sequence[Solution], given: Sequence[str] | None) -> list[str]:
-    """Return the names of runs: the texts `given`, else methods, parameters or first values, whichever differ."""
-    if given is not None:
-        labels = [given] if isinstance(given, str) else entries(given, "labels")
+def labels_of(solutions: Sequence[Solution], requested: Sequence[str] | None) -> list[str]:
+    """Return the names of runs: the texts `requested`, else methods, parameters or first values, whichever differ."""
+    if requested is not None:
+        labels = [requested] if isinstance(requested, str) else entries(requested, "labels")
         if labels is None or len(labels) != len(solutions) or not all(isinstance(label, str) for label in labels):
             raise StatementError(
-                f"labels are {shown(given)}: give a text for each of {counted(len(solutions), 'run')}."
+                f"labels are {shown(requested)}: give a text for each of {counted(len(solutions), 'run')}."
             )
         return [label.replace("$", r"\$") for label in labels]
     if len(solutions) == 1:

@@ -284,8 +284,8 @@ def log_ticks(low: float, high: float) -> list[float]:
 def angle_ticks(axis: Any, low: float, high: float) -> None:
     """Put ticks of an angle at multiples of pi/2, or of pi if the axis is long."""
     unit = math.pi / 2 if high - low <= 1.01 * math.tau else math.pi
-    places = np.arange(math.ceil(low / unit - 1e-9), math.floor(high / unit + 1e-9) + 1)
-    axis.set_ticks(places * unit, [f"${_multiple(int(k), unit)}$" for k in places])
+    multiples = np.arange(math.ceil(low / unit - 1e-9), math.floor(high / unit + 1e-9) + 1)
+    axis.set_ticks(multiples * unit, [f"${_multiple(int(k), unit)}$" for k in multiples])
 
 
 def _multiple(k: int, unit: float) -> str:

@@ -142,19 +142,19 @@ def write_together(folder: str | os.PathLike[str], files: Mapping[str, Writer | 
     home = real_path(folder)
     targets = {name: real_path(home / name) for name in files}
     parts: dict[str, Path] = {}
-    place = home
+    current_path = home
     try:
         modes = {name: old_mode(target) for name, target in targets.items()}
         for name, write in files.items():
-            place = targets[name]
+            current_path = targets[name]
             if write is not None:
-                parts[name] = filled_part(place, write, modes[name])
+                parts[name] = filled_part(current_path, write, modes[name])
         _exchange(home, targets, parts)
     except BaseException as error:
         for part in parts.values():
             part.unlink(missing_ok=True)
         if isinstance(error, OSError):
-            raise in_words(place, error) from error
+            raise in_words(current_path, error) from error
         raise
     return [targets[name] for name in parts]
 

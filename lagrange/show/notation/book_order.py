@@ -19,7 +19,7 @@ LETTERS = ("G", "m M mu", "I J Theta", "g", "", "l L R r a b d h s w length radi
 Textbooks print m g l, m l^2 omega^2, and G m1 m2 with G first. In the same class the order is that of the statement.
 """
 OTHERS = LETTERS.index("")
-CLASS_OF = {letter: place for place, letters in enumerate(LETTERS) for letter in letters.split()}
+CLASS_OF = {letter: rank for rank, letters in enumerate(LETTERS) for letter in letters.split()}
 PARAMETER, MULTIPLIER, POSITION, VELOCITY, ACCELERATION, FUNCTION = range(6)
 GRAVITY = (PARAMETER, LETTERS.index("g"))
 MASS = (PARAMETER, LETTERS.index("m M mu"))
@@ -35,15 +35,15 @@ class BookOrder:
     def __init__(self, statement: Statement) -> None:
         plain = list(statement.plain.values())
         self.rank: dict[Any, tuple[int, int, int]] = {}
-        others = [p for p in statement.parameters if p not in statement.defaults]
-        stated = [*statement.defaults, *sorted(others, key=_natural)]
-        for place, parameter in enumerate(stated):
+        unset = [p for p in statement.parameters if p not in statement.defaults]
+        stated = [*statement.defaults, *sorted(unset, key=_natural)]
+        for index, parameter in enumerate(stated):
             head, _ = index_parts(parameter.name)
-            self.rank[parameter] = (PARAMETER, CLASS_OF.get(head, OTHERS), place)
-        for place, constraint in enumerate(statement.constraints):
-            self.rank[constraint.multiplier] = (MULTIPLIER, 0, place)
-        for place, symbol in enumerate(plain):
-            self.rank[symbol] = (POSITION + place % 3, 0, place // 3)
+            self.rank[parameter] = (PARAMETER, CLASS_OF.get(head, OTHERS), index)
+        for index, constraint in enumerate(statement.constraints):
+            self.rank[constraint.multiplier] = (MULTIPLIER, 0, index)
+        for index, symbol in enumerate(plain):
+            self.rank[symbol] = (POSITION + index % 3, 0, index // 3)
         self.typed: frozenset[Any] = frozenset()
         """Sums and products of an answer, whose signs are kept, too."""
         self._statement = statement
@@ -78,8 +78,8 @@ class BookOrder:
 
     def _key(self, factor: Any) -> Key:
         base, exponent = factor.as_base_exp()
-        if given := given_function(base):
-            return (ACCELERATION, 1, base.derivative_count if base.is_Derivative else 0, 0, given)
+        if function := given_function(base):
+            return (ACCELERATION, 1, base.derivative_count if base.is_Derivative else 0, 0, function)
         ranks = self.symbols(factor)
         if base.is_Add and exponent.is_Integer:
             highest = max((rank[0] for rank in ranks), default=PARAMETER)
@@ -103,10 +103,10 @@ class BookOrder:
         """
         ranks = self.symbols(term)
         highest = max((rank[0] for rank in ranks), default=PARAMETER)
-        places = [rank[2] for rank in ranks if rank[0] == highest for _ in range(self._power(term, rank))]
+        indices = [rank[2] for rank in ranks if rank[0] == highest for _ in range(self._power(term, rank))]
         degree = self._degree(term) if highest == VELOCITY else 0
         last = self._last(ranks) if highest <= POSITION else 0
-        return (-max(highest, POSITION), degree, last, self._place(term, highest), places, ranks)
+        return (-max(highest, POSITION), degree, last, self._place(term, highest), indices, ranks)
 
     def _last(self, ranks: list[tuple[int, int, int]]) -> int:
         """Return the class of a term by the ranks of its symbols.

@@ -51,9 +51,9 @@ class Typesetter:
         self.letters: dict[Any, str] = {t: notation.letter("t")}
         for symbol in (*statement.parameters, *(constraint.multiplier for constraint in statement.constraints)):
             self.letters[symbol] = notation.letter(symbol.name)
-        for place, symbol in enumerate(self.plain.values()):
-            name, order = statement.names[place // 3], place % 3
-            rate = getattr(statement.coordinates[place // 3].func, RATE, None)
+        for index, symbol in enumerate(self.plain.values()):
+            name, order = statement.names[index // 3], index % 3
+            rate = getattr(statement.coordinates[index // 3].func, RATE, None)
             if rate is not None and order:
                 name, order = name_of(rate), order - 1
             self.letters[symbol] = notation.letter(name, order)
@@ -128,8 +128,8 @@ class Typesetter:
         factor = inside.as_coeff_Mul()[0]
         if number.is_Rational and factor.is_Rational and (factor * number**2).q < factor.q * number.q**2:
             inside, number = inside * number**2, sympy.sign(number)  # sqrt(6)/3 is the root of 2/3
-        others = [x for x in factors if x not in roots]
-        return number, [*others, sympy.Pow(inside, sympy.S.Half, evaluate=False)]
+        outside = [x for x in factors if x not in roots]
+        return number, [*outside, sympy.Pow(inside, sympy.S.Half, evaluate=False)]
 
     def quotient(self, above: list[Any], below: list[Any], number: Any) -> FormulaPiece:
         """Return the text of number * above / below; `above` and `below` are lists of (base, exponent).
@@ -182,8 +182,8 @@ class Typesetter:
     def exponent(self, exponent: Any) -> str:
         """Return the text of an exponent; a fraction is written on one line."""
         if exponent.is_Rational:
-            one, other = (self.number(sympy.Integer(abs(part))).text for part in (exponent.p, exponent.q))
-            return self.notation.in_line(one, other)
+            numerator, denominator = (self.number(sympy.Integer(abs(part))).text for part in (exponent.p, exponent.q))
+            return self.notation.in_line(numerator, denominator)
         return self.piece(exponent).text
 
     def atom(self, node: Any) -> FormulaPiece:
@@ -308,11 +308,11 @@ class SideWriter:
 
     def __init__(self, statement: Statement, notation: Callable[[Sequence[str]], Notation]) -> None:
         multipliers = [constraint.multiplier.name for constraint in statement.constraints]
-        given = [str(function.func.__name__) for function in statement.given]
-        names = [*statement.names, *(symbol.name for symbol in statement.parameters), *multipliers, *given]
+        function_names = [str(function.func.__name__) for function in statement.given]
+        names = [*statement.names, *(symbol.name for symbol in statement.parameters), *multipliers, *function_names]
         self.notation = notation(names)
         self.setter = Typesetter(statement, self.notation)
-        self.taken = frozenset((*self.setter.letters.values(), *map(self.notation.letter, given)))
+        self.taken = frozenset((*self.setter.letters.values(), *map(self.notation.letter, function_names)))
 
     def side(self, side: Any) -> str:
         """Return the text of one side of a formula, on one line."""
@@ -445,17 +445,17 @@ class LineWriter:
             return [self.setter.piece(product).text]
         longest = max(sums, key=lambda base: base.count_ops())
         rest = [(base, exponent) for base, exponent in above if base is not longest or exponent != 1]
-        behind, one = "", self.notation.number("1")
+        behind, unit = "", self.notation.number("1")
         if self.notation.in_one_line:
             # A fraction such as ½ after the parenthesis would look like an exponent: then numbers stay in front.
             split = number.is_Rational and not self.notation.fractions_in_front
             divisor = self.setter.quotient(below, [], sympy.Integer(number.q if split else 1))
             number = sympy.Integer(number.p) if split else number
-            behind = self.notation.fraction(one, divisor).text.removeprefix(one.text) if divisor != one else ""
+            behind = self.notation.fraction(unit, divisor).text.removeprefix(unit.text) if divisor != unit else ""
             below = []
         front = self.setter.quotient(rest, below, number)
         closed = front.text if front.level == PRODUCT else self.notation.grouped(front, POWER)
-        before = [] if front == one else [closed]
+        before = [] if front == unit else [closed]
         front_width = 0 if self.notation.in_one_line else width(self.ruler.setter.quotient(rest, below, number).text)
         separate = front_width > WIDEST // 2
         used = 2 if separate or not before else front_width if front_width > WIDEST // 3 else WIDEST // 5

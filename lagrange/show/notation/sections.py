@@ -118,7 +118,7 @@ def sections(derivation: Derivation) -> Iterator[Section]:
     parts: list[tuple[str, Any, Callable[[Derivation], Iterator[Formula | str]]]] = [
         ("Positions and velocities", None, _points),
         ("Lagrangian", None, _lagrangian),
-        *(("Coordinate", q, partial(_coordinate, place=place)) for place, q in enumerate(statement.coordinates)),
+        *(("Coordinate", q, partial(_coordinate, index=index)) for index, q in enumerate(statement.coordinates)),
         ("Equations of motion", None, _equations),
         ("Matrix form", None, _matrices),
         (solved, None, _accelerations),
@@ -134,9 +134,9 @@ def sections(derivation: Derivation) -> Iterator[Section]:
             yield Section(heading, rows, symbol)
 
 
-def constraint_quantity(one: Any) -> ShownQuantity:
+def constraint_quantity(constraint: Any) -> ShownQuantity:
     """Return the letter for a constraint, with the name of the constraint as its index."""
-    return ShownQuantity("f", (one.name,))
+    return ShownQuantity("f", (constraint.name,))
 
 
 def _stated(derivation: Derivation) -> Iterator[Formula | str]:
@@ -195,14 +195,14 @@ def _lagrangian(derivation: Derivation) -> Iterator[Formula | str]:
     yield Formula((LAGRANGIAN, difference, derivation.lagrangian))
 
 
-def _coordinate(derivation: Derivation, place: int) -> Iterator[Formula | str]:
-    """Yield the terms of the Euler-Lagrange equation of coordinate number `place`, then the equation itself.
+def _coordinate(derivation: Derivation, index: int) -> Iterator[Formula | str]:
+    """Yield the terms of the Euler-Lagrange equation of coordinate number `index`, then the equation itself.
 
     In the equation the terms are written by name, such as dL/dq.
     """
     statement = derivation.statement
-    q, name = statement.coordinates[place], statement.names[place]
-    velocity, force = statement.velocities[place], statement.forces[place]
+    q, name = statement.coordinates[index], statement.names[index]
+    velocity, force = statement.velocities[index], statement.forces[index]
     slope = Partial(LAGRANGIAN, velocity)
     yield Formula((ShownQuantity("p", (name,)), slope, derivation.momenta[q]))
     yield Formula((Rate(slope), derivation.momentum_rates[q]))
@@ -279,23 +279,23 @@ def _matrix(
     letter: str,
     rows: Sequence[tuple[Any, ...]],
     names: Sequence[str],
-    others: Sequence[str] = (),
+    column_names: Sequence[str] = (),
     *,
     symmetric: bool = False,
 ) -> Iterator[Formula]:
     """Yield a matrix, or its entries one by one if the matrix is too wide.
 
-    `names` are the names of the rows, and `others` those of the columns, by default the same. Of a `symmetric` matrix
-    each pair of equal entries is written once.
+    `names` are the names of the rows, and `column_names` those of the columns, by default the same. Of a `symmetric`
+    matrix each pair of equal entries is written once.
     """
     if sum(max(int(entry.count_ops()) for entry in column) for column in zip(*rows, strict=True)) <= WIDEST_MATRIX:
         yield Formula((ShownQuantity(letter), ExpressionRows(tuple(rows))))
         return
-    columns = others or names
+    columns = column_names or names
     for i, row in enumerate(rows):
         for j, entry in enumerate(row):
             if entry != 0 and not (symmetric and j < i):
-                indices = (names[i],) if len(row) == 1 and not others else (names[i], columns[j])
+                indices = (names[i],) if len(row) == 1 and not column_names else (names[i], columns[j])
                 yield Formula((ShownQuantity(letter, indices), entry))
 
 
@@ -311,9 +311,9 @@ def _accelerations(derivation: Derivation) -> Iterator[Formula | str]:
         if symbol not in long:
             yield Formula((symbol, value))
     if long:
-        which = "The other formulas are" if len(long) < len(solved) else "The formulas are"
+        subject = "The other formulas are" if len(long) < len(solved) else "The formulas are"
         longest = max(int(value.count_ops()) for _, value in solved)
         yield (
-            f"{which} too long to be read: the longest has {longest} operations, and a page shows up to {READABLE}. "
+            f"{subject} too long to be read: the longest has {longest} operations, and a page shows up to {READABLE}. "
             "accelerations() has them as expressions; compile() gives them as numbers."
         )

@@ -72,7 +72,8 @@ def operations(statement: Statement) -> int:
     """Return the number of operations in the expressions from which the equations of motion are derived."""
     stated = [statement.lagrangian, statement.dissipation, *statement.forces]
     return sum(
-        int(expression.count_ops()) for expression in (*stated, *(each.expression for each in statement.constraints))
+        int(expression.count_ops())
+        for expression in (*stated, *(constraint.expression for constraint in statement.constraints))
     )
 
 

@@ -54,14 +54,15 @@ def conserved_parts(conserved: Conserved, writer: PageWriter) -> Iterator[Part]:
     yield conserved.name, f"{name}\n\n{_formula(writer, None, conserved.expression, conserved.name)}"
 
 
-def equilibrium_parts(one: Equilibrium, writer: PageWriter) -> Iterator[Part]:
+def equilibrium_parts(equilibrium: Equilibrium, writer: PageWriter) -> Iterator[Part]:
     """Yield the coordinates of the equilibrium, its stability with the reason, and its energy."""
-    free = [q for q, x in one.coordinates.items() if q == x]
-    places = {q: x for q, x in {**one.coordinates, **one.velocities}.items() if q != x}
-    where = [writer.values(places)] if places else []
+    free = [q for q, x in equilibrium.coordinates.items() if q == x]
+    values = {q: x for q, x in {**equilibrium.coordinates, **equilibrium.velocities}.items() if q != x}
+    where = [writer.values(values)] if values else []
     where += [f"any {', '.join(map(writer.inline, free))}"] if free else []
-    condition = "" if one.condition == sympy.true else f", where ${writer.condition(one.condition)}$"
-    verdict = f"{STABILITY[one.stable]}: {markdown_text(one.reason)} The energy there is {writer.inline(one.energy)}."
+    condition = "" if equilibrium.condition == sympy.true else f", where ${writer.condition(equilibrium.condition)}$"
+    verdict = f"{STABILITY[equilibrium.stable]}: {markdown_text(equilibrium.reason)}"
+    verdict += f" The energy there is {writer.inline(equilibrium.energy)}."
     yield "an equilibrium", f"{bold('Equilibrium')} {'; '.join(where)}{condition}, {verdict}"
 
 

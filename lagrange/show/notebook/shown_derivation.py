@@ -81,8 +81,8 @@ def _statement_parts(statement: Statement, writer: PageWriter) -> Iterator[Part]
     short = [Formula(row) for row in rows if row[1].count_ops() <= MOST_SHOWN_OPERATIONS]
     if short:
         yield "the energies, forces and constraints", writer.under("Stated", short)
-    for name, what in rows:
-        if (size := int(what.count_ops())) > MOST_SHOWN_OPERATIONS:
+    for name, expression in rows:
+        if (size := int(expression.count_ops())) > MOST_SHOWN_OPERATIONS:
             yield (
                 "",
                 left_out(
