@@ -1,1 +1,1 @@
-"""Ensembles: the values that vary between members, and runs of members in lanes, on threads and in other processes."""
+"""Ensembles: values that vary between members, and runs of members in vector lanes, on threads and in processes."""

@@ -34,9 +34,9 @@ class Starts:
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """Results of m members: columns by name, each with m rows, as `lagrange.members.keep` defines them.
+    """The results of m members: columns by name, each with m rows. `lagrange.members.keep` defines the columns.
 
-    `messages` maps the rows of members that did not succeed to their messages.
+    `messages` maps the row of each member that did not succeed to the message of its run.
     """
 
     columns: Mapping[str, Any]
@@ -44,7 +44,7 @@ class Ends:
 
     @property
     def members(self) -> int:
-        """The number of members."""
+        """The number m of members."""
         return len(next(iter(self.columns.values())))
 
 
@@ -54,41 +54,41 @@ Stopped = Callable[[], bool]
 
 @runtime_checkable
 class MemberResults(Protocol):
-    """Protocol of the results of all members, in memory, or in a store that is read at each access."""
+    """Protocol of the results of all members of an ensemble, in memory, or in a store that is read at each access."""
 
     def column(self, name: str) -> Any:
-        """Return a column, with a row for each member."""
+        """Return the results `name` of all members, an array with a row for each member."""
 
     def row(self, name: str, member: int) -> Any:
-        """Return the entry of a column for one member."""
+        """Return the result `name` of one member, given by its index."""
 
     @property
     def messages(self) -> Mapping[int, str]:
-        """The known messages of members that did not succeed, by member."""
+        """The known messages of runs that did not succeed, by the index of the member."""
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """The results of all members in memory: columns by name, and messages by member."""
+    """The results of all members of an ensemble in memory: arrays by column name, and messages by member index."""
 
     columns: dict[str, Any]
     messages: dict[int, str] = field(default_factory=dict)
 
     @classmethod
     def empty(cls, members: int, columns: Sequence[Column]) -> Results:
-        """Return results with blank columns for a number of members."""
+        """Return results of a number of members in which every column has its value for unwritten rows."""
         return cls({column.name: column.empty(members) for column in columns})
 
     def column(self, name: str) -> Any:
-        """Return the column `name`, with a row for each member."""
+        """Return the results `name` of all members, an array with a row for each member."""
         return self.columns[name]
 
     def row(self, name: str, member: int) -> Any:
-        """Return the entry of a column for one member."""
+        """Return the result `name` of one member, given by its index."""
         return self.columns[name][member]
 
     def take(self, first: int, ends: Ends) -> None:
-        """Copy the results of a chunk to the rows from `first` on. Rows of members that were not run remain blank."""
+        """Copy the results `ends` of a chunk of members to the rows from `first` on."""
         for name in sorted(ends.columns, key=STATUS.__eq__):
             rows = ends.columns[name]
             self.columns[name][first : first + len(rows)] = rows

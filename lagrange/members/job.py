@@ -1,4 +1,4 @@
-"""The data that all members of an ensemble share, which other processes receive, and runs of chunks."""
+"""The data that all members of an ensemble share and other processes receive, and runs of chunks of members."""
 
 from __future__ import annotations
 
@@ -30,9 +30,10 @@ ENGINES_KEPT = 4
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """The options that all members share, and the selection of stored results.
+    """The data that all members of an ensemble share: problem, options, and the selection of results to store.
 
-    `problem` is the run of the first member. `varying` is True if each member has its own parameters.
+    `problem` is the run of the first member. `keep` is the selection. `varying` is True if each member has its own
+    parameters.
     """
 
     problem: Problem
@@ -42,13 +43,13 @@ class Job:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """The columns of the results."""
+        """The descriptions of the result columns that are stored for the members."""
         problem = self.problem
         outputs = None if problem.t_eval is None else len(problem.t_eval)
         return self.keep.columns(problem.model.layout.size, outputs, len(problem.events), INTERRUPTED)
 
     def engine(self) -> Engine:
-        """Return the engine for members: vector lanes if they support the system, else the flow, else single runs."""
+        """Return the object that runs members: in vector lanes if possible, else by the flow, else one by one."""
         problem, method, alone = self.problem, self.options.method, self.alone
         if not isinstance(method, Planned) or problem.t0 == problem.t1:
             return alone
@@ -56,13 +57,16 @@ class Job:
 
     @property
     def alone(self) -> RunEngine:
-        """The engine that runs members one by one."""
+        """The object that runs members one by one, each as a separate run."""
         problem = self.problem
         span = problem.t0, problem.t1
         return RunEngine(problem.model, span, self.options, problem.t_eval, self.keep, self.columns)
 
     def explained(self, table: MemberTable, member: int) -> Explained:
-        """Run a member and return the end of its run. Raises StatementError for a number outside the table."""
+        """Run the member with index `member` again, and return the status, time and message of its end.
+
+        Raises StatementError for an index outside the table.
+        """
         chosen = whole_number(member, "member", 0, len(table) - 1)
         return self.alone.explained(table.starts(np.array([chosen])))
 
@@ -97,7 +101,7 @@ _LOCK = Lock()
 
 
 def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
-    """Run members by a pickled `job` in a worker process, which compiles each job once."""
+    """Run a chunk of members in a worker process, for a pickled `job`. The process compiles each job once."""
     key = hashlib.sha256(job).digest()
     with _LOCK:
         if key not in _ENGINES:
@@ -110,7 +114,10 @@ def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
 
 
 def timed(engine: Engine, starts: Starts, stopped: Stopped) -> ChunkResult:
-    """Run members. Return their results with the seconds that they took."""
+    """Run a chunk of members from their initial values `starts`. Return their results with the seconds that it took.
+
+    `stopped` returns True if no further member may begin.
+    """
     began = time.perf_counter()
     ends = engine.run(starts, stopped)
     return ChunkResult(ends, time.perf_counter() - began, engine.form, engine.side_by_side)

@@ -1,4 +1,4 @@
-"""The stored results of each member: columns, and reductions of expressions along its run."""
+"""The stored results of each member of an ensemble: columns, and reductions of expressions along its run."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ OUTPUT_TIME = "t"
 
 
 class Column(NamedTuple):
-    """An array with a row for each member: its name, the shape and dtype of a row, and the value of unwritten rows."""
+    """The description of a result column, an array with a row for each member.
+
+    It has the name of the column, the shape and the dtype (`kind`) of a row, and the value `blank` of unwritten rows.
+    """
 
     name: str
     shape: tuple[int, ...]
@@ -39,24 +42,30 @@ class Column(NamedTuple):
     blank: float
 
     def empty(self, members: int) -> Any:
-        """Return the array for a number of members, without results."""
+        """Return the array of the column for a number of members, with the blank value in every row."""
         return np.full((members, *self.shape), self.blank, dtype=self.kind)
 
     @property
     def dimensions(self) -> tuple[str, ...]:
-        """The names of the dimensions after that of the members; each entry of a state is a separate variable."""
+        """The names of the array's dimensions in a store, after that of the members.
+
+        A column of states is stored as one variable for each entry of the state, so this dimension has no name.
+        """
         if self.name in (STATE, OUTPUTS):
             return (OUTPUT_TIME,) if self.name == OUTPUTS else ()
         return ("occurrence", "row")[: len(self.shape)]
 
     @property
     def bytes(self) -> int:
-        """The bytes of a row."""
+        """The number of bytes that the column takes for one member."""
         return int(np.prod(self.shape, dtype=np.int64)) * np.dtype(self.kind).itemsize
 
 
 class Reduction(NamedTuple):
-    """An expression along a run, reduced to one number: column, name of the reduction such as "max", expression."""
+    """An expression along a run that is reduced to one number, such as its largest value.
+
+    `name` is the name of the column, and `how` that of the reduction, such as "max".
+    """
 
     name: str
     how: str
@@ -65,10 +74,11 @@ class Reduction(NamedTuple):
 
 @dataclass(frozen=True)
 class Keep:
-    """The selection of results that are stored for each member.
+    """The selection of results that are stored for each member of an ensemble.
 
     A flag is True if these results are stored: `end` the last state, `counts` the numbers of steps and evaluations,
-    `drift` the drift of the energy. `events` is the largest number of stored occurrences of each event.
+    `drift` the drift of the energy. `events` is the largest number of stored occurrences of each event. `reductions`
+    are expressions along the run, each reduced to one number.
     """
 
     end: bool
@@ -78,7 +88,7 @@ class Keep:
     reductions: tuple[Reduction, ...]
 
     def columns(self, dimension: int, outputs: int | None, events: int, interrupted: int) -> tuple[Column, ...]:
-        """Return the columns of the results.
+        """Return the descriptions of the columns in which the selected results are stored.
 
         `dimension` is 2n, `outputs` the number of output times or None, `events` the number of events, and
         `interrupted` the status code of a member without result.
@@ -100,17 +110,20 @@ class Keep:
 
 
 def event_times(k: int) -> str:
-    """Return the name of the column with the times of the event with index k."""
+    """Return the name of the result column with the times of the event with index k."""
     return f"t_event_{k}"
 
 
 def event_states(k: int) -> str:
-    """Return the name of the column with the states at the event with index k."""
+    """Return the name of the result column with the states at the event with index k."""
     return f"y_event_{k}"
 
 
 def keep_of(keep: Any, model: Model, events: Sequence[Any]) -> Keep:
-    """Return the checked `keep` option. Raises StatementError for unknown names and invalid expressions."""
+    """Return the user's `keep` option as a `Keep`. Raises StatementError for unknown names and invalid expressions.
+
+    `events` are the events of the runs.
+    """
     listed = entries((keep,) if isinstance(keep, str) or _is_reduction(keep) or _is_first(keep) else keep, "keep")
     if not listed:
         raise StatementError(f'keep is {shown(keep)}: give at least one result, such as ("end", ("max", theta)).')
@@ -137,7 +150,10 @@ def keep_of(keep: Any, model: Model, events: Sequence[Any]) -> Keep:
 
 
 def _add(reductions: list[Reduction], added: Reduction) -> None:
-    """Append a reduction unless it is in the list. A numeric suffix distinguishes expressions that print alike."""
+    """Append the reduction `added` to the list unless it is there.
+
+    A number in its name distinguishes expressions that print alike.
+    """
     if any((reduction.how, reduction.expression) == (added.how, added.expression) for reduction in reductions):
         return
     names = {reduction.name for reduction in reductions}
@@ -146,12 +162,12 @@ def _add(reductions: list[Reduction], added: Reduction) -> None:
 
 
 def reduction_label(key: Any, model: Model) -> str | None:
-    """Return the name of the column of a pair such as ("max", theta), or None for other keys."""
+    """Return the name of the column for an entry of `keep` such as ("max", theta), or None for other entries."""
     return f"{key[0]}({_written(key[1], model)})" if _is_reduction(key) else None
 
 
 def entry_for(label: str) -> str:
-    """Return the entry of `keep` that creates a column, as text for a message, or "" for an unknown column."""
+    """Return the entry of `keep` that creates the column `label`, as text for a message; "" if unknown."""
     if label == DRIFT or label in COUNTED:
         return f'"{DRIFT if label == DRIFT else COUNTS}"'
     how, bracket, rest = label.partition("(")
@@ -159,7 +175,10 @@ def entry_for(label: str) -> str:
 
 
 def end_row(label: str, names: Sequence[str]) -> int | None:
-    """Return the index of theta in `names` for the label theta_end, and None for labels without this suffix."""
+    """Return the index in `names` of the entry of the state whose last value has the name `label`.
+
+    It is that of theta for the label theta_end. It is None for a label without this suffix.
+    """
     name = label.removesuffix("_end")
     return names.index(name) if name != label and name in names else None
 
@@ -169,7 +188,7 @@ def _is_pair(entry: Any) -> bool:
 
 
 def _is_first(entry: Any) -> bool:
-    """Return True for a pair such as ("events", 3), False for two names such as ("max", "theta")."""
+    """Return True for a pair such as ("events", 3), which asks for the first 3 occurrences of each event."""
     return _is_pair(entry) and entry[0] == EVENTS and not isinstance(entry[1], (str, list, tuple))
 
 
@@ -178,7 +197,7 @@ def _is_reduction(entry: Any) -> bool:
 
 
 def _reduction(how: str, quantity: Any, model: Model) -> Reduction:
-    """Return the reduction of an expression, or of a coordinate or velocity given by name."""
+    """Return the reduction `how`, such as "max", of an expression, or of a coordinate or velocity given by name."""
     statement = model.statement
     expression = quantity
     if isinstance(quantity, str):
@@ -213,14 +232,14 @@ NONE = np.empty(0)
 
 @dataclass(frozen=True, eq=False)
 class SampledRun:
-    """A run with all accepted states, instead of states at output times, and the parameters (k,) of its member."""
+    """A run of one member with all its accepted states, for reductions; `parameters` (k,) are the member's."""
 
     model: Model
     run: Trajectory
     parameters: FloatArray
 
     def reduced(self, reductions: Sequence[Reduction]) -> dict[str, float]:
-        """Return the value of each reduction, by the name of its column."""
+        """Return the results of the reductions along the run, numbers by the name of their column."""
         if not reductions:
             return {}
         accumulators = [self._reduction(reduction) for reduction in reductions]
@@ -239,14 +258,18 @@ class SampledRun:
     def _values(
         self, expression: Any, times: FloatArray, states: FloatArray, parameters: Parameters = None
     ) -> FloatArray:
-        """Return an expression (K,) at times (K,) and states (2n, K), with parameters (k, K) or the member's."""
+        """Return the values (K,) of an expression at times (K,) and states (2n, K).
+
+        `parameters` are (k, K). By default they are those of the run: the member's, or those that its events have
+        set.
+        """
         values = self.run.parameters_at(times, self.parameters) if parameters is None else parameters
         return self.model.evaluate_expression(expression, times, states, values)
 
     def _parameters(self, low: int, high: int) -> Parameters:
-        """Return the parameters at the sample points of the steps `low` to `high` - 1, (k, steps * points).
+        """Return the parameters of the run at the sample points of the steps from `low` to `high` - 1.
 
-        If no event sets parameters, return those of the member, (k,).
+        They have the shape (k, steps * points), or (k,) if no event sets parameters.
         """
         begin = self.run.parameters_at(self.run.t, self.parameters)
         if not (isinstance(begin, np.ndarray) and begin.ndim == 2):
@@ -258,7 +281,7 @@ class SampledRun:
         return points.reshape(len(begin), -1)
 
     def _steps(self) -> Iterator[_Steps]:
-        """Yield the steps in groups. A reset is a step of length zero."""
+        """Yield the samples of the run in groups of successive steps. A reset counts as a step of length zero."""
         t, y, points = self.run.t, self.run.y, lobatto()[0][1:-1]
         for low in range(0, len(t) - 1, STEPS_AT_ONCE):
             high = min(low + STEPS_AT_ONCE, len(t) - 1)
@@ -272,9 +295,9 @@ class SampledRun:
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Samples of k steps of the run `of`, at K = `SAMPLE_POINTS` points each: times (k, K), states (2n, k, K).
+    """Samples of k steps of a run at K = `SAMPLE_POINTS` points of each step: times (k, K) and states (2n, k, K).
 
-    `parameters` are those at the points, in the form of `SampledRun._parameters`.
+    `parameters` are those at the points, (p, k * K), or (p,) if they do not change. `of` is the run.
     """
 
     of: SampledRun
@@ -288,20 +311,26 @@ class _Steps:
         return np.asarray(self.times[:, -1] - self.times[:, 0])
 
     def values(self, expression: Any) -> FloatArray:
-        """Return an expression at the points, (k, SAMPLE_POINTS)."""
+        """Return the values of an expression at the points of all steps, (k, SAMPLE_POINTS)."""
         states = self.states.reshape(len(self.states), -1)
         values = self.of._values(expression, self.times.ravel(), states, self.parameters)
         return values.reshape(self.times.shape)
 
     def inside(self, expression: Any, which: Any, fractions: FloatArray) -> FloatArray:
-        """Return an expression (m,) inside the steps `which` (m,), at the `fractions` (m,) of these steps."""
+        """Return the values (m,) of an expression inside the steps with indices `which` (m,).
+
+        `fractions` (m,) are the places, one in each step, as fractions of the step.
+        """
         times = self.times[which, 0] + fractions * self.lengths[which]
         return self.of._values(expression, times, self.of.run.dense(times))
 
 
 @dataclass
 class _Mean:
-    """Accumulator of the mean of an expression over time."""
+    """Accumulator of the mean of an expression over the time of a run; `first` is its value at the start.
+
+    `duration` is the duration of the run.
+    """
 
     of: SampledRun
     reduction: Reduction
@@ -320,7 +349,10 @@ class _Mean:
 
 @dataclass
 class _Extremum:
-    """Accumulator of the largest value of an expression times a sign, which is -1 for a minimum."""
+    """Accumulator of the largest value of an expression times its sign along a run; the sign is -1 for a minimum.
+
+    `best` is the largest value so far. `of` is the run.
+    """
 
     of: SampledRun
     reduction: Reduction
@@ -340,8 +372,9 @@ class _Extremum:
     def _brackets(self, steps: _Steps, values: FloatArray, f: FloatArray) -> Iterator[tuple[Any, Any, Any]]:
         """Yield brackets of maxima that may exceed `best`: steps (k,), fractions (3, k), and values (3, k) at these.
 
-        `values` are the samples of the expression, and `f` the same times the sign, 1 or -1. The upper bound of a
-        maximum is explained in `lagrange.algorithm.members.along.raised`.
+        A bracket is three neighbouring points of a step, of which the middle one has the largest value. `values` are
+        the samples of the expression, and `f` the same times the sign, 1 or -1. The upper bound of a maximum is
+        explained in `lagrange.algorithm.members.along.raised`.
         """
         x = np.broadcast_to(lobatto()[0], f.shape)
         a, b, c = f[:, :-2], f[:, 1:-1], f[:, 2:]
@@ -360,9 +393,11 @@ class _Extremum:
     def _near_end(
         self, steps: _Steps, values: FloatArray, f: FloatArray, which: Any, first: int
     ) -> tuple[Any, Any, Any]:
-        """Return brackets for those steps of `which` on which the expression rises from an end into the next gap.
+        """Return brackets of maxima next to an end of the steps `which`, where the expression rises from the end.
 
-        `first` is the index of the sample point before the gap. `values` and `f` are the arguments of `_brackets`.
+        A bracket is a step, three fractions of it, and the values there: (k,), (3, k), (3, k). `first` is the index
+        of the sample point before the gap. `values` are the samples of the expression, and `f` the same times the
+        sign, 1 or -1.
         """
         x, near = lobatto()[0], np.full(len(which), END_SLOPE_AT if first == 0 else 1.0 - END_SLOPE_AT)
         value = steps.inside(self.reduction.expression, which, near) if len(which) else near
@@ -372,12 +407,15 @@ class _Extremum:
         return kept, points, np.array([values[kept, first], value[rises], values[kept, first + 1]])
 
     def _search(self, steps: _Steps, which: Any, points: FloatArray, values: FloatArray) -> None:
-        """Search for the largest value in brackets, fractions (3, k) with values (3, k), and update `best`."""
+        """Search k brackets for the largest value of the expression times its sign, and update `best`.
+
+        Bracket i is in step `which[i]`, between fractions `points` (3, k) with the values `values` (3, k).
+        """
         search, sign = called(largest_between.form()), SIGNS[self.reduction.how]
         for k in range(len(which)):
             step = partial(self._value, steps, which[k : k + 1]), 0.0, 0.0, 0.0, 0, NONE, NONE, 0
             self.best = float(search(*step, sign, *points[:, k].tolist(), *values[:, k].tolist(), self.best))
 
     def _value(self, steps: _Steps, which: Any, fraction: float, *_: Any) -> float:
-        """Return the value of the expression at a fraction of the step `which` (1,)."""
+        """Return the value (1,) of the expression at a fraction of the step with index `which` (1,)."""
         return float(steps.inside(self.reduction.expression, which, np.array([fraction]))[0])

@@ -1,4 +1,4 @@
-"""Members in parallel vector lanes: their compiled code, and the engine that runs it."""
+"""Members in vector lanes, one member in each: their compiled code, and the object that runs it."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ ABOUT = "Write the parameters, and behind them what depends on them alone."
 
 @dataclass(frozen=True)
 class MemberEvents:
-    """Event functions of members: `nodes`, each with a reaction (direction, terminal count, reset).
+    """The event functions of members, `nodes`, each with a reaction: direction, terminal count and reset.
 
     The first `events` nodes are events of the user. The others are square roots in the equations of motion.
     """
@@ -72,7 +72,7 @@ class MemberEvents:
 
     @classmethod
     def of(cls, impacts: Sequence[Impact]) -> MemberEvents | None:
-        """Return the event functions and reactions of events `impacts`, or None if there are none."""
+        """Return the event functions of the events `impacts` with their reactions, or None if there are none."""
         if not impacts:
             return None
         reactions = [
@@ -93,10 +93,10 @@ class MemberEvents:
 
 @dataclass(frozen=True)
 class MemberTasks:
-    """Tasks of the machine code in addition to steps.
+    """What the machine code of members does in addition to steps: reductions and events.
 
-    `reductions` are evaluated along the steps. `path` is the dense output for reductions and events, or None.
-    `varying` is True if each member has its own parameters. `watched` has the events, or is None.
+    `reductions` of expressions are computed along the steps. `path` is the dense output for reductions and events, or
+    None. `varying` is True if each member has its own parameters. `watched` has the event functions, or is None.
     """
 
     reductions: tuple[Reduction, ...]
@@ -107,12 +107,12 @@ class MemberTasks:
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """Machine code for members.
+    """The machine code that runs members of a model in vector lanes, with the constant arrays that it reads.
 
     `prepare` computes the parameters followed by all values that depend on them alone, `size` values in total. It is
-    None if each member has its own parameters: the code then computes these values. `observed` is the number of values
-    that are computed for a state: the energy and the momenta. `read` has read-only arrays by argument name. `events` is
-    the number of the user's events.
+    None if each member has its own parameters: the code then computes these values. `observed` is the number of
+    values that are computed for a state: the energy and the momenta. `read` has the constant arrays by argument name.
+    `events` is the number of the user's events.
     """
 
     code: MemberRuns
@@ -124,7 +124,7 @@ class Compiled:
 
 
 def compiled_members(model: Model, plan: Plan, tasks: MemberTasks) -> Compiled:
-    """Compile the members of a model for a plan."""
+    """Return the compiled code that runs members of a model by the method of a `plan`, with additional `tasks`."""
     laws = {name: model.law(name).program for name in ("rhs", "energy", "momenta")}
     step = plan.step if isinstance(plan, StepPlan) else None
     if step is not None:
@@ -186,7 +186,10 @@ def compiled_members(model: Model, plan: Plan, tasks: MemberTasks) -> Compiled:
 
 
 def _events(plan: TaylorPlan, watched: MemberEvents, values: Procedure) -> TaylorEvents:
-    """Return the description of the event functions for the code of members."""
+    """Return the description of the `watched` event functions from which the code of members is generated.
+
+    `values` is the procedure that evaluates them.
+    """
     program = plan.series.program
     changing = any(reaction.terminal for reaction in watched.reactions)
     flags = {"hides_growth": program.hides_growth, "steep": program.watched_degree > plan.order}
@@ -223,7 +226,7 @@ _CODES = np.array([*_OUTCOMES, EVENT], dtype=np.uint8)
 
 @dataclass(frozen=True, eq=False)
 class LaneEngine:
-    """Runs members in vector lanes. `alone` runs the members that the lanes cannot finish."""
+    """Runs members in vector lanes, several at the same time. `alone` runs members that the lanes cannot finish."""
 
     compiled: Compiled
     plan: Plan
@@ -236,11 +239,14 @@ class LaneEngine:
 
     @property
     def side_by_side(self) -> int:
-        """The number of lanes of a vector."""
+        """The number of members that run at the same time: the lanes of a vector."""
         return self.compiled.code.lanes
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
-        """Run all members to their ends. `stopped` is not used: machine code does not stop, and chunks are short."""
+        """Run a chunk of members from the initial values `starts`, and return their results.
+
+        `stopped` is not used: machine code does not stop, and chunks are short.
+        """
         m, n = starts.states.shape
         alone, observed = self.alone, self.compiled.observed
         count = 0 if alone.times is None else len(alone.times)
@@ -275,10 +281,10 @@ class LaneEngine:
         return alone.again(starts, ends, np.flatnonzero(doubtful))
 
     def complete(self, outputs: FloatArray, output_times: FloatArray, states: FloatArray, times: FloatArray) -> None:
-        """Complete the states `outputs` (m, K, 2n) of m members at `output_times` (K,), in place.
+        """Correct the states `outputs` (m, K, 2n) of m members at `output_times` (K,) in place.
 
-        The runs ended at `times` (m,) in `states` (m, 2n). If a run ended exactly at an output time, write its last
-        state there. Write NaN at output times after the end of a run.
+        The runs ended at `times` (m,) in `states` (m, 2n). If a run ended exactly at an output time, its last state
+        is written there. After the end of a run NaN is written.
         """
         t0, t1 = self.alone.span
         for index in np.flatnonzero((output_times == times[:, None]).any(axis=0)):
@@ -293,8 +299,9 @@ class LaneEngine:
         """Return a mask (m,) of members that ended early and have to run again one by one, for the cause of the end.
 
         `states` (m, 2n), `times` (m,) and status `codes` (m,) are the ends of the runs. With events all members that
-        ended early are in the mask, else those that took no step, or whose mass matrix may have become singular. Codes
-        are changed in place: STUCK becomes LOST where a small step along the slope leaves the domain of the equations.
+        ended early without one are in the mask, unless they reached the step limit. Without events, those that took
+        no step, or whose mass matrix may have become singular. Codes are changed in place: STUCK (steps too small)
+        becomes LOST (not finite) where a small step along the slope leaves the domain of the equations.
         """
         model, (t0, t1) = self.alone.model, self.alone.span
         stuck = codes == STUCK
@@ -324,7 +331,10 @@ class LaneEngine:
         }
 
     def numbers(self, starts: Starts) -> FloatArray:
-        """Return the parameters (m, k) of all members, or the result of `Compiled.prepare` if they share them."""
+        """Return the parameters (m, k) of all members, or the result of `Compiled.prepare` if they share them.
+
+        That is an array of the parameters and all values that depend on them alone.
+        """
         if self.compiled.prepare is None:
             return np.ascontiguousarray(starts.parameters)
         prepared = np.zeros(self.compiled.size + 1)
@@ -333,9 +343,10 @@ class LaneEngine:
 
 
 def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool) -> LaneEngine | None:
-    """Return the engine that runs members in lanes, or None if the model or the method does not allow it.
+    """Return the object that runs members in lanes, or None if the model or the method does not allow it.
 
-    With `varying` each member has its own parameters. The machine code is cached for the next ensemble of the model.
+    `alone` runs members one by one. With `varying` each member has its own parameters. The machine code is cached for
+    the next ensemble of the model.
     """
     if not _runs_in_lanes(alone, plan, problem):
         return None
@@ -354,7 +365,7 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
 
 
 def _kind(plan: Plan) -> Any:
-    """Return the property of a plan on which compiled code depends: the order of a series, or the step program."""
+    """Return the property of a plan on which compiled code depends: the order of a series, else the step program."""
     return plan.order if isinstance(plan, TaylorPlan) else plan.step if isinstance(plan, StepPlan) else None
 
 

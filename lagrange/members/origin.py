@@ -27,22 +27,30 @@ OVER = "÷"
 
 
 def stored_names(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of the variables of a column in a store: one for each entry of a state, else one."""
+    """Return the names in a store of the variables of a result column: one for each entry of a state, else one.
+
+    `names` are the names of the entries of the state.
+    """
     if column == STATE:
         return tuple(f"{name}_end" for name in names)
     return names if column == OUTPUTS else (column.replace("/", OVER),)
 
 
 def start_name(label: str, names: Collection[str]) -> str:
-    """Return the name under which the varied values of `label` are stored.
+    """Return the name under which a store has the values of `label`, which vary between members.
 
-    An entry of the state, one of `names`, gets the suffix `_start`, because its later values have other names.
+    If it is an entry of the state, one of `names`, it gets the suffix `_start`, because later values have other
+    names.
     """
     return f"{label}_start" if label in names else label
 
 
 def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequence[str], *, store: bool) -> None:
-    """Raise StatementError if a coordinate or a varying parameter has the name of another result."""
+    """Raise StatementError if a coordinate, velocity or varying parameter has the name of another result.
+
+    `columns` are the results, `names` the entries of the state, and `labels` the names of values that vary. With
+    `store` the variables of a store are taken into account, too.
+    """
     kept = {column.name for column in columns}
     taken = {MEMBER, *kept - {STATE, OUTPUTS}, *((CHECKSUM,) if store else ())}
     taken.update(
@@ -70,7 +78,7 @@ LONG_ENTRIES = ("statement", "steps", "values", "events", "expressions")
 def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
     """Return the description of an ensemble as JSON-ready data: versions, statement, method, options and values.
 
-    `block` is the number of members in a block of its store.
+    `block` is the number of members in a block of its store. A store with the same description can be continued.
     """
     problem, options = job.problem, job.options
     varied = hashlib.sha256()
@@ -123,7 +131,10 @@ def _version(package: str) -> str:
 
 
 def _steps(method: Any) -> str | None:
-    """Return a checksum of the step program of a method: methods with the same name may have different coefficients."""
+    """Return a checksum of the step program of a method, or None for a method without one.
+
+    It is needed because methods with the same name may have different coefficients.
+    """
     if not isinstance(method, Stepped):
         return None
     program, numbers = method.program, dict[int, str]()
@@ -138,7 +149,10 @@ def _steps(method: Any) -> str | None:
 
 
 def difference(stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
-    """Return a text that lists the entries in which the `stored` description differs from the `current` one, or ""."""
+    """Return a text that lists the entries in which two descriptions of an ensemble differ, or "" if they are equal.
+
+    `stored` is the description in a store, and `current` that of the call.
+    """
     differ = [name for name in current if stored.get(name) != current[name]]
     if not differ:
         return ""
@@ -150,7 +164,7 @@ def difference(stored: Mapping[str, Any], current: Mapping[str, Any]) -> str:
 
 
 def _parts(stored: Mapping[str, Any], current: Mapping[str, Any]) -> list[str]:
-    """Return the names of the parts in which two statements differ."""
+    """Return the names of the parts in which the statements of two descriptions of an ensemble differ."""
     try:
         old = tomllib.loads(str(stored.get("statement")))
     except ValueError:

@@ -1,4 +1,4 @@
-"""Names of the reductions of an expression along a run; without numpy, for the command line."""
+"""Names of the reductions, such as "max", of an expression along a run; without numpy, for the command line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Members that run one by one, each as a separate run or flow, and the energies of members."""
+"""Runs of members one by one, each as a separate run or by the flow of a model, and the energies of members."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Energies:
-    """States of members at their start, `before`, and end, `after`, (m, 2n), with their energies and momenta.
+    """States of m members at their start, `before`, and end, `after`, (m, 2n), with their energies and momenta.
 
     `first` (m, 1 + n) has the energy, then the momenta, at the start, and `last` (m, 1 + n) those at the end.
     """
@@ -44,13 +44,19 @@ class Energies:
     last: FloatArray
 
     def kinetic(self, y: FloatArray, observed: FloatArray) -> FloatArray:
-        """Return |v.p| / 2 (m,) of states y (m, 2n): the kinetic energies. `observed` has the energies and momenta."""
+        """Return |v.p| / 2 (m,), the kinetic energies, of states y (m, 2n).
+
+        `observed` (m, 1 + n) has the energy and the momenta of each state.
+        """
         with np.errstate(all="ignore"):
             return np.asarray(np.abs(np.sum(y[:, y.shape[1] // 2 :] * observed[:, 1:], axis=1)) / 2)
 
     @property
     def drift(self) -> FloatArray:
-        """The changes of the energies (m,), relative to the largest of |first| and the kinetic energies at the ends."""
+        """The changes of energy between start and end (m,), relative to a scale: the energy or the kinetic energy.
+
+        The scale is the largest of |energy| at the start and the kinetic energies at the start and the end.
+        """
         first, last = self.first[:, 0], self.last[:, 0]
         kinetic = np.maximum(self.kinetic(self.before, self.first), self.kinetic(self.after, self.last))
         scale = np.maximum(np.abs(first), kinetic)
@@ -61,9 +67,10 @@ class Energies:
 
     @property
     def moved(self) -> NDArray[np.bool_]:
-        """A mask (m,) of members whose energy changed so much that they run again one by one, with the full test.
+        """A mask (m,) of members whose energy changed so much that they have to run again one by one.
 
-        The limits are those of the first tests in `lagrange.trajectory.measures.conservation`.
+        A single run tests the energy more exactly. The limits are those of the first tests in
+        `lagrange.trajectory.measures.conservation`.
         """
         with np.errstate(all="ignore"):
             change = np.abs(self.last[:, 0] - self.first[:, 0])
@@ -79,9 +86,9 @@ def energies_of(
     span: tuple[float, float],
     last_parameters: FloatArray | None = None,
 ) -> Energies:
-    """Return the energies of members at their starts and at their last states `after` (m, 2n).
+    """Return the energies and momenta of members at their starts and at their last states `after` (m, 2n).
 
-    `last_parameters` (m, k) are the parameters at the end if events set some.
+    `span` has the times of both. `last_parameters` (m, k) are the parameters at the end if events set some.
     """
     first = _observed(model, starts.states, span[0], starts.parameters)
     last = _observed(model, after, span[1], starts.parameters if last_parameters is None else last_parameters)
@@ -89,7 +96,7 @@ def energies_of(
 
 
 def _observed(model: Model, y: FloatArray, t: float, parameters: FloatArray) -> FloatArray:
-    """Return the energy and the momenta of states (m, 2n) at a time, (m, 1 + n)."""
+    """Return the energy, then the momenta, of states y (m, 2n) at time t: (m, 1 + n)."""
     if len(parameters) > 1:
         return np.concatenate([_observed(model, y[i : i + 1], t, parameters[i : i + 1]) for i in range(len(y))])
     q, v = model.layout.split(y.T)
@@ -102,7 +109,7 @@ BY_NUMPY = " by numpy"
 
 
 class Explained(NamedTuple):
-    """The end of a run: its status, time and message."""
+    """The end of the run of a member: its status, time and message."""
 
     status: Status
     t: float
@@ -111,7 +118,10 @@ class Explained(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RunEngine:
-    """Runs members one by one over a span with the same options. `times` (K,) are output times or None."""
+    """Runs members one by one over a time span with the same options. `times` (K,) are output times or None.
+
+    `keep` and `columns` describe the results that are stored.
+    """
 
     model: Model
     span: tuple[float, float]
@@ -128,7 +138,11 @@ class RunEngine:
     side_by_side = 1  # members run one by one
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
-        """Run members one by one. If a run refuses a start, the member has no steps, and the message of the refusal."""
+        """Run members one by one from the initial values `starts`, and return their results.
+
+        If a run refuses its initial values, the member gets the message of the refusal. After `stopped` returns True
+        no further member begins, and the results have the rows of finished members alone.
+        """
         ends = Ends({column.name: column.empty(len(starts)) for column in self.columns})
         for i in range(len(starts)):
             if stopped():
@@ -147,7 +161,7 @@ class RunEngine:
         return ends
 
     def again(self, starts: Starts, ends: Ends, which: NDArray[np.intp]) -> Ends:
-        """Run the members `which` again, replace their results in `ends`, and return it."""
+        """Run the members with indices `which` again, replace their results in `ends`, and return `ends`."""
         if not len(which):
             return ends
         results = self.run(starts.of(which), lambda: False)
@@ -157,7 +171,7 @@ class RunEngine:
         return ends
 
     def explained(self, start: Starts) -> Explained:
-        """Run one member and return the end of its run, with a message."""
+        """Run one member from its initial values, and return the status, time and message of its end."""
         try:
             run = self.alone(start)
         except StatementError as refusal:
@@ -165,7 +179,7 @@ class RunEngine:
         return Explained(run.status, run.span[1], run.message)
 
     def alone(self, start: Starts) -> Trajectory:
-        """Run one member and return its trajectory."""
+        """Run one member from its initial values, and return its trajectory."""
         statement, names = self.model.statement, self.model.layout.names()
         values = dict(zip(statement.parameters, start.parameters[0].tolist(), strict=True))
         initial = dict(zip(names, start.states[0].tolist(), strict=True))
@@ -174,9 +188,9 @@ class RunEngine:
 
     @property
     def recorded(self) -> FloatArray | None:
-        """The output times of a single run, or None to store all steps.
+        """The times at which a single run stores states, or None to store all steps.
 
-        All steps are stored for reductions, and for the last state or the drift without output times.
+        All steps are stored for reductions. Without output times they are stored for the last state and the drift.
         """
         keep = self.keep
         if keep.reductions or (self.times is None and (keep.end or keep.drift)):
@@ -184,7 +198,7 @@ class RunEngine:
         return np.array(self.span[1:]) if self.times is None else self.times
 
     def row(self, run: Trajectory, start: Starts) -> dict[str, Any]:
-        """Return the results of a run by column name. `start` has the initial values of its member."""
+        """Return the results of the run of a member by column name. `start` has the initial values of the member."""
         dimension = self.model.layout.size
         entries: dict[str, Any] = {TIME: run.span[1], STATUS: STATUSES.index(run.status)}
         if self.keep.end:
@@ -210,7 +224,7 @@ class RunEngine:
         return run.dense(np.array([run.span[1]]))[:, 0]
 
     def outputs(self, run: Trajectory, times: FloatArray) -> FloatArray:
-        """Return the states (K, 2n) at the output times (K,), NaN at times that the run did not reach."""
+        """Return the states (K, 2n) of a run at the output times (K,), NaN at times that it did not reach."""
         states = np.full((len(times), self.model.layout.size), np.nan)
         if not self.keep.reductions:
             states[: len(run.t)] = run.y.T
@@ -223,7 +237,10 @@ class RunEngine:
 
 @dataclass(frozen=True, eq=False)
 class FlowEngine:
-    """Runs members by the flow of a model. `alone` runs members again that do not reach the end, for a message."""
+    """Runs members one by one by the compiled flow of a model, which returns the last state alone.
+
+    `alone` runs members again that do not reach the end, for a message.
+    """
 
     alone: RunEngine
     flow: Flow
@@ -236,7 +253,10 @@ class FlowEngine:
     side_by_side = 1  # members run one by one
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
-        """Run members to their ends."""
+        """Run members from the initial values `starts`, and return their results.
+
+        No further member begins once `stopped` returns True.
+        """
         alone, (_, t1) = self.alone, self.alone.span
         reached: list[FloatArray] = []
         for i in range(len(starts)):
@@ -252,7 +272,7 @@ class FlowEngine:
         return alone.again(done, ends, np.flatnonzero(doubtful))
 
     def end(self, start: Starts) -> FloatArray:
-        """Return the last state (2n,) of a member, NaN if it does not reach the end."""
+        """Return the last state (2n,) of one member, NaN if the flow does not reach the end of the time span."""
         try:
             return self.flow(start.states[0], *self.alone.span, start.parameters[0])
         except LagrangeError:
@@ -260,7 +280,7 @@ class FlowEngine:
 
 
 def flow_engine(alone: RunEngine) -> FlowEngine | None:
-    """Return the engine that runs members by a flow, or None if more than the last states is stored.
+    """Return the object that runs members by a flow, or None if results besides the last states are stored.
 
     A flow has no events. Events may end a run, or change its state and parameters.
     """

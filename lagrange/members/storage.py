@@ -16,9 +16,10 @@ Report = Callable[[float], None] | None
 
 
 class ResultStorage(ABC):
-    """Storage of results. `left` are the bounds (first, end) of blocks of members still to be run.
+    """Storage of the results of an ensemble, in memory or on disk, as its chunks are finished.
 
-    `ran` is the number of members that were run.
+    `left` are the bounds (first, end) of blocks of members still to be run, and `ran` is the number of members that
+    were run.
     """
 
     def __init__(self, job: Job, left: list[tuple[int, int]]) -> None:
@@ -32,20 +33,20 @@ class ResultStorage(ABC):
 
     @abstractmethod
     def take(self, first: int, done: ChunkResult) -> None:
-        """Store the results of a chunk. `first` is the number of its first member."""
+        """Store the results of a chunk of members. `first` is the index of its first member."""
 
     @abstractmethod
     def close(self) -> None:
-        """Finish writing."""
+        """Finish the storage of results, after the last chunk or an error."""
 
     @property
     def members_left(self) -> int:
-        """Number of members that are still to be run."""
+        """The number of members that are still to be run."""
         return sum(end - begin for begin, end in self.left)
 
     @property
     def form(self) -> str:
-        """How members were run, with a note if their last digits may differ from those of this machine."""
+        """Text on how members were run, with a note if their last digits may differ from those of this machine."""
         notes = ["; ".join(self.forms) or "all members were stored"]
         machine = self.job.problem.model.machine
         if machine.processor and any(form.endswith(BY_NUMPY) for form in self.forms):
@@ -55,8 +56,9 @@ class ResultStorage(ABC):
         return "; ".join(notes) + (": the last digits may differ from those of this machine" if notes[1:] else "")
 
     def reporting(self, report: Report, before: int) -> Callable[[int, ChunkResult], None]:
-        """Return a callback that stores the results of a chunk and reports the number of finished members.
+        """Return a callback that stores the results of a chunk of members and reports the number of finished members.
 
+        Its arguments are the index of the chunk's first member and the results. It passes the number to `report`.
         `before` is the number of members that were finished before this call.
         """
 
@@ -73,7 +75,7 @@ class ResultStorage(ABC):
 
 
 class ArrayStorage(ResultStorage):
-    """Results kept in arrays."""
+    """Storage of the results of an ensemble in arrays in memory."""
 
     def __init__(self, job: Job, results: Results, members: int) -> None:
         super().__init__(job, [(0, members)])
@@ -83,12 +85,15 @@ class ArrayStorage(ResultStorage):
         """Do nothing: arrays need no closing."""
 
     def take(self, first: int, done: ChunkResult) -> None:
-        """Copy the results of a chunk into the arrays, from row `first` on."""
+        """Copy the results of a chunk of members into the arrays. `first` is the index of its first member."""
         self.results.take(first, done.ends)
 
 
 def kept_in_memory(job: Job, table: MemberTable) -> ArrayStorage:
-    """Return the storage of results in memory. Raises StatementError if they need more than a quarter of the memory."""
+    """Return the storage in memory for the results of an ensemble.
+
+    Raises StatementError if the results need more than a quarter of the memory.
+    """
     members, columns = len(table), job.columns
     size, limit = members * sum(column.bytes for column in columns), machine_memory() / MEMORY_DIVISOR
     if size > limit:

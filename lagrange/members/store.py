@@ -39,7 +39,7 @@ _CHANGING = threading.Lock()
 
 
 class StoreLock:
-    """The exclusive right to write to a store until `close`. Raises RunError if another call has it.
+    """The exclusive right to write to a store of results until `close`. Raises RunError if another call has it.
 
     The lock is made by `lockf`, so forked workers do not keep it after their parent process was killed. No lock is
     taken if its file cannot be made, as in a read-only store, or if the system has no locks.
@@ -54,7 +54,7 @@ class StoreLock:
             _HELD.add(self._key)
 
     def close(self) -> None:
-        """Release the lock, so that other calls can write."""
+        """Release the lock of the store, so that other calls can write to it."""
         with _CHANGING:
             _HELD.discard(self._key)
             if self._descriptor >= 0:
@@ -65,7 +65,10 @@ class StoreLock:
 
 
 def _locked(store: Path, path: Path) -> int:
-    """Return the descriptor of the locked file, or -1 without a lock. Raises RunError if it is locked already."""
+    """Lock the file `path` of a store and return its descriptor, or -1 if it cannot be made or locked.
+
+    Raises RunError if another process has locked it.
+    """
     if sys.platform == "win32":
         return -1
     while True:
@@ -114,7 +117,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def damaged(path: Path, reason: str) -> RunError:
-    """Return the error for a store with blocks that differ from those that were written."""
+    """Return the error for a store whose blocks differ from what was written; `reason` says how."""
     return RunError(
         f"{str(path)[:120]} is damaged ({reason}): make the same call again, which runs the members of damaged blocks "
         "again, give another store, or restore this one."
@@ -126,25 +129,34 @@ def _reason(error: Exception) -> str:
 
 
 def checksum(rows: Any) -> int:
-    """Return 64 bits of a digest of rows with their type and shape. It is never 0, the mark of unwritten rows."""
+    """Return a checksum of an array of rows with their type and shape, 64 bits of a digest.
+
+    It is never 0, the mark of unwritten rows.
+    """
     digest = hashlib.blake2b(f"{rows.dtype.str} {rows.shape}".encode(), digest_size=8)
     digest.update(np.ascontiguousarray(rows).data if rows.size else b"")
     return int.from_bytes(digest.digest(), "little") or 1
 
 
 class StoreBlocks:
-    """The blocks of a store, of `size` members each; `names` are its variables, with a row for each member."""
+    """The blocks of a store, each with the results of `size` members in turn, and with checksums.
+
+    `names` are the variables of the store, each an array with a row for each member.
+    """
 
     def __init__(self, path: Path, group: Any, names: Sequence[str], members: int, size: int) -> None:
         self.path, self.group, self.names, self.size = path, group, tuple(names), size
         self.count, self._members = -(-members // size), members
 
     def bounds(self, k: int) -> tuple[int, int]:
-        """Return the numbers of the first member of block k and of the first member after it."""
+        """Return the index of the first member of block k, and the index after its last member."""
         return k * self.size, min((k + 1) * self.size, self._members)
 
     def left(self) -> list[tuple[int, int]]:
-        """Return the bounds of blocks that are not written. Damaged blocks are marked as not written, too."""
+        """Return the bounds (first, end) of the blocks of members that are not written.
+
+        Damaged blocks are marked as not written, too.
+        """
         unwritten = []
         for k in range(self.count):
             try:
@@ -160,14 +172,17 @@ class StoreBlocks:
         return unwritten
 
     def write(self, k: int, rows: dict[str, Any]) -> None:
-        """Write a block: its variables, the status last, and then the checksums."""
+        """Write block k, from the `rows` of each variable by name: the status last, and then the checksums."""
         begin, end = self.bounds(k)
         for name in sorted(rows, key=STATUS.__eq__):
             self.group[name][begin:end] = rows[name]
         self.group[CHECKSUM][k] = np.array([checksum(rows[name]) for name in self.names], dtype="u8")
 
     def column(self, name: str, blank: Any) -> Any:
-        """Return a variable of all members, `blank` in unwritten blocks. Raises RunError if a block is damaged."""
+        """Return the variable `name` of all members, with `blank` in unwritten blocks.
+
+        Raises RunError if a block is damaged.
+        """
         with reading(self.path):
             sums, rows = np.asarray(self.group[CHECKSUM][:]), np.asarray(self.group[name][:])
         for k in range(self.count):
@@ -176,7 +191,10 @@ class StoreBlocks:
         return rows
 
     def row(self, name: str, member: int, blank: Any) -> Any:
-        """Return a variable of one member, `blank` in an unwritten block. Raises RunError if the block is damaged."""
+        """Return the variable `name` of one member, given by its index; `blank` if its block is not written.
+
+        Raises RunError if the block is damaged.
+        """
         k = member // self.size
         begin, end = self.bounds(k)
         with reading(self.path):
@@ -184,7 +202,10 @@ class StoreBlocks:
         return np.broadcast_to(self._checked(name, k, rows, sums, blank), rows.shape)[member - begin]
 
     def _checked(self, name: str, k: int, rows: Any, sums: Any, blank: Any) -> Any:
-        """Return `rows` of block k, or `blank` if the block is not written. Raises RunError if a checksum differs."""
+        """Return the `rows` of a variable in block k, or `blank` if the block is not written.
+
+        `sums` are the checksums of the block. Raises RunError if that of the rows differs.
+        """
         if not sums.all():
             return blank
         if checksum(rows) != sums[self.names.index(name)]:
@@ -200,7 +221,7 @@ ATTRIBUTES = "lagrange"
 
 
 def folder_of(store: Any) -> Path:
-    """Return the path of a store. Raises StatementError for an argument that is not the name of a local folder."""
+    """Return the user's `store` argument as a path. Raises StatementError if it is not the name of a local folder."""
     if not isinstance(store, (str, os.PathLike)) or not str(store):
         raise StatementError(f'store is {shown(store)}: give the name of a folder, such as "runs.zarr".')
     if "://" in str(store):
@@ -211,7 +232,10 @@ def folder_of(store: Any) -> Path:
 
 
 def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> StoreBlocks:
-    """Return the blocks of an existing store. Partial files of a killed call are removed."""
+    """Return the blocks of an existing store. Partial files of a killed call are removed.
+
+    `made_of` is the description of the ensemble.
+    """
     with writing(path):
         for partial in path.rglob("*.partial"):
             partial.unlink(missing_ok=True)
@@ -259,7 +283,10 @@ def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
 
 
 def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
-    """Make a store without results. It is written to a temporary folder, which is renamed when it is complete."""
+    """Make a store without results for an ensemble. `made_of` is the description of the ensemble.
+
+    The store is written to a temporary folder, which is renamed when it is complete.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
@@ -280,7 +307,7 @@ def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[
 
 
 def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> dict[str, bytes]:
-    """Return the contents of the files of a store without results, by path.
+    """Return the contents of the files of a store without results, by path relative to its folder.
 
     They are made in memory, since zarr writes files with several threads, some of which continue after a failure.
     """
@@ -324,7 +351,7 @@ def write_file(path: Path, content: bytes) -> None:
 
 
 def _not_made(path: Path, error: OSError | ValueError) -> StatementError | RunError:
-    """Return the error for a store that could not be made: RunError for a full disk, else StatementError."""
+    """Return the error for a store that could not be made: RunError for a failing disk, else StatementError."""
     number, reason = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
     reason = reason or str(error)
     if number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
@@ -334,7 +361,7 @@ def _not_made(path: Path, error: OSError | ValueError) -> StatementError | RunEr
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Context that translates disk errors into RunError with the remedy for the ensemble."""
+    """Context that translates disk errors while a store is written into RunError, which says how to continue."""
     try:
         yield
     except OSError as error:
@@ -345,7 +372,10 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def variables_of(job: Job, table: MemberTable, begin: int, end: int, results: Results) -> dict[str, Any]:
-    """Return the stored variables of the members from `begin` to before `end`, by name, with a row for each."""
+    """Return the stored variables of the members from `begin` to before `end`, by name, with a row for each member.
+
+    They are the `results` of these members, and the values that vary between members.
+    """
     names = job.problem.model.layout.names()
     variables: dict[str, Any] = {}
     for column in job.columns:
@@ -366,7 +396,7 @@ MOST_BLOCKS = 10**6
 
 
 class ZarrStorage(ResultStorage):
-    """Results in a store on disk. Incomplete blocks are kept in memory."""
+    """Storage of the results of an ensemble in a store on disk. Incomplete blocks are kept in memory."""
 
     def __init__(self, job: Job, table: MemberTable, blocks: StoreBlocks, lock: StoreLock) -> None:
         with reading(blocks.path), writing(blocks.path):
@@ -380,7 +410,10 @@ class ZarrStorage(ResultStorage):
         self._lock.close()
 
     def take(self, first: int, done: ChunkResult) -> None:
-        """Store the results of the members from number `first` on, all in one block. A complete block is written."""
+        """Store the results of a chunk of members, which are all in one block. A complete block is written.
+
+        `first` is the index of the first member.
+        """
         k = first // self._blocks.size
         begin, end = self._blocks.bounds(k)
         if k not in self._open:
@@ -394,14 +427,14 @@ class ZarrStorage(ResultStorage):
             del self._open[k]
 
     def write(self, k: int, begin: int, end: int, results: Results) -> None:
-        """Write block k, of the members from `begin` to before `end`."""
+        """Write block k of the store: the results of the members from `begin` to before `end`."""
         rows = variables_of(self.job, self._table, begin, end, results)
         with reading(self._blocks.path), writing(self._blocks.path):
             self._blocks.write(k, rows)
 
 
 class StoredResults:
-    """The results in a store. Each access reads a whole column. Unwritten blocks are blank.
+    """The results of an ensemble in a store on disk. Each access reads from the store. Unwritten blocks are blank.
 
     A call that was stopped within a block may have written a part of it.
     """
@@ -412,12 +445,12 @@ class StoredResults:
         self._blocks, self._job = blocks, job
 
     def column(self, name: str) -> Any:
-        """Return a column, with a row for each member. Raises RunError if the store cannot be read."""
+        """Return the results `name` of all members, a row for each. Raises RunError if the store cannot be read."""
         variables = [self._blocks.column(part, self._blank(name)) for part in self._parts(name)]
         return np.stack(variables, axis=-1) if name in (STATE, OUTPUTS) else variables[0]
 
     def row(self, name: str, member: int) -> Any:
-        """Return the entry of a column for one member. Raises RunError if the store cannot be read."""
+        """Return the result `name` of one member, given by index. Raises RunError if the store cannot be read."""
         variables = [self._blocks.row(part, member, self._blank(name)) for part in self._parts(name)]
         return np.stack(variables, axis=-1) if name in (STATE, OUTPUTS) else variables[0]
 
@@ -429,7 +462,7 @@ class StoredResults:
 
 
 def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -> ZarrStorage:
-    """Return the storage of results in a folder.
+    """Return the storage of the results of an ensemble in the folder `store`.
 
     The store is made, or continued if it exists. Raises StatementError for a folder with other contents, for too many
     results, and without zarr. Raises RunError for a full disk, for a damaged store, and for a store to which another

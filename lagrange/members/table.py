@@ -32,10 +32,11 @@ from lagrange.trajectory.trajectory import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class MemberTable:
-    """Members by their common state (2n,) and parameters (k,), and by the entries that vary.
+    """The initial values of all members of an ensemble: a common state (2n,) and parameters (k,), and what varies.
 
-    `varied` has the values of each varying key. `rows`, `rates` and `columns` map the row of the state, the rate of a
-    rotation, or the index of the parameter that varies to its key.
+    `varied` has the values of each key that varies: a coordinate, velocity, parameter, or its name. Three maps lead
+    to these keys: `rows` from the index of an entry of the state, `rates` from a rate of a rotation, and `columns`
+    from the index of a parameter.
     """
 
     varied: Varied
@@ -56,11 +57,11 @@ class MemberTable:
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """The names of the varying keys."""
+        """The names of the coordinates, velocities and parameters that vary."""
         return tuple(label_of(key) for key in self.varied.keys)
 
     def starts(self, which: MemberNumbers) -> Starts:
-        """Return the initial values of the members `which` (m,)."""
+        """Return the initial values, states and parameters, of the members with the indices `which` (m,)."""
         states = np.repeat(self.state[None], len(which), axis=0)
         for row, key in self.rows.items():
             states[:, row] = self.varied.values(key, which)
@@ -72,10 +73,10 @@ class MemberTable:
 
 
 def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
-    """Return the table of members from arrays, grids and samples.
+    """Return the table of an ensemble's members from the arguments `initial` and `parameters` of the user.
 
-    Both `initial` and `parameters` may be a dict from key to number or array, or a grid or a sample, which may have
-    keys of both kinds. Raises StatementError for different lengths and for unknown names.
+    Each may be a dict from key to number or array, or a grid or a sample, which may have keys of both kinds. Raises
+    StatementError for arrays of different lengths and for unknown names.
     """
     statement = model.statement
     sources: list[Varied] = []
@@ -110,7 +111,10 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
 
 
 def _check_moments(model: Model, parameters: FloatArray) -> None:
-    """Raise StatementError for members (m, k) whose moments of inertia violate the triangle inequality."""
+    """Raise StatementError for members whose moments of inertia violate the triangle inequality.
+
+    `parameters` (m, k) are those of the members.
+    """
     statement, equations = model.statement, model.equations
     point = dict(zip(equations.parameters, parameters.T, strict=True))
     for name in statement.rotations:
@@ -125,7 +129,10 @@ MOST_CHECKED = 100_000
 
 
 def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any], dict[int, Any]]:
-    """Return the varying keys by row of the state, by rate of a rotation, and by index of the parameter."""
+    """Return the keys that vary, by index in the state, by rate of a rotation, and by index of a parameter.
+
+    Raises StatementError for an unknown key.
+    """
     statement = model.statement
     rows, by_name = state_rows(statement.coordinates), {p.name: i for i, p in enumerate(statement.parameters)}
     turned = map(rotation_of, statement.rotations)
@@ -150,7 +157,10 @@ def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any
 
 
 def _divided(what: str, argument: Any) -> tuple[dict[Any, Any], list[Varied]]:
-    """Return the values by key that all members share, and the varying values, of the argument named `what`."""
+    """Return the values by key that all members share, and the values that vary, of one argument of the user.
+
+    `what` is the name of the argument, for messages.
+    """
     if argument is None:
         return {}, []
     if isinstance(argument, Varied):
@@ -172,7 +182,10 @@ def _divided(what: str, argument: Any) -> tuple[dict[Any, Any], list[Varied]]:
 
 
 def _values(label: str, array_like: Any) -> FloatArray:
-    """Return the values (members,) of a key. Raises StatementError for other shapes and values that are not finite."""
+    """Return the values (members,) of the key `label` from an array or list of the user.
+
+    Raises StatementError for other shapes and for values that are not finite.
+    """
     values = real_array(array_like, label)
     if values.ndim != 1:
         raise StatementError(
@@ -187,7 +200,10 @@ def _values(label: str, array_like: Any) -> FloatArray:
 
 
 def _together(sources: list[Varied]) -> Varied:
-    """Return varying values of several sources as one. Raises StatementError for different lengths or a common key."""
+    """Return the varying values of several sources (arrays, grids, samples) as one.
+
+    Raises StatementError for different numbers of members, or a key in two sources.
+    """
     if len(sources) == 1:
         return sources[0]
     lengths = {label_of(key): len(source) for source in sources for key in source.keys}

@@ -27,9 +27,10 @@ MOST_MEMBERS = 10**12
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Varied(ABC):
-    """Values of coordinates, velocities and parameters by member. In a grid the last axis varies fastest.
+    """The values of coordinates, velocities and parameters that vary between the members of an ensemble.
 
-    `given` has the stated values by key. `drawn` describes how random values were sampled.
+    `given` has the stated values by key: one per member, or in a grid one per point of the key's axis. In a grid the
+    last axis varies fastest. `drawn` describes how random values were sampled.
     """
 
     given: Mapping[Any, FloatArray]
@@ -38,11 +39,11 @@ class Varied(ABC):
     @property
     @abstractmethod
     def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
-        """The independent axes by name: those of a grid with their values, else one axis of member numbers."""
+        """The independent axes by name: those of a grid with their values, else one axis of member indices."""
 
     @abstractmethod
     def values(self, key: Any, which: MemberNumbers) -> FloatArray:
-        """Return the values (m,) of a key for the members with the numbers `which` (m,)."""
+        """Return the values (m,) of a key that varies, for the members with the indices `which` (m,)."""
 
     @property
     def keys(self) -> tuple[Any, ...]:
@@ -56,12 +57,12 @@ class Varied(ABC):
         return self.values(by_label[label], np.arange(len(self)))
 
     def lowest(self, key: Any) -> float:
-        """Return the smallest value of a key."""
+        """Return the smallest value of a key that varies."""
         return float(self.given[key].min())
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The lengths of the axes."""
+        """The numbers of values on the axes: their product is the number of members."""
         return tuple(len(values) for values in self.axes.values())
 
     def __len__(self) -> int:
@@ -73,15 +74,15 @@ class Varied(ABC):
 
 
 class Arrays(Varied):
-    """Arrays of equal length, with a value for each member."""
+    """Values that vary between members, as arrays of equal length with a value for each member."""
 
     @cached_property
     def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
-        """The numbers of the members."""
+        """The only axis, "member", with the indices of the members."""
         return {"member": np.arange(len(next(iter(self.given.values()))))}
 
     def values(self, key: Any, which: MemberNumbers) -> FloatArray:
-        """Return the values (m,) of a key for the members with the numbers `which` (m,)."""
+        """Return the values (m,) of a key that varies, for the members with the indices `which` (m,)."""
         return self.given[key][which]
 
 
@@ -90,11 +91,11 @@ class Grid(Varied):
 
     @cached_property
     def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
-        """The values of each axis."""
+        """The values of each axis of the grid, by name of the coordinate, velocity or parameter."""
         return {label_of(key): values for key, values in self.given.items()}
 
     def values(self, key: Any, which: MemberNumbers) -> FloatArray:
-        """Return the values (m,) of a key for the members with the numbers `which` (m,)."""
+        """Return the values (m,) of a key that varies, for the members with the indices `which` (m,)."""
         axis = self.keys.index(key)
         stride = math.prod(self.shape[axis + 1 :])
         return self.given[key][which // stride % self.shape[axis]]
@@ -115,7 +116,7 @@ def grid(axes: Mapping[Any, Any]) -> Grid:
 
 
 def _axis(label: str, axis: Any) -> FloatArray:
-    """Return the values of an axis as an array."""
+    """Return the values of a grid axis, which the user gives as (low, high, count) or as a list or array."""
     if isinstance(axis, tuple):
         if len(axis) != 3:
             raise StatementError(
@@ -177,7 +178,10 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
 
 
 def _drawn(label: str, distribution: Any, parts: FloatArray) -> FloatArray:
-    """Return the quantiles (m,) of a range (low, high) or a distribution at the probabilities `parts` (m,)."""
+    """Return the values (m,) of a range (low, high) or a distribution at the probabilities `parts` (m,).
+
+    They are its quantiles. `label` is the name of what varies, for messages.
+    """
     quantile = getattr(distribution, "ppf", None)
     if callable(quantile):
         # At probability 0, which a sequence may contain, a normal distribution has no value.
@@ -198,7 +202,10 @@ def _drawn(label: str, distribution: Any, parts: FloatArray) -> FloatArray:
 
 
 def _quantiles(label: str, quantile: Callable[[FloatArray], Any], parts: FloatArray) -> FloatArray:
-    """Return the quantiles (m,) of a distribution at probabilities `parts` (m,), checked for errors and shape."""
+    """Return the quantiles (m,) of a distribution at the probabilities `parts` (m,), checked for errors and shape.
+
+    `quantile` is the distribution's function from probabilities to values. `label` is the name of what varies.
+    """
     what = f"the distribution of {label}"
     try:
         quantiles = quantile(parts)
@@ -213,7 +220,11 @@ def _quantiles(label: str, quantile: Callable[[FloatArray], Any], parts: FloatAr
 
 
 def _named(mapping: Any, what: str, entries: str) -> Any:
-    """Return the (key, value) entries of a dict. Raises StatementError for an empty dict or a key given twice."""
+    """Return the (key, value) entries of a dict that the user gives.
+
+    `what` is the name of the argument, and `entries` describes its entries, for messages. Raises StatementError for
+    an empty dict, or for a key given twice.
+    """
     table = table_of(mapping, what, entries)
     if not table:
         raise StatementError(f"{what} is empty: give a dict from {entries}.")

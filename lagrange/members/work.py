@@ -1,4 +1,4 @@
-"""Members in chunks: submitted, run on threads or by an executor, and collected."""
+"""Runs of members in chunks: submitted to threads or to an executor, and their results collected."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def processors() -> int:
 
 
 def threads_of(workers: Any) -> int:
-    """Return `workers` as a checked number of threads, or the number of processors if it is None."""
+    """Return the user's number of `workers`, checked, or the number of processors if it is None."""
     return processors() if workers is None else whole_number(workers, "workers", 1, MOST_WORKERS)
 
 
@@ -43,7 +43,7 @@ executor needs some milliseconds of this process for each chunk: with 0.1 s two 
 
 
 class ThreadRunner:
-    """Runs chunks on threads with one engine, whose machine code releases the interpreter lock."""
+    """Runs chunks of members on threads. The machine code of the engine releases the interpreter lock."""
 
     chunk_seconds = AT_ONCE
 
@@ -53,20 +53,20 @@ class ThreadRunner:
         self._stopping = threading.Event()
 
     def submit(self, starts: Starts) -> Any:
-        """Return the future of a chunk."""
+        """Submit a chunk of members with the initial values `starts`, and return its future."""
         return self._pool.submit(timed, self._engine, starts, self._stopping.is_set)
 
     def stop(self) -> None:
-        """Let the threads begin no further members."""
+        """Tell the threads to begin no further members."""
         self._stopping.set()
 
     def close(self) -> None:
-        """Wait for the threads."""
+        """Wait until all threads have finished."""
         self._pool.shutdown()
 
 
 class ExecutorRunner:
-    """Runs chunks by an executor of the user. The executor stays open, because the user closes it."""
+    """Runs chunks of members by an executor of the user. The executor stays open, because the user closes it."""
 
     chunk_seconds = SENT
 
@@ -81,11 +81,11 @@ class ExecutorRunner:
 
     @property
     def places(self) -> int:
-        """The number of workers times `CHUNKS_PER_WORKER`."""
+        """The number of chunks that are submitted at the same time: `CHUNKS_PER_WORKER` for each worker."""
         return CHUNKS_PER_WORKER * max(workers_of(self._executor), 1)
 
     def submit(self, starts: Starts) -> Any:
-        """Return the future of a chunk."""
+        """Submit a chunk of members with the initial values `starts`, and return its future."""
         return self._executor.submit(run_chunk, self._job, starts, **self._options)
 
     def stop(self) -> None:
@@ -118,25 +118,25 @@ Take = Callable[[int, ChunkResult], None]
 
 @dataclass
 class ChunkSize:
-    """Computes the number of members of the next chunk, so that a chunk takes about `fitting` seconds."""
+    """The number of members in the next chunk, adapted so that a chunk takes about `fitting` seconds."""
 
     size: int
     fitting: float
 
     def note(self, members: int, seconds: float, side_by_side: int) -> None:
-        """Adapt the size to the seconds that a chunk of `members` members took.
+        """Adapt the size of the next chunk to the seconds that a chunk of `members` members took.
 
-        The size is at least `side_by_side`, so that all lanes are used.
+        The size is at least `side_by_side`, the number of members that run at the same time.
         """
         fitting = int(members * self.fitting / max(seconds, 1e-9))
         self.size = min(max(fitting, side_by_side), 4 * self.size, LARGEST_CHUNK)
 
 
 def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
-    """Run the members of `blocks`, pairs (first, end) with end excluded, in order.
+    """Run the members of `blocks`, pairs (first, end) with end excluded, in chunks, in order of their index.
 
-    `take` is called in this thread with the results of each chunk, in the order in which chunks finish. After an error
-    or Ctrl-C, submitted chunks are awaited and their results are taken, too.
+    `take` is called in this thread with the results of each chunk, in the order in which chunks finish. After an
+    error or Ctrl-C, running chunks are awaited and their results are taken, too.
     """
     chunk_size = ChunkSize(FIRST_CHUNK, runner.chunk_seconds)
     chunks = _chunks(blocks, chunk_size)
@@ -174,7 +174,7 @@ def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: R
 
 
 def _submitted(runner: Runner, starts: Starts) -> Any:
-    """Return the future of a chunk. Raises RunError if the executor does not accept it."""
+    """Submit a chunk of members and return its future. Raises RunError if the executor does not accept it."""
     try:
         with _working():
             future = runner.submit(starts)
@@ -188,7 +188,10 @@ def _submitted(runner: Runner, starts: Starts) -> Any:
 
 
 def _result(future: Any) -> ChunkResult:
-    """Return the result of a chunk. Raises RunError if the executor failed, or the error that a member raised."""
+    """Return the results of a chunk from its future, once it is finished.
+
+    Raises RunError if the executor failed, or the error that a member raised.
+    """
     with _working():
         result = future.result()
     if not isinstance(result, ChunkResult):
@@ -201,7 +204,7 @@ def _result(future: Any) -> ChunkResult:
 
 @contextmanager
 def _working() -> Iterator[None]:
-    """Context that translates the failure of an executor into a RunError with the remedy for the ensemble."""
+    """Context that translates the failure of an executor into a RunError, which says how to continue the ensemble."""
     try:
         yield
     except ImportError as error:
@@ -219,7 +222,10 @@ def _working() -> Iterator[None]:
 
 
 def _chunks(blocks: Iterable[tuple[int, int]], chunk_size: ChunkSize) -> Iterator[tuple[int, int]]:
-    """Yield the first member and the number of members of each chunk, by the present `chunk_size`."""
+    """Yield the index of the first member and the number of members of each chunk of the `blocks`.
+
+    Each number is that of `chunk_size` at this moment, or less at the end of a block.
+    """
     for begin, end in blocks:
         first = begin
         while first < end:

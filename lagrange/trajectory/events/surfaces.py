@@ -47,9 +47,9 @@ class Sliding(Exception):
 
 
 def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the sign of every surface at a state (2n,), from the value of its expression.
+    """Return the sign (1, -1 or 0) of every switching surface at a state (2n,), from the value of its expression.
 
-    This needs no mass matrix, which may be singular with other sides.
+    This needs no mass matrix, which may be singular on the other side of a surface.
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.surfaces, t, y, parameters)
@@ -57,12 +57,14 @@ def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: Fl
 
 
 def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, tuple[int, ...]]) -> FloatArray:
-    """Return the first consistent choice of sides with which the motion leaves the surfaces that it is on.
+    """Return the first consistent choice of sides, with which the motion leaves the surfaces that it is on.
 
-    `sides` are the present sides of all surfaces. `choices` has the sides to try for each surface on which the motion
-    is, the likely side first. Side 0 means that the motion stays on the surface by itself. If no choice is consistent,
-    but the series have no finite values with a choice, that choice is returned, so that the run ends there. Otherwise
-    raises Sliding, or SingularMassMatrix if a choice has a singular mass matrix.
+    A side, 1 or -1, is the sign of a surface. `surfaces` maps all sides to the Taylor series of all surfaces. `sides`
+    are the present sides. `choices` maps the index of each surface on which the motion is to the sides to try, the
+    likely one first. Side 0 means that the motion stays on the surface by itself.
+
+    If no choice is consistent, the result is the first choice with which the series are not finite, so that the run
+    ends there. Without such a choice raises Sliding, or SingularMassMatrix if a choice has a singular mass matrix.
     """
     undefined: FloatArray | None = None
     singular: SingularMassMatrix | None = None
@@ -84,10 +86,10 @@ def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, t
 
 
 def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> FloatArray:
-    """Return the Taylor series of the surfaces with the sides `trial`, 1 or -1 each, which are corrected in place.
+    """Return the Taylor series of all surfaces (order + 1, surfaces), and correct their sides `trial` in place.
 
-    A side is corrected if the surface is clearly not zero and has the opposite sign. This happens because a surface may
-    depend on the sides of others. Sides of the surfaces in `chosen` are kept.
+    A side, 1 or -1, is corrected if the surface is clearly not zero and has the opposite sign. This happens because a
+    surface may depend on the sides of others. The sides of surfaces with indices in `chosen` are kept.
     """
     g = surfaces(trial)
     for _ in trial:
@@ -100,7 +102,7 @@ def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> Fl
 
 
 def clear(g: FloatArray) -> NDArray[np.bool_]:
-    """Return for each function with series g, (order + 1, ...), True if it is clearly not zero at its start."""
+    """Return True for each function whose value is clearly not zero, from its Taylor series g, (order + 1, ...)."""
     return np.asarray(np.abs(g[0]) > JUMP * np.where(np.isfinite(g), np.abs(g), 0.0).max(axis=0))
 
 
@@ -133,10 +135,11 @@ MOST_LEAP_STEPS = 2000
 
 @dataclass
 class Continuations:
-    """The leaps of a run so far. `method` makes the integrator, whose default tolerances the leaps use.
+    """The leaps of a run so far: short steps, without a series, over points at which the motion has no Taylor series.
 
-    `rows` are the indices of the accepted states at which leaps begin. `landed` is the time at which the last leap
-    ended. `continuations_in_a_row` is the number of successive leaps without a step between them.
+    `method` makes the integrator that takes the leaps; its default tolerances are used. `rows` are the indices of the
+    accepted states at which leaps begin. `landed` is the time at which the last leap ended. `continuations_in_a_row`
+    is the number of successive leaps without a Taylor step between them.
     """
 
     problem: Problem
@@ -146,7 +149,7 @@ class Continuations:
     continuations_in_a_row: int = 0
 
     def ahead(self, state: DriverState) -> list[float]:
-        """Return the times to which a leap is tried, the latest first."""
+        """Return the end times to try for a leap from the state, the latest first; none if no leap is allowed."""
         span, left = abs(self.problem.t1 - self.problem.t0), float(state.reals[DriverState.END]) - state.t
         if not left or (state.t == self.landed and self.continuations_in_a_row >= IN_A_ROW):
             return []
@@ -157,8 +160,8 @@ class Continuations:
     def landing(self, state: DriverState, end: float, *, switched: Callable[[float], bool]) -> FloatArray | None:
         """Return the state (2n,) after a leap to the time `end`, or None if forces change too much for a leap.
 
-        `switched` takes a duration and returns True if the equations switch within this time. Then the forces after the
-        switch are compared with those at the end.
+        `switched` takes a duration and returns True if the equations switch, at a surface, within this time. Then the
+        forces at the end are compared with those after the switch, else with those at the start.
         """
         part = replace(
             self.problem,
@@ -185,7 +188,10 @@ class Continuations:
         return y if self._steady(start, between, (end, y)) else None
 
     def land(self, state: DriverState, end: float, y: FloatArray, row: int) -> None:
-        """Set the driver's state to y (2n,) at the time `end`, the end of a leap from the accepted state `row`."""
+        """Record a leap from the accepted state with index `row`, and set the driver to its end.
+
+        The leap ends at the time `end` in the state y (2n,).
+        """
         taylor = state.taylor
         self.rows.append(row)
         self.continuations_in_a_row = self.continuations_in_a_row + 1 if state.t == self.landed else 1
@@ -202,9 +208,9 @@ class Continuations:
         return hermite_path(4)(self.problem, np.array([state.t, end]), np.array([state.y, y]))
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:
-        """Return True if the accelerations at both ends of a leap are nearly equal, or grow from the first end.
+        """Return True if the accelerations at both ends of a leap are nearly equal, or grow gradually from the first.
 
-        `points` are three pairs of time and state: at the begin of the leap, early in it, and at its end.
+        `points` are three pairs of time and state (2n,): at the start of the leap, early in it, and at its end.
         """
         model, parameters = self.problem.model, self.problem.parameter_array
         kernel, v = model.kernel("rhs"), model.layout.v

@@ -44,7 +44,7 @@ _SURFACES: WeakKeyDictionary[Model, tuple[Node, ...]] = WeakKeyDictionary()
 
 
 def surfaces_of_time(model: Model) -> tuple[Node, ...]:
-    """Return the switching surfaces of the accelerations that depend on time and parameters alone."""
+    """Return the switching surfaces of the accelerations that depend on time and parameters alone, as expressions."""
     if model not in _SURFACES:
         expressions = switch(model.equations.graph, model.equations.accelerations).expressions
         _SURFACES[model] = tuple(g for g in expressions if g.binding is Binding.TIME)
@@ -52,7 +52,7 @@ def surfaces_of_time(model: Model) -> tuple[Node, ...]:
 
 
 class TimeSwitches:
-    """Ends the calls of a run's driver before each surface of time, and continues after it."""
+    """Stops a run's driver just before each switching surface of time, and continues just after it."""
 
     def __init__(
         self, problem: Problem, surfaces: tuple[Node, ...], state: DriverState, watch: StepWatch | None
@@ -68,16 +68,17 @@ class TimeSwitches:
 
     @classmethod
     def of(cls, problem: Problem, state: DriverState, watch: StepWatch | None) -> TimeSwitches | None:
-        """Return the switches of a run from its first state, or None if no surface depends on time alone.
+        """Return the object that stops a run at its surfaces of time, or None if there are no such surfaces.
 
-        `watch` watches the events of the run, or is None.
+        A surface of time is a switching surface that depends on time and parameters alone. `watch` searches for the
+        events of the run, or is None.
         """
         limited = state.reals[DriverState.LONGEST] < math.inf
         surfaces = surfaces_of_time(problem.model) if limited else ()
         return cls(problem, surfaces, state, watch) if surfaces else None
 
     def _look_ahead(self, state: DriverState) -> None:
-        """Set the end of the next calls of the driver: before the next surface, or the end of the run."""
+        """Set the time at which the driver stops next: just before the next surface, or at the end of the run."""
         for before, after in self._coming:
             if self._forward * (after - state.t) > 0:
                 end = before - self._forward * SWITCH_MARGIN * float(np.spacing(max(abs(before), abs(state.t))))
@@ -108,9 +109,10 @@ class TimeSwitches:
         return True
 
     def _switches(self, grid: FloatArray) -> Iterator[tuple[float, float]]:
-        """Yield the last time before each switch in the grid of times (k,), and the first time after it.
+        """Yield, for each switch, the last time before it and the first time after it.
 
-        A surface that is zero only at the start, or only at the end, of the run counts as a switch at this time.
+        A switch is a change of sign of a surface of time between neighbouring times of the `grid` (k,). A surface
+        that is zero only at the start, or only at the end, of the run counts as a switch at this time.
         """
         sides = np.sign(self._values(grid))
         last_nonzero = np.maximum.accumulate(np.where(sides != 0, np.arange(len(grid)), 0), axis=1)
@@ -124,9 +126,10 @@ class TimeSwitches:
             yield from sorted(switches, key=lambda switch: self._forward * switch[0])
 
     def _between(self, surface: int, low: float, high: float) -> tuple[float, float]:
-        """Return the neighbouring times between `low` and `high` at which a surface of time changes its side.
+        """Return the last time before a surface changes sign between `low` and `high`, and the first time after it.
 
-        The first time has the side of `low`, the second has the side of `high`.
+        `surface` is the index of the surface. It has its sign at `low` at the first time, and its sign at `high` at
+        the second.
         """
         first, last = self._values(np.array([low, high]))[surface]
         old, new = np.sign(first), np.sign(last)
@@ -143,7 +146,7 @@ class TimeSwitches:
         return low, float(beyond[np.argmax(np.sign(self._values(beyond)[surface]) == new)])
 
     def _values(self, times: FloatArray) -> FloatArray:
-        """Return the values (surfaces, k) of the surfaces at times (k,); 0 where a surface has no value."""
+        """Return the values (surfaces, k) of the surfaces of time at times (k,); 0 where a surface has no value."""
         states = np.broadcast_to(0.0, (len(self._problem.y0), len(times)))
         with np.errstate(all="ignore"):
             return np.nan_to_num(self._kernel(times, states, self._problem.parameter_array))

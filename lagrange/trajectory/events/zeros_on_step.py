@@ -1,8 +1,8 @@
-"""An event function along one step of a step program: each zero once, in order, and its side at the end.
+"""The zeros of an event function along one step of a step program: each once, in order, with the sign at the end.
 
-The function is sampled at Chebyshev points of subintervals. These are halved until they resolve it: the last
-coefficients are at rounding level. Source: L. N. Trefethen, Approximation Theory and Approximation Practice, 2013,
-chapters 3, 4 and 8.
+The function is sampled at Chebyshev points of subintervals. A subinterval is halved until its Chebyshev series
+resolves the function, so that the last coefficients are at rounding level. Source: L. N. Trefethen, Approximation
+Theory and Approximation Practice, 2013, chapters 3, 4 and 8.
 """
 
 from __future__ import annotations
@@ -47,7 +47,10 @@ class Root:
 
 @dataclass(frozen=True)
 class EventZero:
-    """A root of an event function: the index of the function, and the root, in units of the time scale."""
+    """A root of the event function with index `which`, a zero of this function on a step.
+
+    Its time is a fraction of the step, or for a Taylor series a multiple of the series' time scale.
+    """
 
     which: int
     root: Root
@@ -55,11 +58,11 @@ class EventZero:
 
 @dataclass(frozen=True)
 class Side:
-    """The side of zero of an event function between two steps, the only information that a step passes to the next.
+    """The sign of an event function between two steps, the only information that a step passes to the next.
 
     `sign` is the last sign beyond noise, 1 or -1. It is 0 at the start of a run, and of a new motion after an impact.
-    `near` is True if the function has been within its noise of zero since it had this sign: the next step decides
-    whether it crosses or touches zero.
+    `near` is True if the function has come within its noise of zero since it had this sign. The next step then
+    decides whether it crosses or touches zero.
     """
 
     sign: int = 0
@@ -67,7 +70,7 @@ class Side:
 
     @property
     def settled(self) -> bool:
-        """True if the side is known, and a step on which the function cannot be zero does not change it."""
+        """True if the sign is known and the function is not near zero: a step without zeros keeps this side."""
         return self.sign != 0 and not self.near
 
 
@@ -76,7 +79,7 @@ Isolate = Callable[..., Any]
 
 
 def printed() -> Isolate:
-    """Return the procedure of root isolation, printed in Python."""
+    """Return the procedure that isolates the roots of a polynomial, as a Python function."""
     return called(procedure.form())
 
 
@@ -89,14 +92,15 @@ def roots(
     last: bool = False,
     isolate: Isolate | None = None,
 ) -> tuple[list[Root], Side]:
-    """Return the roots of g(tau) = sum c[k] tau**k on a step, along the integration, and the side at its end.
+    """Return the roots of g(tau) = sum c[k] tau**k on a step, along the integration, and the side of g at its end.
 
-    `coefficients` (m,) start with the constant; m is at most 65. `h` is the length of the step, negative in a run
-    backwards. `before` is the side that the previous step returned. Without it g starts here, and a root at the start
-    is not an event. `noise`, in the units of g, is the error of g without the rounding of the coefficients, which is
-    estimated as 8 * 2**-52 sum |c[k] h**k|. `last` is True if no step follows. The procedure `isolate`, by default in
-    Python, documents the algorithm. Raises ValueError for coefficients, noise or a length that are not finite, for no
-    coefficients, and for too many.
+    `coefficients` (m,) are c, with m at most 65. `h` is the length of the step, negative in a backward run. `before`
+    is the side, the sign of g, that the previous step returned. Without it g starts here, and a root at the start is
+    not an event. `noise` is an error of g in addition to the rounding of the coefficients, which is estimated as 8 *
+    2**-52 sum |c[k] h**k|. `last` is True if no step follows.
+
+    `isolate` is the procedure that isolates the roots, by default in Python. Raises ValueError if a coefficient, the
+    noise or the length is not finite, for no coefficients, and for too many.
     """
     polynomial = np.array(coefficients, dtype=float)
     before = Side() if before is None else before
@@ -132,11 +136,11 @@ NOWHERE = np.empty(0)
 
 @dataclass(frozen=True, eq=False)
 class LocalPolynomial:
-    """A polynomial on a part of a step, from `start` over `width`, in units of the step.
+    """A polynomial that represents an event function on a part of a step, from `start` over `width`.
 
-    `coefficients` are those of powers of the time since the start of the part, in units of its width; `noise` bounds
-    their error. The array is empty on a part where the function has no value, or a pole. At a `jump` the part is a
-    point, before and after which the function has different signs.
+    Both are fractions of the step. `coefficients`, the constant first, belong to powers of the time since the start
+    of the part, in units of its width. They are empty on a part where the function has no value, or a pole. `noise`
+    bounds the error of the polynomial. At a `jump` the part is a point at which the sign changes without a zero.
     """
 
     start: float
@@ -149,10 +153,11 @@ class LocalPolynomial:
 def local_polynomials(
     g: Callable[[FloatArray], FloatArray], values: FloatArray, noise: float, *, smooth: bool = False
 ) -> Iterator[LocalPolynomial]:
-    """Yield the parts of a step, in order, on which g is resolved or certainly keeps its sign.
+    """Yield a polynomial for each part of a step, in order, on which it resolves g or g certainly keeps its sign.
 
-    `g` takes fractions (K,) in [0, 1]; `values` are those at the nodes of the whole step. The parts end where g has no
-    value. `smooth` omits coefficients below the noise, for derivatives at the start of g.
+    `g` maps fractions (K,) of the step to values (K,); `values` are its values at the Chebyshev points of the whole
+    step. `noise` is the error of g. The parts end where g has no value. With `smooth`, coefficients below the noise
+    are omitted on a part at the start of the step, where derivatives are needed.
     """
     stack = [(0.0, 0, values, math.inf, 0.0)]
     halvings = 0
@@ -183,11 +188,11 @@ def local_polynomials(
 def _polynomial(
     start: float, width: float, chebyshev: FloatArray, size: float, noise: float, least: float = 0.0
 ) -> LocalPolynomial | None:
-    """Return the polynomial with coefficients `chebyshev` on a part of a step, or None if the part must be halved.
+    """Return the polynomial on a part of a step from its Chebyshev coefficients, or None if the part must be halved.
 
-    If the coefficients do not resolve the function, but its sign is certain, only the first coefficient is kept.
-    Coefficients below rounding or `least` are omitted and counted as noise. The truncated rest of the series is counted
-    as noise, too: at a kink the coefficients decrease so slowly that the rest is several times the last coefficient.
+    `size` is the largest magnitude of the function. If the coefficients do not resolve the function, but its sign is
+    certain, only the first is kept. Coefficients below rounding or `least` are omitted and counted as noise. So is
+    the truncated rest of the series: at a kink the rest is several times the last coefficient.
     """
     sizes = np.abs(chebyshev)
     floor = noise + 8 * EPSILON * size
@@ -201,14 +206,14 @@ def _polynomial(
 
 
 def powers(chebyshev: FloatArray, least: float) -> FloatArray:
-    """Return the coefficients of powers (k,) of a Chebyshev series, without last coefficients below `least`."""
+    """Return the power coefficients (k,) of a Chebyshev series, without its last coefficients below `least`."""
     above = np.flatnonzero(np.abs(chebyshev) > least)
     count = int(above[-1]) + 1 if len(above) else 1
     return np.asarray(to_powers(len(chebyshev) - 1)[:count, :count] @ chebyshev[:count])
 
 
 def _size(values: FloatArray) -> float:
-    """Return the largest finite magnitude of some values, or 0 without finite values."""
+    """Return the largest magnitude of the finite values in an array, or 0 if none is finite."""
     sizes = np.abs(values[np.isfinite(values)])
     return float(sizes.max(initial=0.0))
 
@@ -224,9 +229,10 @@ SAME_JUMP = 2.0**-44
 class StepZeros:
     """The `zeros` of an event function on a step, in order, with times as fractions of the step.
 
-    `parts` are the parts of the step with the side before each. `after` is the side at the end. `until` is the fraction
-    of the step from which the event function has no value, else infinity. For a function that starts at zero, `leaving`
-    is the sign after the start, 0 if it stays zero, and the leading power of time.
+    `parts` are polynomials on parts of the step, each with the side, the sign of the function, before it. `after` is
+    the side at the end. `until` is the fraction of the step from which the function has no value, else infinity. For
+    a function that starts at zero, `leaving` has its sign just after the start (0 if it stays zero) and its leading
+    power of time.
     """
 
     parts: tuple[tuple[LocalPolynomial, Side], ...]
@@ -236,7 +242,7 @@ class StepZeros:
     leaving: tuple[int, int]
 
     def behind_jump(self, least: float) -> StepZeros:
-        """Return the zeros without jumps in the first fraction `least` of the step, which repeat an earlier jump."""
+        """Return the zeros without jumps in the first fraction `least` of the step, where an earlier jump repeats."""
         return replace(self, zeros=tuple(root for root in self.zeros if not root.jump or root.time > least))
 
 
@@ -251,11 +257,11 @@ def trace(
     last: bool = False,
     isolate: Isolate | None = None,
 ) -> StepZeros:
-    """Return the zeros on a step of event function number `index` minus `level`, with the sides.
+    """Return the zeros on a step of the event function with the given index, minus `level`, and its sides (signs).
 
-    `noise` is the error of the function, and `before` its side before the step. `zero` is True if the function starts
-    at `level` with an undecided side. `last` is True if no step follows. `isolate` is the procedure that isolates
-    roots.
+    `sample` evaluates the event functions on the step. `noise` is the error of the function, and `before` its side
+    before the step. `zero` is True if the function starts at `level` with an undecided side. `last` is True if no
+    step follows. `isolate` is the procedure that isolates the roots of a polynomial.
     """
     parts: list[tuple[LocalPolynomial, Side]] = []
     located: list[Root] = []
@@ -284,9 +290,10 @@ def trace(
 
 
 def ended(step_zeros: StepZeros, s: float, isolate: Isolate | None = None, *, decided: bool) -> tuple[list[Root], Side]:
-    """Return the zeros up to the fraction `s` of the step at which the motion ends, and the side at this point.
+    """Return the zeros of a step up to the fraction `s` at which the motion ends, and the side (sign) at this point.
 
-    If the function is zero at this point, its slope decides the side if `decided`; otherwise the side is undecided.
+    `step_zeros` are the zeros of the whole step. If the function is zero at `s`, its slope decides the side if
+    `decided`; otherwise the side is undecided. `isolate` is the procedure that isolates the roots of a polynomial.
     """
     zeros: list[Root] = []
     side = step_zeros.parts[0][1] if step_zeros.parts else step_zeros.after
@@ -300,7 +307,10 @@ def ended(step_zeros: StepZeros, s: float, isolate: Isolate | None = None, *, de
 
 
 def _merged(located: list[Root]) -> tuple[Root, ...]:
-    """Return the roots with repeated crossings of one jump merged. A rounded path may cross a jump several times."""
+    """Return the roots of a step with repeated crossings of one jump merged.
+
+    The rounded path may cross a jump several times. Two opposite crossings cancel each other.
+    """
     merged: list[Root] = []
     for root in located:
         if merged and merged[-1].jump and root.jump and root.time - merged[-1].time <= SAME_JUMP:
@@ -317,18 +327,20 @@ def _starts_clear(piece: LocalPolynomial) -> bool:
 
 
 def _divided(piece: LocalPolynomial) -> LocalPolynomial:
-    """Return a function that starts at zero, divided by time, so that a second zero close to the first is found.
+    """Return a polynomial that is zero at the start of its part, divided by time from there.
 
-    The noise is multiplied by 2 k**2, the slope of Chebyshev's polynomial of degree k at the end of [0, 1].
+    Then a second zero close to the first is found. The noise is multiplied by 2 k**2, the slope of Chebyshev's
+    polynomial of degree k at the end of [0, 1].
     """
     rank = max(len(piece.coefficients) - 1, 1)
     return replace(piece, coefficients=piece.coefficients[1:], noise=2 * rank * rank * piece.noise)
 
 
 def _integrated(sample: Sample, index: int, piece: LocalPolynomial) -> LocalPolynomial:
-    """Return event function `index` divided by time, computed from the integral of its derivative.
+    """Return an event function that starts at zero, divided by time, computed from the integral of its derivative.
 
-    This avoids the rounding of a large constant in the function, such as the height of the floor on which a ball lands.
+    `piece` is the same quotient computed from the values of the function. The derivative avoids the rounding of a
+    large constant in the function, such as the height of the floor on which a ball lands.
     """
     values = sample.rates(piece.width * nodes())[index] * piece.width
     if not np.isfinite(values).all():
@@ -352,9 +364,10 @@ def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
 
 
 def rests(batch: StepBatch, step: int, sample: Sample, index: int) -> bool:
-    """Return True if an event function that started at zero is zero on the whole step, like a conserved quantity.
+    """Return True if an event function that started at zero stays zero on the whole step, like a conserved quantity.
 
-    The test uses its derivative along the motion, since the path deviates from the motion by more than rounding.
+    The test uses the time derivative of the function along the motion, since the dense output deviates from the
+    motion by more than rounding.
     """
     return bool((np.abs(sample.rates(nodes())[index]) <= batch.sensitive[index, step]).all())
 

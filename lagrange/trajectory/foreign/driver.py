@@ -72,7 +72,7 @@ class Stepper(Protocol):
         """Take one step from the accepted state (t, y). Return the fault if it fails, else None."""
 
     def interpolant(self, t: float, y: FloatArray) -> StepInterpolant | Unread:
-        """Return the path over the last step, which began at (t, y), or a function that reads it later."""
+        """Return the path over the last step, which began at (t, y), or a function that makes it when needed."""
 
 
 StartSolver = Callable[[GuardedRhs, Tolerances, FloatArray, float, FloatArray, float], Stepper]
@@ -100,7 +100,7 @@ def drive_stepwise(
     listening: AbstractContextManager[Sequence[Any]],
     first: int = 0,
 ) -> Trajectory:
-    """Return the trajectory of a problem, run by the solvers that `start` makes.
+    """Return the trajectory of a problem, run step by step by the solvers that `start` makes.
 
     `name` is the method's name, and `package` the package of the solver. The error of a first step h grows like
     h**`first`; `first` = 0 means that the solver chooses the first step well. `listening` is a context that collects
@@ -113,7 +113,10 @@ def drive_stepwise(
 
 @dataclass(eq=False)
 class SolverPlan:
-    """The plan of one run by solvers of another package: implements `Plan`."""
+    """The plan of one run by solvers of another package: tolerances, driver, and dense output. Implements `Plan`.
+
+    `start` makes a solver. `messages` are the messages of the package, and `interpolants` the paths over the steps.
+    """
 
     problem: Problem
     tolerances: Tolerances
@@ -129,13 +132,13 @@ class SolverPlan:
     """Dense output of each accepted step. There may be further entries, of steps that were discarded."""
 
     def driver(self, model: Model, parameters: FloatArray) -> SolverDriver:
-        """Return the driver, and start its time limit."""
+        """Return a driver of the solver, and start the time limit of the run."""
         limit = self.problem.max_wall
         deadline = np.inf if limit is None else time.perf_counter() + limit
         return SolverDriver(self, GuardedRhs(self.problem, self.package, parameters, deadline))
 
     def watch(self, problem: Problem, driver: SolverDriver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return the search for events of the run, or None without events."""
+        """Return the object that searches the steps of the run for events, or None if the problem has no events."""
         return StepWatch(problem, driver, self._latest, fixed=False, memory=memory) if problem.events else None
 
     def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
@@ -143,14 +146,18 @@ class SolverPlan:
         return SampledPath(times, states, StepInterpolants(self.interpolants, len(self.interpolants) - len(times) + 1))
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PiecewisePath:
-        """Return the solver's own path, with jumps at resets of the state."""
+        """Return the dense output of the run, made of the solver's own paths over the steps, with jumps at resets.
+
+        `times` (S+1,) and `states` (S+1, 2n) are the accepted states. `watch` has the resets, or is None without
+        events.
+        """
         jumps = set() if watch is None else set(watch.breaks.since(0)[0].tolist())
         steps = iter(self.interpolants)
         interpolants = [_Standing(states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
         return PiecewisePath(times, states[0], StepInterpolants(interpolants))
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the last accepted state (2n,) of the run. The right-hand side has the record of the fault."""
+        """Return the last accepted state (2n,) of a failed run. The fault is stored in the `GuardedRhs`."""
         return state.y
 
 
@@ -165,7 +172,7 @@ class _Standing:
 
 
 class SolverDriver:
-    """Advances a run by a solver, and restarts the solver at changes of the motion: implements `Driver`."""
+    """Advances a run by a solver, and restarts it after resets and switches of the motion: implements `Driver`."""
 
     def __init__(self, plan: SolverPlan, law: GuardedRhs) -> None:
         self._plan, self._law = plan, law
@@ -180,7 +187,10 @@ class SolverDriver:
         """Do nothing: the driver state has its own memory."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Take up to `budget` trial steps, write accepted states to `times` and `rows`, and return the outcome."""
+        """Take up to `budget` trial steps, write the accepted states, and return how the call ended.
+
+        The accepted times and states are written to `times` and to the rows (2n,) of `rows`.
+        """
         law, plan = self._law, self._plan
         try:
             fault = self._advance(state, budget, times, rows)
@@ -218,7 +228,7 @@ class SolverDriver:
         return None
 
     def _begin(self, state: DriverState) -> Stepper | None:
-        """Return a solver that starts at the state, or None if the right-hand side has a fault there."""
+        """Return a new solver that starts at the driver's state, or None if the right-hand side has a fault there."""
         law, t, y, steps = self._law, state.t, state.y.copy(), state.count(S.STEPS)
         # Otherwise flights between contacts that are shorter than the solver's first step would get its length.
         requested = abs(float(state.reals[S.H]))
@@ -236,8 +246,8 @@ class SolverDriver:
     def _asks(self, state: DriverState, fault: Fault) -> bool:
         """Return True if steps became too small because an entry has no known size, so that floors must be raised.
 
-        An entry that has only been rounding so far has no size. If the last survey of sizes changed no floor, the steps
-        have another cause.
+        The floors are the absolute tolerances of the entries. An entry of the state that has only been rounding so
+        far has no known size. If the last estimate of sizes changed no floor, the steps are small for another reason.
         """
         vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
         if not vanished or state.count(S.SURVEYED) >= MOST_SURVEYS or np.array_equal(state.floors, self._asked):
@@ -246,9 +256,10 @@ class SolverDriver:
         return True
 
     def _scale(self, state: DriverState, t: float, y: FloatArray) -> float:
-        """Set the floors by the sizes of entries at the start. Return the first step, infinity if the solver chooses.
+        """Set the absolute tolerances by the sizes of entries at the start (t, y). Return a bound of the first step.
 
-        The step follows from the natural period. The solvers' own choice of a first step depends on absolute times.
+        It is infinity if the solver chooses the step. A solver's own choice depends on the absolute time, while this
+        bound follows from the natural period of the system.
         """
         plan, law = self._plan, self._law
         has_floors = (state.floors > LEAST_FLOOR).any() and plan.problem.largest is None
@@ -305,9 +316,9 @@ class SolverDriver:
         times: FloatArray,
         rows: FloatArray,
     ) -> None:
-        """Record the step to y (2n,) at time t with its `path`. Only the last statement counts the step.
+        """Record the step to y (2n,) at time t with its `path`, in the arrays `times` and `rows` of accepted states.
 
-        So an interruption never leaves a step that is recorded in part.
+        The step is counted by the last statement alone, so an interruption never leaves a partly recorded step.
         """
         row, floats = state.integers[S.ROWS], state.floats
         self._plan.interpolants.append(path)

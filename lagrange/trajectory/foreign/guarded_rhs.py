@@ -18,7 +18,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """The reason why a run ends, the state (2n,) for the message, and the state's derivative if it is not finite."""
+    """The status and time at which a run ends, the state (2n,) for the message, and its derivative if not finite."""
 
     status: Status
     t: float
@@ -34,7 +34,7 @@ DOP853 started with a step 1e6 times too long before a right-hand side that is N
 
 
 class StopError(Exception):
-    """Exception raised inside a callback to end the run."""
+    """Exception raised inside a solver's callback to end the run; it carries the `fault`."""
 
     def __init__(self, fault: Fault) -> None:
         super().__init__(fault.detail)
@@ -64,16 +64,16 @@ class GuardedRhs:
 
     @property
     def in_step(self) -> int:
-        """Number of evaluations since the step began."""
+        """Number of evaluations of the right-hand side since the step began."""
         return self.evaluations - self._step_began
 
     def forget(self) -> None:
-        """Discard the faults of an earlier motion."""
+        """Discard the recorded faults, because a new motion begins, for example after a reset by an event."""
         self.last_fault = None
         self.begin_step()
 
     def begin_step(self) -> None:
-        """Discard the faults of the last step, and restart the count."""
+        """Discard the fault of the last step, and restart the count of evaluations in a step."""
         self._step_began = self.evaluations
         self._most = self._step_began + EVALUATIONS_PER_STEP
         self.fault = None
@@ -109,7 +109,7 @@ class GuardedRhs:
         return slope
 
     def counted(self, slopes: Slopes) -> Slopes:
-        """Return the function `slopes` with its evaluations counted. Values that are not finite are no faults."""
+        """Return the function `slopes` with its calls counted. A result that is not finite counts as no fault."""
 
         def evaluate(t: float, y: FloatArray) -> FloatArray:
             self.evaluations += 1
@@ -118,7 +118,7 @@ class GuardedRhs:
         return evaluate
 
     def jacobian(self, t: float, y: FloatArray) -> FloatArray:
-        """Return d rhs / dy, (2n, 2n).
+        """Return the Jacobian of the right-hand side by the state, (2n, 2n), at (t, y).
 
         If it is not finite, return the last finite one, so that Newton's method continues.
         """
@@ -146,7 +146,7 @@ class GuardedRhs:
             self._remember(Fault(Status.NON_FINITE, t, y.copy()))
 
     def _remember(self, fault: Fault) -> None:
-        """Record a fault, unless it follows from the last fault: a state that is not finite has an earlier cause."""
+        """Record a fault, unless its state is not finite and an earlier fault of the step, its cause, is recorded."""
         if self.fault is None or np.isfinite(fault.y).all():
             self.fault = self.last_fault = fault
             self.fault_at = self.evaluations

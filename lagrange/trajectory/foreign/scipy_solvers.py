@@ -140,7 +140,10 @@ class ScipyMethod(ABC):
         check_bounds(self.name, self.max_step, self.first_step)
 
     def output(self) -> Callable[[Any], Output]:
-        """Return a function that makes the path over a solver's last step: a function from solver times to states."""
+        """Return a function that takes a SciPy solver and returns its path over the last step.
+
+        The path is a function from solver times (k,) to states (2n, k).
+        """
         return DENSE_OUTPUT
 
     def integrate(self, problem: Problem) -> Trajectory:
@@ -203,7 +206,7 @@ class LSODA(ScipyMethod):
     solver, degree, from_zero = scipy.integrate.LSODA, 12, True
 
     def output(self) -> Callable[[Any], Output]:
-        """Return the function that copies the solver's history of derivatives.
+        """Return the function that makes the path over LSODA's last step from a copy of its scaled derivatives.
 
         SciPy's own path object takes longer to make than the step.
         """
@@ -211,10 +214,10 @@ class LSODA(ScipyMethod):
 
 
 def _history(solver: Any) -> partial[FloatArray]:
-    """Return the path over the last step of LSODA, from a copy of its scaled derivatives (Nordsieck's array).
+    """Return the path over the last step of SciPy's LSODA, from a copy of its scaled derivatives (Nordsieck's array).
 
-    A. C. Hindmarsh, ODEPACK, a systematized collection of ODE solvers, 1983: RWORK(11) is the last step, RWORK(12) the
-    next, and the array begins at RWORK(21); IWORK(14) is the last order and IWORK(15) the next.
+    A. C. Hindmarsh, ODEPACK, a systematized collection of ODE solvers, 1983: RWORK(11) is the last step, RWORK(12)
+    the next, and the array begins at RWORK(21); IWORK(14) is the last order and IWORK(15) the next.
     """
     integrator, n = solver._lsoda_solver._integrator, solver.n
     order, following = integrator.iwork[13:15].tolist()
@@ -224,8 +227,8 @@ def _history(solver: Any) -> partial[FloatArray]:
 def _along(end: float, orders: tuple[int, int], memory: FloatArray, times: FloatArray) -> FloatArray:
     """Return the states (2n, k) at times (k,) on the last step of LSODA, which ends at the time `end`.
 
-    `orders` are the orders of the last and the next step. `memory` begins with the lengths of these two steps, and has
-    the scaled derivatives from index 10 on.
+    `orders` are the orders of the last and the next step. `memory` is LSODA's work array from RWORK(11) on: the
+    lengths of these two steps first, and the scaled derivatives from index 10 on.
     """
     (order, following), (last, step) = orders, memory[:2]
     powers = ((times - end) / step)[:, None] ** np.arange(order + 1)

@@ -70,7 +70,7 @@ class CVODE:
 
     @cached_property
     def claims(self) -> Claims:
-        """The highest allowed order, step control, and events."""
+        """The claimed properties of the method: the highest allowed order, step control, and events."""
         return Claims(order=self.max_order or ORDERS[self.method], adaptive=True, explicit=False, events=True)
 
     def integrate(self, problem: Problem) -> Trajectory:
@@ -183,7 +183,7 @@ class _CvodeStepper:
 
 
 class _OtherThreads:
-    """Standard output that drops the output of the thread `silent`, and passes on the output of all other threads.
+    """Substitute for sys.stdout that drops the output of the thread `silent`, and passes on that of all others.
 
     One object serves the whole process: Python's print keeps no reference to the sys.stdout to which it writes.
     """

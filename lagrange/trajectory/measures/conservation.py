@@ -45,8 +45,9 @@ DIRECTIONS = 8
 def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptive: bool) -> Trajectory:
     """Return the trajectory of a run that began with the energy `before`; UNRELIABLE if the energy is not conserved.
 
-    Equal steps (not `adaptive`) may jump over a collision or a singular configuration without an error. If a reset
-    changed the state, the energy just before the first reset is tested.
+    The status is changed only if the equations of motion conserve the energy. Equal steps (not `adaptive`) may jump
+    over a collision or a singular configuration without an error. If an event reset the state, the energy just before
+    the first reset is tested.
     """
     model = problem.model
     if not trajectory.status.complete or not model.equations.structure.may_keep_energy or not trajectory.y.size:
@@ -69,9 +70,10 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
 
 
 def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: float, before: float, after: float) -> bool:
-    """Return True if the energy `after` of the state `end`, at the time `until`, equals the first energy `before`.
+    """Return True if the energy `after`, at the end of a run, equals the energy `before` at its start.
 
-    The tolerance depends on the kinetic energy, the error of the method, and rounding. Cheap tests come first.
+    `end` is the state (2n,) at the end, and `until` its time. The tolerance depends on the kinetic energy, the error
+    of the method, and rounding. Cheap tests come first.
     """
     change = abs(after - before)
     model = problem.model
@@ -86,14 +88,14 @@ def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: floa
 
 
 def energy(problem: Problem, y: FloatArray) -> float:
-    """Return the energy of a state (2n,), at the time of the start."""
+    """Return the energy of a state (2n,), with time and parameters as at the start of the run."""
     kernel, parameters = problem.model.kernel("energy"), problem.parameter_array
     quick_result = quickly(kernel, parameters, problem.t0, y)
     return float(kernel(problem.t0, y, parameters) if quick_result is None else quick_result)
 
 
 def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
-    """Return the last state of the run, or the state before the first reset, with its time."""
+    """Return the state (2n,) just before the first reset by an event, or the last state of the run, and its time."""
     if not problem.events:
         return trajectory.y[:, -1], float(trajectory.t[-1])
     direction = 1 if problem.t1 >= problem.t0 else -1
@@ -109,10 +111,11 @@ def _last(problem: Problem, trajectory: Trajectory) -> tuple[FloatArray, float]:
 
 
 def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float) -> float:
-    """Return the kinetic energy at the mean speed from the start until a time.
+    """Return the kinetic energy at the mean speed of the run from its start to the time `until`.
 
-    Unlike the energy, this value does not depend on the zero of the potential. Unlike the kinetic energy of one state,
-    this value is not zero at a turning point, and a close encounter does not dominate it.
+    The speed is the square root of the kinetic energy. Unlike the energy, this value does not depend on the zero of
+    the potential. Unlike the kinetic energy of one state, it is not zero at a turning point, and a close encounter
+    does not dominate it.
     """
     t, y = trajectory.t, trajectory.y
     times = np.linspace(problem.t0, until, SPEED_SAMPLES + 1)
@@ -127,14 +130,17 @@ def _mean_kinetic_energy(problem: Problem, trajectory: Trajectory, until: float)
 
 
 def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
-    """Return |v.p| / 2 of states (2n, K), which is the kinetic energy if it is quadratic in the velocities."""
+    """Return |v.p| / 2 (K,) of states (2n, K): the kinetic energy, if it is quadratic in the velocities."""
     q, v = problem.model.layout.split(y)
     momenta = problem.model.momenta(q, v, problem.t0, problem.parameter_array)
     return np.asarray(np.abs(np.sum(v * momenta, axis=0)) / 2)
 
 
 def _noise(problem: Problem, before: float) -> float:
-    """Return the largest change of the initial energy `before` if the state changes by rounding or a first step."""
+    """Return the largest change of the initial energy `before` if the state changes by rounding or a first step.
+
+    The initial state of the problem is changed in several directions for this.
+    """
     layout, y0 = problem.model.layout, problem.y0
     sizes = np.concatenate([np.full(len(part), np.abs(part).max()) for part in layout.split(y0)])
     ways = np.cos(np.outer(np.arange(1, layout.size + 1), np.arange(1, DIRECTIONS + 1)))

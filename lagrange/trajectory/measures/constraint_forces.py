@@ -47,9 +47,9 @@ class ConstraintForces:
 
     @cached_property
     def multipliers(self) -> ByName[FloatArray]:
-        """The multipliers (N,) by name, empty without constraints.
+        """The multipliers (N,) by name of the constraint; empty if the system has no constraints.
 
-        They are NaN at states that do not determine them.
+        They are NaN at states that do not determine the multipliers.
         """
         if not self.names:
             return ByName("constraint")
@@ -57,9 +57,10 @@ class ConstraintForces:
         return ByName("constraint", zip(self.names, rows, strict=True))
 
     def _from(self, begin: int, end: int) -> FloatArray:
-        """Return the multipliers (m, k) at states `begin` to before `end`; NaN at states that do not determine them.
+        """Return the multipliers (m, k) of all constraints at the states from `begin` to before `end`.
 
-        Bisection finds the states without multipliers. Usually this is the last state, where a run ended.
+        They are NaN at states that do not determine them. Bisection finds these states; usually it is the last state,
+        where a run ended.
         """
         try:
             which = slice(begin, end)
@@ -72,7 +73,7 @@ class ConstraintForces:
             return np.concatenate([self._from(begin, middle), self._from(middle, end)], axis=1)
 
     def generalized(self, name: str) -> FloatArray:
-        """Return the generalized force G^T lambda of one constraint, (n, N)."""
+        """Return the generalized force of one constraint along the run, (n, N): its row of G times its multiplier."""
         return self._gradient(name) * self.multipliers[name]
 
     def on_point(self, name: str, point: str) -> FloatArray:
@@ -96,7 +97,7 @@ class ConstraintForces:
         return forces[begin : begin + len(points[point])] * self.multipliers[name]
 
     def _gradient(self, name: str) -> FloatArray:
-        """Return the row of G of a constraint, (n, N)."""
+        """Return the gradient of one constraint, its row of G, at all states: (n, N)."""
         if not self.names:
             raise StatementError(f"{self.model.statement.name} has no constraints, and so no constraint forces.")
         one_of(name, self.names, "{given} is not a constraint of this system; they are {known}.")
@@ -107,14 +108,14 @@ class ConstraintForces:
 
     @cached_property
     def _points(self) -> dict[str, tuple[Any, ...]]:
-        """The named points on which forces act: all except corners of shapes."""
+        """The positions of the named points on which forces act, as expressions: all except corners of shapes."""
         statement = self.model.statement
         hidden = corners(statement.links)
         return {name: point for name, point in statement.positions.items() if name not in hidden}
 
     @cached_property
     def _slopes(self) -> dict[str, FloatArray]:
-        """The derivatives dr/dq of each named point, (2 or 3, n, N)."""
+        """The derivatives dr/dq of the position r of each named point, (2 or 3, n, N), by the name of the point."""
         equations = self.model.equations
         slopes: dict[str, FloatArray] = {}
         for label, point in self._points.items():
@@ -126,9 +127,9 @@ class ConstraintForces:
         return slopes
 
     def _acted_on(self, name: str, rows: FloatArray) -> tuple[str, ...]:
-        """Return the names of the smallest set of points whose motion alone the constraint `name` relates.
+        """Return the names of the smallest set of points whose motions alone the constraint `name` relates.
 
-        `rows` (n, N) is the constraint's row of G. Then phi is a function of the positions r of the points, and the
+        `rows` (n, N) is the constraint's row of G. Then phi is a function of the positions r of these points, and the
         force on each point is lambda dphi/dr. Raises StatementError if there is no such set, or if there are several.
         """
         samples = np.unique(np.linspace(0, len(self.t) - 1, POINT_SAMPLES).astype(int)) if len(self.t) else np.arange(0)
@@ -159,7 +160,10 @@ class ConstraintForces:
 
 
 def _unique(slopes: FloatArray, row: FloatArray) -> bool:
-    """Return True if row = slopes^T F has exactly one solution F."""
+    """Return True if row = slopes^T F has exactly one solution F, the force on the points per unit multiplier.
+
+    `slopes` are the derivatives dr/dq of the points, and `row` (n,) is the constraint's row of G at one state.
+    """
     if len(slopes) > slopes.shape[1] or not (np.isfinite(slopes).all() and np.isfinite(row).all()):
         return False
     force, _, rank, _ = np.linalg.lstsq(slopes.T, row, rcond=ROW_RESIDUAL)

@@ -42,25 +42,28 @@ class EnergyDrift:
 
     @property
     def relative(self) -> float:
-        """The drift divided by its scale, or the drift itself if nothing moves."""
+        """The largest change of the energy divided by its scale, or the change itself if the scale is zero."""
         return self.absolute / self.scale if self.scale > 0 else self.absolute
 
     @property
     def unkept(self) -> str:
-        """Remark for an energy that is not known to be conserved."""
+        """Remark in words that the system does not conserve the energy, or is not known to conserve it."""
         return "the system does not conserve it" if self.conserved is False else "not found to be conserved"
 
     def sentence(self) -> str:
-        """Return a sentence with the drift, or with the first and last energy if conservation is not known."""
+        """Return a sentence with the relative drift of the energy.
+
+        For an energy that is not known to be conserved it has the first and the last energy instead.
+        """
         if not self.conserved:
             return f"from {self.first:.6g} to {self.last:.6g} ({self.unkept})"
         return f"{self.relative:.1e} of {self.against}"
 
 
 def since_start(run: Trajectory) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the times and states of the start and of the outputs, and True.
+    """Return the times (N,) and states (2n, N) of the run's outputs, preceded by those of its start, and True.
 
-    If the state at the start is not stored and cannot be computed, return those of the outputs only, and False.
+    If the state at the start is not stored and cannot be computed, return those of the outputs alone, and False.
     """
     first, t, y = run.span[0], run.t, run.y
     if not len(t) or t[0] == first:
@@ -123,17 +126,17 @@ class ConstraintDrift:
 
     @property
     def error(self) -> FloatArray:
-        """The largest violation at each time, (N,)."""
+        """The largest relative violation of any constraint at each time, (N,)."""
         largest: FloatArray = np.max(np.concatenate([self.positions, self.velocities]), axis=0)
         return largest
 
     @property
     def card(self) -> dict[str, float | None]:
-        """The largest violations of the run, by kind; None for a value that is not finite."""
+        """The largest violations of the run in "positions" and "velocities"; None if one is not finite."""
         return {name: value if math.isfinite(value) else None for name, value in self._largest.items()}
 
     def sentence(self) -> str:
-        """Return a sentence with the largest violations."""
+        """Return a sentence with the largest violations of the constraints in the run."""
         return (
             ", ".join(f"{value:.1e} in {name}" for name, value in self._largest.items()) + ", relative to their terms"
         )
@@ -145,7 +148,10 @@ class ConstraintDrift:
 
 
 def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> ConstraintDrift | None:
-    """Return the drift of states y (2n, N) at the times t (N,), or None without constraints or without states."""
+    """Return the violations of constraints in states y (2n, N) at times t (N,); None if there are no constraints.
+
+    The result is also None without states.
+    """
     values, constraints = model.parameter_array(parameters), model.equations.stated
     if not len(constraints) or not len(t):
         return None
@@ -161,9 +167,10 @@ def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Par
 
 
 def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the scales (2m,) of constraints without cancelling terms, such as y = 0, whose only term is y itself.
+    """Return the scales (2m,) for violations of constraints whose terms do not cancel, such as y = 0.
 
-    A scale is the gradient of the constraint times the sizes of the entries, the largest over sample states.
+    The scale of a constraint is its gradient times the sizes of the state's entries, the largest over sample states.
+    The constraints count twice: as phi, and as dphi/dt.
     """
     residuals, mass = residuals_of(model), model.interpreted("mass_matrix")
     m = len(model.equations.stated)

@@ -15,10 +15,10 @@ from lagrange.trajectory.trajectory import FloatArray
 
 
 def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> dict[str, FloatArray]:
-    """Return each named point, (2, K) or (3, K), at K times and states y (2n, K).
+    """Return the positions of the named points by name, each (2, K) or (3, K), for states y (2n, K) at times t (K,).
 
-    The order is that of the statement, with the points along surfaces after the others. The origin comes last if a link
-    names it. The result is empty without named points.
+    The order is that of the statement, with the points along surfaces after the others. The origin comes last if a
+    link names it. The result is empty without named points.
     """
     statement = model.statement
     if "points" not in model.prepared:
@@ -34,7 +34,7 @@ def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters
 
 
 def fixed_points(statement: Statement) -> dict[str, bool]:
-    """Return a dict from the name of each point, and of the origin, to True if it does not move.
+    """Return a dict from the name of each point, and of the origin, to True if the point does not move, else False.
 
     Points along surfaces count as fixed: they have no paths.
     """

@@ -38,7 +38,7 @@ def states_at(run: Trajectory, t: ArrayLike, width: int) -> FloatArray:
 
 
 def times_at(run: Trajectory, rate: Any) -> FloatArray:
-    """Return times from the first to the last output, `rate` per unit of time.
+    """Return equally spaced times from the first to the last output of a run, `rate` of them per unit of time.
 
     Raises StatementError for a rate that is not positive or gives too many times.
     """
@@ -60,7 +60,7 @@ def times_at(run: Trajectory, rate: Any) -> FloatArray:
 
 
 def divided(t: FloatArray, parts: int) -> FloatArray:
-    """Return times (K,) that divide every interval of `t` into `parts` equal parts."""
+    """Return times (K,) that divide each interval between neighbours of `t` into `parts` equal parts."""
     if len(t) < 2 or parts < 2:
         return t
     inner = t[:-1, None] + np.arange(parts) / parts * np.diff(t)[:, None]

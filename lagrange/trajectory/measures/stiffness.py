@@ -85,7 +85,7 @@ class Stiffness:
         return f"<Stiffness: {self.sentence()}>"
 
     def sentence(self) -> str:
-        """Return a sentence with the finding and the remedy."""
+        """Return a sentence that says how far the run was stiff, and which method to use."""
         where = "near" if self.product < MOST_OVERSHOOT * self.limit else "beyond"
         return (
             f"stiff: at {self.share:.0%} of the examined steps, h * {self.rate:.2g} = {self.product:.2g} is {where} "
@@ -97,8 +97,8 @@ class Stiffness:
 def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any]) -> Stiffness | None:
     """Return the stiffness of a run; None if it is not stiff, too short, or by a method without a known limit.
 
-    The limit is known for explicit Runge-Kutta methods and Taylor series. The Jacobian is evaluated at 20 accepted
-    steps, and only if the solution changes little over most of them.
+    The stability limit is known for explicit Runge-Kutta methods and Taylor series. The Jacobian is evaluated at 20
+    accepted steps, and only if the solution changes little over most of them.
     """
     path = trajectory.dense.path if isinstance(trajectory.dense, OutputPath) else trajectory.dense
     if isinstance(path, SeriesPath):
@@ -144,9 +144,10 @@ def with_stiff_end(model: Model, trajectory: Trajectory, parameters: Mapping[Any
 
 
 def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the quantity `name` of the model at the start of each of `steps`, with the step as first axis.
+    """Return a quantity of the model, such as "jacobian", at the start of each step on a path; axis 0 is the step.
 
-    The program is interpreted, because compiling takes longer.
+    `steps` are the indices of the steps, and `values` the parameters. The program is interpreted, because compiling
+    takes longer.
     """
     states = path.states[steps].T
     kernel = model.interpreted(name)
@@ -155,9 +156,10 @@ def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatAr
 
 
 def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, least: float) -> FloatArray:
-    """Return the largest relative change of an entry of the velocity over each step.
+    """Return the largest change of an entry of the velocity over each of `steps` (k,), relative to its scale, (k,).
 
-    The scale of an entry is at least `least` times the speed. `masses` are the mass matrices at the steps.
+    The scale of an entry is its largest value along the run, at least `least` times the speed. `velocities` (S+1, n)
+    are those of all accepted states. `masses` (k, n, n) are the mass matrices at the start of the steps.
     """
     weights = np.abs(np.diagonal(masses, axis1=1, axis2=2)).mean(axis=0)
     speed = math.sqrt(float(np.mean(np.sum(velocities[steps] ** 2 * weights, axis=1))))
@@ -171,8 +173,8 @@ def _found(
 ) -> Stiffness | None:
     """Return the `Stiffness` of a run from k sampled steps with lengths `h` (k,), or None if it is not stiff.
 
-    `polynomial` is the method's stability polynomial. `changes` (k,) are the relative changes of the velocity over the
-    steps, and `jacobians` (k, 2n, 2n) the Jacobians at their starts.
+    `method` is its name, and `polynomial` its stability polynomial. `changes` (k,) are the rates of relative change
+    of the velocity over the steps, and `jacobians` (k, 2n, 2n) are the Jacobians at their starts.
     """
     at_limit = []
     for step, change, jacobian in zip(h, changes, jacobians, strict=True):
@@ -196,9 +198,10 @@ def _found(
 
 @lru_cache(maxsize=64)
 def stability_polynomial(tableau: ButcherTableau) -> Polynomial:
-    """Return the coefficients of R(z), by which a step multiplies y if y' = y z/h: 1, b.1, b.A.1, b.A^2.1, and so on.
+    """Return the coefficients 1, b.1, b.A.1, b.A^2.1, ... of the stability polynomial R(z) of a Runge-Kutta tableau.
 
-    E. Hairer, G. Wanner, Solving ODE II, 2nd ed., 1996, IV.2, (2.7).
+    A step of length h multiplies y by R(z) if y' = y z/h. E. Hairer, G. Wanner, Solving ODE II, 2nd ed., 1996, IV.2,
+    (2.7).
     """
     A = np.zeros((tableau.stages, tableau.stages))
     for i, row in enumerate(tableau.A):
@@ -212,7 +215,7 @@ def stability_polynomial(tableau: ButcherTableau) -> Polynomial:
 
 
 def taylor_polynomial(order: int) -> Polynomial:
-    """Return the coefficients of the stability polynomial of a series: those of the exponential function."""
+    """Return the stability polynomial of a Taylor step: the exponential series up to the power `order`."""
     return tuple(1 / math.factorial(k) for k in range(order + 1))
 
 
@@ -229,6 +232,9 @@ def _limit(polynomial: Polynomial, angle: float) -> float:
 
 
 def stability_limit(polynomial: Polynomial, angle: float) -> float:
-    """Return the length |z| up to which |R(z)| <= 1, in the direction of an angle from pi/2 to pi, in radians."""
+    """Return the length |z| up to which |R(z)| <= 1, for z of a given angle and a stability polynomial R.
+
+    The angle is between pi/2, for an oscillation, and pi, for a decay.
+    """
     # An angle within a rounding of 1e-4 of the imaginary axis counts as on it: damping would hide the growth there.
     return _limit(polynomial, math.pi / 2 + round(angle - math.pi / 2, 3))

@@ -25,5 +25,5 @@ def built_in(name: str) -> Callable[[Maker], Maker]:
 
 
 def entered(family: str) -> dict[str, Callable[..., Any]]:
-    """Return the methods of a module by name, in the order of their definition."""
+    """Return the constructors of the methods in the module `family` by method name, in order of definition."""
     return _ENTERED[family]

@@ -38,7 +38,11 @@ class LobattoPair:
     conjugate: tuple[tuple[Abscissa, ...], ...]
 
     def __call__(self, g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-        """Return the coordinates and velocities at t + h."""
+        """Return the coordinates and velocities at t + h after a step from q and v at time t.
+
+        g(t, q, v, lambda) returns momenta, forces, constraint forces, phi, and psi = dphi/dt. solve(residuals, guess)
+        returns the unknowns at which the residuals are zero.
+        """
         b, count = self.b, len(self.b)
         none = q * 0
         before, *_ = g(t, q, v, none)
@@ -75,7 +79,12 @@ RATTLE, LOBATTO4 = (LobattoPair(*lobatto_pair(stages)) for stages in (2, 3))
 
 
 def constrained_midpoint(g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Return (q, v) at t + h, with the discrete action h L at the midpoint and mean velocity; phi = 0 at both ends."""
+    """Return (q, v) at t + h after a step of the variational midpoint rule, with phi = 0 at both ends.
+
+    The discrete action of the step is h L at its midpoint and mean velocity. g(t, q, v, lambda) returns momenta,
+    forces, constraint forces, phi, and psi = dphi/dt. solve(residuals, guess) returns the unknowns at which the
+    residuals are zero.
+    """
     none = q * 0
     before, *_ = g(t, q, v, none)
 

@@ -36,11 +36,11 @@ FRACTION = re.compile(r"\s*[+-]?[0-9]{0,99}(\.[0-9]{0,99})?(/[0-9]{1,99}|[eE][+-
 
 @dataclass(frozen=True)
 class RungeKutta:
-    """The explicit Runge-Kutta method of a tableau.
+    """The integrator by an explicit Runge-Kutta method with a tableau.
 
-    `step` is the size of equal steps, for a tableau without an error estimate. `rtol` and `atol` are the tolerances for
-    a tableau with an error estimate. If an option is None, the option of the run counts, or a default. `law` is the
-    function that the step evaluates: "rhs", or "local" for a step in local coordinates of rotations, which keeps
+    `step` is the size of equal steps, for a tableau without an error estimate. `rtol` and `atol` are the tolerances
+    for a tableau with an error estimate. If an option is None, the option of the run counts, or a default. `law` is
+    the function that the step evaluates: "rhs", or "local" for a step in local coordinates of rotations, which keeps
     quaternions at length one.
     """
 
@@ -61,28 +61,28 @@ class RungeKutta:
 
     @property
     def name(self) -> str:
-        """The registered name."""
+        """The name of the method, which is that of its tableau."""
         return self.tableau.name
 
     @cached_property
     def claims(self) -> Claims:
-        """Order, step control, and the order of the dense output."""
+        """The claimed properties of the method: order, step control, and the order of the dense output."""
         dense = self.tableau.dense.order if self.tableau.dense else 0
         return Claims(order=self.tableau.order, adaptive=self.tableau.error is not None, dense=dense)
 
     @property
     def program(self) -> StepProgram:
-        """The step as a program."""
+        """A step of the method as a program."""
         return runge_kutta_step(self.tableau, self.law)
 
     def plan(self, problem: Problem) -> StepPlan:
-        """Return the plan of the method for a problem."""
+        """Return the plan of a run: the step program, the tolerances or step size, and the dense output."""
         chosen = adaptive_settings if self.claims.adaptive else fixed_settings
         tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
         return StepPlan(self.program, tolerances, self._path)
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Return the trajectory of the problem."""
+        """Return the trajectory of a problem, run by this method."""
         return drive_by(self, problem, self.name)
 
     def _path(self, problem: Problem, times: FloatArray, states: FloatArray) -> StepPath:
@@ -94,7 +94,7 @@ class RungeKutta:
 
 @lru_cache(maxsize=64)
 def runge_kutta_step(tableau: ButcherTableau, law: str = "rhs") -> StepProgram:
-    """Return the step program of a tableau, for the law "rhs" or "local"."""
+    """Return the step program of a tableau, which evaluates "rhs", or "local" for local coordinates of rotations."""
     estimate, control = tableau.error, None
     if estimate is not None:
         control = Control(estimate.control, damped=bool(estimate.damping), memory=estimate.memory)
@@ -106,10 +106,10 @@ def runge_kutta_step(tableau: ButcherTableau, law: str = "rhs") -> StepProgram:
 
 
 def local_step(tableau: ButcherTableau, g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any) -> tuple[Any, ...]:
-    """Return q and v after a step in local coordinates about its start, and their error estimates.
+    """Return q and v after a step of the tableau in local coordinates about its start, then their error estimates.
 
-    g(t, Q, V, q) returns the slopes of Q and V, a local state about the coordinates q at the start of the step, then
-    the coordinates and velocities that this local state represents.
+    g(t, Q, V, q) is a function of a local state Q, V about the coordinates q at the start of the step. It returns
+    four vectors: dQ/dt and dV/dt, and the coordinates and velocities that the local state represents.
     """
 
     def slope(at: Any, state: Any) -> Any:
@@ -224,7 +224,7 @@ def tableau(
 
 
 def _listed(name: str, array: Any) -> list[Any] | None:
-    """Return the rows of a matrix, or the entries of a row, as lists. A single row or column counts as a matrix."""
+    """Return the rows of a matrix, or the entries of a row, as lists; None for an argument that is neither."""
     if isinstance(array, (np.ndarray, sympy.MatrixBase)) and len(array.shape) == 2 and max(array.shape) <= MOST_ENTRIES:
         return list(array.tolist())
     return entries(array, f"a row of the tableau {shown(name)}")
@@ -254,6 +254,7 @@ def _fraction(entry: Any) -> Fraction:
 def explicit_method(A: Any, b: Any, *, name: str, order: int, step: float | None = None) -> RungeKutta:
     """Return a fixed-step method from a tableau.
 
-    Arguments are those of `tableau`; `step` is the step size. Raises the same errors as `tableau`.
+    `A` is a strictly lower triangular matrix (s, s) or its rows, and `b` has s weights. The tableau is checked
+    against the `order`; `step` is the step size. Raises StatementError with the condition that fails.
     """
     return RungeKutta(tableau(A, b, name=name, order=order), step=step)

@@ -35,14 +35,17 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 @dataclass(frozen=True)
 class ImplicitMethod:
-    """The method of an implicit step function, step(f, t, y, h, solve).
+    """An integrator with an implicit step function, step(f, t, y, h, solve).
 
-    `law` is the function that the step evaluates: "rhs"; or "momentum" or "constrained" for step(g, t, q, v, h, solve).
-    With a `control` the step function also returns an error vector for each state vector, and the method takes `rtol`
-    and `atol`. Otherwise the method takes equal steps of size `step`. With a `starter`, which takes the first step, the
-    step function has a further argument after the state: the state one step before. `path` makes the dense output,
-    whose order is claimed; the default is a Hermite path. The steps of a `holonomic` method end on the constraints:
-    their states are not projected, and constraints stated in velocities are refused.
+    `law` says what the step function evaluates: "rhs", the slope f of the state; or "momentum" or "constrained", the
+    functions g of `lagrange.trajectory.methods.variational` and `constrained`, for step(g, t, q, v, h, solve).
+    `claims` are the claimed properties. With a `control` of the step size, the step function also returns an error
+    vector for each state vector, and the method takes `rtol` and `atol`. Otherwise the method takes equal steps of
+    size `step`.
+
+    With a `starter`, which takes the first step, the step function has a further argument after the state: the state
+    one step before. `path` makes the dense output; the default is a Hermite path. The steps of a `holonomic` method
+    end on the constraints: their states are not projected, and constraints stated in velocities are refused.
     """
 
     name: str
@@ -76,11 +79,11 @@ class ImplicitMethod:
 
     @property
     def program(self) -> StepProgram:
-        """The step as a program."""
+        """A step of the method as a program."""
         return _program(self.name, self.function, self.law, self.control, self.starter)
 
     def plan(self, problem: Problem) -> StepPlan:
-        """Return the plan of the method for a problem."""
+        """Return the plan of a run: the step program, the tolerances or step size, and the dense output."""
         if self.holonomic:
             check_holonomic(self.name, problem)
         if self.law == "momentum":
@@ -91,7 +94,7 @@ class ImplicitMethod:
         return StepPlan(self.program, tolerances, path, projected=not self.holonomic)
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Return the trajectory of the problem."""
+        """Return the trajectory of a problem, run by this method."""
         return drive_by(self, problem, self.name)
 
 
@@ -149,14 +152,20 @@ def ImplicitMidpoint(step: float | None = None) -> ImplicitMethod:
 
 @dataclass(frozen=True)
 class Collocation:
-    """The step function of an implicit Runge-Kutta method. Its unknowns are the slopes of the stages."""
+    """The step function of an implicit Runge-Kutta method with the tableau A, b, c.
+
+    Its unknowns are the slopes of the stages.
+    """
 
     A: tuple[tuple[Abscissa, ...], ...]
     b: tuple[Abscissa, ...]
     c: tuple[Abscissa, ...]
 
     def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-        """Return the state at t + h."""
+        """Return the state at t + h after a step from y at t, where f(t, y) is the slope of the state.
+
+        solve(residuals, guess) returns the unknowns at which the residuals are zero.
+        """
 
         def residuals(*slopes: Any) -> tuple[Any, ...]:
             stages = [y + weighted(row, slopes) * h for row in self.A]
@@ -167,7 +176,7 @@ class Collocation:
 
 
 def weighted(weights: Sequence[Abscissa], vectors: Sequence[Any]) -> Any:
-    """Return the sum of the vectors, each times its weight."""
+    """Return the sum of the vectors, each times the weight with the same index."""
     return sum(vector * weight for weight, vector in zip(weights, vectors, strict=True))
 
 
@@ -177,7 +186,10 @@ STARTER = Collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
 
 
 def bdf2(f: Callable[..., Any], t: Any, y: Any, before: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Return the next state: the parabola through it and the last two states has the slope of the equations there."""
+    """Return the state at t + h after a step of the formula BDF2 from y at t and the state `before` at t - h.
+
+    The parabola through the three states has the slope f at its end.
+    """
     base = (y * 4 - before) / 3
     k = solve(lambda k: f(t + h, base + k * (h * Fraction(2, 3))) - k, lambda: f(t, y))
     return base + k * (h * Fraction(2, 3))

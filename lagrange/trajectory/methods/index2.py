@@ -25,10 +25,11 @@ A, B, C = collocation_tableau(POINTS[STAGES])
 
 
 def radau5_index2(g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, ...]:
-    """Return q and v at t + h, and their error vectors.
+    """Return q and v at t + h after a step from q and v at t, then the error vectors of q and v.
 
-    The law g and the function `solve` are those of `lagrange.trajectory.methods.constrained`. The unknowns are the
-    changes of the velocity and the multipliers at the stages.
+    g(t, q, v, lambda) returns momenta, forces, constraint forces, and the constraints phi and psi = dphi/dt.
+    solve(residuals, guess) returns the zero of the residuals. The unknowns are the changes of the velocity and the
+    multipliers at the stages.
     """
     none, gamma = q * 0, DAMPING[STAGES]
     before, *_ = g(t, q, v, none)
@@ -60,9 +61,10 @@ def radau5_index2(g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any, solve: 
 
 
 def predict(ratio: Any, *old: Any) -> list[Any]:
-    """Return initial guesses of the unknowns: the polynomials through `old`, those of the last step, extrapolated.
+    """Return guesses of the unknowns of the next step: the polynomials through those of the last, extrapolated.
 
-    `ratio` is the length of the next step divided by that of the last step.
+    `old` are the unknowns of the last step, the velocity changes and then the multipliers at the stages. `ratio` is
+    the length of the next step divided by that of the last.
     """
     changes, pushes = old[:STAGES], old[STAGES:]
     return [*RADAU5.predict(ratio, *changes), *continued(C, C, ratio, pushes)]

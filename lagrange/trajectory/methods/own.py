@@ -43,7 +43,7 @@ FORMS = "step(f, t, y, h), or step(a, t, q, v, h) to move coordinates and veloci
 
 @dataclass(frozen=True)
 class StepMethod:
-    """A method with equal steps from a step function, made by `step_method`."""
+    """An integrator with equal steps by a step function of the user, made by `step_method`."""
 
     name: str
     order: int
@@ -61,16 +61,16 @@ class StepMethod:
 
     @cached_property
     def claims(self) -> Claims:
-        """The order that was stated, and the order of the Hermite path between steps."""
+        """The claimed properties: the order that was stated, and the order of the Hermite path between steps."""
         return Claims(order=self.order, dense=max(3, self.order - 1))
 
     @property
     def program(self) -> StepProgram:
-        """The step as a program."""
+        """A step of the method as a program."""
         return _program(self.name, self.function)
 
     def plan(self, problem: Problem) -> StepPlan:
-        """Return the plan of the method for a problem."""
+        """Return the plan of a run: the step program, the step size, and the dense output."""
         if self.program.partitioned:
             check_splits(self.name, problem)
         return StepPlan(
@@ -78,7 +78,7 @@ class StepMethod:
         )
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Return the trajectory of the problem."""
+        """Return the trajectory of a problem, run by this method."""
         return drive_by(self, problem, self.name)
 
 
@@ -102,7 +102,7 @@ def step_method(function: Callable[..., Any], *, order: int, name: str = "", ste
 
 @lru_cache(maxsize=64)
 def _program(name: str, function: Callable[..., Any]) -> StepProgram:
-    """Return the step as a program: the operations that a call of the step function records."""
+    """Return the step function of a user as a program: the operations that one call of it records."""
 
     def guarded(*arguments: Any) -> Any:
         try:
@@ -118,7 +118,7 @@ def _program(name: str, function: Callable[..., Any]) -> StepProgram:
 
 
 def _arguments(name: str, function: Callable[..., Any]) -> int:
-    """Return the number of a step function's arguments, 4 or 5. Raises StatementError for another number."""
+    """Return the number of arguments of a step function. Raises StatementError if it is neither 4 nor 5."""
     if not callable(function) or not isinstance(function, Hashable):
         what = f"{kind_of(function)} without a hash" if callable(function) else kind_of(function)
         raise StatementError(f"the step function {name} is {what}: give a function, {FORMS}.")
@@ -137,7 +137,10 @@ def _arguments(name: str, function: Callable[..., Any]) -> int:
 
 @dataclass(frozen=True)
 class _Tried:
-    """Record of a trial call of a step function: (time, argument) of each evaluation, and the returned vectors."""
+    """The operations of a trial call of a step function, as linear combinations of the state and the slopes.
+
+    `calls` has the time and the argument of each evaluation of the slope, and `results` has the returned vectors.
+    """
 
     calls: tuple[tuple[Coefficient, dict[int, Coefficient]], ...]
     results: tuple[dict[int, Coefficient], ...]
@@ -176,7 +179,10 @@ def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h:
 
 
 def check_consistent(name: str, function: Callable[..., Any], order: int) -> tuple[_Tried, _Tried]:
-    """Return two trial calls of a step function. Raises StatementError if it is inconsistent, or not of the order."""
+    """Return two trial calls of a step function. Raises StatementError if it is inconsistent, or not of the `order`.
+
+    `name` is the name of the method in messages.
+    """
     states = 2 if _arguments(name, function) == 5 else 1
     both = tried, doubled = (
         _tried(name, function, states, *TRIAL_POINTS[0]),
@@ -206,7 +212,10 @@ def check_consistent(name: str, function: Callable[..., Any], order: int) -> tup
 
 
 def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Tried, _Tried]) -> None:
-    """Raise StatementError if the recorded step differs from its trial, since only the recording will run."""
+    """Raise StatementError if the program recorded from a step function differs from its trial calls.
+
+    Only the program runs, so it must do what the function does. `name` is the name of the method in messages.
+    """
     program = _program(name, function)
     scalars = program.scalars(program.numbers)
     for (t, h), tried in zip(TRIAL_POINTS, trials, strict=True):
@@ -227,7 +236,10 @@ def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Trie
 
 
 def _check_short(name: str, tried: _Tried, t: Fraction) -> None:
-    """Raise StatementError if a step whose coefficients are not proportional to h is inconsistent at time t."""
+    """Raise StatementError if a step function is inconsistent at time t, from a trial call with a very short step.
+
+    This is for steps whose coefficients are not proportional to h. `tried` is the trial call.
+    """
     _check_whole(name, "the new state holds", tried.results[0])
     slopes = sum(float(c) for i, c in tried.results[0].items() if i) / float(SHORT_STEP)
     if not abs(slopes - 1) <= SHORT_STEP_TOLERANCE:
@@ -259,7 +271,11 @@ def _scales(tried: _Tried, doubled: _Tried) -> bool:
 
 
 def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fraction) -> None:
-    """Check a step in q and v under a constant a: it must return q + h v + h^2 a/2 and v + h a."""
+    """Raise StatementError if a step in q and v is wrong under a constant acceleration a.
+
+    `tried` is its trial call at time t with step h. It must return q + h v + h^2 a/2 and v + h a; the term with h^2
+    is required from order 2 on.
+    """
     q, v = tried.results
     sums = [sum(float(c) for i, c in terms.items() if i > 1) for terms in (q, v)]
     conditions: list[tuple[str, str, Coefficient, Coefficient]] = [

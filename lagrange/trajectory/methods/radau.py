@@ -34,12 +34,16 @@ complex, and the factor is 1 / their size.
 
 @dataclass(frozen=True)
 class RadauStep:
-    """The step function with `stages` stages, which returns the state and the error vector."""
+    """The step function of Radau's method with `stages` stages."""
 
     stages: int
 
     def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Any) -> tuple[Any, Any]:
-        """Return the state at t + h, and the error vector."""
+        """Return the state at t + h after a step from y at t with slopes f, and the error vector of the step.
+
+        solve(residuals, guess, predict) returns the increments of the state at the stages, at which the residuals are
+        zero.
+        """
         A, _, c = collocation_tableau(POINTS[self.stages])
         gamma = DAMPING[self.stages]
 
@@ -53,7 +57,7 @@ class RadauStep:
         return y + Z[-1], error
 
     def embedded(self) -> list[float]:
-        """Return the weights of the increments in the error vector."""
+        """Return the weights with which the increments of the stages enter the error vector."""
         A, _, c = collocation_tableau(POINTS[self.stages])
         # The embedded weights are a quadrature of order s with weight gamma at 0. With hF = A^-1 Z they become weights
         # of Z.
@@ -64,18 +68,19 @@ class RadauStep:
         return [float(w) for w in (weights - A[-1]) @ np.linalg.inv(A)]
 
     def predict(self, ratio: Any, *old: Any) -> tuple[Any, ...]:
-        """Return initial guesses of the increments: the polynomial through the last ones, `old`, extrapolated.
+        """Return guesses of the next step's increments: the extrapolated polynomial through those of the last step.
 
-        `ratio` is the length of the next step divided by that of the last step.
+        `old` are the increments of the last step. `ratio` is the length of the next step divided by that of the last.
         """
         _, _, c = collocation_tableau(POINTS[self.stages])
         return tuple(value - old[-1] for value in continued((0.0, *c), c, ratio, (old[0] * 0, *old)))
 
 
 def continued(points: Sequence[float], next_points: Sequence[float], ratio: Any, old: Sequence[Any]) -> list[Any]:
-    """Return values on the next step of the polynomial through the values `old` at `points` of the last step.
+    """Return values on the next step of the polynomial that has the values `old` at `points` of the last step.
 
-    Points are fractions of a step. `next_points` are those of the next step, which is `ratio` times as long.
+    The values are at `next_points`. Points are fractions of their step. The next step is `ratio` times as long as the
+    last.
     """
     basis = [np.poly1d(line[::-1]) for line in lagrange_basis(points)]
 
@@ -93,7 +98,10 @@ RADAU3, RADAU5 = RadauStep(2), RadauStep(3)
 
 @dataclass(frozen=True)
 class RadauPath:
-    """Factory of the dense output: a polynomial of degree and order `stages` + 1 for each step."""
+    """Function that makes the dense output of Radau's method: on each step a polynomial of degree `stages` + 1.
+
+    Its order is `stages` + 1, too.
+    """
 
     stages: int
 

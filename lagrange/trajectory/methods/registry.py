@@ -78,7 +78,10 @@ def register(name: str, method: Any, *, order: int | None = None, replaces: bool
 
 
 def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator]:
-    """Return the function that makes the integrator, after a check of its result."""
+    """Return a function that makes the integrator of a registered `method`, after a check of what it makes.
+
+    `method` and `order` are the arguments of `register`.
+    """
     if order is not None:
         if isinstance(method, ButcherTableau) or callable(getattr(method, "integrate", None)):
             raise StatementError(f"{name} is not a step function and has its order already: leave out order.")
@@ -105,7 +108,7 @@ def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator
 
 
 def _needed(method: Callable[..., Any]) -> list[str]:
-    """Return the names of a method's required arguments."""
+    """Return the names of the required arguments of a function or class that a user registers as a method."""
     try:
         parameters = inspect.signature(method).parameters.values()
     except (TypeError, ValueError):
@@ -115,7 +118,7 @@ def _needed(method: Callable[..., Any]) -> list[str]:
 
 @dataclass(frozen=True)
 class MethodRow:
-    """One row of the table of methods."""
+    """One row of the table of methods: the name of a method, its claimed properties, and a short description."""
 
     name: str
     claims: Claims
@@ -123,7 +126,7 @@ class MethodRow:
 
 
 class MethodTable(tuple[MethodRow, ...]):
-    """The table of methods with their claims; it prints as text."""
+    """The table of all methods with their claimed properties, one row each; it prints as text."""
 
     def __str__(self) -> str:
         wide = max((len(row.name) for row in self), default=6) + 2
@@ -143,7 +146,7 @@ class MethodTable(tuple[MethodRow, ...]):
         return self.to_markdown()
 
     def to_markdown(self) -> str:
-        """Return the table as Markdown."""
+        """Return the table of methods as Markdown."""
         titles = ["method", "order", "step", *(what for what, _ in MARKS), "dense", "about"]
         lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
         for row in self:
@@ -167,12 +170,15 @@ def _kind(claims: Claims) -> str:
 
 
 def names() -> list[str]:
-    """Return the names of all methods."""
+    """Return the names of all methods: built-in ones, those of installed packages, and registered ones."""
     return [*BUILT_IN, *(name for name in sorted(_offered()) if name not in BUILT_IN), *_registered]
 
 
 def find(method: Any) -> Integrator:
-    """Return the integrator of a registered name, or `method` if it is one. Raises StatementError for anything else."""
+    """Return the integrator `method` itself, or the one with this name. Raises StatementError for anything else.
+
+    A tableau gives its Runge-Kutta method.
+    """
     if isinstance(method, ButcherTableau):
         return RungeKutta(method)
     if not isinstance(method, str):
@@ -201,12 +207,12 @@ def find(method: Any) -> Integrator:
 
 @cache
 def _built_in(name: str) -> Integrator:
-    """Return a built-in method with default settings. One instance serves all runs, because it has no state."""
+    """Return the built-in method `name` with default settings. One instance serves all runs: it has no state."""
     return BUILT_IN[name]()
 
 
 def table() -> MethodTable:
-    """Return every method with its claims."""
+    """Return the table of all methods: each with its name, its claimed properties, and a description."""
     rows = []
     for name in names():
         integrator = find(name)
@@ -216,7 +222,7 @@ def table() -> MethodTable:
 
 
 def _about(name: str, integrator: Integrator) -> str:
-    """Return a description of a method in one line."""
+    """Return the description of a method in the table of methods, one line without a full stop."""
     described: Any = BUILT_IN[name] if name in BUILT_IN else type(integrator)
     match integrator:
         case StepMethod():
@@ -232,7 +238,10 @@ def _about(name: str, integrator: Integrator) -> str:
 
 @cache
 def _loaded(name: str) -> Callable[[], Integrator]:
-    """Return the class of a method of another package. It is cached: loading takes as long as a short run."""
+    """Return the constructor of the method `name` of another package; it is cached.
+
+    Loading it takes as long as a short run.
+    """
     loaded: Callable[[], Integrator] = _offered()[name].load()
     return loaded
 

@@ -54,9 +54,10 @@ KAHAN_LI = (
 
 @dataclass(frozen=True)
 class Splitting:
-    """A composition of kicks and drifts. `stages` are pairs (kick, drift) of fractions of the step; the kick is first.
+    """An integrator that composes kicks and drifts. `stages` are pairs (kick, drift) of fractions of the step h.
 
-    The sums and every order condition up to `order` are checked. Raises StatementError with the condition that fails
+    In each pair the kick, of the velocities, comes first, then the drift of the coordinates. The sums of the
+    fractions and every order condition up to `order` are checked. Raises StatementError with the condition that fails
     and its error.
     """
 
@@ -81,39 +82,39 @@ class Splitting:
 
     @property
     def flows(self) -> tuple[tuple[str, float], ...]:
-        """The flows of a step, in order: ("kick" or "drift", fraction of the step)."""
+        """The kicks and drifts of a step, in order, as pairs ("kick" or "drift", fraction of the step)."""
         pairs = [flow for kick, drift in self.stages for flow in (("kick", kick), ("drift", drift)) if flow[1]]
         grouped = groupby(pairs, key=lambda flow: flow[0])
         return tuple((what, sum(part for _, part in parts)) for what, parts in grouped)
 
     @property
     def symmetric(self) -> bool:
-        """True if the flows are the same in reverse order, so that a step of -h undoes a step of h."""
+        """True if the kicks and drifts are the same in reverse order, so that a step of -h undoes a step of h."""
         return self.flows == self.flows[::-1]
 
     @cached_property
     def claims(self) -> Claims:
-        """Order, symplecticity, and symmetry in time. The dense output is a cubic."""
+        """The claimed properties: the order, symplecticity, symmetry in time, and the order of the dense output."""
         return Claims(order=self.order, symplectic=True, symmetric=self.symmetric, dense=max(3, self.order - 1))
 
     @property
     def program(self) -> StepProgram:
-        """The step as a program."""
+        """A step of the splitting as a program."""
         return splitting_step(self.name, self.stages)
 
     def plan(self, problem: Problem) -> StepPlan:
-        """Return the plan of the method. Raises StatementError for a system that cannot be split."""
+        """Return the plan of a run of the splitting. Raises StatementError for a system that cannot be split."""
         check_splits(self.name, problem)
         tolerances = fixed_settings(self.name, problem, self.step, None, None)
         return StepPlan(self.program, tolerances, hermite_path(self.order))
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Return the trajectory of the problem."""
+        """Return the trajectory of a problem, run by this splitting."""
         return drive_by(self, problem, self.name)
 
 
 def _pairs(name: str, stages: Any) -> SplittingStages:
-    """Return the stages of a splitting as pairs of floats."""
+    """Return the `stages` that a user gives for the splitting `name` as pairs of floats, (kick, drift)."""
     if isinstance(stages, tuple) and all(isinstance(x, tuple) and [*map(type, x)] == [float, float] for x in stages):
         return stages
     listed = entries(stages, f"the stages of {name}")
@@ -124,13 +125,21 @@ def _pairs(name: str, stages: Any) -> SplittingStages:
 
 
 def check_splits(name: str, problem: Problem) -> None:
-    """Raise StatementError if the kinetic energy is not separable, or forces depend on velocities."""
+    """Raise StatementError if method `name` cannot split the system of a problem into kicks and drifts.
+
+    This is so if the mass matrix is not constant, if equations are of first order, or if accelerations depend on
+    velocities.
+    """
     check_problem(name, problem)
     check_separable(name, problem.model)
 
 
 def check_separable(name: str, model: Model) -> None:
-    """Raise StatementError if the kinetic energy of a model is not separable, or forces depend on velocities."""
+    """Raise StatementError if method `name` cannot split a model into kicks and drifts.
+
+    This is so if the mass matrix is not constant, if equations are of first order, or if accelerations depend on
+    velocities.
+    """
     structure = model.equations.structure
     position_only = structure.position_only or structure.decisions.position_only is True
     if not structure.constant_mass and structure.decisions.constant_mass is not True:
@@ -155,7 +164,10 @@ def check_separable(name: str, model: Model) -> None:
 
 @lru_cache(maxsize=64)
 def splitting_step(name: str, stages: SplittingStages) -> StepProgram:
-    """Return the step program of a splitting. Time is advanced with the coordinates."""
+    """Return the step program of a splitting with these stages, pairs (kick, drift) of fractions of the step.
+
+    Time is advanced with the coordinates, by the drifts.
+    """
     last = max(i for i, (_, drift) in enumerate(stages) if drift)
 
     def step(a: Callable[..., Any], t: Any, q: Any, v: Any, h: Any) -> tuple[Any, Any]:
@@ -276,7 +288,7 @@ def Composition8(step: float | None = None) -> Splitting:
 
 
 def _mirrored(outer: tuple[float, ...]) -> tuple[float, ...]:
-    """Return symmetric coefficients with sum 1: `outer` on both sides, and a middle one."""
+    """Return symmetric coefficients with the sum 1: `outer`, one coefficient in the middle, and `outer` reversed."""
     return (*outer, 1 - 2 * sum(outer), *outer[::-1])
 
 
@@ -289,7 +301,10 @@ HIGHEST_CHECKED = 10
 
 @lru_cache(maxsize=64)
 def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> None:
-    """Raise StatementError if a composition of `flows`, ("kick" or "drift", step fraction), is not of the `order`."""
+    """Raise StatementError if a composition of kicks and drifts is not of the claimed `order`.
+
+    `flows` are pairs ("kick" or "drift", fraction of the step), in order. `name` is the name of the method.
+    """
     if not 1 <= order <= HIGHEST_CHECKED:
         raise StatementError(f"{name} claims order {order}: orders from 1 to {HIGHEST_CHECKED} can be checked.")
     actual = word_coefficients(order, tuple((what[0], part) for what, part in flows))
@@ -305,9 +320,10 @@ def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> 
 
 
 def word_coefficients(order: int, flows: tuple[tuple[str, float], ...]) -> dict[str, float]:
-    """Return the coefficients of all words of at most `order` letters in a product of exponentials.
+    """Return the coefficients of all words of 1 to `order` letters in the series of a product of exponentials.
 
-    `flows` has the factors exp(c * letter) as pairs (letter, c), with the letters "k" and "d".
+    `flows` has the factors exp(c * letter), in order, as pairs (letter, c) with the letters "k" (kick) and "d"
+    (drift).
     """
     words = ["".join(letters) for n in range(order + 1) for letters in product("dk", repeat=n)]
     result = dict.fromkeys(words, 0.0) | {"": 1.0}

@@ -58,11 +58,14 @@ class Taylor:
 
     @cached_property
     def claims(self) -> Claims:
-        """Step control. The order is listed as 20, since it depends on the tolerance and the system."""
+        """The claimed properties of the method: order, adaptive steps, and events.
+
+        The order is listed as 20 if it is not fixed, since it depends on the tolerance and the system.
+        """
         return Claims(order=self.order or 20, adaptive=True, events=True, dense=self.order or 20)
 
     def plan(self, problem: Problem) -> TaylorPlan:
-        """Return the plan of the method for a problem."""
+        """Return the plan of a run: the Taylor series of the system, its order, the tolerances, and the events."""
         tolerances = adaptive_settings(
             self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=partial(_margin, problem)
         )
@@ -72,13 +75,16 @@ class Taylor:
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Return the trajectory of the problem."""
+        """Return the trajectory of a problem, run by this method."""
         return drive_by(self, problem, self.name)
 
 
 @dataclass(frozen=True, eq=False)
 class TaylorPlan:
-    """The plan of a series at an order, with tolerances. `impacts` are the events of the run, after the surfaces."""
+    """The plan of a run by Taylor series: the series, its order, the tolerances, and the event functions `impacts`.
+
+    In the series the event functions follow the switching surfaces.
+    """
 
     series: Series
     order: int
@@ -87,24 +93,24 @@ class TaylorPlan:
 
     @cached_property
     def form(self) -> str:
-        """The order, and one word on how the series is computed."""
+        """Description of the run: the order, and one word on how the series is computed."""
         return f"order {self.order}, {self.series.form(self.order)}"
 
     writes_outputs = True
 
     @property
     def watched(self) -> bool:
-        """True if there are events or switching surfaces."""
+        """True if a run has to search for zeros: of events, of switching surfaces, or of square roots."""
         return bool(self.series.program.watched)
 
     def driver(self, model: Model, parameters: FloatArray) -> SeriesDriver:
-        """Return the driver. The sides of switching surfaces are undecided (NaN)."""
+        """Return a driver of the steps. Its sides, the signs of the switching surfaces, are still undecided (NaN)."""
         if sides := self.series.program.sides:
             parameters = np.concatenate([parameters, np.full(sides, np.nan)])
         return SeriesDriver(model.machine, self.series.code(self.order), self.order, parameters)
 
     def watch(self, problem: Problem, driver: SeriesDriver, memory: EventMemory | None = None) -> SeriesWatch | None:
-        """Return the search for events and surface crossings, or None without any."""
+        """Return the object that searches the steps for events and crossings of surfaces, or None without any."""
         if not self.watched:
             return None
         parameters, tolerances = problem.parameter_array, self.tolerances
@@ -114,7 +120,11 @@ class TaylorPlan:
         return SeriesWatch(self.series, self.order, driver, parameters, self.impacts, names, continuations, memory)
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: SeriesWatch | None) -> SeriesPath:
-        """Return the dense output: the series of each step."""
+        """Return the dense output through accepted times (S+1,) and states (S+1, 2n): the Taylor series of each step.
+
+        `watch` has the parameters and sides of surfaces at each step. A step without a series has a cubic Hermite
+        path.
+        """
         parameters = problem.parameter_array
         if watch is None:
             return SeriesPath(self.series, self.order, ((0, parameters),), times, states)
@@ -122,9 +132,10 @@ class TaylorPlan:
         return SeriesPath(self.series, self.order, tuple(watch.epochs), times, states, paths)
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state (2n,) after the failed step.
+        """Return the state (2n,) to report for a run that failed: that after the failed step.
 
-        If its series has coefficients that are not finite, the first of them replace the entries of the present state.
+        If its series has coefficients that are not finite, the first of them replace the entries of the present
+        state.
         """
         parameters = problem.parameter_array
         sides = stated_sides(self.series.program, state.t, state.y, parameters)
@@ -147,7 +158,7 @@ this factor the lengths stay within 1e-13 of 1 over 1e5 steps at the default tol
 
 
 def _margin(problem: Problem, rtol: float) -> float:
-    """Return the fraction of the tolerances at which the steps of a problem aim."""
+    """Return the fraction of the tolerances at which Taylor steps aim, for a problem and its relative tolerance."""
     margin = STEP_MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
     return margin * QUATERNION_MARGIN if problem.model.statement.rotations else margin
 
@@ -164,7 +175,7 @@ def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]
 
 
 def watched_names(problem: Problem) -> list[str]:
-    """Return the names of surfaces, then of events, in the user's symbols."""
+    """Return the texts of the watched functions in the user's symbols: surfaces, then events, then square roots."""
     model = problem.model
     events = tuple(model.equations.translate(event.expression) for event in problem.events)
     square_roots = _square_roots(model, events)

@@ -33,7 +33,7 @@ LEAST_RTOL = 100 * 2.0**-52
 
 
 def step_size(value: Any) -> float:
-    """Return the size of equal steps. Raises StatementError if it is not a positive number."""
+    """Return the user's step size as a float. Raises StatementError if it is not a positive number."""
     size = real_number(value, "step")
     if size <= 0:
         raise StatementError(f"step = {size:g}: give a positive size; the direction follows from the time span.")
@@ -41,7 +41,10 @@ def step_size(value: Any) -> float:
 
 
 def check_options(step: Any = None, rtol: Any = None, atol: Any = None) -> None:
-    """Raise StatementError for options that no run could use. Methods call this when they are made."""
+    """Raise StatementError for a step size or a tolerance that no run could use.
+
+    Methods call this when they are made.
+    """
     if step is not None:
         step_size(step)
     for what, value in (("rtol", rtol), ("atol", atol)):
@@ -61,8 +64,9 @@ def adaptive_settings(
 ) -> Tolerances:
     """Return the tolerances of an adaptive method: those of the run, else of the method, else the defaults.
 
-    The default absolute tolerance follows the scale of each entry, by `FLOOR_SHARE`. If the run and the method both
-    state a value, the values must be equal. `least` is the smallest relative tolerance that the method can use.
+    `name` is the method's name. `step`, `rtol` and `atol` are the method's own options; a step is refused. If the run
+    and the method both state a tolerance, the two must be equal. The default absolute tolerance of an entry is a
+    fraction of its size, by `FLOOR_SHARE`. `least` is the smallest relative tolerance that the method can use.
     `margin` maps rtol to the fraction of the tolerances at which the method's steps aim.
     """
     check_problem(name, problem)
@@ -86,7 +90,10 @@ def adaptive_settings(
 def fixed_settings(
     name: str, problem: Problem, step: float | None, rtol: float | None, atol: float | None
 ) -> Tolerances:
-    """Return the step of a fixed-step method: that of the run, else of the method, else a thousandth of the span."""
+    """Return the step of a fixed-step method: that of the run, else of the method, else a thousandth of the span.
+
+    `name` is the method's name. `step`, `rtol` and `atol` are the method's own options; tolerances are refused.
+    """
     check_problem(name, problem)
     if problem.rtol is not None or problem.atol is not None or rtol is not None or atol is not None:
         raise StatementError(
@@ -109,13 +116,16 @@ def fixed_settings(
 
 
 def check_problem(name: str, problem: Problem) -> None:
-    """Raise StatementError for an argument that is not a problem."""
+    """Raise StatementError if `problem`, the argument of method `name`, is not a `Problem`."""
     if not isinstance(problem, Problem):
         raise StatementError(f"{name} cannot run {shown(problem)}: give an lg.Problem, or call lg.integrate().")
 
 
 def check_holonomic(name: str, problem: Problem) -> None:
-    """Raise StatementError for constraints stated in velocities; coordinates without inertia cause such constraints."""
+    """Raise StatementError for constraints stated in velocities, and for coordinates without inertia.
+
+    Method `name` supports neither.
+    """
     check_problem(name, problem)
     equations = problem.model.equations
     constraints = equations.stated
@@ -135,7 +145,10 @@ def check_holonomic(name: str, problem: Problem) -> None:
 
 
 def check_unconstrained(name: str, problem: Problem) -> None:
-    """Raise StatementError for constraints or coordinates without inertia, which method `name` does not support."""
+    """Raise StatementError if a problem has constraints or coordinates without inertia.
+
+    Method `name` does not support them.
+    """
     check_problem(name, problem)
     if problem.model.equations.first_order:
         raise StatementError(
@@ -151,7 +164,7 @@ def check_unconstrained(name: str, problem: Problem) -> None:
 
 
 def _tolerance(name: str, what: str, run_value: Any, method_value: Any) -> float | None:
-    """Return a tolerance: the value of the run, else that of the method, else None.
+    """Return the tolerance `what`, "rtol" or "atol": the value of the run, else that of method `name`, else None.
 
     Raises StatementError if the run and the method state different values.
     """
@@ -164,7 +177,7 @@ def _tolerance(name: str, what: str, run_value: Any, method_value: Any) -> float
 
 
 def _number(what: str, value: Any) -> float:
-    """Return a tolerance. Raises StatementError if it is not a number."""
+    """Return the tolerance `what`, "rtol" or "atol", as a float. Raises StatementError if it is not a number."""
     if type(value) is float and 0 < value < 1:
         return value
     single = isinstance(value, (str, bytes)) or (isinstance(value, np.ndarray) and value.ndim == 0)

@@ -28,7 +28,7 @@ ARITHMETIC = {
 
 
 def refusal(name: str, what: str) -> StatementError:
-    """Return the error that says what a step function did and what it may do."""
+    """Return the error for the step function `name`: it says `what` is wrong, and what a step may do."""
     return StatementError(
         f"the step function {name} cannot be used: {what}. A step adds vectors and multiplies them by numbers made of "
         "t and h."
@@ -36,19 +36,22 @@ def refusal(name: str, what: str) -> StatementError:
 
 
 def kind_of(value: object) -> str:
-    """Return a description of the type of an object, for messages."""
+    """Return a description of a value by its type, for messages, such as "the number 2" or "a list"."""
     if isinstance(value, Fraction) and value.denominator == 1:
         value = value.numerator
     return f"the number {shown(value)}" if isinstance(value, Real) else f"a {type(value).__name__}"
 
 
 def number(value: Real) -> Coefficient:
-    """Return a number, as a fraction if it is exact."""
+    """Return a number as a fraction if it is exact, that is an integer or rational, else as a float."""
     return Fraction(value) if isinstance(value, Rational) else float(value)
 
 
 def _refusing(what: str) -> Callable[..., Any]:
-    """Return a method of `TrialVector` that raises an error; `what` is its text, with places for the arguments."""
+    """Return a method of `TrialVector` that raises an error, for an operation that a step function may not use.
+
+    `what` is the text of the error, with places for the arguments.
+    """
 
     def refuse(self: TrialVector, *arguments: object, **_: object) -> NoReturn:
         raise self._refused(what.format(*arguments))
@@ -57,7 +60,7 @@ def _refusing(what: str) -> Callable[..., Any]:
 
 
 class TrialVector:
-    """A linear combination of the state and the slopes with numeric coefficients."""
+    """A linear combination of the state and the slopes with numeric coefficients, from a trial call of a step."""
 
     def __init__(self, name: str, terms: Mapping[int, Coefficient]) -> None:
         self._name = name
@@ -65,7 +68,7 @@ class TrialVector:
 
     @property
     def terms(self) -> dict[int, Coefficient]:
-        """The coefficients that are not zero, by the index of the vector: state vectors first, then slopes."""
+        """The nonzero coefficients of the combination, by index of the vector: state vectors first, then slopes."""
         return {i: c for i, c in self._terms.items() if c}
 
     def __add__(self, other: Any) -> TrialVector:

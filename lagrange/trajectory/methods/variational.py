@@ -24,7 +24,10 @@ Momenta = Callable[..., tuple[Any, Any]]
 
 
 def variational_midpoint(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Return (q, v) at t + h. The discrete action of the step is h L at the midpoint and the mean velocity."""
+    """Return (q, v) at t + h after a step whose discrete action is h L at its midpoint and mean velocity.
+
+    The step begins with q and v at time t. `g(t, q, v)` returns the momenta and forces.
+    """
     before, _ = g(t, q, v)
 
     def residuals(mean: Any, end: Any) -> tuple[Any, Any]:
@@ -37,10 +40,11 @@ def variational_midpoint(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Call
 
 
 def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-    """Return (q, v) at t + h. The discrete action of the step is the mean of h L at both ends, at the mean velocity.
+    """Return (q, v) at t + h after a step whose discrete action is the mean of h L at both ends.
 
-    `g(t, q, v)` returns the momenta dL/dv and the forces that change them. `solve(residuals, guess)` returns the
-    unknowns at which the residuals are zero: here the mean velocity and the velocity at the end.
+    L is taken at the mean velocity of the step. `g(t, q, v)` returns the momenta dL/dv and the forces that change
+    them. `solve(residuals, guess)` returns the unknowns at which the residuals are zero: here the mean velocity and
+    the velocity at the end.
     """
     before, _ = g(t, q, v)
 
@@ -56,9 +60,10 @@ def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Cal
 
 @dataclass(frozen=True)
 class Galerkin:
-    """A step that integrates q' = v and p' = f with the tableau A, b, c of s collocation points c.
+    """The step function that integrates q' = v and p' = f with the Runge-Kutta tableau A, b, c of s stages.
 
-    With Gauss's points the discrete action is the action of polynomials of degree s, integrated with s points.
+    With the tableau of Gauss's method the discrete action is the action of polynomials of degree s, integrated with s
+    points.
     """
 
     A: tuple[tuple[Abscissa, ...], ...]
@@ -66,7 +71,7 @@ class Galerkin:
     c: tuple[Abscissa, ...]
 
     def __call__(self, g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-        """Return (q, v) at t + h."""
+        """Return (q, v) at t + h after a step from q and v at t; g(t, q, v) returns the momenta and forces."""
         A, b, c = self.A, self.b, self.c
         before, _ = g(t, q, v)
 
@@ -84,12 +89,12 @@ class Galerkin:
 
 
 def mean_value_gradient(points: int) -> Galerkin:
-    """Return the step along the mean gradient of the energy on the straight line of the step in (q, p).
+    """Return the step function that moves (q, p) by the mean gradient of the energy on the straight line of the step.
 
-    The energy changes by the product of mean gradient and step, which are perpendicular. So the energy is conserved,
-    up to the error of the mean, which is computed by Gauss's quadrature with `points` points. Source: R. I. McLachlan,
-    G. R. W. Quispel, N. Robidoux, Phil. Trans. R. Soc. A 357, 1999, eq. 2.4; E. Hairer, C. Lubich, G. Wanner, Geometric
-    Numerical Integration, V.5.
+    The mean is computed by Gauss's quadrature with `points` points. The energy changes by the product of mean
+    gradient and step, which are perpendicular. So the energy is conserved, up to the error of the quadrature. Source:
+    R. I. McLachlan, G. R. W. Quispel, N. Robidoux, Phil. Trans. R. Soc. A 357, 1999, eq. 2.4; E. Hairer, C. Lubich,
+    G. Wanner, Geometric Numerical Integration, V.5.
     """
     _, b, c = gauss_tableau(points)
     return Galerkin(tuple(tuple(ci * weight for weight in b) for ci in c), b, c)

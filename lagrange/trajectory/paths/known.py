@@ -14,9 +14,10 @@ from lagrange.trajectory.trajectory import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class OutputPath:
-    """Output times (K,), rising or falling, their states (2n, K), and the path between them.
+    """Output times (K,), rising or falling, the states (2n, K) at these times, and the path between them.
 
-    A run that stored only its outputs has no path; `refusal` then gives the cause and the remedy.
+    `path` maps times (k,) to states (2n, k). It is None for a run that stored its outputs alone; `refusal` then
+    states the cause and the remedy.
     """
 
     times: FloatArray
@@ -25,7 +26,7 @@ class OutputPath:
     refusal: str = ""
 
     def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states (2n, K) at times in any order.
+        """Return the states (2n, k) at times (k,) in any order.
 
         Raises RunError for a time between output times if there is no path.
         """

@@ -21,9 +21,10 @@ up to 12 through states at rounded times would oscillate.
 
 @dataclass(frozen=True, eq=False)
 class StepInterpolant:
-    """The polynomial over one step, from `begin` over `length`, with `values` (k, 2n) at Chebyshev's points.
+    """The polynomial over one step from the time `begin`, by its `values` (k, 2n) at Chebyshev points.
 
-    The polynomial passes through both accepted states. The solver's own interpolant may miss them by the tolerance.
+    `length` is the length of the step. The polynomial passes through both accepted states. The solver's own
+    interpolant may miss them by the tolerance.
     """
 
     begin: float
@@ -56,15 +57,16 @@ class StepInterpolant:
         return cls(times[0], times[1] - times[0], values)
 
     def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states (2n, k) at times (k,)."""
+        """Return the states (2n, k) at times (k,) on the step."""
         shares = _shares(len(self.values), (times - self.begin) / self.length)
         return np.asarray((shares @ self.values).T)
 
 
 class StepInterpolants(Sequence[StepInterpolant]):
-    """The polynomials over steps, from the step with index `first` on. Each is sampled at its first access.
+    """The polynomials over the steps of a run, from the step with index `first` on. Each is made at its first access.
 
-    Sampling takes as long as a step of a fast solver, and few runs need states between their steps.
+    The solver's path is sampled for it. This takes as long as a step of a fast solver, and few runs need states
+    between their steps.
     """
 
     def __init__(self, entries: list[Any], first: int = 0) -> None:
@@ -87,22 +89,23 @@ class StepInterpolants(Sequence[StepInterpolant]):
 
 @dataclass(frozen=True, eq=False)
 class SampledPath:
-    """Accepted steps: times (S+1,), states (S+1, 2n), and the polynomial of each, all of one degree."""
+    """The path over accepted steps: times (S+1,), states (S+1, 2n), and polynomials of one degree, one per step."""
 
     times: FloatArray
     states: FloatArray
     interpolants: Sequence[StepInterpolant]
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
-        """Return the states (2n, k, K) at the fractions theta (K,) of each of the steps (k,)."""
+        """Return the states (2n, k, K) at the fractions theta (K,) of each of k steps, which are given by index."""
         values = np.stack([self.interpolants[step].values for step in steps.tolist()])
         return np.asarray(np.moveaxis(_shares(values.shape[1], theta) @ values, -1, 0))
 
 
 def _shares(count: int, theta: FloatArray) -> FloatArray:
-    """Return the interpolation weights (K, count) of values at `count` points, for fractions theta (K,).
+    """Return the weights (K, count) with which values at `count` Chebyshev points enter the polynomial at theta (K,).
 
-    J.-P. Berrut, L. N. Trefethen, Barycentric Lagrange interpolation, SIAM Review 46 (2004) 501, (4.2) and (5.4).
+    The points and theta are fractions of a step. J.-P. Berrut, L. N. Trefethen, Barycentric Lagrange interpolation,
+    SIAM Review 46 (2004) 501, (4.2) and (5.4).
     """
     away = theta[:, None] - nodes(count - 1)
     hits = away == 0

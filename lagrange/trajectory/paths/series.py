@@ -14,10 +14,10 @@ from lagrange.trajectory.trajectory import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class SeriesPath:
-    """Accepted steps, times (S+1,) and states (S+1, 2n), and the series that leads from each to the next.
+    """The path over accepted steps by Taylor series: times (S+1,), states (S+1, 2n), and the series of a given order.
 
-    `epochs` are pairs of a step number, and the parameters and sides that are valid from this step on. `continuations`
-    has the dense output of steps without a series, by step number.
+    `epochs` are pairs of a step index and an array: the parameters, and the signs of switching surfaces, from this
+    step on. `continuations` maps the indices of steps without a series to their dense output.
     """
 
     series: Series
@@ -34,7 +34,7 @@ class SeriesPath:
         return sorted_along(bool(self.times[-1] >= self.times[0]), times, self._sorted)
 
     def _sorted(self, requested_times: FloatArray) -> FloatArray:
-        """Return the states (2n, K) at times (K,) that are sorted in the direction of the run."""
+        """Return the states (2n, K) at `requested_times` (K,), which are sorted in the direction of the run."""
         states = np.empty((self.states.shape[1], len(requested_times)))
         if len(self.epochs) == 1 and not self.continuations:
             self.series.dense(self.order, self.epochs[0][1]).at(self.times, self.states, requested_times, states)

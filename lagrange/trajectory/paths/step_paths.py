@@ -21,10 +21,10 @@ from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
 @dataclass(frozen=True, eq=False)
 class StepPath:
-    """Accepted steps: times (S+1,), states (S+1, 2n), and the dense output of the method that took them.
+    """The path over accepted steps: times (S+1,), states (S+1, 2n), and the dense output of their method.
 
     On each step the path is a polynomial of degree at most 16, on which events are located; `kind` is its formula.
-    `tableau` is the tableau of an explicit Runge-Kutta method, whose stages define the path, else None.
+    `tableau` is that of an explicit Runge-Kutta method, whose stages define the path, else None.
     """
 
     dense: DensePath
@@ -35,9 +35,9 @@ class StepPath:
 
     @property
     def joins(self) -> bool:
-        """True if the path of a step also uses a slope of the previous step.
+        """True if the path over a step also uses a slope of the previous step.
 
-        The path of the first step uses the next step.
+        The path over the first step uses one of the next step.
         """
         return self.kind.derivative
 
@@ -57,7 +57,7 @@ class StepPath:
         self.dense.at(self.times, self.states, requested_times, out)
 
     def inside(self, steps: Places, theta: FloatArray) -> FloatArray:
-        """Return the states (2n, k, K) at the fractions theta (K,) of each of the steps (k,)."""
+        """Return the states (2n, k, K) at the fractions theta (K,) of each of k steps, which are given by index."""
         return np.asarray(polyval(theta, self.dense.coefficients(self.times, self.states, steps)))
 
 
@@ -88,7 +88,7 @@ class MotionsPath:
         return states
 
     def _motion(self, number: int) -> StepPath:
-        """Return the dense output of the smooth piece `number` between two resets."""
+        """Return the path over the smooth piece of the run with index `number`. Resets separate the pieces."""
         rows, ends, whole = self.breaks
         begin = int(rows[number - 1]) + 1 if number else 0
         last = int(rows[number]) if number < len(rows) else len(self.times) - 1
@@ -99,7 +99,10 @@ class MotionsPath:
 
 
 def sorted_along(forward: bool, times: FloatArray, at: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Return the states (2n, K) at times in any order. `at` needs times that rise, or fall if not `forward`."""
+    """Return the states (2n, K) at times (K,) in any order, from a function `at` that needs sorted times.
+
+    `at` maps times that rise, or fall if not `forward`, to states (2n, K).
+    """
     rising = times if forward else -times
     if (rising[1:] >= rising[:-1]).all():
         return at(times)
@@ -119,20 +122,26 @@ def step_path(
     states: FloatArray,
     tableau: ButcherTableau | None = None,
 ) -> StepPath:
-    """Return the dense output by the formula `kind` through accepted times (S+1,) and states (S+1, 2n)."""
+    """Return the path by the formula `kind` through accepted times (S+1,) and states (S+1, 2n) of a model.
+
+    `parameters` are the model's parameters. `tableau` is that of an explicit Runge-Kutta method, else None.
+    """
     derivative = model.kernel("jacobian") if kind.derivative else None
     dense = model.machine.dense(kind, model.kernel("rhs"), parameters, derivative)
     return StepPath(dense, times, states, kind, tableau)
 
 
 def runge_kutta_path(problem: Problem, times: FloatArray, states: FloatArray, tableau: ButcherTableau) -> StepPath:
-    """Return the dense output of an explicit Runge-Kutta method, by its stages."""
+    """Return the path of an explicit Runge-Kutta method, by its stages, through accepted times (S+1,).
+
+    `states` (S+1, 2n) are the accepted states at these times.
+    """
     return step_path(problem.model, problem.parameter_array, _of_tableau(tableau), times, states, tableau)
 
 
 @lru_cache(maxsize=64)
 def _of_tableau(tableau: ButcherTableau) -> StepPolynomial:
-    """Return the formula of the dense output of a Runge-Kutta method."""
+    """Return the formula of the dense output of an explicit Runge-Kutta method, from its tableau."""
     if tableau.dense is None:
         raise AssertionError("a method is registered with its dense output")
     rows = np.zeros((len(tableau.rows), len(tableau.rows)))
@@ -144,7 +153,10 @@ def _of_tableau(tableau: ButcherTableau) -> StepPolynomial:
 
 
 def hermite_path(order: int) -> Callable[[Problem, FloatArray, FloatArray], StepPath]:
-    """Return the function that makes Hermite paths of degree `order` - 1, at least 3, for a method of an order."""
+    """Return a function that makes Hermite paths of degree `order` - 1, at least 3, for a method of this order.
+
+    The function takes a problem, accepted times (S+1,) and states (S+1, 2n).
+    """
 
     def path(problem: Problem, times: FloatArray, states: FloatArray) -> StepPath:
         kind = hermite_polynomial(max(3, order - 1))

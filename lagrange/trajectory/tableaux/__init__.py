@@ -1,1 +1,1 @@
-"""Coefficients of methods as data, and the conditions that they are checked against."""
+"""Coefficients of integration methods as data, and the order conditions against which they are checked."""

@@ -32,7 +32,7 @@ HIGHEST_CHECKED = 10
 
 
 def row(text: str) -> Coefficients:
-    """Read a row of coefficients such as ``"1/5 -3 0.25"``.
+    """Return the coefficients in a line of text such as ``"1/5 -3 0.25"``.
 
     Whole numbers and fractions stay exact, decimals become floats.
     """
@@ -40,14 +40,14 @@ def row(text: str) -> Coefficients:
 
 
 def rows(text: str) -> tuple[Coefficients, ...]:
-    """Read a matrix of coefficients: one row per line, empty lines left out."""
+    """Return the rows of coefficients in a text: one row per line, empty lines left out."""
     return tuple(row(line) for line in text.splitlines() if line.strip())
 
 
 def moved(tableau: ButcherTableau, f: Callable[[Any, Any], Any], t: Any, y: Any, h: Any) -> tuple[Any, ...]:
-    """Return the state after a step of length h from (t, y), and the error estimates of the tableau: none, one or two.
+    """Return the state after a Runge-Kutta step of length h from (t, y), then the error estimates of the tableau.
 
-    `f` is the right-hand side f(t, y).
+    `f` is the right-hand side f(t, y). A tableau has no estimate, one or two.
     """
     slopes: list[Any] = []
     for row, c in zip(tableau.A, tableau.c, strict=True):
@@ -59,7 +59,7 @@ def moved(tableau: ButcherTableau, f: Callable[[Any, Any], Any], t: Any, y: Any,
 
 
 def _weighted(weights: Coefficients, slopes: Sequence[Any]) -> Any:
-    """Return the sum of slopes, each times its weight; slopes without a weight are left out."""
+    """Return the sum of the slopes of stages, each times its weight; slopes without a weight are left out."""
     return sum(slope * (int(w) if w == int(w) else float(w)) for w, slope in zip(weights, slopes, strict=False) if w)
 
 
@@ -82,7 +82,7 @@ class ErrorEstimate:
 
     @property
     def control(self) -> int:
-        """The power of h with which the norm shrinks: the step factor is norm**(-1/control)."""
+        """The power of h with which the norm of the error shrinks: the step factor is norm**(-1/control)."""
         return 2 * self.order - self.damping_order + 1 if self.damping else self.order + 1
 
 
@@ -145,29 +145,29 @@ class ButcherTableau:
 
     @property
     def stages(self) -> int:
-        """The number of stages, without those of the dense output alone."""
+        """The number of stages s, without further stages that only the dense output needs."""
         return len(self.b)
 
     @property
     def fsal(self) -> bool:
-        """True if the last stage is f(t + h, y_new), the first stage of the next step."""
+        """True if the last stage is f(t + h, y_new), which is also the first stage of the next step."""
         return len(self.A) > 1 and self.A[-1] == self.b[:-1] and not self.b[-1]
 
     @property
     def rows(self) -> tuple[Coefficients, ...]:
-        """The rows of A and then those of the dense output's own stages."""
+        """The rows of A, then those of the further stages that only the dense output needs."""
         return self.A + (self.dense.stages if self.dense else ())
 
     @property
     def abscissae(self) -> Coefficients:
-        """The entries of c for each of `rows`."""
+        """The fractions c of the step at which the stages in `rows` are evaluated."""
         return self.c + (self.dense.c if self.dense else ())
 
     def hermite(self) -> ButcherTableau:
-        """Return the method with the cubic Hermite path through both ends of the step as its dense output.
+        """Return this method with another dense output: the cubic Hermite path through both ends of the step.
 
-        The path needs f(t + h, y_new). This is the last stage of some methods. Others get one more stage, which is the
-        first stage of the next step.
+        The path needs f(t + h, y_new). This is the last stage of some methods. Others get one more stage, which is
+        the first stage of the next step.
         """
         extra = () if self.fsal else (self.b,)
         weights = []
@@ -239,7 +239,10 @@ class ButcherTableau:
             raise self._refuse("a coefficient is not a finite number")
 
     def _check_error(self) -> None:
-        """Check the orders of the embedded solutions, with weights b - e: sum e_i Phi_i(tree) = 0."""
+        """Check that each embedded solution, with weights b - e, has its order: sum e_i Phi_i(tree) = 0.
+
+        Raises StatementError with the condition that fails.
+        """
         if not self.error:
             return
         for e, order in ((self.error.weights, self.error.order), (self.error.damping, self.error.damping_order)):
@@ -248,7 +251,11 @@ class ButcherTableau:
                     self._check_tree("sum e_i", tree, e, Fraction(0))
 
     def _check_dense(self) -> None:
-        """Check that the path ends at b_j(1) = b_j, with order sum_j b_j(theta) Phi_j(tree) = theta**size / gamma."""
+        """Check that the dense output ends at the new state, b_j(1) = b_j, and that it has its order for all theta.
+
+        The order conditions are sum_j b_j(theta) Phi_j(tree) = theta**size / gamma. Raises StatementError with the
+        condition that fails.
+        """
         if not self.dense:
             return
         ends = self.b + (Fraction(0),) * len(self.dense.stages)

@@ -101,10 +101,10 @@ _SHAPES = ((1, 0), (1, 1), (2, 1), (2, 2), (3, 2), (3, 3), (4, 3))
 
 
 def _path_weights() -> tuple[Coefficients, ...]:
-    """Return the weights of the path by powers of theta, from the sums F_i of stages by which Hairer states the path.
+    """Return the weights of each stage in the dense output, by powers of theta.
 
-    It is y(t + theta h) = y + sum_i shape_i(theta) F_i with F_0 = dy = y_new - y, F_1 = h f - dy,
-    F_2 = 2 dy - h (f + f_new), and the rest from the interpolant's table (contd8 in dop853.f).
+    Hairer states the path by sums F_i of stages: y(t + theta h) = y + sum_i shape_i(theta) F_i with F_0 = dy = y_new
+    - y, F_1 = h f - dy, F_2 = 2 dy - h (f + f_new), and the rest from the interpolant's table (contd8 in dop853.f).
     """
     extra = (Fraction(0),) * (len(_EXTRA) + 1)
     change = tuple(Fraction(b) for b in _B) + extra
@@ -125,7 +125,7 @@ def _path_weights() -> tuple[Coefficients, ...]:
 
 @cache
 def dop853() -> ButcherTableau:
-    """Return the tableau, built and checked at the first call."""
+    """Return the tableau of Hairer's DOP853, built and checked at the first call."""
     return ButcherTableau(
         name="dop853",
         order=8,

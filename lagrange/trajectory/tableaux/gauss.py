@@ -38,7 +38,10 @@ def lagrange_basis(points: Sequence[Abscissa]) -> list[list[Any]]:
 
 
 def collocation_tableau(points: Sequence[Abscissa]) -> Tableau:
-    """Return A, b, c of collocation at `points` c of [0, 1]: Lagrange polynomials integrated from 0 to c_i and to 1."""
+    """Return the tableau A, b, c of collocation at the `points` c of [0, 1].
+
+    A has the integrals of the Lagrange polynomials of the points from 0 to c_i, and b those from 0 to 1.
+    """
     basis = lagrange_basis(points)
 
     def integral(line: Sequence[Any], end: Any) -> Any:
@@ -49,14 +52,14 @@ def collocation_tableau(points: Sequence[Abscissa]) -> Tableau:
 
 
 def gauss_tableau(stages: int) -> Tableau:
-    """Return A, b, c of collocation at the zeros of the Legendre polynomial on [0, 1]."""
+    """Return the tableau A, b, c of Gauss's method: collocation at the zeros of the Legendre polynomial on [0, 1]."""
     zeros = [_zero(x, stages) for x in np.polynomial.legendre.leggauss(stages)[0]]
     A, b, c = collocation_tableau([(1 + x) / 2 for x in zeros])
     return tuple(tuple(map(_rounded, row)) for row in A), tuple(map(_rounded, b)), c
 
 
 def lobatto_pair(stages: int) -> tuple[Any, ...]:
-    """Return A, b, c of Lobatto IIIA in 2 or 3 stages, and A of IIIB, with which it is a symplectic pair.
+    """Return A, b, c of the method Lobatto IIIA with 2 or 3 stages, and A of Lobatto IIIB, its symplectic partner.
 
     Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, II.1.4 and VI.4.2.
     """
@@ -66,7 +69,10 @@ def lobatto_pair(stages: int) -> tuple[Any, ...]:
 
 
 def _zero(near: float, degree: int) -> Fraction:
-    """Return the zero of a Legendre polynomial near a double, by Newton's method in 16, 32, 64, 128 digits."""
+    """Return the zero, rounded to 200 bits, of the Legendre polynomial of a `degree` next to the double `near`.
+
+    It is computed by Newton's method in fractions: three steps, each of which doubles the number of correct digits.
+    """
     x = Fraction(near)
     for _ in range(3):
         before, value = Fraction(1), x

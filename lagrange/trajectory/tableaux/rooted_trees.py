@@ -25,7 +25,7 @@ def trees(order: int) -> tuple[Tree, ...]:
 
 
 def _grafted(tree: Tree) -> Iterator[Tree]:
-    """Yield the tree with one more leaf, at each of its nodes in turn."""
+    """Yield the trees that grow from a tree by one more leaf, at each of its nodes in turn."""
     yield ((), *tree)
     for index, child in enumerate(tree):
         for grown in _grafted(child):
@@ -40,15 +40,15 @@ def size(tree: Tree) -> int:
 
 @cache
 def density(tree: Tree) -> int:
-    """Return gamma(tree): the exact solution's weight of the tree is theta**size / gamma."""
+    """Return the density gamma of a tree: the exact solution has the weight theta**size / gamma for this tree."""
     return size(tree) * prod(map(density, tree))
 
 
 def stage_weights(matrix: tuple[Coefficients, ...], order: int) -> Mapping[Tree, Coefficients]:
-    """Return Phi_j(tree), (stages,), for every tree with at most `order` nodes.
+    """Return the weights Phi_j(tree) of the stages j, (stages,), for every tree with at most `order` nodes.
 
-    The order condition of a tree is sum_j b_j Phi_j = 1/gamma. `matrix` is the lower triangle A of a tableau; row i has
-    at least i entries. If an entry is a float, all entries become floats, with which the weights of order 9 take
+    The order condition of a tree is sum_j b_j Phi_j = 1/gamma. `matrix` is the lower triangle A of a tableau; row i
+    has at least i entries. If an entry is a float, all entries become floats, with which the weights of order 9 take
     milliseconds only.
     """
     unit: Coefficient = Fraction(1)
@@ -65,12 +65,15 @@ def stage_weights(matrix: tuple[Coefficients, ...], order: int) -> Mapping[Tree,
 
 
 def dot(left: Coefficients, right: Coefficients) -> Coefficient:
-    """Return the sum of products of two rows, up to the end of the shorter row; exact for exact entries."""
+    """Return the sum of products of two rows of coefficients, up to the end of the shorter row.
+
+    The sum is exact if the entries are.
+    """
     return sum((a * b for a, b in zip(left, right, strict=False) if a and b), Fraction(0))
 
 
 def formula(tree: Tree) -> str:
-    """Return the tree's elementary weight in words, such as ``c_i^2 a_ij c_j``; nothing for a leaf."""
+    """Return the formula of a tree's elementary weight, such as ``c_i^2 a_ij c_j``; empty for a single node."""
     letters = iter(ascii_lowercase[ascii_lowercase.index("i") :])
     return _formula(tree, next(letters), letters)
 

@@ -199,7 +199,10 @@ _WEIGHTS = {
 
 @cache
 def verner9() -> ButcherTableau:
-    """Return the tableau, built and checked at the first call: order 9 has 486 conditions."""
+    """Return the tableau of Verner's method of order 9(8), built and checked at the first call.
+
+    Order 9 has 486 conditions.
+    """
     weights = tuple(_WEIGHTS.get(j, (Fraction(0),)) for j in range(len(MATRIX) + len(_EXTRA)))
     return ButcherTableau(
         name="verner9",
