@@ -38,11 +38,11 @@ HELPERS = {
     "min": '''\
 def _min(a, b):
     """Return the smaller of two; NaN if either is, which ca.fmin passes over."""
-    return ca.if_else(a <= b, a, ca.if_else(b <= a, b, a + b))''',
+    return ca.if_else(a <= b, a, ca.if_else(b <= a, b, float("nan")))''',
     "max": '''\
 def _max(a, b):
     """Return the larger of two; NaN if either is, which ca.fmax passes over."""
-    return ca.if_else(a >= b, a, ca.if_else(b >= a, b, a + b))''',
+    return ca.if_else(a >= b, a, ca.if_else(b >= a, b, float("nan")))''',
 }
 
 SYSTEMS = f"""
