@@ -53,28 +53,34 @@ class MembersCode:
         self._known: Mapping[str, Any] = {LANE: numbers, ACTIVE: np.ones_like(numbers), "lanes": self.lanes}
 
     def __call__(self, arguments: Mapping[str, Any]) -> None:
-        """Run members, with arguments by name."""
+        """Run members of an ensemble. `arguments` maps each parameter of the procedure to a number or array."""
         known = {**arguments, **self._known}
         values = [known[parameter.name] for parameter in self._parameters]
         self._call(*[value.ctypes.data if isinstance(value, np.ndarray) else value for value in values])
 
 
 def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False) -> Layout:
-    """Return the layout of the vectors of a step in memory, padded to whole blocks. `dimension` is 2n."""
+    """Return the layout in memory of the vectors of a step program, each padded to whole blocks of numbers.
+
+    `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints.
+    """
     small = fit(dimension) and not LAWS[step.law].through_memory
     return Layout(step, dimension, block=STORED_TOGETHER, in_registers=small, projected=projected)
 
 
 @lru_cache(maxsize=64)
 def compiled_loop(step: StepProgram, dimension: int, projected: bool) -> tuple[CompiledProcedure, Layout]:
-    """Return the compiled loop over the steps of a method, and its layout in memory. `dimension` is 2n."""
+    """Return the compiled loop over the steps of a method, and the layout of its vectors in memory.
+
+    `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints.
+    """
     layout = loop_layout(step, dimension, projected=projected)
     return CompiledProcedure(steps_of(layout), tiers=True, optimize=True), layout
 
 
 @dataclass(frozen=True)
 class LlvmMachine:
-    """Compiles programs to machine code of this processor."""
+    """The back end that compiles programs to machine code of this processor with LLVM."""
 
     name: str = "llvm"
 
@@ -86,19 +92,27 @@ class LlvmMachine:
             raise RunError(f"LLVM could not compile {program.name}: {error}. Use target='numpy'.") from error
 
     def series(self, program: SeriesProgram) -> LlvmSeries:
-        """Return a series program that is ready to run. Each order is compiled at its first use."""
+        """Return a program of Taylor series as callable machine code. Each order is compiled at its first use."""
         return LlvmSeries(program)
 
     def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[CompiledProcedure, Layout]:
-        """Compile the loop over the steps of a method, without optimization at first."""
+        """Return the compiled loop over the steps of a method, and the layout of its vectors in memory.
+
+        `states` is the length 2n of a state. `projected` is true if steps are projected onto constraints. The code is
+        not optimized until it has taken many steps.
+        """
         return compiled_loop(step, LAWS[step.law].dimension(states), projected)
 
     def callback(self, kernel: LlvmKernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return the address of a kernel, of the one in registers for steps of a small state."""
+        """Return the address of a kernel with the numbers that it reads, for calls from compiled code.
+
+        The numbers are the parameters and all values that depend on them alone. With `of_steps` it is the kernel that
+        steps call: for a small state it takes the state in registers.
+        """
         return Callback(kernel.law_address if of_steps else kernel.address, kernel.prepare(parameters))
 
     def called(self, procedure: Procedure) -> CompiledProcedure:
-        """Compile a procedure, once per process."""
+        """Return a procedure compiled to machine code, callable from Python; it is compiled once per process."""
         return compiled(procedure)
 
     @property
@@ -107,13 +121,17 @@ class LlvmMachine:
         return processor()
 
     def members(self, procedure: Procedure) -> MembersCode:
-        """Compile a procedure that runs members, one in each lane of a vector."""
+        """Return machine code of a procedure that runs members of an ensemble, one in each lane of a vector."""
         return MembersCode(procedure)
 
     def dense(
         self, kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
     ) -> LlvmDense:
-        """Return the dense output for a kind of step polynomial, compiled at its first use."""
+        """Return the dense output of steps: the polynomial on each step, compiled at its first use.
+
+        `kind` says how a method's polynomial follows from the ends of a step. `kernel` is the right-hand side and
+        `jacobian` its derivative, None if the polynomial does not need it.
+        """
         return step_dense(kind, kernel, parameters, jacobian)
 
     def event_steps(
@@ -125,7 +143,11 @@ class LlvmMachine:
         dense: DensePath,
         screen: DensePath | None,
     ) -> LlvmEventSteps | None:
-        """Return the compiled loop over steps with events, None if a constant mass matrix is singular."""
+        """Return the compiled loop that takes steps and finds events, or None if a constant mass matrix is singular.
+
+        `events` computes the event functions, and `resets` the new values of the state after events. Zeros are
+        located on the polynomials of `dense`. The cheaper polynomials of `screen` show which steps have no zero.
+        """
         try:
             return LlvmEventSteps(driver, events, resets, parameters, dense, screen)
         except SingularMassMatrix:

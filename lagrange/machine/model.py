@@ -1,4 +1,4 @@
-"""A compiled system: its quantities as functions of numbers."""
+"""A compiled system: its equations, energy, momenta and other quantities as functions of numbers."""
 
 from __future__ import annotations
 
@@ -127,18 +127,22 @@ class Model:
         return self._kernels[name]
 
     def law(self, name: str) -> Kernel:
-        """Return the kernel of a function that steps evaluate: a quantity, or one that also depends on multipliers."""
+        """Return the kernel with this name for use by steps: a quantity that `kernel` accepts, or one for steps only.
+
+        Some of those for steps only also take the multipliers of the constraints as inputs.
+        """
         return self._law(name) if isinstance(name, str) and name in LAW_QUANTITIES else self.kernel(name)
 
     def interpreted(self, name: str) -> Kernel:
-        """Return a kernel of a quantity that is not compiled, for a few states: compilation would take longer."""
+        """Return an uncompiled kernel of the quantity `name`. For a few states this is faster than compilation."""
         one_of(name, quantities_of(self.equations), NO_QUANTITY)
         return self._made.interpreted(name)
 
     def source(self, name: str) -> str:
-        """Return the Python source of a quantity on the numpy target: a function of one state, and one of many states.
+        """Return the Python source of the quantity `name` on the numpy target, for one state and for many states.
 
-        Names are generated and literals are exact. Raises StatementError for a linear system too large to be printed.
+        Names of variables are generated and literals are exact. Raises StatementError for a linear system too large
+        to be printed.
         """
         return printed(self.interpreted(name).program)
 
@@ -165,15 +169,16 @@ class Model:
 
     @cached_property
     def square_roots(self) -> Mapping[Node, Node]:
-        """The square roots in momenta and forces, mapped to their radicands, as `square_roots_in` returns them."""
+        """The square roots in momenta and forces: a mapping from the node of each root to that of its radicand."""
         return self.square_roots_in((*self.equations.momenta, *self.equations.forces))
 
     def square_roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
-        """Return the square root of each base with a fractional power in some nodes, mapped to its radicand.
+        """Return the square roots in some nodes: a mapping from the node of each root to that of its radicand.
 
-        A Taylor series is valid up to a zero of the radicand, and its coefficients do not show this zero: sqrt(x**2)
-        continues as x. A root in a branch that is not taken counts as 1. Powers of positions with exponents up to -1,
-        as in gravity, are left out: there the forces are infinite, and steps become short.
+        The square root of each base with a fractional power is included. A Taylor series is valid up to a zero of the
+        radicand, and its coefficients do not show this zero: sqrt(x**2) continues as x. A root in a branch that is
+        not taken counts as 1. Powers of positions with exponents up to -1, as in gravity, are left out: there the
+        forces are infinite, and steps become short.
         """
         return square_roots(self.equations.graph, _nodes(nodes))
 
@@ -200,9 +205,9 @@ class Model:
         return self._run("rhs", t, self._checked_state(y), parameters) if derivative is None else derivative
 
     def _first_rhs(self, t: Any, y: Any) -> FloatArray | None:
-        """Return the right-hand side by a quick call, or None.
+        """Return dy/dt by a quick call (one that checks its arguments itself), or None if that cannot be used.
 
-        Later calls use the quick call instead of this method.
+        This method serves the first evaluation only. Later ones use the quick call directly.
         """
         self._quick_rhs = self._quick["rhs"].whole
         return self._quick_rhs(t, y)
@@ -270,21 +275,25 @@ class Model:
     def evaluate(
         self, name: str, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> Any:
-        """Return the quantity with any name that `kernel` accepts. A batch of states is the last axis of the result."""
+        """Return the quantity `name` at a state, for any name that `kernel` accepts.
+
+        For many states the last axis of the result is that of the states.
+        """
         return scalar(self._of_parts(text(name, "name"), t, q, v, parameters))
 
     def evaluate_expression(
         self, expression: Any, t: ArrayLike, y: ArrayLike, parameters: Parameters = None
     ) -> FloatArray:
-        """Return a SymPy expression in q, v, accelerations, multipliers, parameters and t along states, (batch,).
+        """Return the values (batch,) of a SymPy expression along states.
 
-        `y` has shape (2n, batch) and `t` (batch,). Raises StatementError for an expression with other symbols.
+        The expression may have coordinates, velocities, accelerations, multipliers, parameters and t. `y` has shape
+        (2n, batch) and `t` (batch,). Raises StatementError for an expression with other symbols.
         """
         kernel = self.function("expression", (node_of(expression, self.statement, self.equations),))
         return np.asarray(self._call(kernel, t, self._checked_state(y), parameters)[0])
 
     def called(self, kernel: Kernel, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
-        """Return the result of a kernel of this model for states y, (2n,) or (2n, batch)."""
+        """Return the results of a kernel of this model at time t, for a state y (2n,) or many states (2n, batch)."""
         if not isinstance(kernel, Kernel):
             raise StatementError(f"{shown(kernel)} is not a kernel: give model.kernel(name).")
         return self._call(kernel, t, self._checked_state(y), parameters)
@@ -311,7 +320,7 @@ class Model:
         return model
 
     def on_same_machine(self, statement: Statement, kept: Sequence[int] | None = None) -> Any:
-        """Return the model of another statement on the same machine.
+        """Return a model of another statement that runs on the machine of this one.
 
         `kept` are the indices of the statement's independent constraints, None if unknown.
         """
@@ -323,7 +332,10 @@ class Model:
         return self._made.again(statement, rows)
 
     def _of_parts(self, name: str, t: Any, q: Any, v: Any, parameters: Parameters) -> FloatArray:
-        """Return a quantity at (t, q, v). A quick call is used for one plain state with the default parameters."""
+        """Return the quantity `name` at (t, q, v).
+
+        For one plain state with the default parameters a quick call is used, which checks its arguments itself.
+        """
         if parameters is None:
             value = self._quick[name].parts(t, q, v)
             if value is not None:
@@ -381,15 +393,15 @@ class Model:
 
     @cached_property
     def _alone(self) -> list[int]:
-        """Indices of the coordinates that are coupled to no other: the acceleration is force divided by inertia.
+        """Indices of the coordinates that no other coordinate is coupled to by the mass matrix.
 
-        It is infinite or NaN if the inertia is zero.
+        Their acceleration is force divided by inertia, so it is infinite or NaN if the inertia is zero.
         """
         return [block[0] for block in self.equations.plan.blocks if len(block) == 1]
 
     @cached_property
     def _masses(self) -> Kernel:
-        """The kernel of the inertias of the coordinates in `_alone`.
+        """The kernel of the inertias M[i][i] of the coordinates `_alone`, which are coupled to no other.
 
         It is not compiled, because a run calls it only once.
         """
@@ -400,8 +412,8 @@ class Model:
     ) -> int | None:
         """Return the index of the first state of a batch in which an uncoupled coordinate has zero inertia, or None.
 
-        For one state, q (n,), the result is 0 or None. It explains accelerations that are not finite. If the inertia
-        cancels in the formula of an acceleration, the acceleration is finite nevertheless.
+        For one state, q (n,), the index is 0. Callers use it to explain accelerations that are not finite. If the
+        inertia cancels in the formula of an acceleration, the acceleration is finite nevertheless.
         """
         if not self._alone:
             return None
@@ -417,9 +429,9 @@ class Model:
     def singular_message(
         self, t: float | FloatArray, q: FloatArray, column: int | None = None, parameters: Parameters = None
     ) -> str:
-        """Return the message on why accelerations do not exist at coordinates q (n,), or for a batch (n, batch).
+        """Return the message that says why accelerations do not exist at coordinates q, (n,) or (n, batch).
 
-        `column` is the index of the state in the batch.
+        For a batch, `column` is the index of the state that failed.
         """
         q = real_array(q, "q")
         if q.ndim not in (1, 2) or not q.size:
@@ -488,9 +500,9 @@ class Stated(Protocol):
 
 
 def stated(system: Any, example: str) -> Statement:
-    """Return the statement of a system or a model.
+    """Return the statement of `system`, which is a system or a model.
 
-    Raises StatementError for other objects. The message suggests the scene with the name `example`.
+    Raises StatementError for other objects. The error message suggests the scene with the name `example`.
     """
     if not isinstance(system, (Stated, Model)):
         raise StatementError(f"{shown(system)} is not a system: give an lg.System, such as lg.scene({example!r}).")

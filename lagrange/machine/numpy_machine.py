@@ -22,9 +22,10 @@ from lagrange.program.step import LAWS, StepProgram
 
 @lru_cache(maxsize=64)
 def printed_loop(step: StepProgram, dimension: int, projected: bool) -> tuple[PrintedProcedure, Layout]:
-    """Return the loop over the steps of a method, printed as Python, and its layout, without padding.
+    """Return the loop over the steps of a method as printed Python, and the layout of its vectors in memory.
 
-    `dimension` is 2n.
+    The layout has no padding. `dimension` is the length 2n of a state. `projected` is true if steps are projected
+    onto constraints.
     """
     layout = Layout(step, dimension, block=1, projected=projected)
     return PrintedProcedure(steps_of(layout)), layout
@@ -32,43 +33,54 @@ def printed_loop(step: StepProgram, dimension: int, projected: bool) -> tuple[Pr
 
 @dataclass(frozen=True)
 class NumpyMachine:
-    """Runs programs without a compiler, as Python source that is printed for each program."""
+    """The back end that needs no compiler: it prints each program as Python source and runs it with NumPy."""
 
     name: str = "numpy"
 
     def load(self, program: Program) -> Kernel:
-        """Return the program as printed Python. Programs with a large linear system are interpreted."""
+        """Return the kernel of a program, printed as Python. A program with a large linear system is interpreted."""
         return kernel_in_python(program)
 
     def series(self, program: SeriesProgram) -> NumpySeries:
-        """Return a series program that is ready to run. Its instructions are interpreted."""
+        """Return a program of Taylor series as a callable object that interprets its instructions."""
         return NumpySeries(program)
 
     def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[PrintedProcedure, Layout]:
-        """Print the loop over the steps of a method, once per process."""
+        """Return the loop over the steps of a method as printed Python, and the layout of its vectors in memory.
+
+        `states` is the length 2n of a state. `projected` is true if steps are projected onto constraints. A loop is
+        printed once per process.
+        """
         return printed_loop(step, LAWS[step.law].dimension(states), projected)
 
     def callback(self, kernel: Kernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return a kernel as a Python function, which reads its parameters from an array."""
+        """Return a kernel as a Python function for printed procedures, with the array of parameters that it reads."""
         return Callback(between_arrays(kernel), parameters)
 
     def called(self, procedure: Procedure) -> PrintedProcedure:
-        """Print a procedure as Python, once per process."""
+        """Return a procedure as a callable Python function; it is printed once per process."""
         return called(procedure)
 
     @property
     def processor(self) -> str:
-        """The empty string, because no code is compiled."""
+        """The name of the processor that code is compiled for: empty, because this machine compiles no code."""
         return ""
 
     def members(self, procedure: Procedure) -> None:
-        """Return None: Python runs members one by one."""
+        """Return None: this machine has no vector code for ensembles, so their members run one by one."""
 
     def dense(
         self, kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
     ) -> NumpyDense:
-        """Return the dense output for a kind of step polynomial, printed as Python on arrays."""
+        """Return the dense output of steps: the polynomial on each step, printed as Python on arrays.
+
+        `kind` says how a method's polynomial follows from the ends of a step. `kernel` is the right-hand side and
+        `jacobian` its derivative, None if the polynomial does not need it.
+        """
         return step_dense(kind, kernel, parameters, jacobian)
 
     def event_steps(self, *_: Any, **__: Any) -> None:
-        """Return None: the caller searches many steps at once for events with NumPy, faster than a Python loop."""
+        """Return None: this machine has no loop that also finds events.
+
+        The caller searches many steps at once for events with NumPy, which is faster than a loop in Python.
+        """

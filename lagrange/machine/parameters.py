@@ -29,9 +29,9 @@ def ordered(values: Mapping[Any, float], parameters: tuple[Any, ...]) -> FloatAr
 
 
 def some_of(parameters: Parameters, states: Any) -> Parameters:
-    """Return the columns of the parameters that belong to the states with the indices `states`.
+    """Return the parameters of some states of a batch, which have the indices `states`.
 
-    Parameters that all states have in common are unchanged.
+    An array (k, batch) is reduced to these columns. Parameters that all states have in common are unchanged.
     """
     if isinstance(parameters, np.ndarray) and parameters.ndim == 2:
         return np.ascontiguousarray(parameters[:, states])
@@ -44,9 +44,10 @@ def by_parameters(
     state: tuple[FloatArray, FloatArray],
     parameters: FloatArray,
 ) -> FloatArray:
-    """Return the results of `call(t, (q, v), parameters)` for states (2n, batch) with parameters (k, batch).
+    """Return `call(t, (q, v), parameters)` for a batch of states, each of which has its own parameters.
 
-    States with equal parameters (k,) are evaluated together in one call.
+    `state` is (q, v), each (n, batch), and `parameters` has shape (k, batch). The states with equal parameters are
+    evaluated in one call, which gets these parameters as an array (k,).
     """
     q, v = state
     if q.shape[1:] != parameters.shape[1:]:
@@ -84,9 +85,10 @@ class ParameterValues:
         return dict(self._defaults) if values is None else self._overlaid(values)
 
     def array(self, values: Parameters) -> FloatArray:
-        """Return the values (k,) in the statement's order.
+        """Return the values of all parameters as an array (k,) in the statement's order.
 
-        An array, (k,) or (k, batch), is checked and returned unchanged.
+        `values` may be a dict by symbol or name, or None for the defaults. An array, (k,) or (k, batch), is checked
+        and returned unchanged.
         """
         if values is None:
             return self._default_array

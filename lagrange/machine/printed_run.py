@@ -25,7 +25,7 @@ class PrintedProcedure(Shared):
         self.function = loaded(procedure)
 
     def bound(self) -> PrintedCall:
-        """Return memory for arguments, with which the procedure can be called again and again."""
+        """Return an object that keeps arguments of the procedure between calls, and runs it when called."""
         return PrintedCall(self)
 
     def __call__(self, *args: Any) -> Any:
@@ -34,7 +34,7 @@ class PrintedProcedure(Shared):
 
 
 class PrintedCall:
-    """Memory for the arguments of a printed procedure; calling the object runs the procedure with these arguments."""
+    """Arguments of a printed procedure, kept between calls. Calling the object runs the procedure with them."""
 
     is_final = True
 
@@ -43,19 +43,22 @@ class PrintedCall:
         self._arguments: dict[str, Any] = dict.fromkeys(code.names, EMPTY)
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments by name. Arrays and records are not copied. None stands for no array or no function."""
+        """Set arguments of the procedure by name, and ignore other names. None stands for no array or no function.
+
+        Arrays and records are not copied.
+        """
         for name, value in arguments.items():
             if name in self._arguments:
                 flat = value.reshape(-1).data if isinstance(value, np.ndarray) else value
                 self._arguments[name] = EMPTY if flat is None else flat
 
     def __call__(self) -> Any:
-        """Run the procedure with the arguments set before; return None, a value or a tuple of values."""
+        """Run the procedure with the present arguments; return None, a value or a tuple of values."""
         with np.errstate(all="ignore"):
             return self.code.function(*self._arguments.values())
 
     def count(self, steps: int) -> bool:
-        """Return False: no code is compiled again."""
+        """Return False: unlike machine code, printed code is not replaced by optimized code after many steps."""
         return False
 
 
@@ -66,7 +69,10 @@ def called(procedure: Procedure) -> PrintedProcedure:
 
 
 def between_arrays(kernel: Kernel) -> Any:
-    """Return a kernel as a function on arrays that procedures call. The function returns True for a singular matrix."""
+    """Return a kernel as a function f(t, y, parameters, out) for printed procedures; it writes to `out`.
+
+    The function returns True if the mass matrix is singular, else False.
+    """
     states, count = kernel.program.states, kernel.program.parameters
 
     def evaluate(t: float, y: memoryview, numbers: memoryview, out: memoryview) -> bool:

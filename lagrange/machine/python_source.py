@@ -59,12 +59,12 @@ LITERALS = Literals("inf", "nan", ("False", "True"))
 
 
 def source(procedure: Procedure) -> str:
-    """Return Python source of a procedure and its transitive callees: one function each, callees first."""
+    """Return the Python source of a procedure and of all procedures that it calls, with callees first."""
     return "\n\n".join(_PythonPrinter(printed).function() for printed in (*procedure.callees, procedure))
 
 
 def loaded(procedure: Procedure) -> Callable[..., Any]:
-    """Return a procedure as a Python function, which returns None, a value or a tuple of values.
+    """Return a procedure as a Python function of numbers and arrays. It returns None, a value or a tuple of values.
 
     Arrays may be memory views (the fastest), other objects with indices, or a `Span` of such an object.
     """
@@ -150,7 +150,7 @@ class _PythonPrinter(SourcePrinter):
         self.write(f"{names} = {made}" if names else made)
 
     def named(self, ref: int, kind: Kind) -> str:
-        """Print the definition of a result with the id `ref`, and return its new name."""
+        """Define the result of a call with the id `ref` and its kind, and return the name of its Python variable."""
         self.types[ref] = kind
         return self.name(ref)
 
@@ -208,7 +208,7 @@ AS_WRITTEN = ("add", "sub", "mul", "neg", "abs", "fma", "fnma", "less", "less_eq
 
 
 def arrays_source(procedure: Procedure) -> str:
-    """Return Python source of a procedure and its transitive callees: one function each, callees first."""
+    """Return the Python source of a procedure and of all procedures that it calls, with callees first."""
     return "\n\n".join(_ArrayPrinter(printed).function() for printed in (*procedure.callees, procedure))
 
 
@@ -225,12 +225,15 @@ def _part(array: Any, start: int) -> Any:
 
 
 def _largest(values: Any) -> float:
-    """Return the largest |value|: NaN if any value is, and 0 for no values."""
+    """Return the largest absolute value of an array: NaN if any entry is NaN, and 0 if the array is empty."""
     return float(np.max(np.abs(values), initial=0.0))
 
 
 class _ArrayPrinter(Printer):
-    """Prints one procedure. Inside an `each` a value is a number, or an array with an entry for each iteration."""
+    """Prints a procedure as Python on NumPy arrays: an `each` loop becomes operations on all iterations at once.
+
+    Inside an `each` a value is a number, or an array with an entry for each iteration.
+    """
 
     each_of: Each | None = None
     count = ""

@@ -1,4 +1,4 @@
-"""The state of a run while a driver advances it, with its counts."""
+"""The state of a run while a driver advances it: time, coordinates, velocities, step size, tolerances and counts."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ OUTCOMES = tuple(Outcome)
 
 
 class Outputs:
-    """The states at output times (k,), sorted in the direction of the run. Taylor drivers write them during the run.
+    """The output times of a run and the states there, (k, 2n), sorted in the direction of the run.
 
-    The last output time in `times` is followed by NaN. `states` (k, 2n) has `WIDEST_VECTOR` spare rows, since machines
-    write blocks.
+    Drivers by Taylor series write the states during the run. The last output time in `times` is followed by NaN.
+    `states` has `WIDEST_VECTOR` more rows than output times, since machines write blocks.
     """
 
     def __init__(self, times: NDArray[np.float64], dimension: int) -> None:
@@ -33,9 +33,10 @@ class Outputs:
         self.record: Any = OUTPUTS.structure()
 
     def write(self, end: float, direction: float, path: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
-        """Write the states at output times before `end`, for a part of the run that was not made by Taylor steps.
+        """Write the states at the output times before `end` that are not written yet.
 
-        `direction` is 1.0 or -1.0, the sign of the run's steps. `path` maps times (k,) to states (2n, k).
+        It serves a part of the run that was not made by Taylor steps. `direction` is 1.0 or -1.0, the sign of the
+        run's steps. `path` maps times (k,) to states (2n, k) on this part.
         """
         times = self.times[self.record.done : -1]
         count = int(np.count_nonzero((times - end) * direction < 0))
@@ -46,7 +47,7 @@ class Outputs:
     def joined(
         self, times: NDArray[np.float64], path: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     ) -> NDArray[np.float64]:
-        """Return the states (2n, k) at the first k output times, which are `times` (k,).
+        """Return the states (2n, k) at the first k output times, which are given as `times` (k,).
 
         States not written yet are computed by `path`, which maps times to states.
         """
@@ -100,9 +101,11 @@ class DriverState:
         step: float,
         share: float = 0.0,
     ) -> None:
-        """Begin at (t, y) towards `end`. `step` is the signed step of a fixed-step method, or a first step, or 0.
+        """Begin a run at time `t` and state `y` (2n,) towards the time `end`.
 
-        `rtol` is the relative tolerance, `atol` the initial floor of every entry, and `share` is SHARE.
+        `rtol` is the relative tolerance, and `atol` the initial floor of the tolerance of every entry. `share` is the
+        SHARE by which floors follow the size of entries. `step` is the signed step of a fixed-step method, or the
+        first step of another, or 0 if it is to be chosen.
         """
         self.reals = np.zeros(self.FLOORS + whole_blocks(len(y), WIDEST_VECTOR))
         self.reals[self.FLOORS :] = 1.0
@@ -128,7 +131,11 @@ class DriverState:
         self.kept = 0
 
     def records(self) -> dict[str, Any]:
-        """Return the arguments of procedures that advance the run, by name: its numbers, its counts, and its floors."""
+        """Return the arguments `run`, `counts` and `floors` of procedures that advance the run, by name.
+
+        They are the numbers of the run, its counts, and the floors of the tolerances. All share memory with this
+        object.
+        """
         run, counts = RUN.structure.from_buffer(self.floats), COUNTS.structure.from_buffer(self.integers)
         return {"run": run, "counts": counts, "floors": self.floors}
 
@@ -142,7 +149,8 @@ class DriverState:
     ) -> None:
         """Begin another run by the same driver, over `span` (start, end) from the state y.
 
-        `first` are the initial `reals` of a run, `step` the first step, and `longest` bounds the size of steps.
+        `first` are the `reals` with which a run begins. `step` is the signed first step, and `longest` bounds the
+        size of steps.
         """
         reals, floats = self.reals, self.floats
         reals[:] = first
@@ -155,7 +163,10 @@ class DriverState:
         self.fault, self.kept = None, 0
 
     def restart_series(self) -> None:
-        """Reset the record of Taylor steps of a former run, for code that reads it before the driver begins."""
+        """Set the record of Taylor steps to the values at the start of a run.
+
+        It is for code that reads this record before the driver begins.
+        """
         taylor = self.taylor
         taylor.low, taylor.scale, taylor.next_limit, taylor.limit = 0.0, 1.0, math.inf, math.inf
         taylor.rescalings = taylor.failures = taylor.inspect = 0
@@ -167,9 +178,9 @@ class DriverState:
 
     @property
     def cause(self) -> Outcome:
-        """The reason why the last step failed. An error above the tolerance counts as STEP_TOO_SMALL."""
+        """The reason why the last trial step was rejected. An error above the tolerance counts as STEP_TOO_SMALL."""
         return Outcome(int(self.reals[self.CAUSE]))
 
     def count(self, which: int) -> int:
-        """Return a count of the run, such as that of accepted steps for `which` = `DriverState.STEPS`."""
+        """Return a count of the run. `which` is its index, such as `DriverState.STEPS` for accepted steps."""
         return int(self.integers[which])

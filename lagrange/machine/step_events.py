@@ -1,4 +1,7 @@
-"""Memory of a run with events by a step program. The loop over steps and the search for events share it."""
+"""Memory of a run with events by a step program (any method but Taylor series).
+
+The loop over steps and the search for events share it.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +25,12 @@ STEP_EVENT_ROOM = 2048
 
 
 class Reaction(NamedTuple):
-    """Settings of an event function or switching surface.
+    """How a run reacts to zeros of one event function or switching surface.
 
     `direction` is the sign of the crossings that count, 0 for both. The run ends after `terminal` events, never if 0.
-    The new values of a reset begin at index `first` of the results of all resets, and replace the `entries` of the
-    state. `root` is true for a square root, and `smooth` for an event function without jumps.
+    A reset replaces the `entries` of the state by new values, which begin at index `first` of the results of all
+    resets. `root` is true if the function is a square root in the equations of motion, and `smooth` if it has no
+    jumps.
     """
 
     direction: int = 0
@@ -38,9 +42,10 @@ class Reaction(NamedTuple):
 
 
 class StepFunction(NamedTuple):
-    """A compiled function that takes steps, of the type `TAKE_STEPS`: its address and its first argument, `words`.
+    """A compiled function that takes steps, of the type `TAKE_STEPS`, with the memory that it uses.
 
-    `work` is its working array. The state is in `work` at the indices `entries`.
+    `address` is that of the function, and `words` its first argument: an array of its other arguments. `work` is its
+    working array. The state is in `work` at the indices `entries`.
     """
 
     address: int
@@ -50,10 +55,12 @@ class StepFunction(NamedTuple):
 
 
 class Happened(NamedTuple):
-    """Events found since the last call: indices `which`, times `when` (k,) and states `event_states` (k, 2n).
+    """Events found since the last call, and the rows after which the motion changes by a reset or a switch.
 
-    `rows` are the rows after which the motion changes and another smooth piece begins. `times` (m,) and `states` (m,
-    2n) are the ends of the steps that were shortened at these rows. The time is NaN for a step that was not shortened.
+    Event k is a zero of the event function with index `which[k]`, at the time `when[k]` and the state
+    `event_states[k]` (2n,). After each of the `rows` another smooth piece of the run begins. The step before it may
+    have been shortened: then `times` (m,) and `states` (m, 2n) have the end of the whole step. The time is NaN for
+    other steps.
     """
 
     which: WholeArray
@@ -65,9 +72,9 @@ class Happened(NamedTuple):
 
 
 class StepEventMemory:
-    """Memory of a run with events, for states with `size` entries: records and arrays of the compiled loop.
+    """Arrays and records of the compiled loop that takes steps and finds events, for states with `size` entries.
 
-    Steps not yet searched for events ("reviewed") are rows of `times` and `states` from row 1 on. Row 0 is the state
+    Steps that are not yet searched for events are stored from row 1 of `times` and `states` on. Row 0 is the state
     before them.
     """
 
@@ -92,11 +99,11 @@ class StepEventMemory:
         self.keep_start()
 
     def keep_start(self) -> None:
-        """Save the present records, from which each later run by the same driver starts."""
+        """Save copies of the records as they are now. Each later run by the same driver starts from them."""
         self._start = bytes(self.run), bytes(self.review)
 
     def restart(self) -> None:
-        """Prepare another run by the same driver: no steps and no events."""
+        """Set the records to those of the start, without steps and events, for another run by the same driver."""
         for record, start in zip((self.run, self.review), self._start, strict=True):
             ctypes.memmove(ctypes.addressof(record), start, len(start))
         self.kept_counts.fill(0)
@@ -107,16 +114,16 @@ class StepEventMemory:
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def keep(self, state: DriverState) -> None:
-        """Allocate memory for copies of a run's numbers and counts.
+        """Allocate copies of the numbers and counts of a run, `state.reals` and `state.counts`.
 
-        After a change of the motion the loop restores them.
+        When a reset or a switch changes the motion, the loop restores the run from them.
         """
         if len(self.kept_reals) != len(state.reals):
             self.kept_reals, self.kept_counts = state.reals.copy(), state.counts.copy()
 
     @property
     def waits(self) -> bool:
-        """True if some steps are not yet searched for events."""
+        """True if the memory has steps that are not yet searched for events."""
         return bool(self.run.begin <= self.run.count)
 
     @property
@@ -126,11 +133,11 @@ class StepEventMemory:
 
     @property
     def reviewed(self) -> int:
-        """Number of steps of the run that are searched for events."""
+        """Number of accepted steps of the run that are already searched for events."""
         return self.taken + int(self.run.begin) - 1
 
     def happened(self) -> Happened:
-        """Return the events and changes of the motion that were found since the last call."""
+        """Return the events found since the last call, and the rows after which a reset or switch followed."""
         count, breaks = self.review.found, self.run.breaks
         self.review.found = self.run.breaks = self.run.proven = 0
         zeros = self.which[:count].copy(), self.when[:count].copy(), self.there[:count].copy()
@@ -142,7 +149,9 @@ class EventSteps(Protocol):
     """Protocol of a callable that takes steps of a driver and finds the events on them."""
 
     def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
-        """Advance a run; write accepted times and states to `times` and `rows`. Return the reason for stopping.
+        """Take steps of a run, and find the events on them. Return a number that says why the loop stopped.
 
-        The reason is an `Outcome`, or the code `LOOK` or `READ_EVENTS` of the loop in `event_steps`.
+        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n). The number is an
+        `Outcome`, or the code `LOOK` (a step is irregular) or `READ_EVENTS` (the arrays of `memory` are full) of
+        `event_steps`.
         """

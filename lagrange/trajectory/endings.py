@@ -27,10 +27,11 @@ shows whether the equations have a value there.
 
 
 def slope_ahead(model: Model, t: float, y: FloatArray, parameters: FloatArray, length: float) -> FloatArray:
-    """Return the right-hand side (2n,) after one small step along the slope; ones if the mass matrix is singular.
+    """Return dy/dt (2n,) a little ahead of a state, to test whether the equations have a value there.
 
-    The step is a fraction of `length`, the duration of the run. Near the edge of the domain of a root or a logarithm,
-    accepted steps become small before any value is NaN, while the value after this step is NaN.
+    The step along the slope from (t, y) is a fraction of `length`, the duration of the run. Near the edge of the
+    domain of a root or a logarithm, accepted steps become small before any value is NaN, while the value after this
+    step is NaN. The result has ones if the mass matrix is singular.
     """
     kernel, h = model.kernel("rhs"), DOMAIN_PROBE * length
     with np.errstate(all="ignore"):
@@ -52,7 +53,10 @@ to the centre of polar coordinates its share is zero.
 
 
 def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
-    """Return the message for a run that ends at a state (2n,) because a motion has no inertia left, else ""."""
+    """Return the message for a run that ends because the inertia of a motion vanishes, else "".
+
+    The run ends at time t and state y (2n,).
+    """
     model, parameters = problem.model, problem.parameter_array
     if len(model.equations.constraints):
         singular = regularity(model, parameters, (problem.t0, problem.y0), (t, y))
@@ -79,10 +83,10 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
 
 
 def rank_lost(problem: Problem, y: FloatArray, share: float, singular: Singular) -> str:
-    """Return the message for a run that ends at a state (2n,) with nearly singular constraints or inertia.
+    """Return the message for a run that ends at a state (2n,) where constraints or inertia become singular.
 
-    `share` is the least singular value of G or M relative to the start. `singular` has the dependent constraints, or
-    the motion without inertia.
+    `share` is the least singular value of the constraint gradients G or of the mass matrix M, relative to the start.
+    `singular` has the dependent constraints, or the motion without inertia.
     """
     state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
     left = f"{share:.2g} of what it was at the start"
@@ -103,7 +107,11 @@ def rank_lost(problem: Problem, y: FloatArray, share: float, singular: Singular)
 
 
 def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
-    """Return the message for a run that ends at a state (2n,) where two motions cross, and errors would choose one."""
+    """Return the message for a run that ends at a state (2n,) where two motions cross.
+
+    Errors as small as the tolerance would choose one of them. `dependent` has the constraints that are dependent
+    there.
+    """
     state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
     names = problem.model.equations.constraints.names
     return (
@@ -113,9 +121,9 @@ def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
 
 
 def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, metric: FloatArray) -> bool:
-    """Return True if the acceleration at a state is mostly along the direction `null` (n,).
+    """Return True if the acceleration at a state y (2n,) is mostly along the direction `null` (n,).
 
-    `metric` (n,) has the weights of the entries, their inertia.
+    `metric` (n,) has the weights of the coordinates in lengths of vectors: their inertia.
     """
     try:
         rate = problem.model.kernel("rhs")(t, y, problem.parameter_array)[problem.model.layout.v]
@@ -132,7 +140,10 @@ Adaptive steps come closer.
 
 
 def table_left(problem: Problem, t: float, y: FloatArray, step: float = 0.0) -> str:
-    """Return a sentence if a state (2n,), or the state one step later, is outside of the range of a table, else ""."""
+    """Return a sentence for the message if a table of a given function has no value at a state y (2n,), else "".
+
+    The state one `step` later is also tested. The sentence names the variable and the range of the table.
+    """
     model, statement = problem.model, problem.model.statement
     stated = (statement.lagrangian, statement.dissipation, *statement.forces)
     tables = dict.fromkeys(table for expression in stated for table in ranges(expression))
@@ -165,9 +176,10 @@ is a point at which the least singular value of the constraints is below this fr
 def until_dependent(
     problem: Problem, rtol: float, run: Trajectory, accepted: tuple[FloatArray, FloatArray]
 ) -> Trajectory:
-    """Return `run`, cut before the first configuration after which rounding errors decide its motion.
+    """Return `run`, cut before the first state after which rounding errors decide its motion.
 
-    `accepted` has the times (S+1,) and states (S+1, 2n) of its accepted steps.
+    There the constraints are dependent. `accepted` has the times (S+1,) and states (S+1, 2n) of the accepted steps.
+    `rtol` is the relative tolerance.
     """
     times, states = accepted
     stopped = not run.status.complete and run.status is not Status.STEP_TOO_SMALL
@@ -180,10 +192,10 @@ def until_dependent(
 
 
 def until_discontinuity(problem: Problem, run: Trajectory, passed: Discontinuity, *, series: bool) -> Trajectory:
-    """Return `run`, cut at the last state before the discontinuity `passed` of its constraints.
+    """Return `run`, cut at the last state before its constraints jump.
 
-    If the steps are `series`, a step that ends at the discontinuity is kept: it is the motion up to there, even if the
-    projection moves its end.
+    `passed` is this discontinuity. If the steps are Taylor `series`, a step that ends at the discontinuity is kept:
+    it is the motion up to there, even if the projection moves its end.
     """
     steps = run.steps - passed.steps
     if not series or passed.part < 1.0 - AT_THE_END:
@@ -197,7 +209,11 @@ def until_discontinuity(problem: Problem, run: Trajectory, passed: Discontinuity
 
 
 def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> str:
-    """Return the message for a run whose equal steps fail because motions cross ahead, else ""."""
+    """Return the message for a run with equal steps that fails because two motions cross ahead, else "".
+
+    The last state is y (2n,) at time t. The states on the next two steps, of length `step`, are tested for dependent
+    constraints.
+    """
     model, parameters = problem.model, problem.parameter_array
     if not len(model.equations.constraints):
         return ""
@@ -217,7 +233,10 @@ def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> s
 
 
 def _shortened(problem: Problem, run: Trajectory, end: tuple[float, FloatArray], steps: int, detail: str) -> Trajectory:
-    """Return `run` cut at `end`, a time and a state, with `steps` steps, status SINGULAR and a `detail`."""
+    """Return `run`, cut at `end` (a time and a state), with the status SINGULAR.
+
+    `steps` is its new number of steps, and `detail` the cause that its message gives.
+    """
     t, y = end
     told = message(Status.SINGULAR, problem, t, y, run.method, detail=detail)
     return replace(run_until(run, t), status=Status.SINGULAR, message=told, steps=steps)
@@ -232,7 +251,10 @@ _GAP = "Bodies that touch need a small gap between them, such as a millionth of 
 
 
 def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Return a run with a note on contacts that act at the same time; UNRELIABLE if a body passed through a contact."""
+    """Return a run whose message notes if several contacts act at the same time.
+
+    The status becomes UNRELIABLE if a body passed through a contact.
+    """
     contacts = [i for i, event in enumerate(problem.events) if event.reset and event.direction]
     if len(contacts) < 2 or not _coincide([trajectory.t_events[i] for i in contacts]):
         return trajectory
@@ -262,7 +284,11 @@ def _coincide(times: Sequence[FloatArray]) -> bool:
 
 
 def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -> int | None:
-    """Return the first event of `contacts` that reset the motion at some zeros but let it pass at others, or None."""
+    """Return the first event of `contacts` that reset the motion at some zeros but let it pass at others.
+
+    `contacts` and the result are indices of events; the result may be None. A reset that intentionally lets the
+    motion through does not count.
+    """
     model, forward = problem.model, 1.0 if problem.t1 >= problem.t0 else -1.0
     if isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None:
         t, y = trajectory.t, trajectory.y
@@ -332,7 +358,10 @@ def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
 
 
 def _is_rough(problem: Problem, t: float, y: FloatArray, i: int) -> bool:
-    """Return True if the accelerations at a state (2n,) jump between neighbouring doubles of coordinate i."""
+    """Return True if the accelerations at a state change much between neighbouring doubles of coordinate `i`.
+
+    The state y (2n,) is that at time t.
+    """
     steps = np.concatenate([np.arange(NEIGHBOURS + 1.0), 2.0 ** np.arange(OCTAVES)])
     states = np.repeat(y[:, None], len(steps), axis=1)
     states[i] += steps * np.spacing(abs(y[i])) * (-1.0 if y[i] > 0 else 1.0)

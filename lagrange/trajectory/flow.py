@@ -44,7 +44,7 @@ _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
 class _Prepared(threading.local):
-    """The driver of a flow, its state, and the accepted states of the present run. Each thread has its own record."""
+    """What a flow keeps between its runs in one thread: the driver, its state, and recent accepted states."""
 
     driver: Driver | None = None
     parameters: Mapping[Any, Any] | None = None
@@ -98,12 +98,12 @@ class Flow:
     def __call__(
         self, y0: ArrayLike, t0: float, t1: ArrayLike, parameters: Mapping[Any, Any] | FloatArray | None = None
     ) -> FloatArray:
-        """Return the state at t1, (2n,). Raises RunError with the message of a run that does not reach it.
+        """Return the state at t1, (2n,), of the run that starts at time `t0` from the state `y0` (2n,).
 
-        If t1 is a list of N times, sorted in the direction of the run, the result are the states (2n, N). `parameters`
-        is a dict from parameter to value, or an array (k,) of all values in the statement's order. A start that misses
-        the constraints by rounding is moved onto them. If it misses a constraint by more, StatementError names this
-        constraint.
+        Raises RunError with the message of a run that does not reach t1. If t1 is a list of N times, sorted in the
+        direction of the run, the result has the states (2n, N) there. `parameters` is a dict from parameter to value,
+        or an array (k,) of all values in the statement's order. A start that misses the constraints by rounding is
+        moved onto them. If it misses a constraint by more, StatementError names this constraint.
         """
         if isinstance(parameters, np.ndarray):
             values = self._model.parameter_array(parameters).tolist()
@@ -141,7 +141,10 @@ class Flow:
         return state.y.copy() if reached else self._by_run(start, t0, t1, parameters)[:, -1].copy()
 
     def _last(self, t0: float, times: ArrayLike) -> tuple[float, FloatArray]:
-        """Return the last of the output times, and all of them. Raises StatementError for times that are not sorted."""
+        """Return the last of the output times `times`, and all of them as an array (N,).
+
+        Raises StatementError for times that are not sorted in one direction from `t0`.
+        """
         last = real_array(times, "the times").ravel()[-1:]
         t1 = float(last[0]) if last.size else t0
         checked = output_times(times, t0, t1, self._dimension)
@@ -156,7 +159,11 @@ class Flow:
         parameters: Mapping[Any, Any] | None,
         times: FloatArray,
     ) -> FloatArray:
-        """Return the states (2n, N) at output times, which the driver writes during its steps."""
+        """Return the states (2n, N) at the output times `times` (N,) of a run from the state `start`.
+
+        The run has the `span` (t0, t1). The driver writes the states during its steps. If it does not reach the end,
+        `integrate` repeats the run.
+        """
         state.outputs = outputs = Outputs(times, self._dimension)
         try:
             if self._to_end(driver, state, parameters, start):
@@ -169,9 +176,10 @@ class Flow:
     def _to_end(
         self, driver: Driver, state: DriverState, parameters: Mapping[Any, Any] | None, start: FloatArray
     ) -> bool:
-        """Advance from the state `start` to the end of a run. Return True if it was reached.
+        """Advance a run from the state `start` (2n,) to its end. Return True if the end is reached.
 
-        The result is also False where rounding decided the motion, after a state with dependent constraints.
+        The result is False if the driver stops before, or if the run is slow because of rounding noise. It is also
+        False if the run passes dependent constraints, after which rounding decides the motion.
         """
         times, rows, passed = _NO_TIMES, _NO_ROWS, None
         outcome, left, steps = Outcome.PAUSED, self._max_steps, FIRST_STEPS
@@ -198,9 +206,10 @@ class Flow:
         return outcome is Outcome.DONE
 
     def _stays_slow(self, state: DriverState, steps: int) -> bool:
-        """Return True if a run is slow because of rounding noise, so that `integrate` has to run it with higher floors.
+        """Return True if a run is slow because of rounding noise. `steps` is its number of steps so far.
 
-        Raises RunError if the run, at its pace so far, needs more than `max_steps` for another reason.
+        The caller then repeats it by `integrate` with a coarser tolerance for small entries. Raises RunError if the
+        run, at its pace so far, needs more than `max_steps` for another reason.
         """
         t0, t1 = (float(state.reals[index]) for index in (DriverState.START, DriverState.END))
         share = (state.t - t0) / (t1 - t0)
@@ -237,9 +246,9 @@ class Flow:
         parameters: Mapping[Any, Any] | None,
         times: FloatArray | None = None,
     ) -> FloatArray:
-        """Return the states (2n, N) at `times` (N,) of a run by `integrate`, or its accepted states if `times` is None.
+        """Return the states (2n, N) at `times` (N,) of a run by `integrate`, which is slower but handles all cases.
 
-        Raises RunError with the message of a run that failed.
+        If `times` is None, they are the accepted states. Raises RunError with the message of a run that failed.
         """
         values = self._model.parameter_values(parameters)
         problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values, t_eval=times)

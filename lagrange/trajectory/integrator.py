@@ -38,9 +38,10 @@ LEAST_ATOL = 1e-300
 class Tolerances:
     """Tolerances and step lengths of a driver, and notes for the user.
 
-    They are the relative and absolute tolerance and the longest step, or the size of equal steps. If `share` is not
-    zero, the absolute tolerance of an entry of the state begins with `atol` and is at least `share` times the largest
-    size of the entry so far. A driver uses `margin` times the tolerances.
+    `rtol` and `atol` are the relative and absolute tolerance. `step` is the size of equal steps, and `longest` bounds
+    the size of chosen steps. If `share` is not zero, the absolute tolerance of an entry of the state begins with
+    `atol` and is at least `share` times the largest size of the entry so far. A driver uses `margin` times the
+    tolerances.
     """
 
     rtol: float = 0.0
@@ -52,7 +53,7 @@ class Tolerances:
     notes: tuple[str, ...] = ()
 
     def begin(self, t0: float, t1: float, y0: FloatArray) -> DriverState:
-        """Return the driver state at the start of a run from (t0, y0) to t1."""
+        """Return the state of a driver at the start of a run from time `t0` and state `y0` (2n,) to `t1`."""
         h = self.step if t1 >= t0 else -self.step
         aim = self.margin
         floor = max(aim * self.atol, LEAST_FLOOR)
@@ -82,17 +83,23 @@ class RunOptions:
 
     @property
     def step_limit(self) -> int:
-        """Largest number of trial steps. Raises StatementError if it is not a whole number of at least 1."""
+        """Largest number of trial steps of the run, by default `MAX_STEPS`.
+
+        Raises StatementError if it is not a whole number of at least 1.
+        """
         return MAX_STEPS if self.max_steps is None else whole_number(self.max_steps, "max_steps", 1)
 
     @property
     def wall_limit(self) -> float | None:
-        """Time limit of the run in seconds, or None. Raises StatementError if it is not a positive number."""
+        """Time limit of the run in seconds, or None for no limit.
+
+        Raises StatementError if it is not a positive number.
+        """
         return _positive(self.max_wall, "max_wall", "seconds")
 
     @property
     def memory_limit(self) -> float | None:
-        """Largest number of bytes that the run may store, or None.
+        """Largest number of bytes that the run may store, or None if the user gave none.
 
         Raises StatementError if it is not a positive number.
         """
@@ -193,7 +200,10 @@ class Problem:
 
 
 def run_by(integrator: Integrator, problem: Problem) -> Trajectory:
-    """Run a problem. Raises StatementError if a user's method does not return a trajectory."""
+    """Return the trajectory of a problem by an integrator.
+
+    Raises StatementError if a user's method does not return a trajectory.
+    """
     trajectory: Any = integrator.integrate(problem)
     if not isinstance(trajectory, Trajectory):
         raise StatementError(
@@ -211,11 +221,11 @@ class Integrator(Protocol):
 
     @property
     def name(self) -> str:
-        """The registered name."""
+        """The name under which the method is registered."""
 
     @property
     def claims(self) -> Claims:
-        """The claimed properties of the method."""
+        """The properties that the method claims, such as its order."""
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Run the problem and return its trajectory."""

@@ -87,11 +87,12 @@ def message(
     cause: str = "",
     rtol: float | None = None,
 ) -> str:
-    """Return the message for a run of `method` that ended with `status` at time t.
+    """Return the message for a run by the method named `method`, which ended with `status` at time t.
 
     `y` (2n,) is the state with entries that are not finite, else the last accepted state. `slope` (2n,) is its
-    derivative if that is not finite. `detail` is a further cause as a separate sentence; for a singular mass matrix it
-    replaces the message. `cause` replaces cause and remedy. `rtol` is the relative tolerance, None for equal steps.
+    derivative if that is not finite. `detail` is a further cause as a separate sentence; for a singular mass matrix
+    it replaces the sentence on the status. `cause` replaces cause and remedy. `rtol` is the relative tolerance, None
+    for equal steps.
     """
     if status.complete and not (detail or cause):
         backwards = " Time ran backwards." if status is Status.SUCCESS and problem.t1 < problem.t0 else ""
@@ -121,7 +122,10 @@ def message(
 
 
 def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: float | None) -> str:
-    """Return the remedy for an end of a run, or ""."""
+    """Return the sentence that says what to do after a run ended with `status`, or "".
+
+    `y` (2n,) is the last state, and `rtol` the relative tolerance, None for equal steps.
+    """
     if status.at_end or status is Status.INTERRUPTED:
         return ""
     finer = "shorten the step" if rtol is None else f"lower rtol (now {rtol:g}) and atol"
@@ -153,7 +157,10 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
 
 
 def unsolved(residual: float) -> str:
-    """Return a sentence with the residual of the equations of an implicit step."""
+    """Return a sentence for an implicit step that did not converge.
+
+    `residual` is the size of the last correction of Newton's method, relative to the unknowns.
+    """
     if residual < SLOW_RESIDUAL:
         return (
             f"The corrections of its unknowns shrink too slowly: the last was {residual:.2g} of their size, and "
@@ -166,7 +173,7 @@ def unsolved(residual: float) -> str:
 
 
 def outputs_alone(problem: Problem) -> str:
-    """Return the note on a run that stored only its outputs and not its steps."""
+    """Return the note that a run stored only the states at its output times, to save memory."""
     return (
         f"The steps of the run took more than max_memory = {number(memory_limit(problem))} bytes, so it kept only the "
         "states at its output times: ask for others in t_eval, or raise max_memory."
@@ -181,7 +188,7 @@ def interrupted(run: Trajectory, span: Sequence[float]) -> Trajectory:
 
 
 def events_fill(problem: Problem) -> str:
-    """Return the cause and the remedy for a run that stores no steps, and has no memory left for more events."""
+    """Return the cause and the remedy for a run without stored steps whose events have used up the memory."""
     return (
         f"The times and states of its events have used up max_memory = {number(memory_limit(problem))} bytes. Raise "
         "max_memory, end the run earlier and go on from there, or watch fewer zeros, as by a direction."
@@ -195,7 +202,10 @@ def event_behind_outputs(t: FloatArray) -> str:
 
 
 def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, y: FloatArray) -> str:
-    """Return the cause and the remedy if a step failed because an entry of the state (2n,) has zero tolerance."""
+    """Return the cause and the remedy if a step failed because an entry of the state has zero tolerance, else "".
+
+    This is an entry of `y` (2n,) that is 0, with an absolute tolerance of 0.
+    """
     failed = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
     if not failed or not tolerances.rtol or tolerances.atol > LEAST_ATOL or tolerances.share or y.all():
         return ""
@@ -204,10 +214,11 @@ def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, 
 
 
 def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, int], atol: float) -> str:
-    """Return the cause and the remedy if a small entry of the state `y` (2n,) limits the step.
+    """Return the cause and the remedy for a run that used up a limit because a small entry of the state is followed.
 
-    `which` has the index of this entry, and the index of the largest entry of its kind, a coordinate or a velocity.
-    `atol` is the present absolute tolerance of the largest entry.
+    `y` (2n,) is the state. `which` has the index of this entry, and the index of the largest entry of its kind, a
+    coordinate or a velocity. `atol` is the present absolute tolerance of the largest entry. `status` says which
+    limit.
     """
     limit = "max_steps" if status is Status.MAX_STEPS else "max_wall"
     names, (row, largest) = problem.model.layout.names(), which
@@ -255,9 +266,10 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
 
 
 def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None) -> str:
-    """Return the entries of a state that are not finite, else those of its derivative: ``theta_dot is nan``.
+    """Return a phrase with the entries of a state that are not finite, such as ``theta_dot is nan``.
 
-    The entries of a quaternion count as one, of its rotation.
+    If the state `y` (2n,) is finite, they are those of its derivative `slope`. The entries of a quaternion count as
+    one, of its rotation.
     """
     layout, symbols = problem.model.layout, symbols_of_entries(problem.model.statement.rotations)
 
@@ -274,13 +286,13 @@ def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None)
 
 
 def largest(problem: Problem, y: FloatArray) -> str:
-    """Return a phrase with the largest entry of a state: ``x_dot is -1.2e+15``."""
+    """Return a phrase with the largest entry of a state y (2n,), such as ``x_dot is -1.2e+15``."""
     row = int(np.argmax(np.abs(y)))
     return f"{problem.model.layout.names()[row]} is {y[row]:.4g}"
 
 
 def number(value: float) -> str:
-    """Return a number for a sentence, with at most six digits."""
+    """Return a number as text for a sentence, with at most six digits."""
     return f"{value:.6g}"
 
 

@@ -29,7 +29,10 @@ PathOf = Callable[[FloatArray, FloatArray], StepPath]
 
 
 class Part(NamedTuple):
-    """Rows written by one call of the driver: accepted times (k,), states (k, 2n), and the number of the call."""
+    """Rows of a run that one call of the driver wrote: accepted times (k,) and states (k, 2n).
+
+    `call` is the number of the call.
+    """
 
     times: FloatArray
     states: FloatArray
@@ -37,9 +40,9 @@ class Part(NamedTuple):
 
 
 class AcceptedStates:
-    """The accepted states so far, in the parts that the driver wrote.
+    """The accepted states of a run so far, in the parts that the driver wrote.
 
-    If `outputs_alone`, all states but the last may be dropped when memory is used up; `dropped` is then True, and
+    With `outputs_alone`, all states but the last may be dropped when memory is used up; `dropped` is then True, and
     `removed` is the number of dropped parts. `followed` evaluates output times during the run, or is None.
     `discontinuities` tests constraints that may jump; `passed` is the first discontinuity, which ends the run.
     `approach` measures how close constraints come to dependence. `switches` ends steps at switching times of forces.
@@ -60,15 +63,15 @@ class AcceptedStates:
 
     @property
     def dropped(self) -> bool:
-        """True if states were dropped."""
+        """True if accepted states were dropped because memory was used up."""
         return self.removed > 0
 
     def add(self, t: float, y: FloatArray) -> None:
-        """Append a state (2n,) after a jump, without a step."""
+        """Append the state y (2n,) at time t, to which the motion jumped without a step."""
         self.parts.append(Part(np.array([t]), y[None].copy(), self.parts[-1].call))
 
     def collect(self, state: DriverState, times: FloatArray, rows: FloatArray, call: int) -> None:
-        """Store the rows that call number `call` of the driver wrote.
+        """Store the accepted times and states that call number `call` of the driver wrote to `times` and `rows`.
 
         A second call for the same number does nothing. Ctrl-C may cause that second call.
         """
@@ -81,18 +84,21 @@ class AcceptedStates:
             self.parts.append(Part(t.copy() if short else t, y.copy() if short else y, call))
 
     def follow(self, *, last: bool = False) -> None:
-        """Evaluate the outputs on new steps. `last` is True if no step follows."""
+        """Evaluate the states at output times on the steps since the last call. `last` is True if no step follows."""
         if self.followed is not None:
             self.followed.follow(self.parts, self.removed, last=last)
 
     def look_at_constraints(self, model: Model, parameters: FloatArray, span: float) -> None:
-        """Test the states of this run, over a time `span`, for discontinuities and for nearly dependent constraints."""
+        """Test the states of this run from now on for discontinuities and near dependence of the constraints.
+
+        `span` is the duration of the run.
+        """
         if may_be_discontinuous(model):
             self.discontinuities = Discontinuities(model, parameters, span)
         self.approach = Approach(model, parameters, (float(self.parts[0].times[0]), self.parts[0].states[0]))
 
     def discontinuity(self) -> Discontinuity | None:
-        """Return the first discontinuity of constraints among the new states, or None."""
+        """Return the first discontinuity of the constraints on the steps since the last call, or None."""
         if self.discontinuities is None:
             return None
         before, *new = self.parts[self._looked_at - self.removed - 1 :]
@@ -103,9 +109,10 @@ class AcceptedStates:
         return self.discontinuities.on(times, np.concatenate([before.states[-1:], *(part.states for part in new)]))
 
     def make_room(self, limit: float) -> int:
-        """Evaluate the outputs on new steps. Return the number of states for which memory is left.
+        """Return the number of further states for which memory is left. `limit` is in bytes.
 
-        `limit` is in bytes. If no memory is left, stored states are dropped if `outputs_alone`.
+        The states at output times on new steps are evaluated first. If no memory is left, stored states are dropped
+        if `outputs_alone`.
         """
         if self.followed is not None:
             self.follow()
@@ -116,7 +123,7 @@ class AcceptedStates:
         return room
 
     def drop(self) -> None:
-        """Drop all states but the last, and store the largest sizes of the entries."""
+        """Drop all accepted states but the last, to free memory. The largest sizes of the entries are stored."""
         self._sizes = self._largest()
         last = self.parts[-1]
         end = last._replace(times=last.times[-1:].copy(), states=last.states[-1:].copy())
@@ -142,11 +149,11 @@ class AcceptedStates:
 
 
 class FollowedSteps:
-    """Evaluates the states at output times during a run by a step program, by the dense output of each step.
+    """Evaluates the states at output times during a run by steps other than Taylor steps.
 
-    The last two states of a smooth piece are kept until the next call, since a dense output may use the previous step.
-    `breaks` are the resets that the watcher of events recorded, or None. `_known` is replaced by one assignment, so
-    Ctrl-C leaves it consistent.
+    It uses the dense output of each step. The last two states of a smooth piece are kept until the next call, since a
+    dense output may use the previous step. `breaks` are the rows after which another smooth piece begins, as the
+    watcher of events recorded them, or None. `_known` is replaced by one assignment, so Ctrl-C leaves it consistent.
     """
 
     def __init__(self, problem: Problem, times: FloatArray, path_of: PathOf, breaks: Breaks | None) -> None:
@@ -170,7 +177,10 @@ class FollowedSteps:
         return np.ascontiguousarray(self._y[:, :count])
 
     def follow(self, parts: Sequence[Part], removed: int, *, last: bool) -> None:
-        """Evaluate the outputs on the new parts. `removed` is the number of dropped parts before them."""
+        """Evaluate the states at the output times on the new parts of the accepted states.
+
+        `removed` is the number of dropped parts before `parts`. `last` is True if no step follows.
+        """
         times, states, first, ended, seen = self._known
         new = parts[seen - removed :]
         times = np.concatenate([times, *(part.times for part in new)])
@@ -194,14 +204,21 @@ class FollowedSteps:
         self._known = *kept, first + len(times) - keep, ended + len(break_rows), removed + len(parts)
 
     def _finish(self, times: FloatArray, states: FloatArray, *, last: bool) -> int:
-        """Evaluate the outputs on the present smooth piece. Return the number of its states that must be kept."""
+        """Evaluate the states at output times on the smooth piece of motion at the end of the run so far.
+
+        `times` and `states` are its accepted rows. Return how many of the last rows must be kept. `last` is True if
+        no step follows.
+        """
         if last or len(times) < 3:
             return min(1, len(times)) if last else len(times)
         self._write(times, states, float(times[-1]))
         return 2
 
     def _write(self, times: FloatArray, states: FloatArray, end: float) -> None:
-        """Write the states at output times up to `end`, by the dense output of the steps."""
+        """Evaluate and store the states at output times up to `end`, by the dense output of steps.
+
+        The steps have the given `times` and `states` at their ends.
+        """
         until = self._done + int(np.searchsorted(self._rising[self._done :], self._forward * end))
         if self._done < until:
             self._path_of(times, states).write(self._times[self._done : until], self._y[:, self._done : until])
@@ -209,9 +226,10 @@ class FollowedSteps:
 
 
 def output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) -> FloatArray | None:
-    """Return the output times as an array (N,), or None; the state has `width` entries at each.
+    """Return the output times `t_eval` of a run from t0 to t1 as a checked array (N,), or None if there are none.
 
-    Raises StatementError for times outside the span and times that are not sorted in the direction of the run.
+    `width` is the number of entries of a state, for the message if memory does not suffice. Raises StatementError for
+    times outside the span and times that are not sorted in the direction of the run.
     """
     if t_eval is None:
         return None

@@ -1,1 +1,1 @@
-"""Dense output: the polynomials of steps and their values at many times, interpreted and in machine code."""
+"""Dense output, interpreted and in machine code: the polynomial on each step, and the states at any times."""

@@ -36,12 +36,12 @@ def _loaded(procedure: Procedure, *, by_arrays: bool) -> Callable[..., Any]:
 
 @dataclass(frozen=True, eq=False)
 class NumpyDense:
-    """The dense output of this machine (implements `DensePath`) for states with `dimension` entries.
+    """The dense output of the numpy machine (implements `DensePath`) for states with `dimension` entries.
 
-    `degree` is that of the polynomials. `both` is True if they also depend on the neighbouring steps. `size` returns
-    the number of doubles of working memory for a block of steps. `write(columns, own, beside, work, out)` writes the
-    polynomials of a block of `columns` steps to `out`, in the layout of `POLYNOMIAL`: `own` are the steps of the block,
-    `beside` the neighbouring steps, and `work` is working memory.
+    `degree` is that of the polynomials. `both` is True if they also depend on the neighbouring steps. `size(columns)`
+    returns the number of doubles of working memory for a block of steps. `write(columns, own, beside, work, out)`
+    writes the polynomials of a block of `columns` steps to `out`, in the layout of `POLYNOMIAL`: `own` are the steps
+    of the block, `beside` the neighbouring steps, and `work` is working memory.
     """
 
     dimension: int
@@ -62,7 +62,11 @@ class NumpyDense:
         return BlockPolynomial(write, np.empty(0).data, WIDEST_VECTOR, self.size(WIDEST_VECTOR), self.both, ())
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the polynomial coefficients (degree + 1, 2n, k) of the k steps with the indices `steps`."""
+        """Return the coefficients (degree + 1, 2n, k) of the polynomials on the k steps with the indices `steps`.
+
+        The run has accepted times `times` (S+1,) and states `states` (S+1, 2n). Each polynomial is in the fraction of
+        its step.
+        """
         coefficients = np.empty((self.degree + 1, self.dimension, len(steps)))
         for low in range(0, len(steps), STEPS_PER_BLOCK):
             part = slice(low, low + STEPS_PER_BLOCK)
@@ -70,7 +74,10 @@ class NumpyDense:
         return coefficients
 
     def at(self, times: FloatArray, states: FloatArray, requested_times: FloatArray, out: FloatArray) -> None:
-        """Write the states at `requested_times` (K,), sorted in the direction of the run, to `out` (2n, K)."""
+        """Write the states at `requested_times` (K,), sorted in the direction of the run, to `out` (2n, K).
+
+        The run has accepted times `times` (S+1,) and states `states` (S+1, 2n).
+        """
         sign = 1.0 if times[-1] >= times[0] else -1.0
         step_of = np.searchsorted(sign * times, sign * requested_times, side="right") - 1
         step_of = np.clip(step_of, 0, len(times) - 2)
@@ -87,7 +94,10 @@ class NumpyDense:
                 out[:, part][:, exact] = states[rows[exact]].T
 
     def _block(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the polynomial coefficients (degree + 1, 2n, K) of a block of K steps."""
+        """Return the coefficients (degree + 1, 2n, K) of the polynomials on one block of K steps.
+
+        `steps` are the indices of the steps in the run with accepted times `times` and `states`.
+        """
         n, count = self.dimension, len(steps)
         out = np.empty((self.degree + 1) * n * count)
         block, beside = _gathered(times, states, steps), np.empty(0)
@@ -103,7 +113,11 @@ class NumpyDense:
 def step_dense(
     kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
 ) -> NumpyDense:
-    """Return the dense output of a method's steps for one right-hand side and one set of parameters."""
+    """Return the dense output of a method's steps for one right-hand side and one set of parameters.
+
+    `kind` says how the method's polynomial follows from the ends of a step. `kernel` is the right-hand side and
+    `jacobian` its derivative, None if the polynomial does not need it.
+    """
     n, write = kernel.program.states, partial(_write_steps, kind, kernel, parameters, jacobian)
     return NumpyDense(n, kind.degree, kind.derivative, partial(kind.size, n), write)
 
@@ -116,7 +130,11 @@ def _write_steps(
     columns: int,
     *arrays: FloatArray,
 ) -> None:
-    """Write the polynomials of a block of steps by the printed procedure. `arrays` are those of `NumpyDense.write`."""
+    """Write the polynomials of a block of `columns` steps by the printed procedure of their kind.
+
+    `kernel` is the right-hand side and `jacobian` its derivative or None. `arrays` are the steps of the block, their
+    neighbours, working memory, and the coefficients to write.
+    """
     law, n = _by_columns(kernel, parameters), kernel.program.states
     derivative = None if jacobian is None else _by_columns(jacobian, parameters)
     few = columns * n <= SHORT_BLOCK
@@ -128,17 +146,21 @@ def _write_steps(
 def write_series(
     jet: Callable[..., bool], numbers: FloatArray, dimension: int, width: int, order: int, *arrays: Any
 ) -> None:
-    """Write the polynomials of a block of Taylor steps. `jet` computes the series from `numbers`, its parameters.
+    """Write the polynomials of a block of Taylor steps.
 
-    `width` is the length of a row of the series. `arrays` are the times and states of the steps and of their
-    neighbours, work memory, and the memory for the coefficients of the polynomials.
+    `jet` is the function that computes Taylor coefficients, and `numbers` are its parameters. `dimension` is 2n,
+    `order` that of the series, and `width` the length of a row of the series. `arrays` are the number of steps, the
+    steps and their neighbours, working memory, and the coefficients to write.
     """
     write = _loaded(series_polynomial.form(), by_arrays=True)
     write(jet, numbers, None, order, width, dimension, dimension, *arrays)
 
 
 def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
-    """Return a kernel as a callback on many states that procedures call. Results at a singular mass matrix are NaN."""
+    """Return a kernel as a callback for procedures, which evaluates it at many states (one in each column).
+
+    Results at a singular mass matrix are NaN.
+    """
     half = kernel.program.states // 2
 
     def evaluate(count: int, t: Any, q: Any, v: Any, _: Any, out: Any) -> int:
@@ -151,9 +173,10 @@ def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
 
 
 def _invert(order: int, columns: int, a: Any, _: Any) -> None:
-    """Write the inverse of each column's matrix after the matrix itself, or NaN if the matrix is singular.
+    """Write the inverse of the matrix of each column after this matrix, or NaN if the matrix is singular.
 
-    `a` is a flat array of shape (order, 2 order, columns), as for `INVERT`.
+    `a` is a flat array of shape (order, 2 order, columns): the left half has the matrices, the right half receives
+    their inverses.
     """
     both = np.asarray(a)[: 2 * order * order * columns].reshape(order, 2 * order, columns)
     matrices = np.moveaxis(both[:, :order], -1, 0).copy()
@@ -184,9 +207,10 @@ def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray)
 
 
 def _gathered(times: FloatArray, states: FloatArray, steps: Places, side: FloatArray | float = 0.0) -> FloatArray:
-    """Return steps of a run as a block with one column for each step, in the layout of `OwnStep`.
+    """Return the steps with indices `steps` of a run as a block with one column for each step.
 
-    `side` is the position of a neighbouring step: -1.0 before, 1.0 after, 0.0 for the step itself.
+    The rows are the start times, the lengths, `side`, and the states at the start and at the end. `side` is the
+    position of a neighbouring step: -1.0 before, 1.0 after, 0.0 for the step itself.
     """
     count = len(steps)
     block = np.empty(block_size(states.shape[1], count))

@@ -34,7 +34,7 @@ from lagrange.procedure.form import Procedure
 
 @lru_cache(maxsize=64)
 def compiled_polynomial(procedure: Procedure) -> Module:
-    """Return the module of a procedure that writes polynomials, called through the function `polynomial`."""
+    """Return the compiled module of a procedure that writes polynomials. Its function `polynomial` calls it."""
     context_size = len(procedure.parameters) - len(POLYNOMIAL.parameters) + 1
     e = Emitter()
     kinds = [argument_type(parameter.type) for parameter in procedure.parameters]
@@ -59,7 +59,7 @@ def _module(procedure: Procedure, entry: str) -> Module:
 
 @dataclass(frozen=True, eq=False)
 class LlvmDense:
-    """The dense output of this machine (implements `DensePath`) for states with `dimension` entries.
+    """The dense output in machine code (implements `DensePath`) for states with `dimension` entries.
 
     `degree` is that of the polynomials. `polynomial` returns the callback that writes the polynomials of a block of
     steps, and raises SingularMassMatrix.
@@ -70,7 +70,11 @@ class LlvmDense:
     polynomial: Callable[[], BlockPolynomial]
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the polynomial coefficients (degree + 1, 2n, k) of the k steps with the indices `steps`."""
+        """Return the coefficients (degree + 1, 2n, k) of the polynomials on the k steps with the indices `steps`.
+
+        The run has accepted times `times` (S+1,) and states `states` (S+1, 2n). Each polynomial is in the fraction of
+        its step.
+        """
         n, count = self.dimension, len(steps)
         if (written := self._written()) is None:
             return np.full((self.degree + 1, n, count), np.nan)
@@ -83,7 +87,10 @@ class LlvmDense:
         return np.moveaxis(c, 0, 2).reshape(self.degree + 1, n, -1)[:, :, :count]
 
     def at(self, times: FloatArray, states: FloatArray, requested_times: FloatArray, out: FloatArray) -> None:
-        """Write the states at `requested_times` (K,), sorted in the direction of the run, to `out` (2n, K)."""
+        """Write the states at `requested_times` (K,), sorted in the direction of the run, to `out` (2n, K).
+
+        The run has accepted times `times` (S+1,) and states `states` (S+1, 2n).
+        """
         if (written := self._written()) is None:
             out[:] = np.nan
             return
@@ -104,9 +111,10 @@ class LlvmDense:
     def _run(
         self, procedure: Procedure, written: BlockPolynomial, times: FloatArray, states: FloatArray, **arguments: Any
     ) -> None:
-        """Run a procedure on the steps of a run. `written` writes their polynomials, `arguments` are additional.
+        """Run a compiled procedure on the steps of a run, which have the given `times` and `states` at their ends.
 
-        The procedure serves all kinds of steps, and is compiled once per process.
+        `written` is the callback that writes the polynomials of steps. `arguments` are the other arguments of the
+        procedure. The procedure serves all kinds of steps, and is compiled once per process.
         """
         n = self.dimension
         values = {
@@ -131,7 +139,11 @@ class LlvmDense:
 def step_dense(
     kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
 ) -> LlvmDense:
-    """Return the dense output of a method's steps for one right-hand side and one set of parameters."""
+    """Return the dense output of a method's steps for one right-hand side and one set of parameters.
+
+    `kind` says how the method's polynomial follows from the ends of a step. `kernel` is the right-hand side and
+    `jacobian` its derivative, None if the polynomial does not need it.
+    """
     polynomial = partial(_of_steps, kind, kernel, parameters, jacobian)
     return LlvmDense(kernel.program.states, kind.degree, polynomial)
 
@@ -139,7 +151,10 @@ def step_dense(
 def _of_steps(
     kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None
 ) -> BlockPolynomial:
-    """Return the callback that writes the polynomials of steps, with the addresses of the kernels."""
+    """Return the callback that writes the polynomials of steps, with the addresses of the kernels that it calls.
+
+    `kernel` is the right-hand side and `jacobian` its derivative or None.
+    """
     code, n = compiled_polynomial(kind.procedure), kernel.program.states
     references: list[Any] = [code, kind.table]
     addresses = []
@@ -154,9 +169,10 @@ def _of_steps(
 
 
 def of_series(jet: int, numbers: tuple[FloatArray, FloatArray], layout: TaylorLayout, order: int) -> BlockPolynomial:
-    """Return the callback that writes the polynomials of Taylor steps.
+    """Return the callback that writes the polynomials of Taylor steps of an order.
 
-    `jet` is the address of the series. `numbers` are its arrays: prepared parameters and constants.
+    `jet` is the address of the function that computes Taylor coefficients. `numbers` are the two arrays of constant
+    numbers that it takes: the first begins with the parameters. `layout` is that of the series in memory.
     """
     code, padded = compiled_polynomial(series_polynomial.form()), layout.padded
     words = [jet, *map(address, numbers), order, layout.width, padded, layout.dimension]

@@ -27,10 +27,10 @@ STANDING = (
 
 
 class SteppingDriver(Protocol):
-    """Protocol of a driver in machine code whose step function another compiled loop calls."""
+    """Protocol of a driver whose compiled step function is called by another compiled loop."""
 
     def function(self, state: DriverState) -> StepFunction:
-        """Return the compiled function that takes the driver's steps, starting from a state."""
+        """Return the compiled function that takes steps of this driver, set to continue the run `state`."""
 
     def count(self, steps: int) -> None:
         """Report that `steps` more steps were accepted.
@@ -40,7 +40,10 @@ class SteppingDriver(Protocol):
 
 
 class LlvmEventSteps:
-    """The steps of a driver with events, for one set of parameters: implements `EventSteps`."""
+    """Compiled loop that takes steps of a driver and finds events on them, for one set of parameters.
+
+    It implements `EventSteps`.
+    """
 
     def __init__(
         self,
@@ -96,9 +99,10 @@ class LlvmEventSteps:
         self._state: DriverState | None = None
 
     def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
-        """Advance a run by steps and search them for events.
+        """Take steps of a run, and find the events on them. Return a number that says why the loop stopped.
 
-        Return a code for the reason of the return, as `EventSteps` does.
+        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n). The number is an
+        outcome of the driver, or says that a step is irregular or that the arrays of `memory` are full.
         """
         if memory is not self._memory:
             self._memory = memory
@@ -116,6 +120,6 @@ class LlvmEventSteps:
 
 
 def _of_memory(memory: StepEventMemory) -> dict[str, Any]:
-    """Return the arguments of the loop that are arrays and records of the run's memory, by name."""
+    """Return the arrays and records of `memory` that the compiled loop takes as arguments, by name."""
     arrays = {name: getattr(memory, name) for name in STANDING}
     return {**arrays, "review": memory.review, "event_run": memory.run}

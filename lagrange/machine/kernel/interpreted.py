@@ -75,14 +75,17 @@ class InterpretedKernel:
     program: Program
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the result of the program for a state (2n,) or many (2n, batch)."""
+        """Return the program's result at time t, for a state y (2n,) or many states (2n, batch)."""
         return self._rows(t, y, y.shape[1:], parameters)
 
     def quick(self, parameters: FloatArray) -> None:
-        """Return None: this kernel has no quick calls."""
+        """Return None: this kernel has no quick calls (calls for one state that check their own arguments)."""
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result of the program for many states. `inputs` has an array (size, batch) for each input."""
+        """Return the program's result for many states, which are columns.
+
+        `inputs` has an array (size, batch) for each input of the program, such as q and v.
+        """
         return self._rows(t, [row for block in inputs for row in block], inputs[0].shape[1:], parameters)
 
     def _rows(
@@ -141,10 +144,10 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
 
 
 def _scale(a: FloatArray) -> FloatArray:
-    """Return the scale factors (n, k) of rows and columns of k symmetric matrices (n, n, k).
+    """Return the factors (n, k) by which rows and columns of k symmetric matrices are scaled before elimination.
 
-    The factors are the same as in `lagrange.algorithm.linear.pivoted`. If a matrix is not definite they are powers of
-    two, so that scaling does not round.
+    `a` has the matrices (n, n, k). The factors are the same as in `lagrange.algorithm.linear.pivoted`. If a matrix is
+    not definite they are powers of two, so that scaling does not round.
     """
     diagonal, size = np.abs(np.einsum("iik->ik", a)), np.abs(a)
     scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(diagonal), 0.0)

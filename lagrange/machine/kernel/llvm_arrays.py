@@ -52,7 +52,7 @@ METH_FASTCALL = 0x80
 
 
 def _field(name: str, kind: str = "ptr") -> str:
-    """Return the IR lines that read a field of the structure `%record`."""
+    """Return the IR lines that load the field `name` of the structure to which `%record` points."""
     return f"""  %at.{name} = getelementptr i64, ptr %record, i64 {FIELDS.index(name)}
   %{name} = load {kind}, ptr %at.{name}"""
 
@@ -259,10 +259,11 @@ class _Record(np.ndarray[Any, Any]):
 def quick_calls(
     kernel: tuple[Module, int], prepared: FloatArray, size: int, shape: tuple[int, ...]
 ) -> QuickCalls | None:
-    """Return the quick calls of a kernel for one state, or None if Python's objects do not have the expected layout.
+    """Return functions that evaluate a kernel at one state and check their own arguments in machine code.
 
-    `kernel` is the module and the address of the function in it. `prepared` has the parameters and all values that
-    depend on them alone. `size` is the length of a state, and `shape` is that of the result.
+    The result is None for very long states, and if Python's objects do not have the expected layout. `kernel` is the
+    module and the address of the function in it. `prepared` has the parameters and all values that depend on them
+    alone. `size` is the length of a state, and `shape` is that of the result.
     """
     return None if size > MOST_STATE or not _as_documented() else _made(kernel, prepared, size, shape)
 

@@ -70,15 +70,18 @@ class LlvmKernel(Shared):
 
     @property
     def prepare_address(self) -> int:
-        """Address of ``int32_t f(double *prepared)``, which writes all values that depend on parameters alone.
+        """Address of ``int32_t f(double *prepared)``, which computes all values that depend on parameters alone.
 
-        They follow the parameters in the array `prepared`.
+        They are written after the parameters, with which the array `prepared` begins.
         """
         return self._module.address(f"{self.program.name}_prepare")
 
     @property
     def law_address(self) -> int:
-        """Address of the kernel that steps call: for small states the kernel in registers, else `address`."""
+        """Address of the kernel that the steps of methods call.
+
+        For a small state it is the kernel that takes the state in registers, else `address`.
+        """
         name = self.program.name
         return self._module.address(f"{name}_registers") if in_registers(self.program) else self.address
 
@@ -86,13 +89,17 @@ class LlvmKernel(Shared):
     def columns_address(self) -> int:
         """Address of the kernel for many states.
 
-        Its arguments: number of states, times, inputs, `prepared`, results.
+        Its arguments are the number of states, their times, each input, the array `prepared`, and the array for the
+        results.
         """
         module, _ = self._column_kernel
         return module.address(f"{self.program.name}_columns")
 
     def prepare(self, parameters: FloatArray) -> FloatArray:
-        """Return the parameters followed by all values that depend on them alone. Raises SingularMassMatrix."""
+        """Return an array of the parameters, followed by all values that depend on them alone.
+
+        Raises SingularMassMatrix if a matrix that depends on parameters alone is singular.
+        """
         key = parameters.tobytes()
         known = self._prepared
         if known is not None and known[0] == key:
@@ -105,7 +112,7 @@ class LlvmKernel(Shared):
         return prepared
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the result of the program for a state (2n,) or many (2n, batch)."""
+        """Return the program's result at time t, for a state y (2n,) or many states (2n, batch)."""
         if y.ndim > 1:
             return self.columns(t, self._split(y), parameters)
         prepared = self.prepare(parameters)
@@ -116,9 +123,9 @@ class LlvmKernel(Shared):
         return out
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return quick calls, or None for long programs.
+        """Return calls for one state that check their own arguments in machine code, or None for long programs.
 
-        Quick calls keep the interpreter lock for some microseconds.
+        These calls do not release the interpreter lock, which is acceptable for some microseconds.
         """
         if len(self.program.instructions) > SHORT_PROGRAM:
             return None
@@ -129,9 +136,10 @@ class LlvmKernel(Shared):
         return known[1]
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result of the program for many states. `inputs` has an array (size, batch) for each input.
+        """Return the program's result for many states, which are columns.
 
-        The last block of states is filled up with copies of the last state.
+        `inputs` has an array (size, batch) for each input of the program, such as q and v. States are computed by
+        blocks of a vector's width. The last block is filled up with copies of the last state.
         """
         prepared = self.prepare(parameters)
         batch = inputs[0].shape[1]
@@ -173,9 +181,10 @@ class LlvmKernel(Shared):
 
     @cached_property
     def _column_kernel(self) -> tuple[Module, ctypes._CFunctionType]:
-        """Module of the kernel for many states, and its function, as one value.
+        """The compiled module of the kernel for many states, and the function in it that ctypes calls.
 
-        So threads that compile at the same time each use a module and a function that belong together.
+        They are one value, so that threads that compile at the same time each use a module and a function that belong
+        together.
         """
         module = Module(self._code.column_module(self._lanes))
         pointers = [ctypes.c_void_p] * (3 + len(self.program.inputs))

@@ -54,22 +54,22 @@ column that needs pivoting is evaluated again alone.
 
 
 def fit(dimension: int) -> bool:
-    """Return True if kernels and steps pass states of this dimension in registers."""
+    """Return True if states with `dimension` entries are small enough to be passed in registers."""
     return dimension <= MOST_IN_REGISTERS
 
 
 def in_registers(program: Program) -> bool:
     """Return True if a program has a kernel that takes its state in registers.
 
-    This is so if steps call the program and its state is small.
+    This is so if steps of methods call the program, and its state is small.
     """
     return bool(program.returned) and fit(program.states)
 
 
 def solves(program: Program) -> bool:
-    """Return True if a program has linear systems, and so may call the solver of dense systems.
+    """Return True if a program has linear systems, so that its code may call the solver of dense systems.
 
-    Small systems call it only if a pivot fails.
+    The code of a small system calls this solver only if a pivot is too small.
     """
     return any(instruction.op in SYSTEMS for instruction in program.instructions)
 
@@ -93,7 +93,10 @@ class KernelCode:
 
     @cached_property
     def scalar(self) -> tuple[Procedure, ...]:
-        """The procedures for one state. If the program has a kernel in registers, this kernel comes first."""
+        """The procedures that evaluate the program at one state.
+
+        If the program has a kernel that takes the state in registers, this kernel comes first.
+        """
         program, prepared = self.program, self.prepared
         if not in_registers(program):
             return (kernel(program, prepared, program.name, f"Evaluate {program.name}.", style=SCALAR),)
@@ -105,12 +108,12 @@ class KernelCode:
 
     @property
     def called(self) -> tuple[Procedure, ...]:
-        """The procedures of other modules that the kernel calls."""
+        """The procedures that the kernels call and that other modules define."""
         every = (callee for caller in (self.prepare, *self.scalar) for callee in caller.callees)
         return tuple(dict.fromkeys(procedure for procedure in every if procedure not in self.scalar))
 
     def scalar_module(self) -> str:
-        """Return the IR of `prepare` and of the scalar kernel."""
+        """Return the IR of `prepare`, and of the kernels for one state."""
         made = [function(procedure, outside=self.scalar) for procedure in self.scalar]
         first = function(self.prepare, outside=(self.prepare,), quickly=True)
         return joined([first, *made], [declaration(procedure) for procedure in self.called])
@@ -142,7 +145,7 @@ class KernelCode:
         return ["%t", *(f"%{block.name}" for block in self.program.inputs)]
 
     def _alone(self) -> str:
-        """Return the IR of a function that evaluates one of many states."""
+        """Return the IR of a function that evaluates one state, given by its column in the arrays of many."""
         e, name, program = Emitter(), self.program.name, self.program
         state, out = e.reserve("double", program.states), e.reserve("double", len(program.outputs))
         first = 0
@@ -197,9 +200,10 @@ class KernelCode:
 
 
 def _spliced(e: Emitter, procedure: Procedure, lanes: int, arguments: Sequence[str]) -> list[str]:
-    """Print the statements of a procedure in lanes into another function, and return its results as vectors.
+    """Print the statements of a procedure into another function, and return its results as vectors.
 
-    The procedure must have a single return, at its end.
+    The procedure computes `lanes` states at once, and `arguments` are the operands of its parameters. It must have a
+    single return, at its end.
     """
     printer = Printer(procedure, e=e, angles=number_of_angles(procedure.body))
     for parameter, argument in zip(procedure.parameters, arguments, strict=True):
@@ -222,10 +226,10 @@ def _leave_if(e: Emitter, status: str, column: str) -> None:
 
 
 def _row(e: Emitter, row: int, column: str) -> str:
-    """Return the index of a row and a column in a C-ordered array with one column for each state."""
+    """Return the index of the entry (row, column) in a C-ordered array with one column for each state."""
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {row}')}, {column}") if row else column
 
 
 def _at(e: Emitter, k: str) -> str:
-    """Return the index of entry k of the current state in an array with one column for each state."""
+    """Return the index of entry `k` of the state `%column` in an array with one column for each state."""
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {k}')}, %column")

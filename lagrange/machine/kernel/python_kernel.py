@@ -119,9 +119,10 @@ def printed(program: Program) -> str:
 
 
 class _PrintedFunction:
-    """A printed function of the parameters. It computes all values that depend on parameters alone.
+    """A printed function, called with the parameters, that computes all values that depend on parameters alone.
 
-    It returns the inner function, or None if the parameters require the interpreter. The last result is cached.
+    It returns the inner function, which evaluates the program at states, or None if the parameters require the
+    interpreter. The last result is cached.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -159,7 +160,7 @@ class PythonKernel:
         )
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the result of the program for a state (2n,) or many (2n, batch)."""
+        """Return the program's result at time t, for a state y (2n,) or many states (2n, batch)."""
         if y.ndim > 1:
             return self._by_blocks(self._blocks(half_angles=False), t, [y], parameters)
         function = self._one_state(parameters)
@@ -174,16 +175,17 @@ class PythonKernel:
         return out if out.shape == shape else out.reshape(shape)
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return quick calls for one state with these parameters, or None if the interpreter is needed."""
+        """Return calls for one state that check their own arguments, or None if the interpreter is needed."""
         key, known = parameters.tobytes(), self._quick
         if known is None or known[0] != key:
             known = self._quick = key, self._calls_of(parameters)
         return known[1]
 
     def _calls_of(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return quick calls: printed functions that check their arguments.
+        """Return the printed functions for one state, of y and of (q, v), which check their own arguments.
 
-        The function of q and v is printed at its first call.
+        The function of q and v is printed at its first call. The result is None if the parameters need the
+        interpreter.
         """
         values = parameters.copy()
         whole = self._whole(values)
@@ -211,9 +213,9 @@ class PythonKernel:
         return self._checked({"q": size // 2, "v": size - size // 2})
 
     def _checked(self, arrays: Mapping[str, int]) -> _PrintedFunction:
-        """Return the printed function of one state, with checks of arguments and results.
+        """Return the printed function of one state, with checks of its arguments and results.
 
-        `arrays` maps arguments to sizes.
+        `arrays` maps the names of its array arguments, such as y, to their lengths.
         """
         packed = struct.Struct(f"{len(self.program.outputs)}d").pack_into
         names = {**FUNCTIONS, **CHECKS, "pack": packed, "new": np.empty(self.program.shape).copy}
@@ -254,7 +256,7 @@ class PythonKernel:
 
     @cached_property
     def _lines(self) -> StraightLines:
-        """The printer of the program."""
+        """The object that prints the program as straight-line Python."""
         return StraightLines(simplified(self.program))
 
     @cached_property
@@ -262,10 +264,11 @@ class PythonKernel:
         return _PrintedFunction(defined(self._lines.scalar(), self.program.name, FUNCTIONS))
 
     def _blocks(self, *, half_angles: bool) -> tuple[_PrintedFunction, int]:
-        """Return the function of blocks of states, and its number of working rows.
+        """Return the printed function that evaluates a block of states, and the number of working rows that it needs.
 
-        Without `half_angles` it has the same operations as the function of one state. So paths of runs have the same
-        digits whether computed at one step or at many.
+        With `half_angles` sines and cosines are computed from the tangent of half the angle. Without, the operations
+        are those of the function of one state. So paths of runs have the same digits whether computed at one step or
+        at many.
         """
         if half_angles not in self._printed:
             text, buffers = self._lines.columns(half_angles=half_angles)

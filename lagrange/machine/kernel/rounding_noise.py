@@ -41,9 +41,9 @@ class Noisy(NamedTuple):
 
 
 def _noisy(name: str) -> Callable[..., Noisy]:
-    """Return the operation `name` on numbers with noise.
+    """Return a function that applies the operation `name` to numbers with error bounds.
 
-    It evaluates both ends of the error interval of each argument.
+    The error carried from an argument is the change of the result at both ends of the argument's error interval.
     """
     operation, rounding = OPERATIONS[name], 0.0 if name in EXACT_OPERATIONS else UNIT
 
@@ -67,9 +67,10 @@ def _noisy(name: str) -> Callable[..., Noisy]:
 
 
 def _linear(name: str) -> Callable[..., Noisy]:
-    """Return the sum or product `name` on numbers with noise. The noise is computed by a formula.
+    """Return a function that adds, subtracts, multiplies or divides numbers with error bounds.
 
-    Unlike a difference of values, the formula also gives noise below the spacing of doubles.
+    `name` is the operation. The bound of the result comes from a formula. Unlike a difference of values, the formula
+    also gives errors below the spacing of doubles.
     """
     operation = OPERATIONS[name]
 
@@ -88,7 +89,7 @@ def _linear(name: str) -> Callable[..., Noisy]:
 
 
 def _factor(order: int, *entries: Noisy) -> Noisy:
-    """Return the symmetric matrix with a given lower triangle, and the noise of its entries."""
+    """Return the symmetric matrix with the lower triangle `entries` by rows, with an error bound for each entry."""
     rows = np.tril_indices(order)
     value, noise = np.zeros((2, order, order))
     value[rows], noise[rows] = [number.value for number in entries], [number.noise for number in entries]
@@ -114,9 +115,10 @@ def _factorization_sizes(matrix: FloatArray) -> FloatArray:
 
 
 def _solve(order: int, matrix: Noisy, *right: Noisy) -> list[Noisy]:
-    """Return the solution of a linear system. Its noise is |M^-1| times the noise of the residual.
+    """Return the solution of a linear system with error bounds: |M^-1| times the error bounds of the residual.
 
-    M is factored in floating point; the rounding errors of this factorization are part of the noise.
+    `order` is the size of the matrix. M is factored in floating point; the rounding errors of this factorization are
+    part of the error.
     """
     value, noise = np.array([number.value for number in right]), np.array([number.noise for number in right])
     inverse = np.linalg.inv(matrix.value)
@@ -136,7 +138,10 @@ _NOISY = Arithmetic(
 
 
 def rounding_noise(program: Program, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the rounding noise of each output of a program at a state (2n,), NaN if a matrix in it is singular."""
+    """Return a bound of the rounding error of each output of a program at a state y (2n,).
+
+    It is NaN if a matrix in the program is singular.
+    """
     state = [Noisy(value, abs(value) * UNIT) for value in y]
     try:
         outputs = _NOISY.evaluate(program, Noisy(t, 0.0), state, [Noisy(value, 0.0) for value in parameters])

@@ -66,10 +66,10 @@ def fits(program: Program) -> bool:
 
 
 class StraightLines:
-    """Prints a program as straight-line Python. Each text defines `name(p)`, an outer function of the parameters.
+    """Prints a program as straight-line Python: the text of an outer function of the parameters, `name(p)`.
 
-    The outer function computes all values that depend on parameters alone. It returns the inner function, or None if
-    these values need the interpreter.
+    The outer function computes all values that depend on parameters alone. It returns an inner function, which
+    evaluates the program at states, or None if these values need the interpreter.
     """
 
     def __init__(self, program: Program) -> None:
@@ -79,27 +79,29 @@ class StraightLines:
         self.inner = _straight(kernel_by_value(program, held, program.outputs, style=STYLE))
 
     def scalar(self) -> str:
-        """Return `def name(p)`, whose inner function takes a number t and a sequence y of floats.
+        """Return the source of an outer function `name(p)`, whose inner function takes t and a sequence y of floats.
 
         The inner function returns a tuple of floats, or None if a pivot of the mass matrix cannot be trusted.
         """
         return _Floats(self.inner).source(self)
 
     def checked(self, arrays: Mapping[str, int]) -> str:
-        """Return `def name(p)`, whose inner function takes t and arrays; `arrays` maps their names to their lengths.
+        """Return the source of an outer function `name(p)`, whose inner function takes t and arrays and checks them.
 
-        The inner function returns a new array with finite entries. It returns None in four cases: t is not a float; an
-        argument is not a plain array of doubles of its length; a result is not finite; Python raises. It is a single
-        function, because a call of another function takes as long as three operations.
+        `arrays` maps the names of these arrays to their lengths. The inner function returns a new array with finite
+        entries. It returns None in four cases: t is not a float; an argument is not a plain array of doubles of its
+        length; a result is not finite; Python raises. It is a single function, because a call of another function
+        takes as long as three operations.
         """
         return _Checked(self.inner, arrays).source(self)
 
     def columns(self, *, half_angles: bool = False) -> tuple[str, int]:
-        """Return `def name_columns(p)`, whose inner function takes (t, y, out, b), and the number of rows of b.
+        """Return the source of an outer function `name_columns(p)`, with an inner function for many states.
 
-        `t` has m times, `y` a row of m numbers for each input, and `out` (k, m) receives the results. `b` are working
-        rows. The function returns False if a pivot is too small for some state, else True. With `half_angles` sines and
-        cosines are computed from the tangent of half the angle.
+        Also return the number of rows of `b`. The inner function takes (t, y, out, b). `t` has m times, `y` a row of
+        m numbers for each input, and `out` (k, m) receives the results. `b` are working rows. The function returns
+        False if a pivot is too small for some state, else True. With `half_angles` sines and cosines are computed
+        from the tangent of half the angle.
         """
         printer = _RowPrinter(self.inner, half_angles=half_angles)
         text = printer.source(self)
@@ -132,7 +134,10 @@ def _straight(procedure: Procedure) -> Procedure:
 
 
 class _Floats(Printer):
-    """Prints the inner function on floats, inside the outer function, which computes values of parameters alone."""
+    """Prints the function of a program for one state, and the outer function around it that takes the parameters.
+
+    The outer function computes the values that depend on parameters alone.
+    """
 
     operators = RAISING
     suffix, arguments = "", "t, y"
@@ -158,7 +163,7 @@ class _Floats(Printer):
         return "\n".join([f"def {name}(p):", *(f"    {line}" for line in lines), ""])
 
     def unpacked(self) -> list[str]:
-        """Return the lines that unpack array arguments into names."""
+        """Return the first lines of the inner function, which unpack its array arguments into variables."""
         return [f"{listed('y', self.states)} = y"] if self.states else []
 
     @property
@@ -171,7 +176,10 @@ class _Floats(Printer):
 
     @visits(Load, Store, Read, Write)
     def memory(self, statement: Load | Store | Read | Write) -> None:
-        """Print the use of a value of parameters alone. Its definition is printed in the outer function."""
+        """Print a read or write of the array of values that depend on parameters alone.
+
+        The outer function sets each value as a variable; the inner function uses this variable.
+        """
         assert isinstance(statement, (Load, Store))
         slot = f"p{self.constants[statement.place]}"
         if isinstance(statement, Load):
@@ -214,17 +222,17 @@ class _Floats(Printer):
         return self.text(flag)
 
     def leave_if(self, condition: str, failure: str = "None") -> None:
-        """Print a conditional early return of the inner function with the result `failure`."""
+        """Print an early return of `failure` from the inner function, taken if `condition` holds."""
         self.put(f"if {condition}:")
         self.put(f"    return {failure}")
 
     def give(self, results: Sequence[int]) -> None:
-        """Print the return of the results with the given ids."""
+        """Print the return of the results, which are values with the given ids."""
         self.put(f"return ({''.join(f'{self.text(ref)}, ' for ref in results).rstrip()})")
 
 
 class _Checked(_Floats):
-    """Prints an inner function on arrays, with checks of its arguments and results."""
+    """Prints a function of t and arrays for one state, with checks of its arguments and results."""
 
     def __init__(self, procedure: Procedure, arrays: Mapping[str, int]) -> None:
         super().__init__(procedure)
@@ -270,10 +278,10 @@ class _Checked(_Floats):
 
 
 class _RowPrinter(_Floats):
-    """Prints a procedure on rows, which are arrays with one number for each state.
+    """Prints a procedure as NumPy operations on rows, which are arrays with one number for each state.
 
-    A result is written to its own row. Another operation writes to the row of an operand that is not read later, or to
-    a free row. So there are few working rows: a block of states fits the cache, and few rows are copied.
+    A result is written to its own row. Another operation writes to the row of an operand that is not read later, or
+    to a free row. So there are few working rows: a block of states fits the cache, and few rows are copied.
     """
 
     suffix, arguments = "_columns", "t, y, out, b"
@@ -305,13 +313,13 @@ class _RowPrinter(_Floats):
         self.place += 1
 
     def release(self, refs: Iterable[int]) -> None:
-        """Free the rows of those values, given by id, that no later statement reads."""
+        """Free the rows of those of the values `refs` (ids) that no later statement reads."""
         self.free += [self.rows.pop(ref) for ref in refs if ref in self.rows and self.last[ref] <= self.place]
 
     def row(self, ref: int | None = None) -> str:
-        """Return the row of a value: a row of the results, or a working row.
+        """Return the name of the row to which a value is written: a row of the results, or a free working row.
 
-        `ref` is the id of the value. With None the row is a free working row.
+        `ref` is the id of the value, or None for a working row without a value.
         """
         if ref in self.outputs:
             row = f"o{self.outputs[ref]}"
@@ -327,7 +335,7 @@ class _RowPrinter(_Floats):
 
     @visits(Let)
     def let(self, let: Let) -> None:
-        """Print an operation that writes to a row. A condition gets a new array."""
+        """Print an operation that writes its result to a row. A comparison returns a new array instead."""
         if all(arg in self.fixed for arg in let.args):
             super().let(let)
         elif let.ref in self.uses:
@@ -341,7 +349,7 @@ class _RowPrinter(_Floats):
                 self.operation_on_rows(let, texts)
 
     def operation_on_rows(self, let: Let, texts: Sequence[str]) -> None:
-        """Print an operation on the rows `texts` whose result is a row of numbers."""
+        """Print an operation on rows whose result is a row of numbers. `texts` are the names of its operands."""
         a, *others = texts
         match let.op:
             case "fma" | "fnma":
@@ -369,7 +377,7 @@ class _RowPrinter(_Floats):
 
     @visits(SineCosine)
     def pair(self, pair: SineCosine) -> None:
-        """Print a sine and a cosine."""
+        """Print the sine and the cosine of an angle, as operations on rows."""
         if self.half_angles and pair.angle not in self.fixed:
             self.by_half_angle(pair.angle, sin=pair.sine, cos=pair.cosine)
             return
@@ -383,7 +391,7 @@ class _RowPrinter(_Floats):
     def by_half_angle(self, angle: int, *, sin: int | None = None, cos: int | None = None) -> None:
         """Print sine and cosine of an angle x from t = tan(x/2): 2 t/(1 + t^2) and 2/(1 + t^2) - 1.
 
-        `sin` and `cos` are the ids of the results, None for a result that is not needed.
+        `angle` is the id of x. `sin` and `cos` are the ids of the results, None for a result that is not needed.
         """
         text = self.text(angle)
         self.release([angle])

@@ -17,17 +17,17 @@ _pointer_at = ctypes.c_void_p.from_address
 
 
 def _by_layout(array: NDArray[Any]) -> int:
-    """Return the data pointer, read at its offset after the object's header in NumPy's C structure (0.13 us)."""
+    """Return the address of an array's data, read from NumPy's C structure behind the object's header (0.13 us)."""
     return _pointer_at(id(array) + _HEADER).value or 0
 
 
 def _by_attribute(array: NDArray[Any]) -> int:
-    """Return the data pointer from NumPy's attribute (1 us)."""
+    """Return the address of an array's data from NumPy's attribute `ctypes.data` (1 us)."""
     return int(array.ctypes.data)
 
 
 def _layout_is_as_documented() -> bool:
-    """Return True if both functions give the same address.
+    """Return True if `_by_layout` reads the correct address of an array's data.
 
     The test is needed because id() is an address in CPython only.
     """

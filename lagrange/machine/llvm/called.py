@@ -37,8 +37,9 @@ STEPS = ("budget", "times", "rows")
 class CompiledProcedure(Shared):
     """A procedure in machine code, called with numbers, arrays, records, and addresses of functions.
 
-    With `tiers` the procedure is compiled again after many steps. With `optimize` LLVM's loop passes then run. Callees
-    in `elsewhere` are in other modules, which the function `needs` compiles.
+    With `tiers` it is compiled quickly at first, and again with optimization after many steps. With `optimize` LLVM
+    runs more of its optimization passes. Callees in `elsewhere` are in other modules, which the function `needs`
+    compiles.
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class CompiledProcedure(Shared):
 
     @property
     def run(self) -> Any:
-        """The compiled function, which takes the address of the words.
+        """The compiled function, called with the address of the array of 8-byte words for arguments and results.
 
         The function changes when code is compiled again.
         """
@@ -70,16 +71,16 @@ class CompiledProcedure(Shared):
 
     @property
     def steps(self) -> int:
-        """Address of the function `steps`, with which another compiled loop takes steps of this one."""
+        """Address of the compiled function `steps`, by which another compiled loop calls this loop over steps."""
         return self._address("steps")
 
     def _address(self, name: str) -> int:
-        """Return the address of a function of the best module that is compiled so far."""
+        """Return the address of the function `name` in the best code that is compiled so far."""
         module = self.module
         return module.address_of(name) if isinstance(module, TieredModule) else module.address(name)
 
     def bound(self) -> CompiledCall:
-        """Return memory for arguments, with which the procedure can be called again and again."""
+        """Return an object that keeps arguments of the procedure between calls, and runs it when called."""
         return CompiledCall(self)
 
     def __call__(self, *args: Any) -> Any:
@@ -93,7 +94,7 @@ class CompiledProcedure(Shared):
 
 
 class CompiledCall:
-    """Memory for the arguments of a compiled procedure; calling the object runs the procedure with these arguments."""
+    """Arguments of a compiled procedure, kept between calls. Calling the object runs the procedure with them."""
 
     def __init__(self, code: CompiledProcedure) -> None:
         self.code, self._run = code, code.run
@@ -105,7 +106,10 @@ class CompiledCall:
         self._quick = isinstance(code.module, TieredModule) and not code.module.is_final
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments by name. Arrays and records are not copied. None stands for no array or no function."""
+        """Set arguments of the procedure by name, and ignore other names. None stands for no array or no function.
+
+        Arrays and records are not copied.
+        """
         indices, reals, references, words = self.code.places, self.code.reals, self._kept, self._wholes
         for name, value in arguments.items():
             if name in reals:
@@ -114,7 +118,7 @@ class CompiledCall:
                 references[name], words[indices[name]] = value, _word(value)
 
     def __call__(self) -> Any:
-        """Run the procedure with the arguments set before; return None, a value or a tuple of values."""
+        """Run the procedure with the present arguments; return None, a value or a tuple of values."""
         self._run(self._address)
         if self.code.only_whole is not None:
             return self._wholes[self.code.only_whole]
@@ -122,7 +126,7 @@ class CompiledCall:
         return results[0] if len(results) == 1 else tuple(results) or None
 
     def _result(self, index: int, kind: Any) -> Any:
-        """Return the result in the word `index`, converted from its kind."""
+        """Return the result stored in the word `index`, as a Python number or flag of its kind."""
         if kind is REAL:
             return self._reals[index]
         return bool(self._wholes[index]) if kind is FLAG else self._wholes[index]
@@ -133,7 +137,7 @@ class CompiledCall:
         return not self._quick
 
     def count(self, steps: int) -> bool:
-        """Report steps, and return True when optimized code replaces the code compiled quickly."""
+        """Report `steps` more steps. Return True when optimized code replaces the code that was compiled quickly."""
         tiers = self.code.module
         if not self._quick or not isinstance(tiers, TieredModule):
             return False
@@ -144,7 +148,7 @@ class CompiledCall:
 
 
 def _word(value: Any) -> int:
-    """Return the word of memory for an argument: an address, a whole number, or 0 for None."""
+    """Return the 8-byte word that passes an argument: its address, a whole number, or 0 for None."""
     if isinstance(value, np.ndarray):
         return address(value)
     if isinstance(value, ctypes.Structure):
@@ -159,9 +163,10 @@ def compiled(procedure: Procedure) -> CompiledProcedure:
 
 
 def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
-    """Return the IR of a procedure called as run(ptr words). Callees in `elsewhere` are declared but not defined.
+    """Return the IR of a procedure with the function `run`, whose only argument is an array of 8-byte words.
 
-    Other callees are inlined unless they are marked `apart`. A loop over steps also has the function `steps`.
+    The words hold arguments and results. Callees in `elsewhere` are declared but not defined. Other callees are
+    inlined unless they are marked `apart`. A loop over steps also has the function `steps`.
     """
     callees = transitive_callees([procedure], elsewhere)
     functions = [function(callee, hidden=True, merged=not (callee is procedure or callee.apart)) for callee in callees]
@@ -172,10 +177,10 @@ def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
 
 
 def _steps(procedure: Procedure) -> str:
-    """Return the IR of the function `steps`, of the type `TAKE_STEPS`, with which another compiled loop takes steps.
+    """Return the IR of the function `steps`, of the type `TAKE_STEPS`, by which another compiled loop takes steps.
 
-    The first argument is the address of the words of the call. The next three are arrays whose addresses are also among
-    the words: so LLVM knows in the caller that the steps change them.
+    The first argument is the address of the words that hold the arguments of the call. The next three are arrays
+    whose addresses are also among the words: so LLVM knows in the caller that the steps change them.
     """
     e = Emitter()
     indices = {parameter.name: index for index, parameter in enumerate(procedure.parameters)}
@@ -189,9 +194,9 @@ def _steps(procedure: Procedure) -> str:
 
 
 def _run(procedure: Procedure) -> str:
-    """Return the IR of the function `run`, which reads arguments from words and writes results after them.
+    """Return the IR of the function `run`, which reads a procedure's arguments from 8-byte words.
 
-    A flag is stored as an integer.
+    It writes the results into the words after them. A flag is stored as an integer.
     """
     e = Emitter()
     arguments = []

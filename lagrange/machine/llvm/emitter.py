@@ -47,7 +47,7 @@ class Emitter:
         return f"{stem}{self.count}"
 
     def value(self, text: str) -> str:
-        """Emit an instruction with a result and return the result's name."""
+        """Emit an instruction that has a result, and return the result's name. `text` is the right-hand side."""
         if self.accesses >= MOST_ACCESSES and not text.startswith("phi"):
             self.cut()
         name = "%" + self.fresh()
@@ -55,9 +55,9 @@ class Emitter:
         return name
 
     def cut(self) -> None:
-        """Begin another basic block, after a condition that LLVM cannot evaluate.
+        """Begin another basic block, since LLVM compiles long blocks slowly.
 
-        Without this condition LLVM would join the two blocks.
+        The branch to it has a condition that LLVM cannot evaluate, for otherwise LLVM would join the two blocks.
         """
         if not self.zero:
             self.zero = self.reserve("i8")
@@ -77,7 +77,10 @@ class Emitter:
         self.lines.append("  " + text)
 
     def reserve(self, kind: str, count: int = 1) -> str:
-        """Return a pointer to stack memory for `count` elements of a type, reserved once, at the function's entry."""
+        """Return a pointer to stack memory for `count` elements of the type `kind`.
+
+        The memory is reserved once, at the function's entry.
+        """
         name = "%" + self.fresh("m")
         self.entry.append(f"  {name} = alloca {kind if count == 1 else f'[{count} x {kind}]'}, align 64")
         return name
@@ -93,11 +96,14 @@ class Emitter:
         self.do(f"br label %{name}")
 
     def address(self, base: str, index: str | int, kind: str = "double") -> str:
-        """Return the address of element `index` of an array that begins at `base`."""
+        """Return the address of element `index` of an array that begins at `base`, with elements of type `kind`."""
         return base if index in (0, "0") else self.value(f"getelementptr inbounds {kind}, ptr {base}, i64 {index}")
 
     def load(self, pointer: str, kind: str = "double") -> str:
-        """Emit a load and return the value at a pointer. Vectors need the alignment of their elements only."""
+        """Emit a load of the type `kind` from a pointer, and return the name of the loaded value.
+
+        Vectors need the alignment of their elements only.
+        """
         loaded = self.value(f"load {kind}, ptr {pointer}, align 8")
         self.accesses += 1
         return loaded
@@ -116,16 +122,19 @@ class Emitter:
         self.store(what, self.address(base, index, kind), kind)
 
     def fma(self, a: str, b: str, c: str, kind: str = "double") -> str:
-        """Return a*b + c, rounded once."""
+        """Emit a*b + c, rounded once, and return the name of the result."""
         return self.value(f"call {kind} @llvm.fma.{suffix(kind)}({kind} {a}, {kind} {b}, {kind} {c})")
 
     def fabs(self, a: str, kind: str = "double") -> str:
-        """Return |a|."""
+        """Emit |a|, and return the name of the result."""
         return self.value(f"call {kind} @llvm.fabs.{suffix(kind)}({kind} {a})")
 
     @contextmanager
     def loop(self, start: str | int, stop: str | int, step: int = 1) -> Iterator[str]:
-        """Repeat the body for an index from `start` while it is below `stop`. Yields the index."""
+        """Emit a loop around what the `with` block emits. Yields the name of the index.
+
+        The index runs from `start` by `step` while it is below `stop`.
+        """
         with self.carry(start, stop, (), step) as carried:
             yield carried.index
 
@@ -133,10 +142,11 @@ class Emitter:
     def carry(
         self, start: str | int, stop: str | int, carried: Sequence[tuple[str, str]], step: int = 1
     ) -> Iterator[LoopValues]:
-        """Repeat the body for an index from `start` while it is below `stop`, with values carried between iterations.
+        """Emit a loop around what the `with` block emits, with values carried from one iteration to the next.
 
-        `carried` has a type and an initial value for each. Yields an object in which the body sets `following`, the
-        values for the next iteration. After the loop, its `values` are the last values.
+        The index runs from `start` by `step` while it is below `stop`. `carried` has the type and the initial value
+        of each carried value. Yields an object in which the `with` block sets `following`, the values for the next
+        iteration. After the loop, its `values` are the last values.
         """
         name = self.fresh("loop")
         before = self.block
@@ -160,7 +170,7 @@ class Emitter:
 
     @contextmanager
     def when(self, condition: str) -> Iterator[None]:
-        """Run the body if the condition holds."""
+        """Emit a branch: what the `with` block emits runs only if the condition holds."""
         name = self.fresh("if")
         self.do(f"br i1 {condition}, label %{name}.then, label %{name}.end")
         self.label(f"{name}.then")
@@ -169,7 +179,7 @@ class Emitter:
         self.label(f"{name}.end")
 
     def function(self, signature: str) -> str:
-        """Return the text of the function, for a signature such as ``define i32 @f(double %t)``."""
+        """Return the IR of the whole function, for a signature such as ``define i32 @f(double %t)``."""
         return "\n".join([f"{signature} {{", "entry:", *self.entry, *self.lines, "}", ""])
 
 

@@ -1,4 +1,4 @@
-"""Compile IR with LLVM and return addresses: target, optimization, loading and symbols."""
+"""Compile IR with LLVM and load it: target, optimization, addresses of functions, and names that modules share."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ a loop over steps of an implicit method 50 kB.
 
 
 class ObjectCode:
-    """Cache of object code. A system that is stated again, or changed and changed back, is not compiled again."""
+    """Cache of compiled modules (object code) by their IR.
+
+    A system that is stated again, or changed and changed back, is not compiled again.
+    """
 
     def __init__(self, room: int = CACHE_BYTES) -> None:
         self._room, self._taken = room, 0
@@ -77,7 +80,10 @@ long (73 us). No right-hand side of a scene is that large.
 
 
 def dense_solver() -> tuple[Procedure, ...]:
-    """Return the procedures for linear systems that kernels call. Their module is compiled once per process."""
+    """Return the procedures that factor matrices and solve linear systems, for kernels that call them.
+
+    Their module is compiled once per process.
+    """
     return factor_pivoted.form(), solve_pivoted.form(), factor_dense.form(), solve_factored.form(), invert_dense.form()
 
 
@@ -87,11 +93,11 @@ class Module(Shared):
     def __init__(
         self, text: str, *, optimize: bool = False, merge: bool = False, quickly: bool = False, often: bool = False
     ) -> None:
-        """Compile a text of IR.
+        """Compile the functions of an IR text and load them.
 
-        With `optimize` LLVM's loop passes run. With `quickly` nothing is optimized, for code that runs rarely. With
-        `merge` only the procedures marked for inlining are inlined, and their local arrays are kept in registers. A
-        large text is not optimized unless it runs `often`.
+        With `optimize` LLVM's passes run, except those that transform loops. With `quickly` nothing is optimized, for
+        code that runs rarely. With `merge` only the procedures marked for inlining are inlined, and their local
+        arrays are kept in registers. A large text is not optimized unless it runs `often`.
         """
         start()
         effort = 0 if quickly or (len(text) > LARGE_MODULE and not often) else 2
@@ -102,14 +108,18 @@ class Module(Shared):
         self._addresses: dict[str, int] = {}
 
     def address(self, name: str) -> int:
-        """Return the address of a function."""
+        """Return the address of the function `name`."""
         if name not in self._addresses:
             self._addresses[name] = self._engine.address(name)
         return self._addresses[name]
 
 
 def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
-    """Return the object code of an IR text. `passes` runs LLVM's passes on the module first; `effort` is 0 to 3."""
+    """Return the object code of an IR text.
+
+    `passes` is called first, with the parsed module and the target machine, and runs LLVM's passes; it may be None.
+    `effort` is the optimization level of code generation, 0 to 3.
+    """
     check_time()
     parsed = llvm.parse_assembly(text)
     parsed.verify()
@@ -120,24 +130,24 @@ def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None)
 
 
 class _Engine:
-    """The owner of an LLVM engine. A weak reference to it expires before LLVM frees the engine.
+    """The owner of an LLVM engine, the object that loads code and owns its memory.
 
-    With a weak reference to the engine itself, other threads could still get it while LLVM frees it.
+    A weak reference to the owner expires before LLVM frees the engine. With a weak reference to the engine itself,
+    other threads could still get it while LLVM frees it.
     """
 
     def __init__(self, engine: Any) -> None:
         self._engine = engine
 
     def address(self, name: str) -> int:
-        """Return the address of a function."""
+        """Return the address of the function `name`."""
         return int(self._engine.get_function_address(name))
 
 
 def _loaded(code: bytes) -> _Engine:
-    """Return an engine that has linked object code, and owns its memory. An engine in use is returned again.
+    """Return an LLVM engine that has linked some object code, and owns its memory.
 
-    If threads compile the same text at the same time, two modules exist and the cache keeps one. The addresses of both
-    remain valid.
+    For object code that is already in use, the same engine is returned again.
     """
     key = hashlib.sha256(code).digest()
     with _LINKING:
@@ -153,7 +163,10 @@ def _loaded(code: bytes) -> _Engine:
 
 
 def _optimize(module: Any, machine: Any) -> None:
-    """Run LLVM's passes over memory. Passes that transform loops are left out: they took most of the compile time."""
+    """Run LLVM's optimization passes on a parsed module, except those that transform loops.
+
+    Loop passes took most of the compile time.
+    """
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.loop_unrolling = False
     options.loop_vectorization = options.loop_interleaving = False
@@ -162,7 +175,7 @@ def _optimize(module: Any, machine: Any) -> None:
 
 
 def _merge(module: Any, machine: Any) -> None:
-    """Run LLVM's passes that inline procedures and keep arrays in registers."""
+    """Run LLVM's passes that inline marked procedures of a module and keep its local arrays in registers."""
     passes = llvm.create_new_module_pass_manager()
     passes.add_always_inliner_pass()
     passes.add_sroa_pass()
@@ -170,9 +183,10 @@ def _merge(module: Any, machine: Any) -> None:
 
 
 def linear_solver(*, often: bool) -> None:
-    """Compile the linear solver, once per process. LLVM's passes run only if a model needs the solver `often`.
+    """Compile the solver of linear systems that kernels call, once per process.
 
-    The passes take 150 ms, more than the rest of a small model. Without them compilation takes 5 ms.
+    LLVM's passes run only if a model needs the solver `often`. They take 150 ms, more than the rest of a small model.
+    Without them compilation takes 5 ms.
     """
     # Without the lock, two threads that compile their first models could register symbols of a discarded module.
     with _LOADING:
@@ -190,7 +204,10 @@ def _linear_solver(often: bool) -> Module:
 
 
 def calling_solver(procedure: Procedure) -> Module:
-    """Return the module of a procedure that calls the linear solver, compiled once per process."""
+    """Return the compiled module of a procedure that calls the solver of linear systems.
+
+    It is compiled once per process, and its name is known to modules compiled later.
+    """
     linear_solver(often=False)
     with _LOADING:
         return _calling_solver(procedure)
@@ -205,7 +222,7 @@ def _calling_solver(procedure: Procedure) -> Module:
 
 @cache
 def _target_machine(effort: int = 2) -> Any:
-    """Return LLVM's target machine for an optimization level, 0 to 3.
+    """Return LLVM's target machine (code generator) for this processor. `effort` is the optimization level, 0 to 3.
 
     All modules of a level share the target machine, because its set-up takes time.
     """

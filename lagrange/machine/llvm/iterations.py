@@ -51,7 +51,7 @@ class IterationBlock:
 
 
 class Lanes:
-    """Prints an `each` with `lanes` iterations at once, one in each lane of a vector."""
+    """Prints an `each` loop as LLVM IR, with `lanes` iterations at once: one in each lane of a vector."""
 
     def __init__(self, printer: Printer, each: Each, lanes: int) -> None:
         self.printer, self.e, self.each, self.lanes = printer, printer.e, each, lanes
@@ -61,7 +61,7 @@ class Lanes:
         """
 
     def run(self) -> None:
-        """Print the LLVM code of the `Each` statement: its iterations, then the results of its reductions.
+        """Print the LLVM IR of the loop: its iterations, then the results of its reductions.
 
         Few iterations are printed one after the other, many as a loop.
         """
@@ -98,7 +98,10 @@ class Lanes:
         return list(refs)
 
     def rest(self, sums: list[list[str]], begin: int, count: int) -> None:
-        """Write out the iterations from `begin` to before `count` without a loop, and add their results to `sums`."""
+        """Print the iterations from `begin` to before `count` one after the other, and add their results to `sums`.
+
+        `sums` are the partial results of each reduction.
+        """
         for offset in range(begin, count, self.lanes):
             inside = [k < count - offset for k in range(self.lanes)]
             mask = "" if all(inside) else "<" + ", ".join(f"i1 {str(flag).lower()}" for flag in inside) + ">"
@@ -106,9 +109,9 @@ class Lanes:
             self.collect(sums, offset, mask)
 
     def looped(self, sums: list[list[str]], count: str) -> None:
-        """Print the iterations as a loop of `stride` iterations at a time.
+        """Print the iterations up to `count` as a loop of `stride` iterations at a time.
 
-        `sums` are the partial results of the reductions.
+        `sums` are the partial results of each reduction; the loop carries them.
         """
         e = self.e
         flat = [(i, k) for i, partials in enumerate(sums) for k in range(len(partials))]
@@ -125,7 +128,10 @@ class Lanes:
             sums[i][k] = value
 
     def mask(self, index: str, count: str) -> str:
-        """Return the mask of the iterations in a vector that are below `count`, which is known only at run time."""
+        """Return the operand of the mask that is true for the iterations from `index` on that are below `count`.
+
+        It is empty, for no mask, if all iterations of a vector exist or extra ones do no harm.
+        """
         stores = not self.each.spill and any(isinstance(statement, Store) for statement in accesses(self.each.body))
         if self.lanes == 1 or not count.startswith("%") or not (stores or self.each.folds):
             return ""
@@ -133,7 +139,7 @@ class Lanes:
         return e.value(f"icmp slt {kind} {self.places(index)}, {splat(e, count, WHOLE, self.lanes)}")
 
     def places(self, offset: str) -> str:
-        """Return the vector of the indices of the iterations from an offset on."""
+        """Return the operand of the vector of iteration indices `offset`, `offset` + 1, and so on."""
         if self.lanes == 1:
             return offset
         if not offset.startswith("%"):
@@ -152,7 +158,10 @@ class Lanes:
         printer.held = {variable: printer.held[variable] for variable in outside}
 
     def collect(self, sums: list[list[str]], begin: int, mask: str) -> None:
-        """Combine the results of one vector of iterations with the partial results `sums`, where the mask is true."""
+        """Combine the results of one vector of iterations, from `begin` on, with the partial results `sums`.
+
+        Iterations for which the mask is false are left out.
+        """
         kind = type_of(REAL, self.lanes)
         for fold, partials in zip(self.each.folds, sums, strict=True):
             slot = begin // self.lanes % len(partials)
@@ -181,7 +190,10 @@ class Lanes:
 
 
 def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
-    """Print the combination of a partial result `total` with one more value, by the reduction `op`, and return it."""
+    """Print the combination of a partial result `total` with one more value, and return the operand of the result.
+
+    `op` is the operation of the reduction, such as add.
+    """
     if op != "most":
         return spell(e, op, (REAL, REAL), [total, value], lanes)
     larger = spell(e, "less", (REAL, REAL), [total, value], lanes)
@@ -194,7 +206,7 @@ def accesses(block: Block) -> Iterator[Load | Store]:
 
 
 def number_of_angles(block: Block) -> int:
-    """Return the number of sines and cosines in a block. A sine and a cosine of the same angle count once."""
+    """Return the number of angles in a block: its sines and cosines, where a pair of the same angle counts once."""
     operations = (statement for statement in walk(block) if isinstance(statement, (Let, VectorLet)))
     angles = sum(operation.op in ANGLES for operation in operations)
     return angles + sum(isinstance(statement, SineCosine) for statement in walk(block))
@@ -209,7 +221,7 @@ def widest(block: Block) -> int:
 
 
 def base_arrays(block: Block) -> dict[int, int]:
-    """Return {part of an array: whole array} by ids, for each part defined in a block."""
+    """Return {id of a part: id of the whole array} for each part of an array that a block defines."""
     bases: dict[int, int] = {}
     for statement in walk(block):
         if isinstance(statement, Part):

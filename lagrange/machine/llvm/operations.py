@@ -31,12 +31,12 @@ _CONVERTED = {("real", WHOLE): "sitofp", ("real", FLAG): "uitofp", ("whole", REA
 
 
 def type_of(kind: Kind, lanes: int = 1) -> str:
-    """Return LLVM's type of a value, or of a vector of values."""
+    """Return LLVM's type of a value of a kind, or of a vector of `lanes` such values."""
     return KINDS[kind] if lanes == 1 else f"<{lanes} x {KINDS[kind]}>"
 
 
 def declarations() -> str:
-    """Return the declarations of external functions that procedures call."""
+    """Return the IR declarations of all external functions (LLVM's intrinsics, C library) that procedures call."""
     lines = []
     for lanes in WIDTHS:
         kind = type_of(REAL, lanes)
@@ -69,14 +69,14 @@ def declaration(name: str, op: str, lanes: int = 1) -> str:
 
 
 def constant(let: Let) -> str:
-    """Return the value of a constant as an LLVM operand."""
+    """Return the IR operand of a constant, for the statement that defines it."""
     if let.kind is REAL:
         return literal(0.0 if let.data is None else float(let.data))
     return str(bool(let.data)).lower() if let.kind is FLAG else str(int(let.data or 0))
 
 
 def splat(e: Emitter, value: str, kind: Kind, lanes: int) -> str:
-    """Return a vector with a value in every lane."""
+    """Emit a vector with `value` in each of `lanes` lanes, and return its operand."""
     if lanes == 1:
         return value
     if not value.startswith("%"):
@@ -87,9 +87,9 @@ def splat(e: Emitter, value: str, kind: Kind, lanes: int) -> str:
 
 
 def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes: int = 1) -> str:
-    """Print an operation and return the operand of its result. `kinds` are the kinds of its operands.
+    """Emit the operation `op` as LLVM IR, and return the operand of its result.
 
-    With more than one of `lanes` the operands are vectors.
+    `args` are its operands, and `kinds` their kinds. With more than one of `lanes` the operands are vectors.
     """
     types = [type_of(kind, lanes) for kind in kinds]
     kind = types[-1]
@@ -135,7 +135,7 @@ def whole_suffix(lanes: int) -> str:
 
 
 def _sign(e: Emitter, typed: str, lanes: int) -> str:
-    """Emit the sign of a number: 1 or -1, or the number itself if it is zero or NaN."""
+    """Emit the sign of a number, and return its operand: 1 or -1, or the number itself if it is zero or NaN."""
     real, flag = type_of(REAL, lanes), type_of(FLAG, lanes)
     zero, one, minus = (splat(e, literal(value), REAL, lanes) for value in (0.0, 1.0, -1.0))
     above, below = (e.value(f"fcmp {how} {typed}, {zero}") for how in ("ogt", "olt"))
@@ -144,9 +144,10 @@ def _sign(e: Emitter, typed: str, lanes: int) -> str:
 
 
 def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
-    """Emit the larger magnitude by comparing bits as integers. Bits of non-negative doubles are in order, NaN last.
+    """Emit the larger of two absolute values, NaN if one is NaN, and return its operand.
 
-    Integer comparisons are faster than comparisons of doubles that may be NaN.
+    Bits of non-negative doubles, read as integers, are in order, NaN last. Integer comparisons are faster than
+    comparisons of doubles that may be NaN.
     """
     kind, bits = type_of(REAL, lanes), type_of(WHOLE, lanes)
     first, second = (e.value(f"bitcast {kind} {e.fabs(arg, kind)} to {bits}") for arg in args)
@@ -155,7 +156,7 @@ def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
 
 
 def largest_magnitude(e: Emitter, vector: str, lanes: int) -> str:
-    """Return the largest entry of a vector of `lanes` numbers that are not negative."""
+    """Emit the largest entry of a vector of `lanes` numbers that are not negative, and return its operand."""
     bits = e.value(f"bitcast {type_of(REAL, lanes)} {vector} to {type_of(WHOLE, lanes)}")
     largest = e.value(f"call i64 @llvm.vector.reduce.umax.v{lanes}i64({type_of(WHOLE, lanes)} {bits})")
     return e.value(f"bitcast i64 {largest} to double")
@@ -197,23 +198,26 @@ def foreign_type(kind: Type) -> str:
 
 
 def convention(results: Sequence[Type]) -> str:
-    """Return the calling convention of a function that other code calls, by which several results are in registers."""
+    """Return LLVM's keyword for the calling convention of a function with these results that other code calls.
+
+    Several results are returned in registers.
+    """
     return "swiftcc " if len(results) > 1 else ""
 
 
 def together(types: Sequence[str]) -> str:
-    """Return LLVM's type for values of the given types: a structure if there are several."""
+    """Return LLVM's type for the results of a function: a structure if there are several, void if there are none."""
     return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
 
 
 def separated(e: Emitter, types: Sequence[str], value: str) -> Iterator[str]:
-    """Yield the single values of a call's result, whose type is `together(types)`."""
+    """Yield the operands of the single results in `value`, the result of a call with the type `together(types)`."""
     for i in range(len(types)):
         yield value if len(types) == 1 else e.value(f"extractvalue {together(types)} {value}, {i}")
 
 
 def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
-    """Print the return of values, as one value of type `together(types)`."""
+    """Emit the return of the results `values`, as one value of type `together(types)`."""
     kind = together(types)
     if len(types) < 2:
         e.do(f"ret {kind} {values[0]}" if types else "ret void")
@@ -232,7 +236,7 @@ def phi(e: Emitter, kind: str, ways: Sequence[tuple[str, str]]) -> str:
 
 
 def argument_type(kind: Type) -> str:
-    """Return LLVM's type of an argument."""
+    """Return LLVM's type of an argument of the given type: that of a number or vector, or a pointer."""
     if isinstance(kind, Vector):
         return type_of(*kind)
     return KINDS[kind] if isinstance(kind, Kind) else "ptr"

@@ -129,14 +129,14 @@ numbers. Spills are aligned to cache lines. Code that runs once per set of param
 
 
 def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = ()) -> str:
-    """Return the IR of procedures and their transitive callees, excluding those defined in other modules."""
+    """Return the IR of procedures and of all that they call. Those in `elsewhere` are declared, but not defined."""
     reached = transitive_callees(procedures, elsewhere)
     functions = [function(each, hidden=each not in procedures) for each in reached]
     return joined(functions, [declaration(each) for each in dict.fromkeys(elsewhere)])
 
 
 def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
-    """Return the IR of a module: functions, and the declarations and attributes that they need."""
+    """Return the IR of a module from that of its functions, with the declarations and attributes that they need."""
     angles = [angle_function(width) for width in WIDTHS if any(f"@{angle_name(width)}(" in text for text in functions)]
     return "\n".join(
         [declarations(), *declared, *routines_called(functions), *angles, *functions, METADATA, ATTRIBUTES]
@@ -167,7 +167,7 @@ def function(
 
 
 class Printer(Visitor):
-    """Prints one procedure as LLVM IR.
+    """Prints one procedure as LLVM IR. Statements refer to values and variables by ids.
 
     `values` maps ids of values to operands, and `held` ids of variables to their present operands. `wide` has the ids
     of values and variables that are vectors, with one entry for each iteration of the `current` block.
@@ -207,7 +207,7 @@ class Printer(Visitor):
         """Stores that are delayed, to be merged with adjacent ones: array, index and value."""
 
     def function(self, linkage: str, merging: str, *, quickly: bool = False) -> str:
-        """Return the IR of the procedure."""
+        """Return the IR of the procedure. `linkage` and `merging` are LLVM keywords in its head, or empty."""
         parameters = []
         for parameter in self.procedure.parameters:
             kind = parameter.type
@@ -233,7 +233,7 @@ class Printer(Visitor):
     # --- definitions of numbers
 
     def define(self, ref: int, value: str, kind: Type, *, wide: bool = False) -> None:
-        """Set the operand of the value with the id `ref`. `wide` is true for a vector over iterations."""
+        """Record the operand and type of the value with the id `ref`. `wide` is true for a vector over iterations."""
         self.values[ref], self.types[ref] = value, kind
         if isinstance(kind, Kind):
             self.kinds[ref] = kind
@@ -281,13 +281,13 @@ class Printer(Visitor):
         del self.memories[before:]
 
     def release(self, first: int = 0) -> None:
-        """Free the heap memory of local arrays from index `first` on."""
+        """Print calls that free the heap memory of local arrays, from index `first` of `memories` on."""
         for memory, _, size in self.memories[first:]:
             if size > LARGEST_ON_STACK:
                 self.e.do(f"call void @free(ptr {memory})")
 
     def reserve(self, array: Array) -> str:
-        """Return memory for a local array: on the stack, reused from a closed block if possible, or on the heap."""
+        """Return the address of memory for a local array: on the stack, reused if possible, or on the heap."""
         kind, size = KINDS[array.kind], (array.size or 0) + (array.room if array.room > 1 else 0)
         unused = self.free.get((kind, size))
         if size > LARGEST_ON_STACK:
@@ -328,7 +328,7 @@ class Printer(Visitor):
 
     @visits(Reserve)
     def array_of(self, reserve: Reserve) -> None:
-        """Allocate memory for a local array."""
+        """Print the allocation of memory for a local array."""
         self.define(reserve.ref, self.reserve(reserve.array), reserve.array)
 
     @visits(SineCosine)
@@ -379,7 +379,7 @@ class Printer(Visitor):
                 self.define(statement.ref, printed(known, statement), kind)
 
     def angle(self, ref: int) -> tuple[str, str]:
-        """Return the sine and the cosine of an angle, computed inline if angles are few, else by a function call."""
+        """Print the sine and cosine of the angle `ref`, inline or by a function call, and return both operands."""
         if self.angles is None:
             in_lanes = any(isinstance(parameter.type, Vector) for parameter in self.procedure.parameters)
             self.angles = INLINE_ANGLES + 1 if in_lanes else number_of_angles(self.procedure.body)
@@ -413,12 +413,12 @@ class Printer(Visitor):
         return record_type
 
     def field(self, ref: int, field: str) -> str:
-        """Return the address of a field of a record."""
+        """Return the address of the field `field` of the record with the id `ref`."""
         held = self.record(ref)
         return self.e.address(self.values[ref], held.places[field] * held.lanes, KINDS[held.kind(field)])
 
     def store(self, store: Store) -> None:
-        """Store a number, or those entries of a vector whose iterations exist."""
+        """Print the store of a number to an array, or of those entries of a vector whose iterations exist."""
         e, lanes, array = self.e, self.lanes(store.place), self.array(store.array)
         where = number(self.values[store.place]) if lanes == 1 and array.kind is REAL else None
         if self.stores_together and self.current is None and where is not None:
@@ -467,16 +467,19 @@ class Printer(Visitor):
         self.called(call, f"{self.values[call.callee]}({', '.join(arguments)})", held.results, foreign=True)
 
     def handed(self, kind: Kind | Array, arg: int) -> str:
-        """Return an argument of a callback, with its type, as the callback's parameter of a kind requires.
+        """Return an argument of a callback as IR: the type of the callback's parameter, and the operand.
 
-        `arg` is its id.
+        `kind` is the type of the parameter, and `arg` the id of the argument.
         """
         if kind is FLAG:
             return f"i32 {self.e.value(f'zext i1 {self.values[arg]} to i32')}"
         return f"{argument_type(kind)} {self.values[arg]}"
 
     def called(self, call: Call, what: str, results: Sequence[Kind | Vector], *, foreign: bool = False) -> None:
-        """Print a call of `what` and define its results. Flags that a `foreign` function returns are C's ints."""
+        """Print a call of `what` and define its results. Flags that a `foreign` function returns are C's ints.
+
+        `what` is the IR of the callee with its arguments. `results` are the types of the results.
+        """
         e = self.e
         types = [foreign_type(kind) if foreign else argument_type(kind) for kind in results]
         whole = together(types)
@@ -547,9 +550,9 @@ class Printer(Visitor):
     def repeated(
         self, inside: Block, index: int | None, start: str, step: int, body: Block | None = None
     ) -> Iterator[str]:
-        """Print a loop.
+        """Print a loop around `body`. The `with` block prints its condition; it gets the loop's name NAME.
 
-        The body of the `with` prints the condition, with branches to the labels NAME.body and NAME.end.
+        The condition ends with a branch to the label NAME.body or NAME.end. `index` is the id of a counter, or None.
         """
         e, name = self.e, self.e.fresh("loop")
         carried = [variable for variable in assigned(inside) if variable in self.held]
@@ -583,7 +586,7 @@ class Printer(Visitor):
     # --- vectors of iterations
 
     def each(self, each: Each) -> None:
-        """Print an `each` in vectors, if every array that it accesses has room for whole vectors."""
+        """Print an `each` loop, by vectors of iterations if its arrays have room for whole vectors."""
         width = PARTIAL if any(fold.op in SUMS for fold in each.folds) else each.width
         whole = base_arrays(each.body)
         through = [

@@ -43,7 +43,10 @@ def processor() -> str:
 
 @cache
 def vector_routines() -> dict[str, str]:
-    """Return {operation: name of its vector routine in glibc (libmvec)} for the vectors of this processor."""
+    """Return {operation: name of its vector routine in glibc (libmvec)} for the vector width of this processor.
+
+    It is empty if the library is missing.
+    """
     start()
     try:
         routines = ctypes.CDLL("libmvec.so.1")
@@ -56,7 +59,10 @@ def vector_routines() -> dict[str, str]:
 
 
 def call_library(e: Emitter, op: str, args: Sequence[str], width: int) -> str:
-    """Emit a call of the C library's vector routine for an operation, or of its scalar function for each entry."""
+    """Emit a function of the C library on vectors of `width` numbers, and return the operand of the result.
+
+    It is the vector routine for the operation if there is one, else the scalar function for each entry.
+    """
     kind = type_of(REAL, width)
     name = vector_routines().get(op) if width == lanes() else None
     if name is not None:

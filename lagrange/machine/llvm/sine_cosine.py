@@ -45,7 +45,10 @@ COSINE = (
 
 
 def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
-    """Emit the computation of sin(x) and cos(x), and return both operands."""
+    """Emit the computation of sin(x) and cos(x) in place, and return both operands.
+
+    The operand `x` is a number, or a vector of `lanes` numbers.
+    """
     kind = type_of(REAL, lanes)
     near = e.value(f"fcmp olt {kind} {e.fabs(x, kind)}, {splat(e, literal(RANGE), REAL, lanes)}")
     every = near
@@ -72,7 +75,7 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 
 
 def angle_function(lanes: int) -> str:
-    """Return the IR of the function for sine and cosine that `call_sine_and_cosine` calls."""
+    """Return the IR of a function that returns the sine and the cosine of a vector of `lanes` angles."""
     e, kind = Emitter(), type_of(REAL, lanes)
     sine, cosine = sine_and_cosine(e, "%x", lanes)
     first = e.value(f"insertvalue {{ {kind}, {kind} }} poison, {kind} {sine}, 0")
@@ -82,12 +85,15 @@ def angle_function(lanes: int) -> str:
 
 
 def angle_name(lanes: int) -> str:
-    """Return the name of the function of `angle_function`."""
+    """Return the name of the function in IR for the sine and the cosine of a vector of `lanes` angles."""
     return "sine_and_cosine" if lanes == 1 else f"sine_and_cosine_{lanes}"
 
 
 def call_sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
-    """Emit a call of the function of `angle_function`, and return the operands of sin(x) and cos(x)."""
+    """Emit a call of the module's function for sine and cosine, and return the operands of sin(x) and cos(x).
+
+    It computes the same as `sine_and_cosine`, which keeps modules with many angles short.
+    """
     kind = type_of(REAL, lanes)
     both = e.value(f"call {{ {kind}, {kind} }} @{angle_name(lanes)}({kind} {x})")
     first, second = (e.value(f"extractvalue {{ {kind}, {kind} }} {both}, {k}") for k in (0, 1))
@@ -133,9 +139,10 @@ def _near(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 
 
 def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers: str, lanes: int) -> tuple[str, str]:
-    """Return the sine and the cosine of the whole angle from `sine` and `cosine` of its remainder.
+    """Emit sine and cosine of an angle from those of its remainder, `sine` and `cosine`, and return both operands.
 
-    In odd quadrants the two are exchanged. The quadrant, whose number is in `rounded`, gives their signs.
+    In odd quadrants the two are exchanged. The quadrant, whose number is in the low bits of `rounded`, gives their
+    signs.
     """
 
     def whole(value: int) -> str:

@@ -20,11 +20,11 @@ times as long, and up to 2.6 times with Newton's method or ten coordinates. So 5
 
 
 class TieredModule(Shared):
-    """A module with a function that takes steps, compiled in two tiers. Threads may share it.
+    """A module with a function that takes steps, compiled twice: quickly at first, and optimized after many steps.
 
-    `optimize` and `merge` are options of `Module` for the optimized version. Both versions are kept, because other runs
-    may hold the address of the first. `needs` is called before each compilation; it compiles the procedures of other
-    modules that the code calls.
+    `optimize` and `merge` are options of `Module` for the optimized version. Both versions are kept, because other
+    runs may hold the address of the first. `needs` is called before each compilation; it compiles the procedures of
+    other modules that the code calls. Threads may share it.
     """
 
     def __init__(
@@ -47,16 +47,16 @@ class TieredModule(Shared):
         self._lock = threading.Lock()
 
     def address_of(self, name: str) -> int:
-        """Return the address of another function of the module."""
+        """Return the address of the function `name` in the best version compiled so far."""
         return (self._well or self.quick).address(name)
 
     @property
     def is_final(self) -> bool:
-        """True if the optimized version exists."""
+        """True if the optimized version is compiled, so that addresses no longer change."""
         return self._well is not None
 
     def count(self, steps: int) -> None:
-        """Report steps that a run has taken. After many steps the code is optimized, and `address` changes.
+        """Report `steps` more steps of a run. After many steps the code is optimized, and `address` changes.
 
         While another thread compiles, this thread continues with the quick version.
         """

@@ -1,4 +1,4 @@
-"""Print statements on short vectors, which become LLVM vectors."""
+"""Print statements on short vectors of a procedure as operations on LLVM's vectors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from lagrange.procedure.form import (
 
 @dataclass(frozen=True)
 class PrinterState:
-    """The state of a printer: its emitter, and the operand and type of each value by id."""
+    """What the printer of a procedure has defined: its emitter, and the operand and type of each value by id."""
 
     e: Emitter
     values: Mapping[int, str]
@@ -61,9 +61,9 @@ def _operation(known: PrinterState, let: VectorLet) -> str:
 
 
 def _permuted(known: PrinterState, let: VectorLet) -> str:
-    """Return a vector made of entries of other vectors and of single values, as `permute` demands.
+    """Emit a vector made of entries of other vectors and of single values, and return its operand.
 
-    Entries of each vector are moved and merged; single values are inserted.
+    The operation `permute` says which ones. Entries of each vector are moved and merged; single values are inserted.
     """
     e, (kind, width), begin = known.e, let.vector, 0
     single: dict[int, str] = {}
@@ -83,9 +83,10 @@ def _permuted(known: PrinterState, let: VectorLet) -> str:
 
 
 def _moved(e: Emitter, kind: Kind, vector: str, count: int, sources: Mapping[int, int], width: int) -> str:
-    """Return a vector of `width` entries: `sources` maps an index in it to an index in `vector`.
+    """Emit a vector of `width` entries, taken from those of `vector`, and return its operand.
 
-    Other entries are undefined. `count` is the width of `vector`.
+    `sources` maps an index in the new vector to an index in `vector`, which has `count` entries. Other entries are
+    undefined.
     """
     if width == count and all(k == source for k, source in sources.items()):
         return vector
@@ -102,9 +103,10 @@ def _merged(e: Emitter, kind: Kind, a: str, b: str, chosen: frozenset[int], widt
 
 
 def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single: Mapping[int, str], width: int) -> str:
-    """Return a vector with single values inserted; `single` maps an index to a value. Constants are inserted at once.
+    """Emit the vector `made` with single values inserted, and return its operand.
 
-    `made` is the vector, whose entries at the indices `filled` are defined; it may be empty.
+    `single` maps an index to a value; constants are inserted at once. The entries of `made` at the indices `filled`
+    are defined. `made` may be empty.
     """
     values, name = list(dict.fromkeys(single.values())), KINDS[kind]
     if len(values) == 1 and not filled:
@@ -121,7 +123,10 @@ def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single:
 
 
 def _reduced(known: PrinterState, reduce: Reduce) -> str:
-    """Return the sum of a vector, an entry, or the flag that is true if any entry of the vector is true."""
+    """Emit what a `Reduce` statement takes from a vector, and return its operand.
+
+    It is the sum of the entries, one entry, or the flag that is true if any entry is true.
+    """
     e, value, (kind, width) = known.e, known.values[reduce.vector], _vector(known, reduce.vector)
     if reduce.op == "entry":
         return e.value(f"extractelement {type_of(kind, width)} {value}, i64 {reduce.place}")
@@ -132,7 +137,7 @@ def _reduced(known: PrinterState, reduce: Reduce) -> str:
 
 
 def _total(e: Emitter, kind: Kind, vector: str, width: int) -> str:
-    """Return the sum of the entries of a vector, in the order that `Reduce` defines."""
+    """Emit the sum of the entries of a vector, in the order that `Reduce` defines, and return its operand."""
     while width > 1:
         whole, width = type_of(kind, width), width // 2
         halves = [
@@ -151,7 +156,7 @@ def _listed(indices: Sequence[int]) -> str:
 
 
 def _gathered(known: PrinterState, gather: Gather) -> str:
-    """Return the entries of an array at the indices in a vector."""
+    """Emit the read of the entries of an array at the indices in a vector, and return the operand of the result."""
     e, (kind, width), made = known.e, gather.vector, "poison"
     if gather.mask is not None:
         vector = type_of(kind, width)
@@ -166,7 +171,7 @@ def _gathered(known: PrinterState, gather: Gather) -> str:
 
 
 def _pointers(known: PrinterState, statement: Gather | Scatter, kind: Kind, width: int) -> str:
-    """Return the vector of addresses of the array entries that a gather reads or a scatter writes."""
+    """Emit the addresses of the array entries that a gather reads or a scatter writes, as a vector of pointers."""
     indices = f"{type_of(WHOLE, width)} {known.values[statement.places]}"
     return known.e.value(f"getelementptr {KINDS[kind]}, ptr {known.values[statement.array]}, {indices}")
 
@@ -181,7 +186,7 @@ def _place(known: PrinterState, access: VectorLoad | VectorStore, vector: Vector
 
 
 def _loaded(known: PrinterState, load: VectorLoad) -> str:
-    """Return adjacent entries of an array as a vector."""
+    """Emit the read of adjacent entries of an array as a vector, and return the operand of the result."""
     address, mask = _place(known, load, load.vector)
     vector = type_of(*load.vector)
     if not mask:

@@ -14,10 +14,10 @@ from lagrange.program.series import SeriesProgram
 
 
 def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-    """Return the table of constants, and the inverse (n, n) for each stage of the series whose matrix is constant.
+    """Return the constants of a series' rules, and the inverse (n, n) of each of its constant matrices.
 
-    The inverse is NaN if a parameter is NaN, as while the side of a switching surface is unknown. Raises
-    SingularMassMatrix.
+    The matrices are those of the linear systems that give accelerations and multipliers. An inverse is NaN if a
+    parameter is NaN, as while the side of a switching surface is unknown. Raises SingularMassMatrix.
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.constants, 0.0, [0.0] * program.states, list(parameters))
@@ -33,7 +33,10 @@ def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArra
 
 
 def symmetric(plan: SolvePlan, triangle: Sequence[float]) -> FloatArray:
-    """Return the symmetric matrix (n, n) with the entries `triangle`, in the order of `plan.triangle`."""
+    """Return the symmetric matrix (n, n) of a linear system from its lower entries `triangle`.
+
+    `plan.triangle` has the row and column of each of these entries; other entries are zero.
+    """
     full = np.zeros((plan.size, plan.size))
     for (i, j), entry in zip(plan.triangle, triangle, strict=False):
         full[i, j] = full[j, i] = entry

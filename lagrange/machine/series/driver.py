@@ -23,7 +23,8 @@ WATCHED = (
 class SeriesDriver:
     """Advances a run by Taylor steps (implements `Driver`).
 
-    The parameters may change during a run. With switching surfaces the array ends with their sides, (k + sides,).
+    The parameters may change during a run. With switching surfaces the array of parameters ends with the side of each
+    surface, the sign of its function: (k + sides,).
     """
 
     def __init__(self, machine: Machine, code: SeriesCode, order: int, parameters: FloatArray) -> None:
@@ -45,7 +46,7 @@ class SeriesDriver:
             self.use(parameters)
 
     def use(self, parameters: FloatArray) -> None:
-        """Continue with other parameters (k,), followed by the sides of switching surfaces: one array (k + sides,)."""
+        """Continue the run with other parameters (k + sides,), which end with the sides of switching surfaces."""
         self._parameters, memory, code = parameters, self._memory, self._code
         if self._projection is not None:
             callback = self._machine.callback(self._projection, parameters[: len(parameters) - code.program.sides])
@@ -64,14 +65,20 @@ class SeriesDriver:
         self._numbers[offset : offset + len(numbers)] = numbers
 
     def _point(self, numbers: FloatArray, sizes: Sequence[int]) -> None:
-        """Set the three arrays that the loop reads: parts of `numbers` with the lengths `sizes`."""
+        """Set the arrays `prepared`, `constants` and `value_numbers` that the loop over steps reads.
+
+        They begin in `numbers` one after the other, with the lengths `sizes`.
+        """
         begin = 0
         for name, size in zip(("prepared", "constants", "value_numbers"), sizes, strict=False):
             self._call.give(**{name: numbers[begin:]})
             begin += size
 
     def watch(self, memory: EventMemory) -> None:
-        """Find zeros of the event functions and surfaces of `memory` from now on, if its `record` is enabled."""
+        """Find zeros of event functions and switching surfaces from now on.
+
+        `memory` says which ones, and receives the events.
+        """
         self._memory, self._numbers, code = memory, None, self._code
         self._call.give(watch=memory.record, sizes=code.layout.sizes)
         self._call.give(**{name: getattr(memory, attribute) for name, attribute in WATCHED})
@@ -84,17 +91,23 @@ class SeriesDriver:
             self._call.give(resets=callback.function, reset_numbers=callback.numbers)
 
     def restart(self, state: DriverState) -> None:
-        """Set the rounding errors carried by compensated sums to zero, because the state has jumped."""
+        """Set the carried rounding errors of the state to zero, because the state has jumped.
+
+        The loop carries them from step to step by compensated sums.
+        """
         layout = self._code.layout
         self._work[layout.lost : layout.lost + layout.padded] = 0.0
         state.taylor.low = 0.0
 
     def adopt(self, state: DriverState) -> None:
-        """Make the state's vector y a view of the driver's memory, so that no step copies it; its entries are lost."""
+        """Replace `state.y` by the driver's own memory, so that no step copies it. Its entries are lost."""
         state.y = self._y
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps. Write the times and states of accepted steps to `times` (c,) and `rows` (c, 2n)."""
+        """Try up to `budget` steps of a run, and return the outcome: why the loop over steps stopped.
+
+        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n).
+        """
         if state is not self._state:
             self._state = state
             if self._memory is None and self._code.layout.watched:

@@ -1,4 +1,4 @@
-"""Series programs in Python: the Taylor coefficients of a motion in any arithmetic. The readable reference.
+"""Taylor coefficients of a motion in any arithmetic, by interpretation of a series program. The readable reference.
 
 With floats this is the series of the numpy machine. With mpmath's numbers it gives reference solutions of any
 precision.
@@ -26,9 +26,9 @@ Numbers = NDArray[Any]
 
 @dataclass(frozen=True, eq=False)
 class Jet:
-    """A series program with its parameters and sides of switching surfaces.
+    """The function that computes the Taylor coefficients of a motion, for one set of parameters.
 
-    `coefficients` computes the series at a state.
+    The parameters end with the sides of switching surfaces, the signs of their functions.
     """
 
     program: SeriesProgram
@@ -67,7 +67,10 @@ class Jet:
 
     @cached_property
     def _with_systems(self) -> Arithmetic:
-        """The arithmetic extended by linear systems, which give accelerations and multipliers at order 0."""
+        """The arithmetic of the numbers, extended by the solution of linear systems.
+
+        These systems give accelerations and multipliers at order 0.
+        """
 
         def factor(n: int, *triangle: Any) -> Eliminated:
             matrix = np.full((n, n), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
@@ -86,12 +89,15 @@ class Jet:
 
     @cached_property
     def _constant(self) -> list[Eliminated | None]:
-        """The matrix of each stage after elimination, or None for a stage whose matrix is not constant."""
+        """The matrix of each linear system of the series after elimination, or None if the matrix is not constant."""
         entries = iter(self._table[len(self.program.numbers) :])
         return [None if stage.plan.moving else self._eliminated(stage.plan, entries) for stage in self.program.stages]
 
     def _matrices(self, triangles: Sequence[Any]) -> list[Eliminated]:
-        """Return the matrix of each stage after elimination. `triangles` has the lower triangles of all matrices."""
+        """Return the matrix of each linear system of the series after elimination.
+
+        `triangles` has the lower triangles of the matrices that are not constant, one after the other.
+        """
         entries, stages = iter(triangles), self.program.stages
         return [
             self._eliminated(stage.plan, entries) if known is None else known
@@ -99,9 +105,9 @@ class Jet:
         ]
 
     def _eliminated(self, plan: SolvePlan, entries: Iterator[Any]) -> Eliminated:
-        """Return the matrix (n, n) of a plan after elimination. `entries` yields the lower triangles of its blocks.
+        """Return the matrix (n, n) of a linear system after elimination.
 
-        Raises SingularMassMatrix.
+        `plan` says which entries it has, and `entries` yields their values. Raises SingularMassMatrix.
         """
         mass = np.full((plan.size, plan.size), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
         for i, j in plan.triangle:
@@ -111,7 +117,10 @@ class Jet:
         return Eliminated(mass)
 
     def _fill(self, x: Numbers, k: int, members: Sequence[int], scale: Any) -> None:
-        """Compute the coefficients of order k of the values with indices `members`, and write them to x."""
+        """Compute the coefficients of order `k` of some values of the program, and write them to row k of `x`.
+
+        `members` are the indices of these values. Coefficients are multiplied by `scale`**k.
+        """
         for i in members:
             rule = self.program.rules[i]
             if rule.op not in ("coordinate", "unknown"):
@@ -120,10 +129,10 @@ class Jet:
 
 
 class Eliminated:
-    """A matrix after elimination with pivoting, in any arithmetic, which solves for any number of right-hand sides.
+    """A matrix after elimination with row exchanges, in any arithmetic, for the solution of linear systems with it.
 
-    With many digits only a pivot of zero is singular. Doubles are tested more strictly before. A matrix with an entry
-    that is not finite does not count as singular.
+    In doubles, matrices that are singular up to rounding are refused before. Here only a pivot of zero is singular. A
+    matrix with an entry that is not finite does not count as singular.
     """
 
     def __init__(self, matrix: Numbers) -> None:
@@ -141,7 +150,7 @@ class Eliminated:
             self._rows.append((pivot, factors))
 
     def solve(self, right: Sequence[Any]) -> Numbers:
-        """Return the solution (n,) for a right-hand side (n,)."""
+        """Return the solution x (n,) of matrix * x = right, for a right-hand side (n,)."""
         n = len(right)
         a = np.concatenate([self._upper, np.array(right, dtype=self._upper.dtype)[:, None]], axis=1)
         x = a[:, n]
@@ -155,7 +164,10 @@ class Eliminated:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """The coefficient to compute: value i at order k. `x` has all coefficients so far, `args` the rule's arguments."""
+    """A coefficient to compute: that of value i at order k, by a rule of the series program.
+
+    `x` has all coefficients computed so far, and `args` the indices of the values that the rule reads.
+    """
 
     x: Numbers
     k: int
@@ -166,11 +178,11 @@ class _Place:
 
     @property
     def u(self) -> Numbers:
-        """The coefficients of value i itself, of orders 0 to k."""
+        """The Taylor coefficients of orders 0 to k of the value i that is computed. The last is not known yet."""
         return self.x[: self.k + 1, self.i]
 
     def arg(self, which: int) -> Numbers:
-        """Return the coefficients of the argument with index `which`, of orders 0 to k."""
+        """Return the Taylor coefficients of orders 0 to k of the rule's argument with index `which`."""
         return self.x[: self.k + 1, self.args[which]]
 
 
@@ -192,7 +204,10 @@ def _sqrt(at: _Place) -> Any:
 
 
 def _flat(at: _Place) -> Any:
-    """Return a coefficient of the root of zero: 0 if the argument stays zero, NaN if the argument changes."""
+    """Return a Taylor coefficient of the square root at a zero of its argument.
+
+    It is 0 if the argument stays zero, and NaN if the argument changes.
+    """
     return at.u[0] if at.arg(0)[-1] == 0 else at.u[0] + math.nan
 
 

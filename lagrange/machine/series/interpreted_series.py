@@ -23,7 +23,7 @@ from lagrange.program.series import SeriesProgram
 
 @lru_cache(maxsize=64)
 def printed_steps(layout: TaylorLayout) -> PrintedProcedure:
-    """Return the loop over Taylor steps for a layout, printed as Python."""
+    """Return the loop over Taylor steps as printed Python, for series with a given layout in memory."""
     return PrintedProcedure(taylor_steps.form(layout=layout))
 
 
@@ -40,19 +40,19 @@ class NumpySeries(Shared):
         return NumpySeries, (self.program,)
 
     def form(self, order: int) -> str:
-        """Return one word for the printed summary of a run that says how the series is computed."""
+        """Return the word "interpreted", by which the printed summary of a run says how the series is computed."""
         return "interpreted"
 
     def order(self, tolerance: float) -> int:
-        """Return the order that reaches a relative tolerance at the lowest cost.
+        """Return the order of the series with which a run to a relative tolerance costs least.
 
-        Interpretation takes as long at every order.
+        It is assumed that interpretation takes as long at every order.
         """
         return best_order(Cost(fixed=2.0, each=1.0, pairs=0.0), tolerance)
 
     @cached_property
     def values(self) -> Kernel:
-        """The kernel of the event functions and switching surfaces."""
+        """The kernel that evaluates the event functions and switching surfaces at a state."""
         return self.load(self.program.values)
 
     @cached_property
@@ -67,18 +67,18 @@ class NumpySeries(Shared):
 
     @property
     def function(self) -> Callable[..., bool]:
-        """The Python function that computes the series."""
+        """The Python function that computes the Taylor coefficients, for the printed loop over steps."""
         return _between_arrays(self)
 
     def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
-        """Return one array of the parameters of the series and of the event functions, and the length of each part.
+        """Return one array of all numbers that a run reads, and the length of each of its parts.
 
-        There are no constants: the length of that part is zero.
+        The parts are the parameters of the series, no constants, and the parameters of the event functions.
         """
         return np.concatenate([parameters, parameters]), (len(parameters), 0, len(parameters))
 
     def count(self, steps: int) -> bool:
-        """Return False: no code is compiled again."""
+        """Return False: unlike machine code, this code is not replaced by optimized code after many steps."""
         return False
 
     def load(self, program: Program) -> Kernel:
@@ -90,7 +90,7 @@ class NumpySeries(Shared):
         return self
 
     def dense(self, order: int, parameters: FloatArray) -> NumpyDense:
-        """Return the dense output of Taylor steps of an order."""
+        """Return the dense output of Taylor steps of an order: the Taylor polynomial on each step."""
         n = self.program.states
         size = partial(_work_size, 2 * n + (order + 1) * (n + len(self.program.watched)))
         write = partial(_write_polynomials, self, order, parameters)
@@ -105,9 +105,10 @@ class NumpySeries(Shared):
         parameters: FloatArray,
         low: FloatArray | None = None,
     ) -> FloatArray:
-        """Return the scaled Taylor coefficients at the state y + `low`: row k has those of order k, times scale**k.
+        """Return the Taylor coefficients of the motion at the state y + `low`, with order k in row k, times scale**k.
 
-        `low` (2n,) is a correction below the rounding of y, None for zero. Event functions and surfaces come last.
+        The columns are the state (2n), then the event functions and switching surfaces. `low` (2n,) is a correction
+        below the rounding of y, None for zero. The last of the `parameters` are the sides of surfaces.
         """
         with np.errstate(all="ignore"):
             coefficients = self._jet(parameters).coefficients(t, y, order, scale, low)
@@ -117,7 +118,7 @@ class NumpySeries(Shared):
             return rows
 
     def _jet(self, parameters: FloatArray) -> Jet:
-        """Return the interpreted series for these parameters and sides, cached until they change."""
+        """Return the object that computes Taylor coefficients for these parameters, cached until they change."""
         key, known = parameters.tobytes(), self._prepared
         if known is None or known[0] != key:
             known = self._prepared = key, Jet(self.program, parameters.copy())
@@ -125,20 +126,28 @@ class NumpySeries(Shared):
 
 
 def _work_size(size: int, _columns: int) -> int:
-    """Return the size of the work memory: a state, its rounding errors, and one series serve any number of steps."""
+    """Return the number of doubles of work memory for a block of steps: `size`, however many columns it has.
+
+    The same memory for a state, its rounding errors and one series serves all steps.
+    """
     return size
 
 
 def _write_polynomials(series: NumpySeries, order: int, parameters: FloatArray, *arrays: Any) -> None:
-    """Write the polynomials of a block of Taylor steps. `arrays` are the arguments of `NumpyDense.write`."""
+    """Write the polynomials of a block of Taylor steps of an order.
+
+    `arrays` are the number of steps, the steps and their neighbours, work memory, and the coefficients to write.
+    """
     n = series.program.states
     write_series(_between_arrays(series), parameters, n, n + len(series.program.watched), order, *arrays)
 
 
 def _between_arrays(series: NumpySeries) -> Callable[..., bool]:
-    """Return a series as the function that procedures call. It reads parameters and sides from an array.
+    """Return a series as a function for printed procedures, which computes Taylor coefficients into an array.
 
-    It returns True for a singular matrix. The array of the state has 2n entries, then their 2n rounding errors.
+    Its arguments are t, the scale, the state, the parameters, an unused array, the rows to write, and the order. The
+    array of the state has 2n entries, then their 2n rounding errors. The function returns True if a matrix is
+    singular.
     """
     states, count = series.program.states, series.program.constants.parameters
 

@@ -1,7 +1,7 @@
-"""Series programs in machine code: the jet (function that computes the series), its numbers, and the loop over steps.
+"""Taylor series in machine code: the jet (function that computes the series), its numbers, and the loop over steps.
 
-The array `c` begins with the inverse of a constant mass matrix by columns, or with the diagonal if the matrix is
-diagonal. Constants follow as vectors, in the order in which the code reads them.
+The numbers of a series are one array: the parameters, then constants, results of order 0 that need no state, and
+inverses of constant matrices. Constants joined to vectors follow, in the order in which the code reads them.
 
 The loop over steps calls a series by its address, so all series of a layout share it. The procedures that find events
 are the same for all layouts, and are compiled once per process.
@@ -67,15 +67,18 @@ class LlvmSeries(Shared):
         return LlvmSeries, (self.program,)
 
     def form(self, order: int) -> str:
-        """Return one word for the printed summary of a run: whether the code of an order is unrolled or in loops."""
+        """Return the words by which the printed summary of a run says how the series of an order is computed.
+
+        They are "written out" for unrolled code, else "in loops".
+        """
         return "in loops" if self._is_large(order) else "written out"
 
     def order(self, tolerance: float) -> int:
-        """Return the order that reaches a relative tolerance at the lowest cost."""
+        """Return the order of the series with which a run to a relative tolerance costs least."""
         return self._order(tolerance)
 
     def code(self, order: int) -> CompiledJet:
-        """Return the machine code of the series for an order."""
+        """Return the machine code that computes the series up to an order. It is compiled at the first request."""
         key = 0 if self._is_large(order) else order
         if key not in self._compiled:
             with refused():
@@ -84,26 +87,32 @@ class LlvmSeries(Shared):
 
     @cached_property
     def values(self) -> LlvmKernel:
-        """The kernel of the event functions and switching surfaces."""
+        """The kernel that evaluates the event functions and switching surfaces at a state."""
         return function(self.program.values)
 
     def dense(self, order: int, parameters: FloatArray) -> LlvmDense:
-        """Return the dense output of Taylor steps of an order."""
+        """Return the dense output of Taylor steps of an order: the Taylor polynomial on each step."""
         return LlvmDense(self.program.states, order, partial(_polynomial, self, order, parameters))
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the scaled Taylor coefficients at a state (2n,)."""
+        """Return the Taylor coefficients of the motion at a state (2n,), with order k in row k, times scale**k.
+
+        The columns are the state (2n), then the event functions and switching surfaces.
+        """
         return self.code(order).rows(order, t, y, scale, parameters)
 
 
 def _polynomial(series: LlvmSeries, order: int, parameters: FloatArray) -> BlockPolynomial:
-    """Return the callback that writes the polynomials of a block of Taylor steps, with the address of the series."""
+    """Return the callback that writes the polynomials of a block of Taylor steps, for one set of parameters."""
     compiled = series.code(order)
     return of_series(compiled.address, compiled.numbers(parameters), compiled.layout, order)
 
 
 def function(program: Program) -> LlvmKernel:
-    """Return the kernel of a program, which the loop over steps calls. Raises RunError if LLVM refuses it."""
+    """Return the kernel of a program in machine code, for calls from the loop over steps.
+
+    Raises RunError if LLVM refuses the program.
+    """
     with refused():
         return cached_kernel(program)
 
@@ -118,7 +127,7 @@ def refused() -> Iterator[None]:
 
 
 class CompiledJet:
-    """A Taylor series in machine code at one order. Order 0 means loops that serve every order."""
+    """Machine code that computes a Taylor series up to one order. Code for order 0 has loops for every order."""
 
     def __init__(self, packing: Packing, order: int) -> None:
         self.program = packing.program
@@ -144,14 +153,17 @@ class CompiledJet:
 
     @property
     def address(self) -> int:
-        """Address of the compiled series. It changes once, when optimized code replaces the code compiled quickly."""
+        """Address of the compiled function that computes the series.
+
+        It changes once, when optimized code replaces the code compiled quickly.
+        """
         return self.tiers.address if self.tiers else self._module.address(JET_NAME)
 
     function = address
 
     @property
     def loop(self) -> CompiledProcedure:
-        """The compiled loop over steps, which serves all series of a layout."""
+        """The compiled loop over Taylor steps, which serves all series with the same layout in memory."""
         with refused():
             loop: CompiledProcedure = compiled_steps(self.layout)
         return loop
@@ -162,7 +174,7 @@ class CompiledJet:
         return self.tiers is None or self.tiers.is_final
 
     def count(self, steps: int) -> bool:
-        """Report steps, and return True when optimized code replaces the code compiled quickly."""
+        """Report `steps` more steps. Return True when optimized code replaces the code that was compiled quickly."""
         if self.tiers is None or self.tiers.is_final:
             return False
         self.tiers.count(steps)
@@ -177,7 +189,11 @@ class CompiledJet:
         return _SERIES(self.address)
 
     def numbers(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the two arrays of numbers that do not change along a run: `p` and `c`. Raises SingularMassMatrix."""
+        """Return the numbers that the code reads and that do not change along a run, as two arrays.
+
+        The first has the parameters and all numbers that depend on them alone. The second has one zero and is not
+        read. Raises SingularMassMatrix.
+        """
         key, known = parameters.tobytes(), self._prepared
         if known is not None and known[0] == key:
             return known[1]
@@ -188,10 +204,10 @@ class CompiledJet:
         return numbers
 
     def joined(self, parameters: FloatArray, values: Any) -> tuple[FloatArray, list[int]]:
-        """Return one array of the numbers for a run, and the length of each of its parts.
+        """Return one array of all numbers that a run reads, and the length of each of its parts.
 
-        The parts are `p`, `c` and the numbers of `values`, the kernel of event functions, or None. The last array is
-        cached.
+        The parts are the two arrays of `numbers`, and the numbers of the kernel `values` of event functions unless it
+        is None. The last array is cached.
         """
         key, known = (parameters.tobytes(), values), self._joined
         if known is None or known[0] != key:
@@ -200,7 +216,10 @@ class CompiledJet:
         return known[1]
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the scaled Taylor coefficients at a state (2n,), as `Series.rows` does."""
+        """Return the Taylor coefficients of the motion at a state (2n,), with order k in row k, times scale**k.
+
+        The columns are the state (2n), then the event functions and switching surfaces. Raises SingularMassMatrix.
+        """
         layout, numbers = self.layout, self.numbers(parameters)
         work = np.zeros(layout.size(order))
         state = np.zeros(2 * layout.padded)
@@ -211,7 +230,7 @@ class CompiledJet:
 
 
 def layout_of(packing: Packing, order: int) -> TaylorLayout:
-    """Return the layout in memory of a series at one order; order 0 means loops that serve every order."""
+    """Return the layout in memory of a series at one order; order 0 is for code with loops for every order."""
     program = packing.program
     block = 2 if program.states <= 2 else 4 if program.states <= 4 else 8
     if order:
@@ -221,9 +240,10 @@ def layout_of(packing: Packing, order: int) -> TaylorLayout:
 
 
 def series_ir(jet: Procedure, prepare: Procedure) -> str:
-    """Return the IR of the module of a series, with the procedures `jet` and `prepare`.
+    """Return the IR of a module with the two procedures of a series.
 
-    Procedures of other modules that they call are compiled first.
+    `jet` computes the Taylor coefficients. `prepare` computes the numbers that depend on parameters alone. Procedures
+    of other modules that they call are compiled first.
     """
     called = dict.fromkeys((*prepare.callees, *jet.callees))
     if invert.form() in called:
@@ -240,7 +260,7 @@ _BUILDING = threading.RLock()
 
 @lru_cache(maxsize=64)
 def compiled_steps(layout: TaylorLayout) -> CompiledProcedure:
-    """Return the compiled loop over Taylor steps for a layout."""
+    """Return the compiled loop over Taylor steps, for series with a given layout in memory."""
     with _BUILDING:
         loop = taylor_steps.form(layout=layout)
         if not layout.watched:
@@ -249,12 +269,15 @@ def compiled_steps(layout: TaylorLayout) -> CompiledProcedure:
 
 
 def event_procedures() -> tuple[Procedure, ...]:
-    """Return the procedures that the loop calls to find events and crossings of switching surfaces."""
+    """Return the procedures that find events and crossings of switching surfaces on Taylor steps."""
     return inspect_step.form(), begin_sides.form(), reset_state.form(), cross_surface.form()
 
 
 def link_events(*, well: bool) -> None:
-    """Make the event procedures available to modules loaded later: optimized if `well`, else compiled quickly."""
+    """Compile the procedures that find events on Taylor steps, and make them known to modules loaded later.
+
+    They are optimized if `well`, else compiled quickly.
+    """
     with _BUILDING:
         if well or not _events.cache_info().currsize:
             _events(well)
@@ -262,7 +285,10 @@ def link_events(*, well: bool) -> None:
 
 @cache
 def _events(well: bool) -> Module:
-    """Compile the event procedures and register their addresses under their names. `well` asks for optimization."""
+    """Compile the procedures that find events on Taylor steps, and register their addresses under their names.
+
+    They are optimized if `well`, else compiled quickly.
+    """
     reached = transitive_callees(event_procedures())
     texts = [procedure_ir(each, hidden=each not in event_procedures(), merged=not each.apart) for each in reached]
     module = Module(module_ir(texts), merge=well, quickly=not well)

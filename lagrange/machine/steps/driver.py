@@ -19,9 +19,10 @@ from lagrange.program.step import StepProgram
 
 
 class StepDriver:
-    """Takes the steps of a step program for one right-hand side and one set of parameters (implements `Driver`).
+    """Advances a run by the steps of a method, given as a step program (implements `Driver`).
 
-    Data of Newton's method, such as matrices, are kept in the driver's work array.
+    It serves one right-hand side and one set of parameters. Data of Newton's method, such as matrices, are kept in
+    the driver's work array.
     """
 
     def __init__(
@@ -64,15 +65,18 @@ class StepDriver:
         self._function: StepFunction | None = None
 
     def _record(self, record: Record, index: int) -> Any:
-        """Return the record that begins at index `index` of the work array."""
+        """Return a record (a structure of named numbers) that begins at index `index` of the work array."""
         memory: Any = self._work
         return record.structure.from_buffer(memory, 8 * index)
 
     def adopt(self, state: DriverState) -> None:
-        """Do nothing: the state keeps its own memory."""
+        """Do nothing: unlike a driver by Taylor series, this driver does not replace the memory of the state."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps. Write the times and states of accepted steps to `times` (c,) and `rows` (c, 2n)."""
+        """Try up to `budget` steps of a run, and return the outcome: why the loop over steps stopped.
+
+        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n).
+        """
         self._work[self._entries] = state.y
         self._use(state)
         if state.integers[DriverState.RECORD]:
@@ -90,7 +94,7 @@ class StepDriver:
         return outcome
 
     def _use(self, state: DriverState) -> None:
-        """Advance this state from now on: pass its arrays to the loop."""
+        """Advance the run `state` from now on: pass its arrays to the loop over steps."""
         if state is not self._state:
             self._state = state
             self._call.give(**state.records())
@@ -113,7 +117,7 @@ class StepDriver:
             self._function = None
 
     def kept(self) -> tuple[Kept, ...]:
-        """Return the data that each solve by Newton's method keeps: first for the steps, then for the starter."""
+        """Return what each solve by Newton's method keeps from step to step: for the steps, then for the starter."""
         layout, starting = self._layout, self._layout.starting
         solves = [(layout, self._work, *pair) for pair in zip(self._newtons, layout.solves, strict=True)]
         if self._starters:
@@ -123,9 +127,9 @@ class StepDriver:
 
 
 def numbers_of(step: StepProgram, scalars: Program, t: float, h: float, ratio: float) -> dict[Node, float]:
-    """Return every coefficient of a step at time t with step size h. `ratio` is h divided by the step before.
+    """Return the value of every coefficient of a step at time t with step size h, by the coefficient's node.
 
-    `scalars` is the program of all coefficients, built once for many steps.
+    `ratio` is h divided by the step before. `scalars` is the program of all coefficients, built once for many steps.
     """
     values = FLOATS.evaluate(scalars, t, [h, ratio], [])
     return dict(zip(step.numbers, map(float, values), strict=True))
