@@ -45,7 +45,7 @@ class Help(argparse.HelpFormatter):
     """
 
     def add_argument(self, action: argparse.Action) -> None:
-        """Add an argument; for the list of commands, count the indentation of the commands."""
+        """Add an argument to the help text; the column of commands is widened by their indentation."""
         super().add_argument(action)
         if action.nargs == argparse.PARSER:
             self._action_max_length += self._indent_increment

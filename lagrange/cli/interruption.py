@@ -21,9 +21,9 @@ UNWRITTEN, UNREAD = 1, 141
 
 
 def output(text: str, code: int) -> int:
-    """Print to standard output and return the exit code, which is not 0 if the text could not be written.
+    """Print a text to standard output and return the exit code, which is not 0 if the text cannot be written.
 
-    A broken pipe is not reported.
+    It is `code`, or another one if `code` is 0 and writing fails. A broken pipe is not reported.
     """
     try:
         if sys.stdout is None:
@@ -101,7 +101,7 @@ class Interruption:
         return 128 + (self.number or 0)
 
     def listen(self) -> None:
-        """Handle the signals from now on, except signals that were ignored at the start of the program."""
+        """Handle SIGINT, SIGTERM and SIGHUP from now on, except those that were ignored when the program began."""
         for number in SIGNALS:
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self.handle)
@@ -109,7 +109,7 @@ class Interruption:
         occupy_standard_streams()
 
     def close(self) -> None:
-        """Ignore signals from now on, because the program is ending.
+        """Ignore SIGINT, SIGTERM and SIGHUP from now on, because the program is ending.
 
         The interpreter handles signals that arrive in its last milliseconds.
         """
@@ -117,7 +117,7 @@ class Interruption:
             signal.signal(number, signal.SIG_IGN)
 
     def handle(self, number: int, frame: FrameType | None) -> None:
-        """Raise `Signalled`; during an import, send the signal again later."""
+        """Handle the signal `number`: raise `Signalled`, or during an import send the signal again later."""
         self.number = self.number or number
         if _importing(frame):
             self._come_again()

@@ -183,7 +183,7 @@ def check(request: argparse.Namespace) -> Answer:
 
 
 def new(request: argparse.Namespace) -> Answer:
-    """Write a new scene to start from; existing files are not overwritten."""
+    """Write a new scene file, a pendulum to start from; existing files are not overwritten."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", request.name):
         raise StatementError(
             f"{request.name[:80]!r} cannot name a scene: use 1 to 64 letters, digits, - and _, such as double-pendulum."

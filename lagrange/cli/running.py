@@ -66,7 +66,10 @@ def run(request: argparse.Namespace) -> Answer:
 
 
 def _times(system: System, begun: dict[str, Any], points: int | None) -> Any:
-    """Return `points` equally spaced output times from 0 to the end of a run, or None without `points`."""
+    """Return `points` equally spaced output times from 0 to the end of a run, or None without `points`.
+
+    `begun` has the arguments of the run; if their "t_end" is None, the run ends at the stated time.
+    """
     import numpy as np
 
     end = system.statement.run.t_end if begun["t_end"] is None else begun["t_end"]
@@ -74,7 +77,10 @@ def _times(system: System, begun: dict[str, Any], points: int | None) -> Any:
 
 
 def _in_folder(code: int, result: Any, data: dict[str, Any], target: Path | None) -> Answer:
-    """Write a result into the folder `target`, if there is one, and return its text and data with the files."""
+    """Write the files of a result into the folder `target`, if there is one, and return the answer of the command.
+
+    The answer has the exit code `code`, the result as text, and `data` with the paths of the files.
+    """
     files = [] if target is None else result.to_folder(target)
     written = "" if target is None else f"\nwritten to {target}: {listing(path.name for path in files)}"
     return Answer(code, repr(result) + written, {**data, "files": [str(path) for path in files]})
@@ -155,7 +161,7 @@ def add_ensemble(commands: Any) -> None:
 
 
 def ensemble(request: argparse.Namespace) -> Answer:
-    """Run a scene many times, and report how the runs ended."""
+    """Run a scene from many initial states or with many parameters, and report how the runs ended."""
     begun, how = start(request), method(request)
     axes, out = _axes(request.vary), _target(request)
     _check_members(axes, out)

@@ -26,7 +26,10 @@ HIGHEST = 3
 
 
 def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
-    """Return a numerator and denominator without their common factor; no factor may divide all of `below`."""
+    """Return the numerator `above` and the denominator `below` of a fraction without their common factor.
+
+    The caller has already taken out every factor that divides all of `below`. Long fractions are returned unchanged.
+    """
     variables = _Variables([above, below])
     parts = _parts(above, below)
     short = all(len(part) > 1 for part in parts) and 1 < len(below) <= LONGEST_DENOMINATOR
@@ -42,7 +45,10 @@ def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, Mono
 
 
 def _parts(above: MonomialSum, below: MonomialSum) -> list[MonomialSum]:
-    """Return the coefficients of `above` in factors that `below` lacks. A common factor divides each of them."""
+    """Return the sums that a common factor of numerator `above` and denominator `below` must divide.
+
+    They are the coefficients of `above` as a polynomial in the factors that do not occur in `below`.
+    """
     common = {k for monomial in below for k, _ in monomial}
     parts: dict[Monomial, MonomialSum] = {}
     for monomial, number in above.items():
@@ -72,7 +78,7 @@ def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
 
 
 def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
-    """Merge terms that differ only in the power of factor `k`, or of symbols in it, if the sum becomes shorter."""
+    """Return the sum with terms merged that differ only in powers of factor `k` or of its symbols, if shorter."""
     inside = algebra.free(k)
     groups: dict[Any, MonomialSum] = {}
     for monomial, number in terms.items():
@@ -146,7 +152,7 @@ class _Variables:
         return prod(self.degrees.values())
 
     def polynomial(self, terms: MonomialSum) -> Any:
-        """Return the polynomial of a sum, with exponents shifted by the lowest powers."""
+        """Return a sum of monomials as a SymPy polynomial, with the lowest power of each factor taken out."""
         coefficients = {}
         for monomial, value in terms.items():
             powers = dict(monomial)
@@ -155,7 +161,7 @@ class _Variables:
         return self.ring.from_dict(coefficients)
 
     def terms(self, polynomial: Any) -> MonomialSum:
-        """Return a quotient of two polynomials of this class as a sum. The shifts of their exponents cancel."""
+        """Return a quotient of two polynomials of this class as a sum of monomials: the powers taken out cancel."""
         result: MonomialSum = {}
         for exponents, value in polynomial.terms():
             powers = [(k, Rational(e, self.roots[k])) for k, e in zip(self.factors, exponents, strict=True) if e != 0]
@@ -223,7 +229,7 @@ class Collector:
         return len(below) == 1 and () not in below
 
     def _factors(self, terms: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
-        """Return the common factor (a sum of one term) and the rest, with whole powers of sums expanded."""
+        """Return the common factor of all terms (as a sum of one term) and the rest, with powers of sums expanded."""
         number, monomial, rest = common_factor(terms)
         unfolded = self.algebra.merge_angles(self.algebra.unfold(rest))
         more, extracted, rest = common_factor(unfolded)
@@ -261,7 +267,10 @@ class Collector:
         return Mul(expanded, motion)
 
     def _coefficient(self, terms: MonomialSum) -> tuple[Any, Any, Any]:
-        """Return (number, monomial, rest) of a sum, to multiply in one call: SymPy distributes a number over a sum."""
+        """Return (number, monomial, rest), SymPy expressions whose product is the sum, to be multiplied in one call.
+
+        Otherwise SymPy distributes the number over the sum.
+        """
         number, monomial, rest = common_factor(terms)
         written = self._factor(rest)
         if len(rest) == 2 and written.could_extract_minus_sign():

@@ -1,10 +1,10 @@
-"""Decisions on whether laws are independent of time, coordinates or velocities: proven, disproven, or undecided.
+"""Decisions on whether a Lagrangian and its equations of motion depend on time, coordinates or velocities.
 
-If a Lagrangian is stated through positions, angles and time may appear in terms that cancel. So there are three tests,
-in this order. A law is independent of a symbol that does not appear in it. Otherwise its derivatives are evaluated at
-random states in many digits: a value other than zero disproves independence. If all values are zero, algebra tries to
-prove it; if this fails, the question is undecided. The degrees of T, or of L, in the velocities decide whether the
-energy v.p - L is T + V.
+A decision is: proven, disproven, or undecided. If a Lagrangian is stated through positions, angles and time may
+appear in terms that cancel. So there are three tests, in this order. An expression is independent of a symbol that
+does not appear in it. Otherwise its derivatives are evaluated at random states in many digits: a value other than
+zero disproves independence. If all values are zero, algebra tries to prove it; if this fails, the question is
+undecided. The degrees of T, or of L, in the velocities decide whether the energy v.p - L is T + V.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def _degree(node: Any, velocities: tuple[Any, ...]) -> int | None:
 
 
 def seen_jacobi(statement: Statement, stated: StatedAlgebra) -> bool:
-    """Return True if T, or L stated alone, has terms of a rotating frame: v.p - L differs from T + V."""
+    """Return True if T, or L stated alone, has terms of a rotating frame, so that v.p - L differs from T + V."""
     if visibly_homogeneous(statement):
         return False
     return seen_turning(stated) if statement.lagrangian_alone else seen_mixed(statement)
@@ -217,7 +217,10 @@ class Decisions:
 
     @cached_property
     def power_seen(self) -> Verdict:
-        """The result of `powerless` if absent symbols or random states decide it, without algebra; else None."""
+        """True if the rate of the energy is zero, False if it is not; None if that is not seen without algebra.
+
+        It is seen from absent forces and time, or from values at random states.
+        """
         laws = self.laws
         if self._forceless and not _depends_on(laws.lagrangian, [laws.time]):
             return True
@@ -297,9 +300,10 @@ class Decisions:
         number: Callable[[Values], bool | None],
         proof: Callable[[StatedAlgebra], bool],
     ) -> Verdict:
-        """Return the decision on a property: True if `absent`, or if `proof` succeeds within the budget.
+        """Return True if a property is proven, False if it is disproven, None if it is undecided.
 
-        False if `number` returns True at a random state, which is a counterexample. Else None.
+        It is proven if `absent`, or if `proof` succeeds within the budget. It is disproven if `number` returns True
+        at a random state, which is a counterexample.
         """
         if absent:
             return True
@@ -373,7 +377,11 @@ class Decisions:
         return point
 
     def _corrected(self, point: Values, rows: Sequence[int], symbols: Sequence[Node], zeros: Any) -> Values | None:
-        """Return the point with `symbols` corrected by Newton's method until `zeros` vanish, or None."""
+        """Return the point with `symbols` corrected by Newton's method until `zeros` vanish; None if that fails.
+
+        `rows` are the indices of the constraints whose rows of G are the derivatives of `zeros` with respect to
+        `symbols`.
+        """
         gradient = [entry for i in rows for entry in self.laws.constraints.gradient[i]]
         for _ in range(LAW_CORRECTIONS if zeros else 0):
             evaluated = values([*zeros, *gradient], point, CONTEXT)
@@ -430,18 +438,18 @@ def _free_of(stated: StatedAlgebra, symbol: Any) -> bool:
 
 
 def _still(stated: StatedAlgebra, sums: Sequence[MonomialSum], symbols: Sequence[Any]) -> bool:
-    """Return True if it is proven that sums do not depend on the symbols."""
+    """Return True if it is proven that none of the sums depends on one of the symbols."""
     slopes = (stated.algebra.differentiate(terms, symbol) for terms in sums for symbol in symbols)
     return not stated.jumps(*symbols, twice=True) and all(is_identity(stated.algebra, slope) for slope in slopes)
 
 
 def _depends_on(node: Node, symbols: Sequence[Node]) -> bool:
-    """Return True if a node contains one of the symbols."""
+    """Return True if one of the symbols occurs in the expression of a node."""
     return any(node.depends & symbol.depends for symbol in symbols)
 
 
 def _changes(nodes: Sequence[Node], point: Values, symbols: Sequence[Node]) -> bool | None:
-    """Return True if nodes change when symbols are changed from a point; None without values."""
+    """Return True if the values of nodes change when the values of symbols are changed; None without values."""
     other = {**point, **{x: point[x] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for x in symbols}}
     before, after = (values(nodes, at, CONTEXT) for at in (point, other))
     if before is None or after is None:

@@ -57,7 +57,7 @@ class MassPoint:
 
 
 def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
-    """Return the points for which a term of the stated T is half a mass times the square of the point's velocity.
+    """Return the named points whose kinetic energy, half a mass times speed squared, is a term of the stated T.
 
     Each term is the energy of at most one point. If each component of all velocities is a constant times the velocity
     of a coordinate, the result is empty: showing these velocities explains nothing.
@@ -80,7 +80,10 @@ def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
 
 
 def _masses(page: TextbookAlgebra, squared: MonomialSum, terms: list[MonomialSum]) -> Iterator[tuple[Any, int]]:
-    """Yield (mass, index) for each of the terms that equals mass * squared / 2 with a constant mass."""
+    """Yield (mass, index) for each of the terms that equals mass * squared / 2 with a constant mass.
+
+    `squared` is the square of the velocity of a point.
+    """
     if not squared:
         return
     number, monomial, rest = common_factor(squared)
@@ -293,7 +296,7 @@ class Derivation:
     def multipliers(self) -> Mapping[str, Any]:
         """{constraint: multiplier}, as functions of the state.
 
-        Raises StatementError in the cases of `accelerations`.
+        Raises StatementError for a singular matrix and for formulas that are too long to print.
         """
         solved = self._written(ACCELERATIONS, lambda page: page.motion[len(page.q) :])
         return MappingProxyType(
@@ -310,7 +313,7 @@ class Derivation:
 
     @cached_property
     def _is_quoted(self) -> bool:
-        """True if L as stated is short and has no kinks, so that its parts may be shown as stated."""
+        """True if L as stated is short and without kinks: parts of it may then be shown as the user stated them."""
         stated = self.statement.lagrangian
         return not stated.has(*KINKED) and bool(stated.count_ops() <= STATED)
 
@@ -321,7 +324,7 @@ class Derivation:
 
     @cached_property
     def _keeps_its_sum(self) -> bool:
-        """True if T + V, short and equal to v . p - L by the degrees of T and V, may be shown as the energy."""
+        """True if the energy is shown as T + V: it is short, and v . p - L by the degrees of T and V in v."""
         scale = Dummy("scale", positive=True)
         stretched = {v: scale * v for v in self.statement.velocities}
         kinetic, potential = self.statement.kinetic, self.statement.potential
@@ -342,7 +345,11 @@ class Derivation:
         parts: Callable[[TextbookAlgebra], Iterable[Any]],
         as_stated: Callable[[], Sequence[Any]],
     ) -> Mapping[Any, Any]:
-        """Return parts by coordinate, each in its collected or its stated form, whichever is shorter."""
+        """Return expressions by coordinate, each collected or as stated, whichever is shorter.
+
+        `parts` returns the expressions from sums of monomials, and `as_stated` the same without expanding L. `label`
+        names them in messages.
+        """
         collected = self._each(label, parts)
         if not self._is_short:
             return collected
@@ -371,7 +378,7 @@ class Derivation:
 
 
 def _shorter(collected: Any, stated: Any) -> Any:
-    """Return the form with fewer operations, then with fewer terms, else the collected one."""
+    """Return the form of an expression with fewer operations, then with fewer terms, else the collected one."""
     return stated if _length(stated) < _length(collected) else collected
 
 
@@ -384,5 +391,5 @@ def _length(form: Any) -> tuple[int, int]:
 
 
 def _by_terms(expression: Any) -> Any:
-    """Return a sum whose terms are factored one by one: m*(a + b), not m*(2*a + 2*b)/2."""
+    """Return a sum with the common factor taken out of each of its terms: m*(a + b), not m*(2*a + 2*b)/2."""
     return Add(*map(factor_terms, Add.make_args(expression)))

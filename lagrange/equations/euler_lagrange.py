@@ -90,10 +90,11 @@ def with_inertia(
     v: Sequence[Node],
     time: Node,
 ) -> tuple[MotionForm, tuple[tuple[Node, ...], ...]]:
-    """Return the motion and its mass matrix M, with terms added if M is singular, so that it becomes regular.
+    """Return the equations and their mass matrix M, with terms added if M is singular, so that it becomes regular.
 
-    Each constraint psi that is linear in the velocities adds w psi G^T to the momenta and w psi dG^T/dt to the forces.
-    These terms vanish on the constraint; w is `_weight`. Inertia of coordinates of first order is not needed.
+    Each constraint psi that is linear in the velocities adds w psi G^T to the momenta and w psi dG^T/dt to the
+    forces. These terms vanish on the constraint; w is `_weight`. Coordinates of first order (indices `first_order`)
+    need no inertia.
     """
     linear = [name not in constraints.nonlinear for name in constraints.names]
     graph = time.graph
@@ -119,7 +120,10 @@ def with_inertia(
 
 
 def _weight(mass: Matrix, gradient_row: Sequence[Node], symbols: Sequence[Node]) -> Node:
-    """Return trace(M)/|row|^2 at coordinates, velocities and time 1; 1 if it is zero or has no value."""
+    """Return trace(M)/|row|^2 where coordinates, velocities and the time are 1; 1 if that is zero or has no value.
+
+    The row is `gradient_row`, the row of G of a constraint. The result is also 1 if it is not constant.
+    """
     graph = symbols[0].graph
     inertia = graph.sum([(1, mass[i][i]) for i in range(len(gradient_row))])
     square = graph.sum([(1, entry * entry) for entry in gradient_row])
@@ -138,11 +142,11 @@ RELATION = "equation of "
 def first_order_coordinates(
     mass: Sequence[Sequence[Node]], bias: Sequence[Node], v: Sequence[Node], constraints: ConstraintEquations
 ) -> tuple[int, ...]:
-    """Return the indices of the coordinates of first order: without inertia, with an equation for velocities.
+    """Return the indices of the coordinates of first order: without inertia, with an equation for their velocities.
 
     Coordinates in constraints are not among them. `bias` is h of M a = h. The equations of such coordinates are the
-    relations 0 = h. If the relation of a coordinate determines no velocity, the coordinate is left out; `check_inertia`
-    raises an error for it.
+    relations 0 = h. If the relation of a coordinate determines no velocity, the coordinate is left out;
+    `check_inertia` raises an error for it.
     """
     graph = v[0].graph
     chosen = [
@@ -203,10 +207,11 @@ def with_relations(
 def rates_of(
     statement: Statement, solved: ConstraintEquations, chosen: Sequence[int], v: tuple[Node, ...]
 ) -> tuple[Node, ...]:
-    """Return dq/dt: velocities of the state, or with open inputs solved ones for `chosen` coordinates of first order.
+    """Return dq/dt, one node for each coordinate: usually the velocities `v` of the state.
 
-    An input may jump, and with it a velocity of first order, which the velocity in the state does not follow. The last
-    of the `solved` constraints are solved for these velocities if they are linear in them.
+    If the statement has inputs, a velocity of a coordinate of first order (indices `chosen`) may jump with an input.
+    The velocity in the state does not. So it is replaced by the solution of the last of the constraints `solved`, if
+    they are linear in these velocities.
     """
     if not chosen or not statement.inputs:
         return v
@@ -224,7 +229,11 @@ def rates_of(
 
 
 def least_norm(stated: ConstraintEquations, kept: Sequence[int], multipliers: Sequence[Node]) -> list[Node]:
-    """Return the multipliers of all constraints with the least norm, for those of the constraints `kept`."""
+    """Return multipliers of all constraints that give the same forces as those of independent constraints.
+
+    `kept` has the indices of the independent constraints, and `multipliers` their multipliers. The forces can be
+    shared among dependent constraints in many ways: the result is the one with the least norm.
+    """
     others = [i for i in range(len(stated)) if i not in kept]
     if not others:
         return list(multipliers)
@@ -495,7 +504,7 @@ def node_of(expression: Any, statement: Statement, equations: Equations) -> Node
 
 
 def with_needed_inputs(statement: Statement, equations: Equations) -> tuple[Statement, Equations]:
-    """Return a statement and its equations, without the rates of inputs that neither contains."""
+    """Return a statement and its equations without those time derivatives of inputs that occur in neither."""
     e = equations
     nodes = [e.lagrangian, e.energy, *e.momenta, *e.forces, *e.bias, *e.accelerations, *e.multipliers, *e.impulses]
     nodes += [*e.motion.momenta, *e.motion.forces, *e.motion.bias, *(entry for row in e.matrix for entry in row)]

@@ -62,7 +62,7 @@ def with_solved_multipliers(statement: Statement) -> Statement:
 
 
 def _written_out(nodes: Sequence[Node]) -> int:
-    """Return the number of operations of formulas if nothing is shared: a node counts as often as it is used."""
+    """Return the number of operations in the formulas of nodes; a shared node counts as often as it is used."""
     sizes: dict[Node, int] = {}
     for node in reachable(nodes):
         sizes[node] = len(node.args) + sum(sizes[arg] for arg in node.args)
@@ -82,7 +82,10 @@ def _check_linear(statement: Statement, symbols: Sequence[Any]) -> None:
 
 
 def _multipliers(equations: Equations, system_name: str, constraint_names: Sequence[str]) -> list[Node]:
-    """Return multipliers as functions of the state. Their symbols are the last parameters of the equations."""
+    """Return the multipliers of constraints as functions of the state.
+
+    The symbols of these multipliers are the last parameters of the equations.
+    """
     e = equations
     n, zero, symbols = len(e.q), e.graph.zero, e.parameters[-len(constraint_names) :]
     right = [*e.motion.bias, *(-gamma for gamma in e.constraints.bias)]

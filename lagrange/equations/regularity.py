@@ -55,12 +55,15 @@ def equations_of(statement: Statement, reach: Reach) -> Equations:
 
 
 def known_statement(statement: Statement) -> Statement:
-    """Return the statement with given functions, and multipliers in its forces, as functions of time and state."""
+    """Return the statement with given functions and multipliers in forces replaced by functions of time and state."""
     return with_solved_multipliers(with_values(statement))
 
 
 def allowed_equations(statement: Statement, reach: Reach) -> Equations:
-    """Return the equations of motion, without redundant constraints if the statement allows them."""
+    """Return the equations of motion, without redundant constraints if the statement allows such constraints.
+
+    `reach` is a function that finds states on the constraints. It is called to find redundant constraints.
+    """
     equations = euler_lagrange(statement)
     if statement.redundant == REFUSE or len(statement.constraints) < 2:
         return equations
@@ -121,7 +124,10 @@ def _check_constraints(tried: Tried, reach: Reach | None) -> None:
 
 
 def _independent_constraints(statement: Statement, equations: Equations, reach: Reach) -> tuple[int, ...]:
-    """Return a largest set of independent constraints, which the others follow from, at a reached state."""
+    """Return the indices of a largest set of independent constraints; the other constraints follow from these.
+
+    `reach` finds the states on the constraints at which this is tested. Raises StatementError if it finds none.
+    """
     tried, count = Tried(equations, statement), len(statement.constraints)
     states, parameters = tried.starts(), tried.some_parameters(statement)
     gradient = [entry for row in equations.stated.gradient for entry in row]
@@ -137,7 +143,10 @@ def _independent_constraints(statement: Statement, equations: Equations, reach: 
 
 
 def independent_rows(rows: FloatArray) -> tuple[int, ...]:
-    """Return the indices of rows that span the space of all rows: in turn the one farthest from those chosen."""
+    """Return the indices of independent rows that span the space of all rows (m, n).
+
+    They are chosen one by one: each time the row farthest from the space of those already chosen.
+    """
     sizes = np.sqrt((rows**2).sum(axis=1))
     left, chosen = rows / np.where(sizes > 0, sizes, 1.0)[:, None], []
     for _ in range(len(rows)):
@@ -153,7 +162,10 @@ def independent_rows(rows: FloatArray) -> tuple[int, ...]:
 
 
 def _dependent(tried: Tried, singular: Singular, reach: Reach | None) -> str:
-    """Return the message for constraints that are dependent at every state tried."""
+    """Return the error message for constraints that are dependent at every state tried.
+
+    It says that they contradict each other if `reach` finds no state on them. `singular` has the dependent rows of G.
+    """
     equations, statement = tried.equations, tried.statement
     names = equations.constraints.names
     # Without values for its parameters no state says whether constraints contradict one another.

@@ -115,7 +115,11 @@ def _whole(mass: FloatArray, gradient: FloatArray) -> FloatArray:
 
 
 def _dependent(scaled: FloatArray, scale: FloatArray, *, alike: bool) -> Singular:
-    """Return the combination of `scaled` rows nearest to zero; rows made `alike` are first normalised."""
+    """Return the linear combination of the rows of G that is nearest to zero, as a `Singular`.
+
+    `scaled` (m, n) are the balanced rows, and `scale` their scale factors. With `alike`, each row is first divided by
+    its length.
+    """
     sizes = np.sqrt((scaled**2).sum(axis=1))
     units = np.where(sizes > 0, sizes, 1.0) if alike else np.ones(len(scaled))
     left, values, _ = np.linalg.svd(scaled / units[:, None])
@@ -171,7 +175,7 @@ UNDETERMINED = "the multipliers, and with them the accelerations, are not determ
 
 
 def dependent_rows(names: Sequence[str], singular: Singular) -> str:
-    """Return the first part of a sentence, which names the dependent constraints."""
+    """Return the first part of a message, which names the dependent constraints or coordinates without inertia."""
     related = [names[i].removeprefix(RELATION) for i, _ in singular.rows if names[i].startswith(RELATION)]
     if related:
         have = "has no inertia, and its equation" if len(related) == 1 else "have no inertia, and their equations"

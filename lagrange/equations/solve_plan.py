@@ -1,7 +1,7 @@
-"""The linear equations M a = h: solved in symbols by cofactors, and the plan by which machines eliminate.
+"""The linear equations M a = h: solved in symbols by cofactors, and the plan by which compiled code eliminates.
 
-Cofactors have the determinant as their only divisor, and det M is zero only where M is singular. Elimination divides by
-pivots. A pivot is a function of the state. It can be zero at a state where M is regular, such as theta = pi/2 or
+Cofactors have the determinant as their only divisor, and det M is zero only where M is singular. Elimination divides
+by pivots. A pivot is a function of the state. It can be zero at a state where M is regular, such as theta = pi/2 or
 straight arms, and the formula is then wrong at this state.
 """
 
@@ -149,7 +149,10 @@ Neighbours = Sequence[Collection[int]]
 
 
 def band_order(neighbours: Neighbours) -> list[int]:
-    """Return the unknowns by distance from one end, which makes the bandwidth small (Cuthill, McKee)."""
+    """Return an order of the unknowns that makes the bandwidth of a symmetric matrix small (Cuthill, McKee).
+
+    Unknowns are sorted by distance from one end of the graph. `neighbours` has the unknowns coupled to each unknown.
+    """
     order: list[int] = []
     left = dict.fromkeys(range(len(neighbours)))
 
@@ -168,7 +171,7 @@ def band_order(neighbours: Neighbours) -> list[int]:
 
 
 def _levels(root: int, neighbours: Neighbours) -> list[list[int]]:
-    """Return the unknowns in levels by distance from `root`, in each level those with few neighbours first."""
+    """Return the unknowns in groups by their distance from the unknown `root`; few neighbours first in each group."""
     levels, seen = [[root]], {root}
     while True:
         level: list[int] = []

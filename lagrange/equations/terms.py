@@ -233,7 +233,7 @@ class Algebra:
             self.budget = max(self.budget, 0) + reserve
 
     def unfold(self, terms: MonomialSum) -> MonomialSum:
-        """Return the sum with whole positive powers of short sums expanded, such as the square of a root."""
+        """Return the sum with whole positive powers of short sums in parentheses expanded."""
         result: MonomialSum = {}
         for monomial, number in terms.items():
             sums = [(k, e) for k, e in monomial if isinstance(e, int) and e > 0 and self.factors[k].is_Add]
@@ -408,7 +408,10 @@ class Algebra:
         return {joined: scale * number**exponent}
 
     def _primitive(self, terms: MonomialSum, stated: Any) -> tuple[MonomialSum, Any]:
-        """Return (common factor, rest) of a sum. Multiples of a sum get the same rest: 1/(2 x - 2 y), 1/(y - x)."""
+        """Return (common factor, rest) of a sum, the rest as a SymPy expression: `stated` if that is no longer.
+
+        Multiples of a sum get the same rest, as in 1/(2 x - 2 y) and 1/(y - x).
+        """
         number, monomial, rest = common_factor(self.merge_angles(terms))
         inside = self.write(rest)
         if inside.could_extract_minus_sign():

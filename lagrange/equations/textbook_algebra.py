@@ -239,7 +239,7 @@ class TextbookAlgebra(StatedAlgebra):
         ]
 
     def accelerated(self, rests: Sequence[MonomialSum]) -> list[Any]:
-        """Return M a + rest for each coordinate, in the stated symbols. Each acceleration has a single factor."""
+        """Return M a + rest for each coordinate, in the stated symbols; each acceleration is written once."""
         return [
             self.finish(
                 sympy.Add(
@@ -319,7 +319,11 @@ class TextbookAlgebra(StatedAlgebra):
         return [solved[i] for i in range(len(solved))]
 
     def solve(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
-        """Return the unknowns of a block of matrix * x = bias, with determinants multiplied out if this stays short."""
+        """Return the unknowns of one block of matrix * x = bias, as formulas in the stated symbols.
+
+        `block` has the indices of the unknowns. Determinants are multiplied out if this stays short. Raises
+        StatementError for a singular matrix.
+        """
         has_multipliers = any(i >= len(self.q) for i in block)
         if len(block) <= (EXPANDED_WITH_MULTIPLIERS if has_multipliers else EXPANDED_BLOCK):
             with suppress(TooLargeError), self.algebra.at_most(EXPANDED_TERMS):
@@ -370,7 +374,7 @@ class TextbookAlgebra(StatedAlgebra):
         return expression.xreplace({number: Float(number) for number in fractions if _unreadable(number)})
 
     def by_coordinate(self, parts: Iterable[Any]) -> Mapping[Any, Any]:
-        """Return parts, one for each coordinate, as {coordinate: part}."""
+        """Return {coordinate: part} from the parts of an equation, one for each coordinate in order."""
         return MappingProxyType(dict(zip(self.statement.coordinates, parts, strict=True)))
 
 
@@ -482,7 +486,10 @@ def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _units(arguments: list[Any]) -> dict[Any, Any]:
-    """Return {kind of angle: smallest part}. All arguments are sums of whole multiples of these parts."""
+    """Return the smallest parts of angles, {term without its number: fraction of this term}.
+
+    All `arguments` are sums of whole multiples of these parts.
+    """
     shares: dict[Any, list[Any]] = {}
     for argument in arguments:
         for part in sympy.Add.make_args(argument.expand()):

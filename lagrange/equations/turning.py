@@ -45,12 +45,15 @@ class Turning:
 
     @property
     def integrals(self) -> dict[Node, Node]:
-        """{entry of a rotation matrix: derivative}, by the symbols of the entries."""
+        """Time derivatives of the entries of rotation matrices, {symbol of the entry: derivative}."""
         return {symbol: rate for symbol, rate in self.derivatives.items() if symbol in self.starts}
 
     @property
     def adjacent(self) -> bool:
-        """True if the quaternions are adjacent among the coordinates. Series then solve for their velocities apart."""
+        """True if the entries of all quaternions are consecutive coordinates, at the start or the end of q.
+
+        Only then are Taylor series computed in rates of bodies.
+        """
         count = len(self.spun)
         first, others = min(self.spun), len(self.velocities) - count * 3 // 4
         return first in (0, others) and max(self.spun) == first + count - 1
@@ -61,7 +64,7 @@ class Turning:
 
 
 class _Body:
-    """The symbols of one rotation, for the rates of the body and the entries of R, and derivatives of the entries."""
+    """One rotation in the equations: symbols of the rates w of its body and of the entries of R, and derivatives."""
 
     def __init__(self, graph: Graph, each: Rotation, leaves: Mapping[Any, Node]) -> None:
         q, v = ([leaves[f] for f in part] for part in (each.quaternion, map(velocity_of, each.quaternion)))

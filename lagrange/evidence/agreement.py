@@ -63,16 +63,19 @@ Values = Callable[[SamplePoint], tuple[Sequence[float], Sequence[complex]]]
 
 
 def compared(what: str, statement: Statement, values: Values) -> None:
-    """Compare formulas with compiled numbers at random states; `values(point)` returns both.
+    """Compare values of formulas with compiled numbers at random states.
 
-    Raises RunError if they differ; its message begins with `what`. A state at which a formula or a compiled number has
-    no value is skipped.
+    `values(point)` returns the compiled numbers and those of the formulas. Raises RunError if they differ; its
+    message begins with `what`. A state at which a formula or a compiled number has no value is skipped.
     """
     holds(random_points(statement, seed=0), lambda point: agrees(what, statement, point, values), PLACES)
 
 
 def agrees(what: str, statement: Statement, point: SamplePoint, values: Values) -> bool | None:
-    """Return True if compiled numbers and formulas, `values(point)`, agree; None without a value. Raises RunError."""
+    """Return True if compiled numbers and values of formulas agree at a point; None if one has no value there.
+
+    `values(point)` returns both. Raises RunError if they differ; its message begins with `what`.
+    """
     try:
         compiled, formulas = values(point)
     except RunError:

@@ -133,7 +133,11 @@ class _Session:
         self.comparison = Comparison(self.statement.names, rows)
 
     def take(self, k: int) -> None:
-        """Compare at point `k`: draw until one is in the domain, the draws run out, or too many expensive ones fail."""
+        """Compare all quantities at point number `k` of the check.
+
+        Points are drawn until one is in the domain of L. No point is used if the draws run out, or if too many
+        expensive ones fail.
+        """
         for attempt in range(DRAWS_PER_KIND * len(SAMPLE_KINDS)):
             if self.costly > COSTLY_REFUSALS:
                 return
@@ -310,7 +314,7 @@ Textbook = Mapping[Any, Any] | SolvedTextbook
 
 
 def textbook_tape(textbook: Textbook, statement: Statement) -> Precise | SolvedTextbook:
-    """Return a program for a textbook's accelerations. Raises StatementError if one is missing."""
+    """Return a program that computes the accelerations `textbook`. Raises StatementError if one is missing."""
     if isinstance(textbook, SolvedTextbook):
         return textbook
     table = {**textbook}
@@ -331,7 +335,11 @@ MOST_DERIVED = 100
 
 
 def check_stated(system: Stated, target: str, points: int | None, seed: int) -> Report:
-    """Return the report on a system compiled for `target`; `lagrange.System.check` describes the arguments."""
+    """Return the report on a system compiled for `target`: every quantity is compared with its definition.
+
+    `points` is the number of random states, and `seed` determines them; with None the number depends on the size of
+    the system. The textbook derivation and the other target are compared as well, if they are available.
+    """
     model = system.compile(target, check=False)
     statement = solved_statement(model)
     if statement is not model.statement:
@@ -349,7 +357,10 @@ def check_stated(system: Stated, target: str, points: int | None, seed: int) -> 
 
 
 def _textbook(system: Stated, values_of_functions: Mapping[Any, Any]) -> tuple[Textbook | None, tuple[str, ...]]:
-    """Return the accelerations of the derivation, and no note; or None and a note if they are too large."""
+    """Return the accelerations of the textbook derivation and no notes, or None and a note that they are too large.
+
+    `values_of_functions` maps given functions of time in the accelerations to their values.
+    """
     if len(system.statement.coordinates) > MOST_DERIVED:
         limit = f"which is done up to {MOST_DERIVED} coordinates."
         return None, (f"not compared with the textbook derivation, {limit}",)

@@ -31,7 +31,7 @@ class StatedConstraints:
         return StatedConstraints(values, values, holonomic)
 
     def chosen(self, by_position: Sequence[Any], by_velocity: Sequence[Any]) -> Numbers:
-        """Return m entries, from `by_position` for holonomic constraints, and from `by_velocity` for the others."""
+        """Return one entry for each constraint: from `by_position` if it is holonomic, else from `by_velocity`."""
         return [
             a if is_holonomic else b
             for a, b, is_holonomic in zip(by_position, by_velocity, self.holonomic, strict=True)

@@ -82,7 +82,10 @@ class LocalTerms:
 
 
 def local_terms(statement: Statement, digits: int) -> LocalTerms | None:
-    """Return programs for the terms of L and D that contain each coordinate or velocity; None for few coordinates."""
+    """Return programs for the terms of L and D that contain each coordinate or velocity.
+
+    Return None for a system of few coordinates, for which they are not worthwhile.
+    """
     n = len(statement.coordinates)
     if n < LOCAL_FROM:
         return None
@@ -141,7 +144,7 @@ Nudge = Callable[[str, int], Any]
 
 
 def exactly(_name: str, _index: int) -> int:
-    """Return 1, the factor of a term that is not perturbed."""
+    """Return 1 for every term: the factor for a computation that is not perturbed."""
     return 1
 
 
@@ -167,7 +170,7 @@ class DifferenceSteps:
         return cls(by_q, by_v, min(times))
 
     def times(self, scale: Any) -> DifferenceSteps:
-        """Return all steps multiplied by `scale`, as extrapolation of nested differences needs."""
+        """Return these steps, all multiplied by `scale`: nested differences are extrapolated by halving all steps."""
         return DifferenceSteps([scale * h for h in self.q], [scale * h for h in self.v], scale * self.motion)
 
 
@@ -318,7 +321,10 @@ def residual_slopes(
 
 
 def solve(matrix: Sequence[Row], right: Sequence[Row], threshold: Any) -> list[Row]:
-    """Return x with matrix x = r for each r. Raises SingularMass for a pivot below `threshold` of its row."""
+    """Return the solutions x of matrix * x = r, one for each r in `right`. Rows and vectors are {index: entry}.
+
+    Raises SingularMass if a pivot, relative to the largest entry of its row, is at most `threshold`.
+    """
     n = len(matrix)
     rows = [{j: x for j, x in row.items() if x} for row in matrix]
     sizes = [max(map(abs, row.values()), default=0) for row in rows]
@@ -350,7 +356,10 @@ def solve(matrix: Sequence[Row], right: Sequence[Row], threshold: Any) -> list[R
 
 
 def solve_dense(matrix: Sequence[Numbers], right: Numbers, threshold: Any) -> Numbers:
-    """Return the solution x of matrix x = right, both with all entries listed. Raises SingularMass as `solve` does."""
+    """Return the solution x of matrix * x = right, where rows and vectors are lists of all entries.
+
+    Raises SingularMass if a pivot, relative to the largest entry of its row, is at most `threshold`.
+    """
     rows = [dict(enumerate(row)) for row in matrix]
     (x,) = solve(rows, [dict(enumerate(right))], threshold)
     return [x.get(i, 0) for i in range(len(rows))]

@@ -73,7 +73,7 @@ class _Map:
         self.numbers = numbers_of(step, step.scalars(step.numbers), 0.0, 1.0, 1.0)
 
     def whole(self) -> FloatArray:
-        """Return the matrix of a whole step, (Z, m, m), of [new state, previous state] for a two-step method."""
+        """Return the matrix of a whole step (Z, m, m); for a two-step method it maps [new state, previous state]."""
         for action in self.step.actions:
             if isinstance(action, LawCall):
                 self.call(action)
@@ -85,12 +85,12 @@ class _Map:
         return np.concatenate(results, axis=1)
 
     def combined(self, combination: Combination) -> FloatArray:
-        """Return a linear combination of the vectors, (Z, n, m), as a map of the initial state."""
+        """Return a linear combination of the vectors of the step as a linear map of its initial state, (Z, n, m)."""
         zero = np.zeros((len(self.k), self.length, self.vectors[0].shape[2]))
         return sum((self.numbers[c] * self.vectors[i] for i, c in combination), zero)
 
     def call(self, call: LawCall) -> None:
-        """Evaluate the right-hand side of the linear system, and store its vectors."""
+        """Evaluate the right-hand side of the linear systems as one `call` of a step asks, and store its results."""
         k, c = self.k[:, None], self.c[:, None]
         arguments = [self.combined(argument) for argument in call.arguments]
         if self.step.law == "rhs":
@@ -110,7 +110,7 @@ class _Map:
                 self.vectors[call.first + i] = vector
 
     def solve(self, solve: Solve) -> None:
-        """Compute the unknowns of `solve`, the implicit equations of the step, as vectors for every z.
+        """Compute the unknowns of implicit equations of the step, and store them as maps of the initial state.
 
         For the linear test equation the residuals are linear in the unknowns. All vectors get a column for each entry
         of the unknowns, and these columns of the residuals are the matrix of the linear system.

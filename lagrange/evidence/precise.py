@@ -158,14 +158,20 @@ _NUMERIC: dict[Any, Callable[[int], Operation]] = {
 
 
 def _decided(parts: Sequence[Any], *, verdict: bool) -> Any:
-    """Return And (`verdict` False) or Or (True) of parts; one without a value counts unless another decides."""
+    """Return the value of And (`verdict` False) or Or (`verdict` True) of parts.
+
+    It is `verdict` if some part has this value, else a part that has no value, if there is one.
+    """
     if any(part is verdict for part in parts):
         return verdict
     return next((part for part in parts if not isinstance(part, bool)), not verdict)
 
 
 def _either(condition: Any, then: Any, otherwise: Any) -> Any:
-    """Return the value of SymPy's ITE, made for a Max inside a Max; a condition without a value is returned itself."""
+    """Return the value of SymPy's ITE: `then` if the condition is true, else `otherwise`.
+
+    A condition without a value is returned itself. SymPy makes an ITE for a Max inside a Max.
+    """
     return condition if not isinstance(condition, bool) else then if condition else otherwise
 
 
@@ -252,9 +258,10 @@ class Precise:
     def inspect(
         self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]
     ) -> tuple[tuple[int | None, ...], int]:
-        """Return the outcome of each switch, None without a value, and the largest binary exponent of all values.
+        """Return the outcome of each switch (None without a value), and the largest binary exponent of all numbers.
 
-        Raises OutsideDomain as a call does.
+        A switch is a condition, Abs, sign, Min or Max. Raises OutsideDomain if an expression has no real, finite
+        value.
         """
         values = self._run(q, v, t, parameters)
         outcomes = tuple(
@@ -335,7 +342,11 @@ def _no_value(error: Exception, arguments: Sequence[Any]) -> OutsideDomain:
 
 
 def _scaled(step: _Instruction, delta: Any, slope: Any, first_results: dict[int, Any], prec: int) -> Operation:
-    """Return an operation with its first result times 1 + delta, and later changes times 1 + slope."""
+    """Return the operation of an instruction with its first result multiplied by 1 + `delta`.
+
+    Changes of the result after the first one are multiplied by 1 + `slope`. `first_results` keeps the first results,
+    and `prec` is the precision in bits.
+    """
     multiply, add = libmp.mpf_mul, libmp.mpf_add
     operation, out, factor, rest = step.operation, step.out, (1 + slope)._mpf_, (delta - slope)._mpf_
 
@@ -350,7 +361,7 @@ def _scaled(step: _Instruction, delta: Any, slope: Any, first_results: dict[int,
 
 @lru_cache(maxsize=1)
 def _inputs(statement: Statement) -> Mapping[Any, tuple[str, Any]]:
-    """Return the kind and key of each symbol of a statement: t, a parameter, or the index in q or v."""
+    """Return {symbol: (kind, key)} of a statement's symbols: t, a parameter, or an entry of q or v by its index."""
     leaves: dict[Any, tuple[str, Any]] = {time: ("t", None)}
     leaves.update((p, ("p", p)) for p in statement.parameters)
     leaves.update((q, ("q", i)) for i, q in enumerate(statement.coordinates))

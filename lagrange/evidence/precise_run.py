@@ -161,7 +161,7 @@ class PreciseLaws:
         self.held = StatedConstraints.alike(lambda q, v, t: constraints(q, v, t, values), holonomic)
 
     def on_constraints(self, t: Any, state: Numbers) -> Numbers:
-        """Return the state at time t moved onto the constraints: violations grow. Raises RunError if that fails."""
+        """Return the state at time t moved onto the constraints: states drift off. Raises RunError if that fails."""
         if not self.held.holonomic:
             return state
         n = len(state) // 2
@@ -355,7 +355,11 @@ class _PreciseRun:
         raise _TooLong
 
     def _growth(self, a: FloatArray, sizes: FloatArray) -> float:
-        """Return the factor for the length of the next interval. Raises _TooLong if this interval is too long."""
+        """Return the length of the next interval divided by that of this one. Raises _TooLong if this is too long.
+
+        It follows from the decay of the Legendre coefficients of the accelerations `a` (s, n), relative to `sizes`
+        (n,).
+        """
         # The order of Gauss's rule at the end of the interval is twice the order of the truncated series. So half of
         # the digits in the series are enough. Doubles resolve its coefficients only as far as the middle.
         spectrum = np.abs(self.rule.spectrum @ a)
@@ -367,7 +371,10 @@ class _PreciseRun:
         return min(LARGEST_GROWTH, math.exp(math.log(allowed / max(seen, 1e-300)) / middle))
 
     def _improvement(self, times: FloatArray, h: float, y: FloatArray) -> Improvement:
-        """Return the function from residuals (s, n) to Newton corrections of the accelerations (s, n)."""
+        """Return a function from residuals of the equations (s, n) to Newton corrections of the accelerations (s, n).
+
+        There is one row for each of the s points of Gauss's rule in an interval of length h.
+        """
         n, s = self.model.dimension, len(times)
         slopes = self.model.jacobian(times, y, self.parameters)[n:]
         by_q, by_v = (np.moveaxis(part, -1, 0) for part in (slopes[:, :n], slopes[:, n:]))
@@ -391,7 +398,10 @@ class _PreciseRun:
         return moved
 
     def _accelerations(self, t: Any, h: Any, state: Numbers, guess: _Interval) -> list[Numbers]:
-        """Return accelerations at the points, s rows, corrected to all digits. Raises _TooLong if that is slow."""
+        """Return accelerations at the points of Gauss's rule, s rows, correct to all digits.
+
+        The accelerations of `guess` are corrected until they are. Raises _TooLong if that takes too many corrections.
+        """
         a = [[self.laws.number(float(x)) for x in row] for row in guess.a]
         steps = self.laws.steps(guess.q, guess.v, float(h))
         inverses, multipliers = self._solver(guess)
@@ -455,7 +465,7 @@ class _PreciseRun:
 
 
 def _moved(numbers: Sequence[Numbers], by: FloatArray) -> list[Numbers]:
-    """Return rows of mpmath numbers plus an array of doubles, `by`."""
+    """Return rows of mpmath numbers with the array of doubles `by` added, entry by entry."""
     return [[x + float(y) for x, y in zip(row, change, strict=True)] for row, change in zip(numbers, by, strict=True)]
 
 

@@ -94,7 +94,10 @@ def _accelerations(model: Model, point: SamplePoint) -> list[float]:
 
 
 def _allowed(model: Model, point: SamplePoint, direction: Sequence[float]) -> list[float]:
-    """Return the part of a direction orthogonal to the compiled gradient G, so that a wrong G fails the test."""
+    """Return the component of a direction that the constraints allow: orthogonal to the rows of the compiled G.
+
+    So a wrong G fails the test.
+    """
     if not model.statement.constraints:
         return list(direction)
     kernel = model.interpreted("constraint_gradient")
@@ -155,7 +158,10 @@ class _Probe:
         return True
 
     def suspects(self, point: SamplePoint, a: Sequence[float], direction: Sequence[float]) -> bool:
-        """Return True if the equation along an allowed direction exceeds its rounding error or has no value."""
+        """Return True if the equation projected on `direction` exceeds its rounding error, or has no value.
+
+        `a` are the compiled accelerations. The constraints on accelerations are tested too.
+        """
         try:
             q, v, exact, w = [[self.number(x) for x in numbers] for numbers in (point.q, point.v, a, direction)]
             residuals = [
@@ -179,7 +185,10 @@ class _Probe:
         )
 
     def _held(self, program: Precise, point: SamplePoint, q: Any, v: Any, a: Any) -> list[tuple[Any, Any]]:
-        """Return [(random combination of the entries of G a + gamma, its largest term)]; [] without constraints."""
+        """Return [(random combination of the entries of G a + gamma, its largest term)]; [] without constraints.
+
+        `program` returns the constraint expressions.
+        """
         if not self.holonomic:
             return []
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
@@ -192,7 +201,10 @@ class _Probe:
     def _residual(
         self, for_rate: Precise, for_force: Precise, point: SamplePoint, q: Any, v: Any, a: Any, w: Any
     ) -> tuple[Any, Any]:
-        """Return the projected equation along w, and its largest term, from programs of L for d/dt dL/dv and dL/dq."""
+        """Return the left-hand side of the equation projected on the direction w, and its largest term.
+
+        `for_rate` and `for_force` are programs of L, used for d/dt dL/dv and for dL/dq.
+        """
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
         t, step, ahead = self.number(point.t), self.number(DIFFERENCE_STEP), self._steps(point, q, v).motion
 

@@ -136,11 +136,12 @@ class Reference:
     def _with_floor(
         self, slopes: ReferenceEntries, accelerations: ReferenceEntries, point: SamplePoint
     ) -> ReferenceEntries:
-        """Return the Jacobian of the accelerations, with a least size: size of the acceleration / size of the state.
+        """Return the entries `slopes` of the Jacobian of the accelerations, with a least size for each.
 
-        Second derivatives of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at x = 1e3 has a gradient
-        of 1 and a slope of 1e-9, which any formula computes as a difference of numbers of 1e-3. The sizes of the
-        operations in V do not show it. A wrong slope is still found: its error exceeds 1e-12 of this least size.
+        This is the size of the acceleration / the size of the state. Second derivatives of V may cancel where V and
+        its gradient do not: V = sqrt(x**2 + 1) at x = 1e3 has a gradient of 1 and a slope of 1e-9, which any formula
+        computes as a difference of numbers of 1e-3. The sizes of the operations in V do not show it. A wrong slope is
+        still found: its error exceeds 1e-12 of this least size.
         """
         extent = max(1.0, *map(abs, (*point.q, *point.v)))
         n = len(accelerations.size)
@@ -154,7 +155,10 @@ class Reference:
         return self.lagrangian.switches + self.loads.switches + self.held.switches
 
     def inspect(self, point: SamplePoint) -> tuple[int | None, ...]:
-        """Return the outcome of each switch, None without effect. Raises OutsideDomain if a law has no value."""
+        """Return the outcome of each switch (condition, Abs, sign, Min, Max) at a point, None without a value.
+
+        Raises OutsideDomain if L, a force, the dissipation or a constraint has no value.
+        """
         outcomes: tuple[int | None, ...] = ()
         for source in (self.lagrangian, self.loads, self.held):
             ways, largest = source.inspect(point.q, point.v, point.t, point.parameters)
@@ -265,7 +269,7 @@ class Reference:
         steps: DifferenceSteps,
         columns: Sequence[int],
     ) -> dict[str, Row]:
-        """Return the entries of each quantity by index, for some constraints; zeros of matrices may be left out."""
+        """Return {index: entry} for each quantity by name, at a point; zeros of matrices may be left out."""
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
         t, n, zero, nudge = self.number(point.t), len(point.q), self.number(0), source.nudge
         still, lagrangian = [zero] * n, source.lagrangian(q, v, t)
@@ -374,7 +378,7 @@ def _of_gradient(slopes: Sequence[Numbers], multipliers: Numbers, nudge: laws.Nu
 
 
 def _spread(numbers: Numbers, indices: Sequence[int], length: int) -> Numbers:
-    """Return a list of `length` numbers: `numbers` at the `indices`, and zeros elsewhere."""
+    """Return a list of `length` entries: `numbers` at the given indices, and zeros elsewhere."""
     whole = [0] * length
     for index, number in zip(indices, numbers, strict=True):
         whole[index] = number

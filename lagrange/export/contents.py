@@ -72,9 +72,10 @@ def wanted(
     events: Sequence[Event],
     parameters: Mapping[Any, Any] | None,
 ) -> ExportContents:
-    """Return the contents to export: the requested ones, and others that these need.
+    """Return the contents of an export: those that are requested by name, and others that these need.
 
-    Raises StatementError for contents that the system or the target does not have.
+    `contents` are the requested names, or None for the default ones. `events` are the events to export. Raises
+    StatementError for contents that the system or the target does not have.
     """
     names = list(dict.fromkeys((*target.always, *_names(contents, events))))
     quantities = [name for name in QUANTITIES if name in names]
@@ -108,7 +109,10 @@ def _adaptive(name: str) -> bool:
 def _refuse(
     target: Target, model: Model, names: Sequence[str], methods: Sequence[str], events: Sequence[Event]
 ) -> None:
-    """Raise StatementError for contents that the system or the target does not have."""
+    """Raise StatementError for contents that the system or the target does not have.
+
+    `names` are the requested contents, and `methods` the integration methods among them or implied by them.
+    """
     known = [*QUANTITIES, STEP, MAIN, TAYLOR]
     for name in methods:
         if name not in registry.names():
@@ -151,7 +155,7 @@ def _refuse(
 
 
 def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -> None:
-    """Raise StatementError if a run is exported and an input has no value."""
+    """Raise StatementError if an input has no value in `parameters`, because a run holds it constant."""
     if isinstance(parameters, np.ndarray):  # it has all values
         return
     stated = {label_of(key) for key in table_of(parameters, "parameters", "parameter to value")}
@@ -200,7 +204,11 @@ def step_of(name: str) -> StepProgram:
 def module_of(
     model: Model, asked: ExportContents, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
 ) -> SourceModule:
-    """Return the language-independent module of a model. Raises StatementError for a parameter without a value."""
+    """Return the export of a model with the contents `asked`, independent of a language.
+
+    `parameters` are values that replace the defaults of the statement. Raises StatementError for a parameter without
+    a value.
+    """
     statement = model.statement
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
     state = statement.state_names
@@ -259,9 +267,10 @@ def module_of(
 
 
 def names_of(model: Model) -> ValueNames:
-    """Return names for the values in an exported file; entries of the matrix [[M, G^T], [G, 0]] get names, too.
+    """Return names for values in an exported file: state, parameters, and entries of [[M, G^T], [G, 0]].
 
-    The name of an entry contains the names of its coordinates or of its constraint.
+    M is the mass matrix, and G has the gradients of the constraints. The name of an entry contains the names of its
+    two coordinates, or of its constraint and its coordinate.
     """
     statement, equations = model.statement, model.equations
     rows, entries = [*statement.names, *equations.constraints.names], dict[node.Node, str]()
@@ -304,8 +313,9 @@ def _integrator(
 ) -> ExportedIntegrator:
     """Return the integrator of the method `name`: a procedure for one step, or for a run with error control.
 
-    The procedure calls the right-hand side of the method, one of `procedures`, and the projection if it is one of them.
-    `relations` is true if some coordinates have no inertia.
+    The procedure calls the right-hand side of the method, one of `procedures`, and the projection if it is one of
+    them. `dimension` is the length of the state, and `prune` removes values that no statement reads. `relations` is
+    true if some coordinates have no inertia.
     """
     identifier, law = name.replace("-", "_"), procedures[LAWS[step.law].quantity]
     laws = {"law": law, "jacobian": law}
@@ -355,7 +365,7 @@ def _quantities(
 
 
 def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
-    """Return the names of the numbers that a quantity returns, in order."""
+    """Return the names of the results of a quantity in order: theta_dot and theta_ddot for rhs of a pendulum."""
     names, points = model.statement.names, model.statement.drawn.items()
     velocities, accelerations = ([f"{each}{suffix}" for each in names] for suffix in ("_dot", "_ddot"))
     rates = [*velocities, *accelerations]
@@ -386,9 +396,10 @@ def _run(model: Model, parameters: FloatArray) -> ExportedRun:
 
 
 def divisors(model: Model) -> Program | None:
-    """Return a program for the matrix entries by which solutions are divided without a test, or None without any.
+    """Return a program for the matrix entries by which a solution is divided directly, or None without any.
 
-    They are the entries of blocks with one unknown. An entry that is a nonzero constant is left out.
+    They are the blocks with one unknown of the linear system for the accelerations. No factorization tests them for
+    zero. An entry that is a nonzero constant is left out.
     """
     equations = model.equations
     alone = [equations.matrix[block[0]][block[0]] for block in equations.plan.blocks if len(block) == 1]
@@ -397,7 +408,10 @@ def divisors(model: Model) -> Program | None:
 
 
 def fixed(entries: Program, prepared: PreparedLayout) -> list[int]:
-    """Return the places among the prepared numbers of those outputs of `entries` that depend on parameters alone."""
+    """Return the indices in the array p of those outputs of the program `entries` that depend on parameters alone.
+
+    The array p has the parameters, then all values that depend on them alone.
+    """
     slots, code = prepared.of_program(entries), entries.instructions
     return [
         code[ref].place if code[ref].op == "parameter" else slots[ref]

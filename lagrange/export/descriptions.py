@@ -70,9 +70,9 @@ def statement_comment(module: SourceModule, mark: str) -> list[str]:
 
 
 def statuses(regular: str, singular: str) -> str:
-    """Return a sentence on the result of the functions of quantities.
+    """Return a comment on what the functions of quantities return.
 
-    `regular` and `singular` are the two results, as the language writes them.
+    `regular` and `singular` are the spellings of the results for regular matrices and for a singular one.
     """
     return (
         f"Each function of t, y and p returns {regular}, or {singular} where a matrix is singular to round-off: out is "
@@ -118,7 +118,7 @@ def about_of(module: SourceModule, procedure: Procedure) -> str:
 def sizes(module: SourceModule, prepared: int | None = None) -> list[tuple[str, int, str]]:
     """Return the lengths of all arrays as (name, length, description of the entries).
 
-    `prepared` is the length of p in the language; None is its length in languages with loops.
+    `prepared` is the length of p, the array of values that depend on parameters alone; None is that of the module.
     """
     length = module.prepared if prepared is None else prepared
     return [
@@ -152,12 +152,12 @@ def run_of(module: SourceModule) -> tuple[ExportedRun, ExportedIntegrator] | Non
 
 
 def integrator_of(module: SourceModule, name: str) -> ExportedIntegrator:
-    """Return an integrator by name."""
+    """Return an exported integrator of the module by the name of its method."""
     return next(integrator for integrator in module.integrators if integrator.name == name)
 
 
 def records_of(procedures: Sequence[Procedure]) -> list[Record]:
-    """Return the record types that the procedures use, each once."""
+    """Return the types of records (structs) that the procedures use, each once."""
     records: dict[Record, None] = {}
     for procedure in procedures:
         records |= dict.fromkeys(
@@ -195,9 +195,10 @@ def generator() -> str:
 
 
 def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Iterator[str]:
-    """Yield lines: name, version, license, energies, forces, constraints, events, coordinates, parameters, units.
+    """Yield the text of a statement as lines: name, version, license, energies, forces, constraints, events.
 
-    Coordinates are in order, parameters have their values. Given functions of time appear by name, as stated.
+    Coordinates in order, and parameters with values and units follow. Given functions of time appear by name, as
+    stated.
     """
     inputs = [symbol.name for symbol, _ in statement.inputs]
     statement = statement.open_form or statement

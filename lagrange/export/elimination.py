@@ -1,4 +1,4 @@
-"""Solve symmetric linear systems: plain functions, and their text in languages that print straight lines.
+"""Solve symmetric linear systems: Python functions, and their text in languages whose other functions have no loops.
 
 Matrices that are not definite, such as those of constraints, need row exchanges, which depend on the numbers in the
 matrix. So only these functions have loops in a file without integrators.
@@ -23,11 +23,12 @@ ROWS = 3
 
 
 def factored(n: int, a: Any) -> bool:
-    """Replace the lower triangle in `a` (n + 3, n) by factors L U; return True if the matrix is singular to round-off.
+    """Replace the symmetric matrix in `a` (n + 3, n) by its factors L U; return True if it is singular to round-off.
 
-    A positive definite matrix is eliminated in its upper triangle, which takes half of the time. In any other matrix
-    rows are exchanged. The row of a constraint is preferred to the row of an inertia, which may be nothing but
-    rounding.
+    The first n rows are the matrix, whose lower triangle is given. The rows below receive the order of rows, the
+    scales, and the preferences as pivots. A positive definite matrix is eliminated in its upper triangle, which takes
+    half of the time. In any other matrix rows are exchanged. The row of a constraint is preferred to the row of an
+    inertia, which may be nothing but rounding.
     """
     scaled(n, a)
     definite = True
@@ -76,11 +77,12 @@ def factored(n: int, a: Any) -> bool:
 
 
 def scaled(n: int, a: Any) -> None:
-    """Fill the upper triangle of `a`, and scale rows and columns, so that pivots do not depend on the user's units.
+    """Fill the upper triangle of the matrix in `a` (n + 3, n), and scale its rows and columns.
 
-    Diagonal entries become one in size. Rows with a zero on the diagonal belong to constraints and to coordinates
-    without inertia. Their largest entry becomes one; constraints are the last rows, and are scaled first. The factors
-    are those of `lagrange.algorithm.linear.pivoted`.
+    So pivots do not depend on the user's units. Row n of `a` receives the order of rows, row n + 1 the scales, and
+    row n + 2 the preferences as pivots. Diagonal entries become one in size. Rows with a zero on the diagonal belong
+    to constraints and to coordinates without inertia. Their largest entry becomes one; constraints are the last rows,
+    and are scaled first. The factors are those of `lagrange.algorithm.linear.pivoted`.
     """
     for i in range(n):
         a[n, i] = float(i)
@@ -107,7 +109,10 @@ def scaled(n: int, a: Any) -> None:
 
 
 def solved(n: int, a: Any, right: Any, x: Any) -> None:
-    """Write the solution of a linear system to `x` (n,); `a` is from `factored`, `right` (n,) the right-hand side."""
+    """Write the solution of a linear system to `x` (n,), for the right-hand side `right` (n,).
+
+    `a` (n + 3, n) has the factors of its matrix from `factored`.
+    """
     for i in range(n):
         row = int(a[n, i])
         x[i] = a[n + 1, row] * right[row]
@@ -186,7 +191,7 @@ def _changed(statements: Sequence[ast.stmt]) -> dict[str, bool]:
 
 
 class _Printer:
-    """Prints the syntax trees of statements in a language; loop indices count from the language's first index."""
+    """Prints syntax trees of Python in another language; loop indices count from that language's first index."""
 
     def __init__(self, statements: Statements, changed: Mapping[str, bool]) -> None:
         self.statements, self.changed = statements, changed
@@ -194,7 +199,7 @@ class _Printer:
         self.defined: dict[str, None] = {}
 
     def block(self, body: Sequence[ast.stmt]) -> Iterator[str]:
-        """Yield the lines of statements."""
+        """Yield the lines of a block of Python statements in the other language."""
         style = self.statements
         for statement in body:
             match statement:

@@ -30,7 +30,7 @@ def spelled_letter(letter: str) -> str:
 
 
 def unreserved(name: str, words: Container[str]) -> str:
-    """Return a name, with an underscore as suffix if it is one of the words."""
+    """Return a name, with an underscore as suffix if it is one of the reserved `words`."""
     return f"{name}_" if name in words else name
 
 
@@ -77,7 +77,7 @@ def continued(line: str, room: int = DEFAULT_LINE_LENGTH, mark: str = "") -> lis
 
 
 def number_lines(values: Iterable[str], indent: str, width: int = 110, end: str = ",") -> list[str]:
-    """Return number literals, each followed by the comma `end`, on indented lines of at most `width` characters."""
+    """Return number literals on indented lines of at most `width` characters; `end`, a comma, follows each."""
     text = textwrap.wrap(" ".join(f"{value}{end}" for value in values), width - len(indent), break_long_words=False)
     return [f"{indent}{line}" for line in text]
 

@@ -12,10 +12,10 @@ from lagrange.program.program import Instruction, Program
 
 @dataclass(frozen=True, eq=False)
 class ExportedQuantity:
-    """A function of time, state and prepared numbers. Its results have names, a shape, and a common unit.
+    """An exported function of time, state and the array p of values that depend on parameters alone.
 
-    `results` are in C order. `program` is its formula, for languages without loops. `procedure` is its code, for the
-    other languages.
+    `results` are the names of its results in C order, `shape` is the shape of their array, and `unit` their common
+    unit. `program` is its formula, for languages without loops. `procedure` is its code, for the other languages.
     """
 
     name: str
@@ -71,7 +71,7 @@ class ValueNames:
 def numbered(program: Program, numbers: dict[Instruction, int]) -> list[int]:
     """Return a number for each instruction of a program; instructions with equal values have the same number.
 
-    `numbers` stores the numbers that are in use, also those of other programs.
+    `numbers` has the number of each instruction so far, also of other programs; new instructions are added to it.
     """
     result: list[int] = []
     for instruction in program.instructions:
@@ -82,7 +82,10 @@ def numbered(program: Program, numbers: dict[Instruction, int]) -> list[int]:
 
 @dataclass(frozen=True)
 class Check:
-    """The test of one quantity: times (s,), states (s, 2n), expected results and allowed absolute errors (s, k)."""
+    """The test of a quantity with k results at s states of 2n numbers.
+
+    `times` is (s,), `states` (s, 2n), the expected `results` (s, k), and the `allowed` absolute errors (s, k).
+    """
 
     name: str
     times: tuple[float, ...]
@@ -130,8 +133,9 @@ class SourceModule:
     - `values` are the values of the parameters, `inputs` the names of the parameters that may change during a run.
     - `units` are the stated units of state, parameters and t.
     - `names` are the names of values in the formulas.
-    - `prepare` computes the `prepared` numbers: the parameters, then all values that depend on parameters alone.
-    - `divisors` computes the matrix entries that divide a solution without a test for zero.
+    - `prepare` fills the array p of `prepared` numbers: the parameters, then all values that depend on parameters
+      alone.
+    - `divisors` computes the matrix entries by which a solution is divided directly, to test them for zero.
     """
 
     name: str

@@ -71,7 +71,7 @@ def test_text(module: SourceModule, script: Script, **extra_fields: object) -> s
 
 
 def fields_of(module: SourceModule) -> dict[str, object]:
-    """Return the fields that all templates contain: names, lengths, and the number of results that the test reads."""
+    """Return the values of the fields that all templates share: names, lengths, and the number of tested results."""
     quantities = sum(len(check.results) * len(check.results[0]) for check in module.checks)
     return {
         "module": module.name,
@@ -86,7 +86,7 @@ def _named(name: str, script: Script, lists: Mapping[str, Sequence[float]]) -> d
 
 
 def _tables(script: Script, lists: Mapping[str, Sequence[float]]) -> Iterator[str]:
-    """Yield the text of each list of numbers of a test; `lists` has the lists by name."""
+    """Yield the text of each list of numbers of a test; `lists` has the numbers by the name of the list."""
     for table, values in lists.items():
         for begin in range(0, len(values), script.chunk or len(values) or 1):
             part = values[begin : begin + script.chunk] if script.chunk else values
@@ -115,7 +115,7 @@ def _arguments(module: SourceModule, check: StepCheck, script: Script) -> str:
 
 
 def main_text(module: SourceModule, script: Script, **extra_fields: object) -> str:
-    """Return the program that runs the initial state and prints the table.
+    """Return the program `main`, which runs the initial state and prints a table of states over time.
 
     `extra_fields` of the template are added to those of `fields_of`. The module has a run.
     """

@@ -44,7 +44,7 @@ Evaluation = Callable[[float, Sequence[float]], list[float] | None]
 def in_python(procedure: Procedure, prepared: memoryview, count: int) -> Evaluation:
     """Return the procedure of a quantity as a Python function of t and y, which returns None if a matrix is singular.
 
-    `prepared` are the prepared numbers, `count` is the number of results.
+    `prepared` is the array of values that depend on parameters alone, `count` is the number of results.
     """
     run = loaded(procedure)
 
@@ -88,7 +88,10 @@ def _no_states(
     statement: Statement,
     parameters: Sequence[float],
 ) -> str:
-    """Return what to do for a quantity with too few test states, because of zero parameters or missing values."""
+    """Return the end of an error message: what to do about a quantity with too few test states.
+
+    The cause is a parameter that is zero, or states at which the quantity has no value.
+    """
 
     def some(values: Sequence[float]) -> bool:
         return any(_exact(program, t, y, values) for t, y in states)
@@ -137,7 +140,7 @@ def _sensitivity(evaluate: Evaluation, t: float, y: tuple[float, ...]) -> float:
 def _case(
     program: Program, evaluate: Evaluation, t: float, y: tuple[float, ...], parameters: Sequence[float]
 ) -> tuple[_Case, bool] | None:
-    """Return a test state, and True if doubles reproduce each result with a small error relative to that result.
+    """Return the test at one state, and True if doubles reproduce each result to nearly all digits.
 
     Return None if the results do not exist in multiple precision or in doubles.
     """
@@ -154,7 +157,7 @@ def _case(
 
 
 def _exact(program: Program, t: float, y: tuple[float, ...], parameters: Sequence[float]) -> tuple[float, ...] | None:
-    """Return the results at a state in multiple precision, or None if one has no value."""
+    """Return the results of a program at a state in multiple precision, or None if one has no value."""
     try:
         return tuple(float(value) for value in evaluate(program, t, y, parameters))
     except NoValue:
@@ -169,9 +172,9 @@ STEP_TOLERANCE = 1e-11
 
 
 def prepared_numbers(preparing: Procedure, size: int, statement: Statement, parameters: Sequence[float]) -> memoryview:
-    """Return the prepared numbers (size,) for these parameters, as `preparing` computes them.
+    """Return the array p (size,) for these parameters, as the procedure `preparing` computes it.
 
-    Raises StatementError if a matrix is singular.
+    It has the parameters, then all values that depend on them alone. Raises StatementError if a matrix is singular.
     """
     p = memoryview(array("d", [0.0] * max(size, 1)))
     if loaded(preparing)(memoryview(array("d", [*parameters, 0.0])), p):
@@ -193,8 +196,8 @@ MOST_TRIES = 50
 def step_check(integrator: ExportedIntegrator, p: memoryview, statement: Statement) -> StepCheck:
     """Return the test of an integrator; the expected result is that of its procedure, run in Python.
 
-    It starts from the initial state, or from a state near it if the step fails there. `p` are the prepared numbers.
-    Raises StatementError if the step fails from every state that is tried.
+    It starts from the initial state, or from a state near it if the step fails there. `p` is the array of values that
+    depend on parameters alone. Raises StatementError if the step fails from every state that is tried.
     """
 
     def adaptive(t: float, t_end: float, y: memoryview) -> tuple[Outcome, float]:

@@ -120,13 +120,13 @@ class StraightLinePrinter:
                 )
 
     def values(self) -> list[str]:
-        """Return the lines that compute the outputs, without indentation."""
+        """Return the lines of code that compute the outputs of the program, without indentation."""
         for i in self._read():
             self._value(i, self.program.instructions[i])
         return self.lines
 
     def _read(self) -> list[int]:
-        """Return the indices of the instructions that the outputs need, without values that are prepared."""
+        """Return the indices of the instructions to print: those that outputs need, except values in the array p."""
         refs: dict[int, None] = {}
         todo = list(self.program.outputs)
         while todo:
@@ -145,7 +145,7 @@ class StraightLinePrinter:
         )
 
     def element(self, array: str, index: int) -> str:
-        """Return the text of an entry of an argument array."""
+        """Return the text of an entry of an argument array; `index` counts from 0 in every language."""
         self.unused.pop(array, None)
         return self.language.element.format(array, index + self.language.first)
 
@@ -319,23 +319,25 @@ class Hoisted:
         self.program = with_outputs(Program("prepare", (), parameters, (), 0, (), (), (0,)), tuple(merged), outputs)
 
     def zeros(self, program: Program) -> list[Instruction]:
-        """Return instructions to append to those of `program`, which find hoisted results that are zero.
+        """Return instructions that test for zero those results of `program` that depend on parameters alone.
 
-        They are the number zero, and a comparison of each hoisted result of `program` with zero.
+        They are appended to the instructions that compute all hoisted values: first the number zero, then a
+        comparison of each such result with it.
         """
         zero, table = len(self.program.instructions), self._merged[program]
         results = dict.fromkeys(table[ref] for ref in program.outputs if ref in table)
         return [Instruction("constant", value=0.0), *(Instruction("equal", (ref, zero)) for ref in results)]
 
     def kept(self, program: Program) -> Mapping[int, int]:
-        """Return the indices in p of the prepared values of a program, by the index of the instruction."""
+        """Return the indices in p of values of a program, by the index of the instruction that computes the value."""
         return self._kept.get(program, {})
 
 
 def checked(program: Program, divisors: Program) -> Program:
     """Return a program with one more result: the condition that a divisor is zero and a result is not finite.
 
-    `divisors` computes the divisors of blocks with one unknown. A simplified formula may not contain its divisor.
+    `divisors` computes the matrix entries by which a solution is divided directly. A zero alone is no error, because
+    a simplified formula may not contain its divisor.
     """
     code: dict[Instruction, int] = {}
     tables: tuple[list[int], list[int]] = ([], [])

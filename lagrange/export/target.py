@@ -54,7 +54,7 @@ class Target(ABC):
 
     @abstractmethod
     def files(self, module: SourceModule) -> Mapping[str, str | bytes]:
-        """Return the contents of each file, by its name."""
+        """Return the content of each file of the export of a module, by file name."""
 
     def file_name(self, module: SourceModule) -> str:
         """Return the name of the module's file without its suffix."""

@@ -243,9 +243,9 @@ def language(name: str, operations: Mapping[str, Operator], helpers: Mapping[str
 
 
 def function_body(program: Program, language: Language, names: Mapping[int, str]) -> tuple[list[str], str]:
-    """Return lines without indentation that compute the list `results`, and the text of the status.
+    """Return the lines that compute the list `results`, and the text of the condition that a matrix is singular.
 
-    `names` maps an instruction's index to the name of a matrix entry.
+    The lines have no indentation. `names` maps an instruction's index to the name of a matrix entry.
     """
     printer = StraightLinePrinter(program, language, names)
     lines = []
@@ -278,7 +278,7 @@ def described(program: Program) -> str:
 
 
 def block(named: ProgramBlock) -> str:
-    """Return the description of a block of results: the name of the block and the number of its results."""
+    """Return the description of a block of inputs or results: its name, and its size in brackets."""
     return f"{named.name}[{named.size}]"
 
 

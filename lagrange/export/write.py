@@ -49,9 +49,11 @@ def export(
     events: Any,
     parameters: Mapping[Any, Any] | None,
 ) -> Exported:
-    """Write a model for a target into a folder, as `System.export` does.
+    """Write a model as source files of a target into the folder `path`, which is created if it is missing.
 
-    If this fails, folders that were created are removed.
+    `contents` are the names of quantities and methods to export, None for the default ones. `events` are the events
+    to export, and `parameters` values that replace the stated ones. If this fails, folders that were created are
+    removed.
     """
     chosen = find(target)
     declared = () if events is None else declare_events(events, model.statement, constant="an export")

@@ -45,7 +45,7 @@ def gradient(output: Node, symbols: Sequence[Node]) -> list[Node]:
 
 
 def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callable[[Node], Node]:
-    """Return a function from an output to its derivative along the direction {symbol: component}."""
+    """Return a function from each of `outputs` to its derivative along the direction {symbol: component}."""
     outputs = list(outputs)
     table: dict[Node, Node] = dict(direction)
     domains = Domains()
@@ -56,7 +56,11 @@ def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callabl
 
 
 def _push(node: Node, tangents: dict[Node, Node], domains: Domains) -> None:
-    """Add the tangent of a node to `tangents`, or of all unknowns of a linear solve."""
+    """Add the derivative of a node along a direction to `tangents`, {node: derivative}.
+
+    Those of its arguments are already there, except zeros. For an unknown of a linear solve, the derivatives of all
+    unknowns of this solve are added.
+    """
     graph = node.graph
     if node.kind is Kind.COMPONENT:
         _push_component(node, tangents)
@@ -75,7 +79,10 @@ def _push(node: Node, tangents: dict[Node, Node], domains: Domains) -> None:
 
 
 def _push_component(node: Node, tangents: dict[Node, Node]) -> None:
-    """Add tangents dx of the solution of M x = b: M dx = db - dM x, with the same factors. `node` is one unknown."""
+    """Add the derivatives dx of the solution x of M x = b to `tangents`. `node` is one of the unknowns.
+
+    They solve M dx = db - dM x, with the same factors of M.
+    """
     graph, solution = node.graph, node.args[0]
     factor, right = solution.args[0], solution.args[1:]
     n = solution.data
@@ -95,7 +102,11 @@ def _push_component(node: Node, tangents: dict[Node, Node]) -> None:
 def _sweep(
     graph: Graph, output: Node, order: list[Node], mask: int, gradients_of_choices: Mapping[Node, Mapping[Node, Node]]
 ) -> dict[Node, Node]:
-    """Return the adjoint of every symbol in the bit mask, by a reverse sweep over `order` (arguments first)."""
+    """Return the derivative of `output` with respect to each symbol in the bit `mask`, by one reverse sweep.
+
+    `order` has the nodes, arguments first. `gradients_of_choices` has the gradient of each choice (piecewise, min,
+    max).
+    """
     incoming: dict[Node, list[tuple[int, Node]]] = {output: [(1, graph.one)]}
     adjoints: dict[Node, Node] = {}
     domains = Domains()
@@ -133,7 +144,7 @@ def _choice_gradient(
 
 
 def _branchwise(node: Node, derivatives: list[Node]) -> Node:
-    """Return a choice (piecewise, min, max) with derivatives for values; undefined where the choice is."""
+    """Return a choice (piecewise, min, max) with `derivatives` in place of values; undefined where the choice is."""
     last = node.args[-1]
     undefined = last.kind is Kind.CALL and last.data == "nan"
     otherwise = last if undefined else derivatives[-1]

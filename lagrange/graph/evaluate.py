@@ -55,7 +55,10 @@ def values(outputs: Iterable[Node], point: Mapping[Node, Any], context: Any) -> 
 
 
 def doubles(outputs: Iterable[Node], point: Mapping[Node, NDArray[np.float64]], count: int) -> NDArray[np.float64]:
-    """Return the outputs (outputs, count) at points {symbol: (count,)}; undefined values are NaN or infinite."""
+    """Return the values of nodes, (outputs, count), at `count` points {symbol: (count,)}, in double precision.
+
+    Undefined values are NaN or infinite.
+    """
     outputs = list(outputs)
     results: dict[Node, Any] = dict(point)
     with np.errstate(all="ignore"):
@@ -121,7 +124,7 @@ def precise(digits: int) -> Any:
 
 @cache
 def _numbers_of(context: Any) -> NumberType:
-    """Return the number type of an mpmath context."""
+    """Return the arithmetic of an mpmath context's numbers as a `NumberType`."""
     return NumberType(
         number=lambda value: context.mpf(value.numerator) / value.denominator,
         total=context.fsum,

@@ -226,7 +226,10 @@ class Graph:
         return constant
 
     def _factored(self, items: list[tuple[Node, Exact]]) -> Node:
-        """Return the sum as a product with common factors of all terms, else a common coefficient, taken out."""
+        """Return the sum of terms (node, coefficient) with what they share taken out.
+
+        This is the product of their common factors, or if there are none, a common coefficient.
+        """
         first = items[0][1]
         scale: Exact = first if all(abs(c) == abs(first) for _, c in items) else 1
         common = list(_factors(items[0][0]))
@@ -343,9 +346,9 @@ class Graph:
         return self._intern(Kind.CALL, (*flat, last), "piecewise")
 
     def solve(self, matrix: Rows, right: Sequence[Node], negative: Sequence[int] = ()) -> list[Node]:
-        """Return the unknowns x of matrix * x = right, one node each. The lower triangle gives the symmetric matrix.
+        """Return the unknowns x of matrix * x = right, one node each, for a symmetric matrix.
 
-        `negative` has the indices of the pivots that are negative.
+        Only the lower triangle is read. `negative` has the indices of the pivots that are negative.
         """
         n = len(right)
         if n == 1:
@@ -355,7 +358,7 @@ class Graph:
         return self.solve_with(factor, right)
 
     def solve_with(self, factor: Node, right: Sequence[Node]) -> list[Node]:
-        """Return the solution for another right-hand side with a matrix already factored."""
+        """Return the unknowns x of matrix * x = right, one node each. `factor` is the FACTOR node of the matrix."""
         if all(node is self.zero for node in right):
             return [self.zero] * len(right)
         return self.components(self._intern(Kind.SOLVE, (factor, *right), factor.data[0]))

@@ -45,7 +45,10 @@ def share_sums(graph: Graph, outputs: Sequence[Node]) -> list[Node]:
 
 
 def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Node]) -> list[Node]:
-    """Return the node and the sums that `splits` nests in it, without nodes already `built`, shortest first."""
+    """Return the chain of a node, the sum that `splits` finds in it, the sum in that one, and so on, shortest first.
+
+    The chain ends before a node that is already in `built`.
+    """
     chain: list[Node] = []
     while node not in built:
         chain.append(node)
@@ -56,7 +59,10 @@ def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Nod
 
 
 def _splits(sums: list[Node]) -> dict[Node, _Split]:
-    """Return for each sum the longest other sum, without a constant, that it contains."""
+    """Return {sum: its split into a multiple of the longest other sum that it contains, and the other terms}.
+
+    The contained sum has no constant. A sum that contains no other one is left out.
+    """
     spread = Counter(term for node in sums for term in node.args)
     # Each sum is looked up by its rarest term: a term of every sum would pair all with all.
     by_rarest: dict[Node, list[Node]] = {}

@@ -22,7 +22,7 @@ AT_LEAST_ONE = frozenset(
 
 
 def term_sizes(outputs: Iterable[Node]) -> list[Node]:
-    """Return the size of each output, as a node that is not negative."""
+    """Return the size of each output, the scale for deciding whether it is zero, as a node that is not negative."""
     outputs = list(outputs)
     sizes: dict[Node, Node] = {}
     for node in reachable(outputs):

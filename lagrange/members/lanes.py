@@ -63,7 +63,8 @@ ABOUT = "Write the parameters, and behind them what depends on them alone."
 class MemberEvents:
     """The event functions of members, `nodes`, each with a reaction: direction, terminal count and reset.
 
-    The first `events` nodes are events of the user. The others are square roots in the equations of motion.
+    The first `events` nodes are events of the user. The others are square roots in the equations of motion: a zero of
+    one ends the member, since no Taylor series leads past it.
     """
 
     nodes: tuple[Node, ...]

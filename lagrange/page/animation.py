@@ -160,7 +160,11 @@ def animate(
     trail: float | None = None,
     progress: bool = False,
 ) -> Animation:
-    """Return the animation of a run, and write it to `path` unless `path` is None."""
+    """Return the animation of a run, and write it to `path` unless `path` is None.
+
+    `fps` is the number of frames per second, and `speed` the time of the run per second on the screen. `size` is the
+    width and height in pixels, and `trail` the time that trails go back. `style` is "auto", "light" or "dark".
+    """
     one_of(style, STYLES, "style = {given}: give one of {known}.")
     options = film_options(size, trail)
     if path is not None:

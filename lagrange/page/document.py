@@ -47,7 +47,7 @@ LEAST_COLOURS = 3
 
 
 def colour_rules(statement: Statement) -> str:
-    """Return the colours of both styles as CSS, for the points and coordinates of a system."""
+    """Return CSS with the colours of the points and coordinates of a system, in the light and the dark style."""
     count = max(len(moving_points(statement)), len(statement.names), LEAST_COLOURS)
     light, dark = (_variables(style, count) for style in (LIGHT, DARK))
     swatches = "".join(f".colour{k}{{background:var(--colour{k})}}" for k in range(count))
@@ -100,13 +100,13 @@ def html(name: str, parts: Mapping[str, str], scripts: Mapping[str, str], hidden
 
 @cache
 def template(name: str) -> str:
-    """Return the text of a file of the template by its name."""
+    """Return the text of the file `name` in the folder of page templates."""
     return (TEMPLATE / name).read_text("utf-8")
 
 
 @cache
 def joined(*names: str) -> str:
-    """Return the script files of the template with these names, as one text."""
+    """Return the JavaScript files with these names in the folder of page templates, as one text."""
     return '"use strict";\n' + "\n".join(template(f"{name}.js") for name in names)
 
 

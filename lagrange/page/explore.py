@@ -85,8 +85,8 @@ def explore(
 ) -> Any:
     """Return the page of a system with these sliders, or sliders that run in Python if no page can be made.
 
-    `model()` compiles the system, and `run(t_end, initial, parameters=..., ...)` runs it. `play` starts the motion at
-    once.
+    `model()` compiles the system, and `run(t_end, initial, parameters=..., ...)` runs it with `method` to `t_end`;
+    None stands for the stated method and end. `play` starts the motion at once, and `style` chooses the colours.
     """
     flag(play, "play")
     look = style_of(style)
@@ -122,7 +122,8 @@ def _widgets(
 ) -> Any:
     """Return sliders above the animation of a run, which runs again for each change of a slider, and a message below.
 
-    `reason` says in an error why there is no page. Raises StatementError without ipywidgets.
+    A run is made by `run` with `method`, and ends at the time `end`. `reason` says why there is no page. Raises
+    StatementError without ipywidgets.
     """
     try:
         import ipywidgets

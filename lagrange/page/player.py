@@ -107,9 +107,9 @@ def in_frame(page: str, title: str, width: int, height: int) -> str:
 
 
 def _rows(record: Recording) -> list[FloatArray]:
-    """Return rows of numbers, (S,) each: coordinates of all points, entries of the state, energies, and the drift.
+    """Return the recorded rows, (S,) each: coordinates of all points, the state, energies, and relative change of E.
 
-    Energies are E, T and V, as far as they are recorded; without energies there is no drift.
+    Energies are E, T and V, as far as they are recorded; without energies there is no change of E.
     """
     names = [*record.statement.drawn]
     dimension = max((len(record.points[name]) for name in names), default=0)
@@ -125,13 +125,16 @@ def _rows(record: Recording) -> list[FloatArray]:
 
 
 def _scale(row: FloatArray) -> tuple[float, float]:
-    """Return the least value of a row, and the step between neighbouring stored values."""
+    """Return the least value of a row, and the step of the grid to which its values are rounded."""
     low, high = float(row.min()), float(row.max())
     return low, float(f"{(high - low) / LEVELS:.6e}")
 
 
 def packed(rows: Sequence[FloatArray]) -> bytes:
-    """Return rows of numbers as bytes: second differences of 16 bits, all low bytes before all high bytes."""
+    """Return rows of numbers, rounded to whole steps, as bytes: second differences of 16 bits.
+
+    All low bytes come before all high bytes.
+    """
     whole = np.zeros((len(rows), len(rows[0])), dtype=np.int64)
     for k, row in enumerate(rows):
         base, grain = _scale(row)

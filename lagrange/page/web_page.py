@@ -1,4 +1,4 @@
-"""Write the page of a system."""
+"""Write the web page of a system: sliders, its motion, which JavaScript computes, and its formulas."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class FoldedFormulas(HtmlPage):
     cell = '<mtd class="{}">{}</mtd>'
 
     def section(self, section: Section) -> str:
-        """Return a section as HTML, or a sentence instead of a section that is too long."""
+        """Return a section as HTML; if it is too long, a sentence replaces its formulas."""
         sides = [side for row in section.rows if isinstance(row, Formula) for side in row.sides]
         operations = sum(int(side.count_ops()) for side in sides if isinstance(side, sympy.Basic))
         inside = ""
@@ -134,7 +134,11 @@ def write_page(
     initial: Mapping[Any, Any] | None,
     asked: Mapping[Any, Any] | None,
 ) -> Path:
-    """Write the page of a model, whole or not at all, and return its path."""
+    """Write the page of a model, whole or not at all, and return its path.
+
+    `parameters` and `initial` are values that replace the stated ones. `asked` maps symbols or names of sliders to
+    bounds (low, high).
+    """
     return write_atomically(
         path, lambda file: file.write(page_of(model, derivation, parameters, initial, asked).encode())
     )
@@ -151,10 +155,11 @@ def page_of(
     play: bool = True,
     style: str = "",
 ) -> str:
-    """Return the page of a model, without formulas if `derivation` is None.
+    """Return the page of a model as HTML, without formulas if `derivation` is None.
 
-    `asked` maps symbols or names of sliders to bounds. `t_end` sets the speed and the size of the picture, and `play`
-    starts the motion at once. `style` is "light" or "dark", or empty for that of the browser.
+    `parameters` and `initial` are values that replace the stated ones. `asked` maps symbols or names of sliders to
+    bounds (low, high). `t_end` sets the speed and the size of the picture, and `play` starts the motion at once.
+    `style` is "light" or "dark", or empty for that of the browser.
     """
     statement = model.statement
     end = statement.run.t_end if t_end is None else t_end

@@ -371,7 +371,7 @@ class Builder:
         number = self.operand(count, WHOLE)
         index, outside, self._folds = self.unused(), self._folds, []
         if outside is not None:
-            raise LagrangeError(f"procedure {self.name}: an `each` stands in another.")
+            raise LagrangeError(f"procedure {self.name}: an `each` stands in another: use a loop inside.")
         with self.block() as body:
             yield Whole(self, index)
         self.add(form.Each(index, number, tuple(body), tuple(self._folds), width, spill, unrolled))

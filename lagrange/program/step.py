@@ -228,7 +228,7 @@ class StepProgram:
 
     @cached_property
     def solves(self) -> tuple[Solve, ...]:
-        """The solves for unknown vectors, in order."""
+        """The systems of equations that the step solves for unknown vectors, in the order of the step."""
         return tuple(action for action in self.actions if isinstance(action, Solve))
 
     @cached_property

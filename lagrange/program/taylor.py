@@ -258,9 +258,10 @@ class _Assembly:
         return scale, b.add(SeriesRule("along", (multiplier, value), (b.constant(1),)), None)
 
     def momentum(self, node: Node) -> int | None:
-        """Return the index of the value of a momentum without its constant terms, or None for zero.
+        """Build the series of the momentum `node`, and return its index among the values of the program.
 
-        If the momentum contains other momenta, the values of these are built first.
+        The result is None for a momentum of zero. Terms that do not change in time are left out, since only the rate of
+        the momentum is used. Other momenta in it are built first.
         """
         todo = [node]
         while todo:

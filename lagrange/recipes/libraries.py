@@ -73,7 +73,7 @@ class JaxFunction:
         return "<JaxFunction of (t, y, p)>"
 
     def __call__(self, t: Any, y: Any, p: Any) -> Any:
-        """Return the quantity, NaN throughout where a mass matrix is singular."""
+        """Return the quantity at time t, state y and parameters p; NaN throughout if a mass matrix is singular."""
         return self.function(t, y, p)
 
 

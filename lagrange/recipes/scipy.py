@@ -33,7 +33,10 @@ Inputs = tuple[tuple[int, Callable[[float], Any]], ...]
 
 
 def input_functions(model: Model, table: Any) -> Inputs:
-    """Return the inputs as functions of time. Raises StatementError for a missing or unknown input."""
+    """Return the inputs as pairs of an index among the parameters and a function of time.
+
+    `table` maps inputs, by symbol or name, to functions. Raises StatementError for a missing or unknown input.
+    """
     indices = {symbol.name: index for index, symbol in enumerate(model.statement.parameters)}
     names = [symbol.name for symbol, _ in model.statement.inputs]
     functions: dict[str, Callable[[float], Any]] = {}

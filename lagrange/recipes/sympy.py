@@ -142,7 +142,7 @@ class _Writer:
         return symbol
 
     def value(self, i: int, instruction: Instruction) -> Any:
-        """Return the SymPy expression for an instruction, which has number `i`."""
+        """Return the SymPy value of instruction number `i`: an expression, factors of a matrix, or a solution."""
         args = [self.values[arg] for arg in instruction.args]
         if instruction.op in self.given:
             return self.given[instruction.op][instruction.place]
@@ -160,7 +160,10 @@ class _Writer:
         return self.named(expression) if self.uses[i] > 1 and instruction.op not in CONDITIONS else expression
 
     def factored(self, n: int, lower: Sequence[Any]) -> tuple[list[list[Any]], list[int]]:
-        """Return L U of a symmetric matrix, given by its lower triangle, and the order of rows with nonzero pivots."""
+        """Return the factors L U of a symmetric matrix of order `n`, and an order of rows with nonzero pivots.
+
+        `lower` is its lower triangle, row by row. L, whose diagonal is one, and U share a matrix.
+        """
         a = [[lower[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(n)] for i in range(n)]
         order, symmetric = list(range(n)), True
         for j in range(n):

@@ -136,9 +136,11 @@ def slopes(
 class PolynomialBlock:
     """Arguments of a procedure that writes polynomials, and the layout of its work memory.
 
-    A machine prepares the first arguments for a kind of path: the law over columns with its parameters, the derivative
-    of the law with its parameters, the function that inverts matrices, the coefficients of the method, its number of
-    stages, the degree, and the length of a state. The other arguments are those of `POLYNOMIAL`.
+    The first arguments are the same for all steps of a run: `law`, the right-hand side at one state in each
+    column, with its `parameters`; `jacobian`, its derivative, with `constants`; `invert`, which inverts a
+    matrix for each column; the coefficients of the method in `table`, its number of `stages`, the `degree`, and
+    the length of a state. The others are the steps of the block, work memory and the results, as for
+    `POLYNOMIAL`.
     """
 
     law: Callable[..., int]

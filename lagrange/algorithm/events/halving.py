@@ -39,7 +39,10 @@ def bernstein(c: In, count: int, b: Out) -> None:
 
 @inline
 def add_four_times(b: Out, count: int) -> None:
-    """Make four passes over `count` numbers. Pass i, from 0 on, adds to each from index i + 1 on the one before it."""
+    """Make four passes of running sums over the `count` numbers in b, in place.
+
+    Pass i = 0, 1, 2, 3 does b[j] = b[j] + b[j - 1] for j from i + 1 on. One loop does all four.
+    """
     first1, first2, first3 = b[1] + b[0], b[2] + b[1], b[3] + b[2]
     second2, second3 = first2 + first1, first3 + first2
     w, x, y, z = b[3], first3, second3, second3 + second2

@@ -140,7 +140,7 @@ class Samples:
 
     @inline
     def lines(self) -> Lines:
-        """Return the arrays in the work memory."""
+        """Return the parts of the work memory for times, states and event functions at sample points."""
         arrays: tuple[Any, ...] = ()
         unused = self.work
         for size in sizes_of(self.dimension, self.events, self.columns):

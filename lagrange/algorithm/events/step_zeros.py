@@ -103,18 +103,19 @@ REVIEW = form_of(Review)
 
 @dataclass(frozen=True)
 class ReviewedEvents:
-    """The events of a run: the record of the search, the sign of each event function, and arrays for zeros.
+    """The event functions of a run, with one entry for each in most arrays, and the zeros that were found.
 
-    `sign` is the last sign of each event function beyond its noise, 1 or -1, or 0 for unknown. `near` is 1 if
-    the function has been within its noise of zero since then. `direction` is the direction of the zeros that
-    count, 0 for all. `remaining` is the number of zeros until the motion changes; 0 or less means never.
+    `review` says which steps to search and what was found. `sign` is the last sign of a function beyond its
+    noise, 1 or -1, or 0 for unknown. `near` is 1 if the function has been within its noise of zero since then.
+    `direction` is the direction of the zeros that count, 0 for both. `remaining` is the number of zeros after
+    which the event resets the state or ends the run; 0 or less means never.
 
-    At the start of the motion, `stayed` is the size of an event that counts as zero there. `came` is the
-    direction in which it reached that zero, plus 2, or `UNKNOWN` or `ANYHOW`. `levels` are the values of events
-    that start at zero.
+    A motion may start at a zero of a function, as after an impact. There the function counts as zero if it is
+    below `stayed`. `came` is 2 plus the direction in which it reached this zero, or `UNKNOWN` or `ANYHOW`.
+    `levels` are the values of functions that start at zero.
 
     Zeros are written to `which` (events), `when` (times) and `there` (states). `noted` is work memory of four
-    blocks: signs, `near` and remaining counts after the step, and 1 for each event that starts at zero.
+    blocks: signs, `near` and remaining counts after the step, and 1 for each function that starts at zero.
     """
 
     review: Review

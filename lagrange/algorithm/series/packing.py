@@ -191,7 +191,7 @@ class Packing:
 
     @cached_property
     def computed(self) -> tuple[Chunk, ...]:
-        """All chunks with a rule, each once."""
+        """All chunks (groups of values in one vector) that a rule computes, each once, in this order."""
         parts = (part for stage in self.stages for part in (stage.trial, stage.found))
         return tuple(dict.fromkeys(chunk for part in (self.before, *parts) for chunk in part))
 

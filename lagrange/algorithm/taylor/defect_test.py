@@ -82,7 +82,10 @@ def retry_shorter(counts: Counts, taylor: TaylorState, h: float) -> None:
 
 @procedure(apart=True, work=work_type)
 def reject_step(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: Out, *, layout: TaylorLayout) -> None:
-    """Return the run to the start of the last step, to repeat it with a shorter length."""
+    """Undo the last step, and shorten the length with which it is repeated.
+
+    The state and the series at its start are copied back inside `work`, its time and scale from `held`.
+    """
     kept, size = work[layout.held :], 2 * layout.padded
     for i in each(size, width=layout.block, spill=True, disjoint=True):
         work[i] = kept[i]

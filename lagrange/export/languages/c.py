@@ -36,7 +36,7 @@ def numbers(values: Sequence[float]) -> str:
 
 
 def header(module: SourceModule) -> str:
-    """Return the header: sizes, indices, codes and prototypes."""
+    """Return the text of the C header: array sizes, indices of states, codes of integrators, and prototypes."""
     c_names, guard = CNames(f"{module.name}_"), f"{module.name.upper()}_H"
     lines = [
         *statement_comment(module),
@@ -115,7 +115,7 @@ def source(module: SourceModule) -> str:
 
 
 def records(procedures: Sequence[Procedure], c_names: CNames) -> Iterator[str]:
-    """Yield the C types of records, and of the results of functions that return several numbers."""
+    """Yield definitions of C structs: for records, and for results of functions that return several numbers."""
     for record in records_of(procedures):
         yield structure(c_names.record(record), record.fields)
     for procedure in procedures:

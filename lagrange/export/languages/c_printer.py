@@ -29,11 +29,11 @@ from lagrange.procedure.spelling import OPERATORS as COMMON
 
 
 class BracedPrinter(SourcePrinter):
-    """Prints one procedure. Subclasses define declarations and calls; `index_type` is the type of a loop index.
+    """Prints one procedure in a language with braces; subclasses define declarations and calls.
 
-    `functions` maps an operation to the name of a function of the language. `helpers` maps another operation to the
-    name and the definition of a function that the file must contain. `needed` collects the operations whose definitions
-    the file needs.
+    `index_type` is the type of a loop index. `functions` maps an operation to the name of a function of the language.
+    `helpers` maps another operation to the name and the definition of a function that the file must contain. `needed`
+    collects the operations whose definitions the file needs.
     """
 
     language: ClassVar[str]

@@ -93,7 +93,11 @@ def evaluated(make, times, states):
 
 
 def functions(program: Program, name: str, names: Mapping[int, str]) -> str:
-    """Return the text of the functions `name` and `name_checked`; `names` maps an instruction's index to a name."""
+    """Return the text of two functions of a program, called `name` and `name` with the suffix _checked.
+
+    The latter also returns whether a mass matrix is singular. `names` maps an instruction's index to the name of its
+    value.
+    """
     lines, singular = function_body(program, LANGUAGE, names)
     body = textwrap.indent("\n".join(lines), "    ")
     results = "ca.vertcat(*results)"

@@ -49,7 +49,10 @@ class ScalarVariable:
 
 
 def places(module: SourceModule) -> dict[str, int]:
-    """Return for each quantity the reference number of its first result, the quantities in order with rhs first."""
+    """Return the reference number of the first result of each quantity, by the name of the quantity.
+
+    The results follow the state and the parameters, in the order of the quantities.
+    """
     sizes = [len(quantity.results) for quantity in module.quantities]
     first = 1 + len(module.state) + len(module.parameters)
     references = accumulate(sizes, initial=first)
@@ -72,7 +75,10 @@ def variables(module: SourceModule) -> list[ScalarVariable]:
 
 
 def _variables(module: SourceModule) -> Iterator[ScalarVariable]:
-    """Yield the variables; several may have the same name. The results of `rhs` are the derivatives of the state."""
+    """Yield the variables of an FMU in the order of their reference numbers; several may have the same name.
+
+    The results of `rhs` are the derivatives of the state.
+    """
     run, _ = _run_of(module)
     half = len(module.state) // 2
     for k, (name, value) in enumerate(zip(module.state, run.initial, strict=True)):
@@ -153,8 +159,9 @@ def _description(
 ) -> str:
     """Return the text of modelDescription.xml for a version of FMI.
 
-    `token` is the attribute that identifies the model, by its name, and `events` the number of event indicators.
-    `interfaces` are the elements for model exchange and co-simulation, and `parts` the variables and the structure.
+    `token` is the name and the value of the attribute that identifies the model, and `events` the number of event
+    indicators. `interfaces` are the lines of the elements for model exchange and co-simulation. `parts` are those of
+    the variables and of the structure.
     """
     run, _ = _run_of(module)
     units = sorted({*(variable.unit for variable in _variables(module)), module.units.get("t", "")} - {""})
@@ -198,20 +205,20 @@ def _attributes(variable: ScalarVariable) -> dict[str, object]:
 
 
 def _real(variable: ScalarVariable, of: int) -> dict[str, object]:
-    """Return the attributes of a real number: its unit, its initial value, and `of`, the number of the state.
+    """Return the XML attributes of a real variable: its unit, its initial value, and the number of its state.
 
-    `of` is used only if the variable is the time derivative of that state.
+    `of` is the number of the state whose time derivative the variable is; it is used for derivatives only.
     """
     start = None if variable.start is None else number(variable.start)
     return {"unit": variable.unit, "start": start, "derivative": of if variable.kind == DERIVATIVE else None}
 
 
 def _interfaces(module: SourceModule, state: str, derivatives: str, sources: Sequence[str] = ()) -> list[str]:
-    """Return the elements for model exchange and co-simulation.
+    """Return the lines of the XML elements for model exchange and co-simulation.
 
-    `state` and `derivatives` are the spellings of two attributes, which differ between versions. Directional
-    derivatives need a Jacobian. The exported one has derivatives by the state alone, so an FMU with inputs has no
-    directional derivatives.
+    `state` and `derivatives` are the spellings of two attributes, which differ between versions. `sources` are lines
+    inside of both elements. Directional derivatives need a Jacobian. The exported one has derivatives by the state
+    alone, so an FMU with inputs has no directional derivatives.
     """
     can = {
         "modelIdentifier": module.name,

@@ -194,7 +194,10 @@ def source(module: SourceModule) -> str:
 
 
 def _subroutine(name: str, arguments: str, about: str, function: PrintedFunction) -> Iterator[str]:
-    """Yield the lines of a subroutine with `arguments` and `singular`; it writes to the last of `arguments`."""
+    """Yield the lines of a subroutine with `arguments` and the result `singular`; `about` is its comment.
+
+    It writes to the last of `arguments`.
+    """
     *arrays, made = arguments.split(", ")
     size = 1
     for _, _, dimensions in function.declared:
@@ -228,9 +231,9 @@ def _subroutine(name: str, arguments: str, about: str, function: PrintedFunction
 
 
 def _constants(module: SourceModule, prepared: int) -> Iterator[str]:
-    """Yield the lengths of all arrays, the default parameters, and constants for numbers such as NaN without a literal.
+    """Yield lines with the lengths of all arrays, the default parameters, and numbers without a literal, such as NaN.
 
-    `prepared` is the length of p.
+    `prepared` is the length of p, the array of values that depend on parameters alone.
     """
     yield from _comment(places("y", module.state, "{0}({1})", 1))
     yield from _comment(places("parameters", module.parameters, "{0}({1})", 1))

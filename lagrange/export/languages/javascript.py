@@ -159,7 +159,10 @@ def _parts(block: Block) -> Iterator[Part]:
 
 
 class Place(NamedTuple):
-    """An offset in an array: the sum of the variables `names` and a number; `array` is the number of the array."""
+    """A place in an array: its offset is the sum of the variables `names` and of `number`.
+
+    `array` is the index by which the procedure refers to the whole array.
+    """
 
     array: int
     names: tuple[str, ...] = ()
@@ -258,7 +261,7 @@ class _JavaScriptPrinter(BracedPrinter):
             self.put(f"{name}.{name_of_field} = 0;")
 
     def memory_name(self, ref: int) -> str:
-        """Return the name in the file of the local array or record number `ref`."""
+        """Return a name for the local array or record `ref` of the procedure that is new in the file."""
         stem = self.procedure.names.get(ref, f"x{ref}")
         name = self.name(ref, f"{self.procedure.name}_{stem}")
         while name in self.file.memory or name in self.file.functions:
@@ -387,7 +390,7 @@ function check_length(name, array, least) {
 
 
 def constants(module: SourceModule) -> Iterator[str]:
-    """Yield the lines with sizes, names, and comments on arrays and functions."""
+    """Yield the lines at the top of the module: array sizes, names, defaults, and comments on functions."""
     for name, count, about in sizes(module):
         yield f"export const {name.upper()} = {count}; // {about}"
     yield ""

@@ -30,7 +30,7 @@ LITERALS = Literals("Inf", "NaN")
 
 
 def _real(name: str, outside: str) -> str:
-    """Return the text of a Julia function of x: NaN if the condition `outside` holds, else the value of `name`.
+    """Return the text of a Julia function of x: NaN if the condition `outside` holds, else the function `name` of x.
 
     Under that condition Julia's function raises an error.
     """
@@ -101,7 +101,7 @@ LANGUAGE = Language(
 
 
 def source(module: SourceModule) -> str:
-    """Return the text of the file of the module."""
+    """Return the text of the Julia file: a module with a function for each quantity."""
     functions = PrintedFunctions(module, LANGUAGE)
     size = functions.hoisted.size
     least = {"p": size, "parameters": len(module.parameters)}
@@ -140,7 +140,10 @@ def _function(head: str, about: str, function: PrintedFunction, least: Mapping[s
 
 
 def _constants(module: SourceModule, prepared: int) -> Iterator[str]:
-    """Yield the lengths of all arrays, and the default parameters; `prepared` is the length of p."""
+    """Yield lines with the lengths of all arrays, and the default parameters.
+
+    `prepared` is the length of p, the array of values that depend on parameters alone.
+    """
     yield from commented(places("y", module.state, "{0}[{1}]", 1), "#")
     yield from commented(places("parameters", module.parameters, "{0}[{1}]", 1), "#")
     yield from commented(

@@ -174,7 +174,7 @@ def text(module: SourceModule, package: str) -> Iterator[str]:
 
 
 def function_lines(functions: PrintedFunctions) -> Iterator[str]:
-    """Yield the lines of the package's functions."""
+    """Yield the lines of the Modelica package of functions: `prepare`, one for each quantity, and helpers."""
     module, size = functions.module, functions.hoisted.size
     state = places("y", module.state, first=1)
     lines = ["", *remark(module.prepare.about), *remark(places("parameters", module.parameters, first=1))]
@@ -196,10 +196,10 @@ def function_lines(functions: PrintedFunctions) -> Iterator[str]:
 def _function(
     name: str, arguments: Mapping[str, int], made: str, function: PrintedFunction, finite: str
 ) -> Iterator[str]:
-    """Yield the lines of a function.
+    """Yield the lines of a Modelica function.
 
-    `arguments` has the length of each argument by name, 0 for a number; `made` is the array that the function returns,
-    and `finite` are lines that end the function.
+    `arguments` has the length of each argument by name, 0 for a number; `made` is the array that the function
+    returns. `finite` are lines at its end which assert that all results are finite; it may be empty.
     """
     yield f"function {name}"
     yield from (
@@ -221,7 +221,10 @@ def _function(
 
 
 def motion(module: SourceModule, prepared: int) -> Iterator[str]:
-    """Yield the lines of the model that simulates the motion from the initial state; `prepared` is the length of p."""
+    """Yield the lines of the Modelica model that simulates the motion from the initial state.
+
+    `prepared` is the length of p, the array of values that depend on parameters alone.
+    """
     shown = [quantity for quantity in module.quantities if quantity.name not in ("rhs", "jacobian")]
     every = (*module.state, *module.parameters, *(quantity.name for quantity in shown))
     names = distinct(every, RESERVED)

@@ -39,7 +39,7 @@ def _helper(head: str, text: str) -> str:
 
 
 def _real(name: str, outside: str) -> str:
-    """Return the text of a helper function of x: NaN if the condition `outside` holds, else the value of `name`.
+    """Return the text of a helper function of x: NaN if the condition `outside` holds, else the function `name` of x.
 
     Under that condition Octave's function has complex values.
     """
@@ -136,7 +136,10 @@ def _defaults(module: SourceModule, prefix: str) -> str:
 
 
 def _text(module: SourceModule, head: str, about: Sequence[str], function: PrintedFunction, size: int) -> str:
-    """Return the text of a file: a function that returns an array of `size` numbers, and its helper functions."""
+    """Return the text of a file: a function that returns an array of `size` numbers, and its helper functions.
+
+    `head` is the head of the function: results, name and arguments. `about` are comments on it.
+    """
     array = head[1 : head.index(",")]
     lines = [
         f"function {head}",
@@ -155,7 +158,7 @@ def _text(module: SourceModule, head: str, about: Sequence[str], function: Print
 
 
 def files_of(module: SourceModule) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each file."""
+    """Yield the name, without its suffix, and the text of each Octave file: defaults, functions, and the test."""
     prefix, functions = prefix_of(module), PrintedFunctions(module, LANGUAGE)
     yield f"{prefix}default_parameters", _defaults(module, prefix)
     about = [module.prepare.about, places("parameters", module.parameters, "{0}({1})", 1)]

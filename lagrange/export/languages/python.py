@@ -196,7 +196,7 @@ def _check_lengths(**arrays):
 
 
 def constants(module: SourceModule) -> Iterator[str]:
-    """Yield the lines with sizes, names, and comments on arrays and functions."""
+    """Yield the lines at the top of the module: array sizes, names, defaults, and comments on functions."""
     for name, count, about in sizes(module):
         yield f"{name.upper()} = {count}  # {about}"
     yield from named_places(module, "parameters")

@@ -159,7 +159,10 @@ def source(module: SourceModule) -> str:
 
 
 def _function(head: str, about: str, function: PrintedFunction, slices: str) -> Iterator[str]:
-    """Yield the lines of a function; `slices` are lines that check the lengths of its arrays before all others."""
+    """Yield the lines of a Rust function with the first line `head`; `about` is its comment.
+
+    `slices` are lines that check the lengths of its arrays before all others.
+    """
     yield from commented(about, "///")
     yield head
     ignored = [name for name in function.unused if name in head.replace("(", " ").replace(":", " ").split()]
@@ -170,7 +173,10 @@ def _function(head: str, about: str, function: PrintedFunction, slices: str) -> 
 
 
 def constants(module: SourceModule, prepared: int) -> Iterator[str]:
-    """Yield the lines with sizes, names, and comments on arrays and functions; `prepared` is the length of p."""
+    """Yield the lines at the top of the file: array sizes, names, defaults, and comments on functions.
+
+    `prepared` is the length of p, the array of values that depend on parameters alone.
+    """
     for name, count, about in sizes(module, prepared):
         yield f"pub const {name.upper()}: usize = {count}; // {about}"
     yield ""

@@ -53,7 +53,7 @@ def arrays_of(path: str | os.PathLike[str], most: float) -> dict[str, Any]:
             known = dict(arrays)
         for name, value in known.items():
             if not isinstance(value, np.ndarray):
-                raise ValueError(f"{name} is not an array")
+                raise ValueError(f"its entry {name} is not an array")
         return known
     except StatementError:
         raise

@@ -63,7 +63,7 @@ def index_parts(name: str) -> tuple[str, list[str]]:
 
 
 def letters(names: Iterable[str]) -> dict[str, Letter]:
-    """Return each name with its symbol in LaTeX; different names have different symbols."""
+    """Return a dict from each name to its symbol in LaTeX; different names have different symbols."""
     result: dict[str, Letter] = {}
     for name in names:
         letter = letter_of(name)
@@ -98,7 +98,7 @@ def plain_text(sentence: str) -> str:
 
 
 def index_word(name: str) -> str:
-    """Return a name in LaTeX for the index of another symbol: theta1 becomes a Greek letter and a digit."""
+    """Return the LaTeX of an index by its name, such as theta1: a letter or a word, followed by its digits."""
     letters, digits = _split_digits(name)
     return (word(letters) if letters else "") + digits
 
@@ -109,7 +109,7 @@ def _split_digits(text: str) -> tuple[str, str]:
 
 
 def word(name: str) -> str:
-    """Return a name without digits in LaTeX: a Latin or Greek letter, or a word in upright letters."""
+    """Return the LaTeX of a name that has no digits: a Latin or Greek letter, or a word in upright letters."""
     name = LETTERS.get(name, name)
     if name in GREEK:
         return f"\\{name}"
@@ -123,5 +123,5 @@ def upright(word: str) -> str:
 
 
 def latin(name: str) -> str:
-    """Return a name with its Greek letters spelled out."""
+    """Return a name with its Greek letters spelled out: θ1 becomes theta1."""
     return "".join(LETTERS.get(mark, mark) for mark in name)

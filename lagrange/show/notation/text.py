@@ -20,8 +20,9 @@ CIRCULAR = frozenset(("sin", "cos", "tan", "cot", "sec", "csc", "sinh", "cosh", 
 class FormulaPiece:
     """A part of a formula: its text, and `level`, the precedence of its outermost operation.
 
-    `closed` is an alternative text of a function, with parentheses around its argument, if `text` has none. `call` is
-    true for a function that starts with its name. `simple` is true for a symbol, a number, or a number times a symbol.
+    For a function whose `text` has no parentheses, such as sin θ, `closed` is the text with them: sin(θ). `call` is
+    true for a function such as sin, whose name begins the text. `simple` is true for a symbol, a number, or a number
+    times a symbol.
     """
 
     text: str
@@ -83,7 +84,7 @@ class Notation:
         return "_".join([spelled + RATES[dots], *map(latin, indices)])
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return the word for a quantity, with indices, because its letter looks like a symbol of the user."""
+        """Return the symbol of a quantity whose usual `letter` the user has taken: its `word`, with indices."""
         return "_".join([word, *indices])
 
     def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
@@ -123,7 +124,10 @@ class Notation:
         return self.raised(value, exponent) if exponent else FormulaPiece(value)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
-        """Return pairs of value and condition as SymPy's Piecewise; the last condition may be empty."""
+        """Return a piecewise expression as SymPy's Piecewise; `rows` are pairs of value and condition.
+
+        The last condition may be empty: its value holds in all other cases.
+        """
         return FormulaPiece(f"Piecewise({', '.join(f'({value}, {condition or True})' for value, condition in rows)})")
 
     def comparison(self, left: str, relation: str, right: str) -> str:
@@ -131,7 +135,7 @@ class Notation:
         return f"{left} {self.relations.get(relation, relation)} {right}"
 
     def text(self, words: str) -> str:
-        """Return words inside a formula."""
+        """Return `words` as they are spelled inside a formula; in plain text they stay as they are."""
         return words
 
     def in_line(self, above: str, below: str) -> str:
@@ -139,7 +143,7 @@ class Notation:
         return f"{above}/{below}"
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
-        """Return rows in brackets, one per line, with aligned columns."""
+        """Return a matrix: each row in brackets on a line of its own, with aligned columns."""
         widths = [max(map(width, column)) for column in zip(*rows, strict=True)]
         lines = [[text + " " * (wide - width(text)) for text, wide in zip(row, widths, strict=True)] for row in rows]
         return "\n".join(f"[{',  '.join(line)}]" for line in lines)
@@ -179,7 +183,7 @@ class Notation:
         return piece.text if piece.level >= level else self.brackets(piece.text)
 
     def product(self, pieces: Sequence[FormulaPiece]) -> FormulaPiece:
-        """Return the product of pieces. A function without parentheses comes last, or before other functions."""
+        """Return the product of pieces; sin θ becomes sin(θ) unless it is the last factor or a function follows."""
         if len(pieces) == 1:
             return pieces[0]
         texts = []
@@ -214,9 +218,9 @@ class UnicodeNotation(Notation):
         return "_".join([dotted + below, *map(self.letter, indices)])
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return a calligraphic letter if there is one, else the word; with indices.
+        """Return the symbol of a quantity whose usual `letter` the user has taken: calligraphic, or its `word`.
 
-        It replaces a letter that looks like a symbol of the user.
+        Its indices follow after underscores.
         """
         return "_".join([SCRIPT.get(letter, word), *map(self.letter, indices)])
 
@@ -263,7 +267,10 @@ class UnicodeNotation(Notation):
         return self.power_of(f"{shown}({inside})", exponent)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
-        """Return pairs of value and condition: {a if c; b otherwise}. The last condition may be empty."""
+        """Return a piecewise expression, {a if c; b otherwise}; `rows` are pairs of value and condition.
+
+        The last condition may be empty: its value holds in all other cases.
+        """
         parts = [f"{value} if {condition}" if condition else f"{value} otherwise" for value, condition in rows]
         return FormulaPiece("{" + "; ".join(parts) + "}", ATOM)
 
@@ -283,7 +290,7 @@ class UnicodeNotation(Notation):
 class PrintedWidth(UnicodeNotation):
     """Notation that measures formulas: its text has the width of the printed formula, but is not printed.
 
-    It contains only the wider part of a fraction, and blanks only around functions.
+    Of a fraction it contains only the wider part. Factors follow each other without blanks, except before a function.
     """
 
     product_sign = ""

@@ -71,9 +71,9 @@ def image(figure: Figure, about: str) -> str:
 
 
 def pictured(card: str, draw: Callable[[], Figure], about: str) -> str:
-    """Return a card with the picture that `draw` returns under it, or a sentence that says why there is none.
+    """Return `card`, a text in HTML, followed by the picture that `draw` returns, or by the reason why there is none.
 
-    `about` is the alternative text of the picture.
+    `about` says what the picture shows, for its alternative text.
     """
     try:
         return card + image(draw(), f"plot of {about}")

@@ -37,7 +37,7 @@ Part = tuple[str, str]
 def joined(parts: Iterable[Part], instead: str, most: int = MOST_CHARACTERS) -> str:
     """Return a page: its parts, as far as they fit within `most` characters.
 
-    Each other part is replaced by a sentence, which ends with `instead`.
+    `parts` are pairs of name and text. A part that does not fit is replaced by a sentence, which ends with `instead`.
     """
     shown: list[str] = []
     room = most
@@ -145,5 +145,5 @@ class PageWriter:
 
 
 def listed(heading: str, text: str, count: int) -> str:
-    """Return a heading followed by a list, folded if it is long."""
+    """Return a heading followed by `text`, a list of `count` entries; the list is folded if it is long."""
     return folded(f"{heading} ({count})", text) if count > LONG else f"{bold(heading)}  {text}"

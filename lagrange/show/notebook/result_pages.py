@@ -25,7 +25,10 @@ STABILITY = {True: "stable", False: "unstable", None: "stability not decided"}
 
 @notebook_page.register
 def report_page(report: Report) -> str:
-    """Return the verdict of a check with its table under it. The table is folded if all comparisons pass."""
+    """Return the page of a check: its verdict, with the table of comparisons under it.
+
+    The table is folded if all comparisons pass.
+    """
     head, *remarks = report.remarks()
     rows = [" | ".join(map(markdown_text, row.cells())) for row in report.rows]
     wrong = [f"| {text.replace('FAILS', '**FAILS**')} |" for text in rows]
@@ -87,7 +90,7 @@ def _modes(modes: Modes, writer: PageWriter) -> Iterator[Part]:
 
 
 def _number(frequency: Any, modes: Modes, writer: PageWriter) -> str:
-    """Return the numerical value of a symbolic frequency, if all parameters have values."""
+    """Return the numerical value of a frequency in LaTeX; empty unless it has symbols, all of them with values."""
     value = sympy.N(frequency.subs(modes.linearization.statement.defaults))
     if not (modes.symbolic and value.is_number and frequency.free_symbols):
         return ""
@@ -125,21 +128,24 @@ def _hamiltonian(hamiltonian: Hamiltonian, writer: PageWriter) -> Iterator[Part]
 
 
 def _formula(writer: PageWriter, left: Any, expression: Any, name: str) -> str:
-    """Return `left` = `expression` as a formula, or a sentence that calls it `name` if it is long."""
+    """Return `left` = `expression` as a formula; a sentence in which it is called `name` replaces a long one."""
     if (size := int(expression.count_ops())) > MOST_SHOWN_OPERATIONS:
         return left_out(name, f"it has {size} operations", "`.expression` has it.")
     return writer.formulas([Formula((expression,) if left is None else (left, expression))])
 
 
 def _rounded(value: Any) -> Any:
-    """Return a decimal number with six digits; exact numbers and expressions are unchanged."""
+    """Return an expression with its decimal numbers rounded to six digits; exact numbers are unchanged."""
     if not isinstance(value, sympy.Expr):
         return value
     return value.xreplace({decimal: sympy.Float(f"{float(decimal):.6g}") for decimal in value.atoms(sympy.Float)})
 
 
 def _register(kind: type, parts: Callable[[Any, PageWriter], Iterator[Part]], instead: str) -> None:
-    """Register the page of a class of results; a sentence that ends with `instead` replaces what is too long."""
+    """Register `parts` as the function that yields the parts of the page of a result of the class `kind`.
+
+    A sentence that ends with `instead` replaces a part that is too long.
+    """
 
     def page(result: Any) -> str:
         statement = (result.linearization if isinstance(result, Modes) else result).statement

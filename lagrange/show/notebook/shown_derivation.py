@@ -35,7 +35,10 @@ SYSTEM_INSTEAD = "`print(system.derivation())` has it as text, `system.equations
 
 
 def system_page(derivation: Derivation, findings: Sequence[str]) -> str:
-    """Return the page of a system; `findings` are sentences about its structure and conserved quantities."""
+    """Return the Markdown page of a system for a notebook; `findings` are sentences about the system.
+
+    They are about its structure and its conserved quantities.
+    """
     return joined(_system_parts(derivation, findings), SYSTEM_INSTEAD)
 
 
@@ -65,7 +68,10 @@ NAMED_COORDINATES = 12
 
 
 def _statement_parts(statement: Statement, writer: PageWriter) -> Iterator[Part]:
-    """Yield the energies, forces and constraints; short ones share a formula."""
+    """Yield the stated energies, forces, given motions and constraints as parts of a page.
+
+    Short ones are lines of one block of formulas. A sentence replaces a long one.
+    """
     if statement.lagrangian_alone:
         rows: list[tuple[Any, Any]] = [(LAGRANGIAN, statement.lagrangian)]
     else:
@@ -134,23 +140,23 @@ class ShownDerivation(Derivation):
         one_of(self.detail, DETAILS, "detail = {given}: choose one of {known}.")
 
     def text(self) -> str:
-        """Return plain ASCII in the spelling of scene files."""
+        """Return the derivation as plain ASCII, in the spelling of scene files."""
         return self.written("text")
 
     def unicode(self) -> str:
-        """Return text with Greek letters, dots and superscripts."""
+        """Return the derivation as text with Greek letters, dots and superscripts."""
         return self.written("unicode")
 
     def markdown(self) -> str:
-        """Return Markdown with formulas between dollar signs."""
+        """Return the derivation as Markdown, with formulas between dollar signs."""
         return self.written("markdown")
 
     def html(self) -> str:
-        """Return a page for a browser, with formulas in MathML; its sections fold."""
+        """Return the derivation as a page for a browser, with formulas in MathML; its sections fold."""
         return self.written("html")
 
     def latex(self, *, title: str = "", author: str = "", date: str = "", problem: str = "") -> str:
-        """Return a document for pdflatex, with these texts above the derivation.
+        """Return the derivation as a document for pdflatex, with these texts above it.
 
         The default title is the name of the system.
         """

@@ -17,7 +17,7 @@ from lagrange.statement.statement import Statement
 
 
 class EquationList(list[Any]):
-    """A list of SymPy equations, in the symbols of a statement."""
+    """A list of SymPy equations; a notebook shows it as formulas in the symbols of a statement."""
 
     def __init__(self, equations: Iterable[Any], statement: Statement) -> None:
         super().__init__(equations)
@@ -32,7 +32,7 @@ class EquationList(list[Any]):
 
 
 class ExpressionDict(dict[Any, Any]):
-    """A dict of SymPy expressions by symbol.
+    """A dict from symbols to SymPy expressions; a notebook shows it as formulas.
 
     `shown` maps a key to the left side of its formula, such as the acceleration of a coordinate.
     """
@@ -89,7 +89,10 @@ def scenes() -> list[str]:
 
 
 def _formulas(rows: Iterable[tuple[str, Any, Any]], statement: Statement) -> Iterator[Part]:
-    """Yield the formulas, each on separate lines; a long one is replaced by a sentence."""
+    """Yield formulas as parts of a page; `rows` has the name, the left side and the right side of each.
+
+    A sentence replaces a long formula.
+    """
     writer = PageWriter(statement)
     for name, left, right in rows:
         size = sum(int(side.count_ops()) for side in (left, right) if isinstance(side, Basic))

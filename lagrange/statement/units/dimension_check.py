@@ -51,10 +51,10 @@ NO_UNIT = (
 
 
 class WrongTermError(Exception):
-    """A term with another `dimension` than `expected`.
+    """Error: a `term` of an expression has another `dimension` than `expected`.
 
-    `context` is "whole", "sum", "power" or "function": the term is the whole expression, or in a sum, a power or a
-    function.
+    `context` says where the term is: "whole" if it is the expression itself, or in a "sum", a "power" or a
+    "function". `within` is the function.
     """
 
     def __init__(self, term: Any, dimension: Dimension, expected: Dimension, context: str, within: Any = None) -> None:
@@ -124,7 +124,11 @@ def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) 
 def check_dimensions(
     parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], symbols: Mapping[Any, Any]
 ) -> dict[Any, Dimension]:
-    """Return the dimensions of all symbols, known or inferred. Raises StatementError for the first wrong term."""
+    """Return the dimensions of all symbols, known or inferred. Raises StatementError for the first wrong term.
+
+    `parts` are the expressions to check, and `dimensions` the stated dimensions. `symbols` maps functions of time to
+    symbols for messages.
+    """
     known = {t: named("second"), **dimensions}
     _infer(parts, known)
     # No quantity of mechanics has a root of a length as its dimension. Such a symbol is taken for an angle, so that the
@@ -140,7 +144,7 @@ def check_dimensions(
 
 
 def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension | None:
-    """Return the dimension of a checked expression, None if it is not known."""
+    """Return the dimension of an expression from the `known` ones of its symbols; None if it is not determined."""
     return UnitEquations(known).dimension(expression)
 
 
@@ -158,7 +162,7 @@ def _infer(parts: Sequence[CheckedPart], known: dict[Any, Dimension]) -> None:
 
 
 def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any]) -> str:
-    """Return the message on a wrong term. `plain` maps functions to symbols for messages."""
+    """Return the error message for a wrong term of an expression. `plain` maps functions to symbols for messages."""
     term = in_short(wrong.term, plain)
     contexts = {"whole": "", "sum": "beside the other terms ", "power": "under a power that is not a number "}
     where = contexts[wrong.context] if wrong.context in contexts else f"in {in_short(wrong.within, plain)} "
@@ -185,7 +189,10 @@ class _Checker(UnitEquations):
         return dimension
 
     def _sum(self, expression: Any, expected: Dimension | None) -> Dimension | None:
-        """Return the dimension of a sum. It is `expected` if some term has that, else the most frequent one."""
+        """Return the dimension of a sum. Raises WrongTermError if terms differ, or if it is not the `expected` one.
+
+        All terms must have one dimension: `expected` if some term has it, else the most frequent one.
+        """
         dimensions = []
         for term in expression.args:
             # A term that is a sum itself has no required dimension.
@@ -224,7 +231,10 @@ class _Checker(UnitEquations):
         return self.dimension(expression)
 
     def _checked_product(self, expression: Any, expected: Dimension | None) -> Dimension | None:
-        """Return the dimension of a product. A factor that mixes dimensions must have what `expected` leaves for it."""
+        """Check the factors of a product, and return its dimension. Raises WrongTermError for a wrong factor.
+
+        A factor that is a sum of terms with different dimensions should have `expected` divided by the other factors.
+        """
         for factor in expression.args:
             others = self.dimension(sympy.Mul(*(other for other in expression.args if other is not factor)))
             left = None if expected is None or others is None else expected * others ** Fraction(-1)
@@ -235,7 +245,11 @@ class _Checker(UnitEquations):
         return self.dimension(expression)
 
     def _powered(self, base: Any, exponent: Any, expected: Dimension | None) -> None:
-        """Check a power. A base that mixes dimensions must have the dimension that `expected` implies."""
+        """Check the base and the exponent of a power. Raises WrongTermError for a wrong term.
+
+        A base that is a sum of terms with different dimensions should have the root of `expected`. An exponent that
+        is not a number must be dimensionless, and so must its base.
+        """
         power = number_of(exponent)
         if power is None:
             self.check(exponent, DIMENSIONLESS)
@@ -253,7 +267,10 @@ class _Checker(UnitEquations):
 
 
 def check_event_dimensions(number: int, zero: Any, resets: Sequence[tuple[Any, Any]], statement: Statement) -> None:
-    """Raise StatementError for an event, or its reset, with terms that differ in dimension or unit."""
+    """Raise StatementError for an event, or its reset, with terms that differ in dimension or unit.
+
+    `number` is the index of the event, `zero` its function, and `resets` are pairs (reset variable, new value).
+    """
     if statement.dimensions:
         _check(number, zero, tuple(resets), statement)
 
@@ -271,9 +288,10 @@ def _check(index: int, zero: Any, resets: tuple[tuple[Any, Any], ...], statement
 
 
 def _without_own_numbers(value: Any, like: Any, known: Mapping[Any, Dimension]) -> Any:
-    """Return `without_own_numbers(value)`, where `value` should have the dimension of `like`, or any if None.
+    """Return an expression without its parts that contain only numbers and t, since their units are not stated.
 
-    If `like` is a time and the value contains only t, the multiples of t stay.
+    The expression `value` should have the dimension of `like`, or any if None. If `like` is a time and the value
+    contains only t, the multiples of t stay.
     """
     all_known = {t: named("second"), **known}
 
@@ -334,7 +352,7 @@ def with_scales(
 
 
 def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], wrong_term: Any) -> str:
-    """Return the remedy for a term in another unit, such as "x in cm instead of m". Its symbols are tried first."""
+    """Return a remedy for a term in a wrong unit, such as "x in cm instead of m"; symbols of the term are first."""
     stated = [symbol for symbol, dimension in dimensions.items() if dimension.unit]
     # Symbols of the term first: one of them is more often the wrong one.
     stated.sort(key=lambda symbol: not wrong_term.has(symbol))
@@ -373,7 +391,7 @@ def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimensi
 
 
 def _completed(equations: UnitEquations, symbol: Any, dimension: Dimension) -> Dimension:
-    """Return the dimension of a symbol with the factor of its unit; the factor is None if it is not determined."""
+    """Return a dimension with the factor of the unit of `symbol`; the factor is None if it is not determined."""
     unit_dimension = equations.dimension(symbol)
     return replace(dimension, factor=None if unit_dimension is None else unit_dimension.factor)
 
@@ -425,7 +443,7 @@ def _base_units(stated: Sequence[Dimension]) -> dict[str, dict[str, tuple[float,
 def _made(
     bases: Mapping[str, Mapping[str, tuple[float, Fraction]]], dimension: Dimension
 ) -> Iterator[tuple[float, str]]:
-    """Yield (logarithm of its factor, text) of each product of powers of base units that has a dimension."""
+    """Yield (logarithm of its factor, text) of each product of powers of base units that has the given dimension."""
     for choice in product(*(bases[base].items() for base, _ in dimension.exponents)):
         pairs = zip(choice, dimension.exponents, strict=True)
         powers = [(text, factor, power / of_unit) for (text, (factor, of_unit)), (_, power) in pairs]
@@ -436,5 +454,5 @@ def _made(
 
 
 def _powered(text: str, power: Fraction) -> str:
-    """Return a positive power of a unit as a user types it."""
+    """Return a positive power of a unit as text, as a user types it: m**2."""
     return text if power == 1 else f"{text}**{power}" if power.denominator == 1 else f"{text}**({power})"

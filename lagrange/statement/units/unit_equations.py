@@ -52,7 +52,7 @@ def in_short(term: Any, plain: Mapping[Any, Any]) -> str:
 
 
 def number_of(exponent: Any) -> Fraction | None:
-    """Return an exponent as a fraction, None if it is not a number."""
+    """Return an exponent of a power as a fraction, None if it is not a number."""
     if exponent.is_Rational:
         return Fraction(int(exponent.p), int(exponent.q))
     return Fraction(float(exponent)).limit_denominator(1000) if exponent.is_Float else None
@@ -61,8 +61,8 @@ def number_of(exponent: Any) -> Fraction | None:
 def inner_parts(expression: Any, dimension: Dimension | None) -> Iterator[tuple[Any, Dimension | None]]:
     """Yield (argument of a function or branch of a Piecewise, its required dimension or None if any is right).
 
-    The argument of a table is a number, and so is its value. Quantities that are compared, such as both sides of a
-    condition, are yielded as their difference.
+    `dimension` is the required dimension of the whole expression. The argument of a table is dimensionless.
+    Quantities that are compared, such as both sides of a condition, are yielded as their difference.
     """
     if (table := table_range(expression)) is not None:
         yield table[0], DIMENSIONLESS
@@ -109,7 +109,7 @@ def is_multiple_of_time(term: Any) -> bool:
 
 
 def _own(node: Any) -> bool:
-    """Return True if a node contains only numbers and t."""
+    """Return True if a SymPy expression contains only numbers and t."""
     return node.free_symbols <= {t} and not node.has(AppliedUndef)
 
 
@@ -118,7 +118,7 @@ def _replaced(node: Any) -> bool:
 
 
 class Factor(NamedTuple):
-    """Unknown of the equations: the factor of the unit of `of`, a symbol or a required quantity such as "energy"."""
+    """An unknown: the factor of the unit of a symbol, or of a required quantity such as "energy"; `of` is either."""
 
     of: Any
 
@@ -156,7 +156,7 @@ class UnitProduct:
 
 
 class OtherUnitError(Exception):
-    """A term in another unit than required; `ratio` is the logarithm of the factor between both units."""
+    """Error: a term has another unit than required. `ratio` is the logarithm of the factor between both units."""
 
     def __init__(self, term: Any, ratio: float) -> None:
         super().__init__()
@@ -237,7 +237,7 @@ class UnitEquations:
         return UnitProduct()
 
     def _common(self, terms: Sequence[Any]) -> UnitProduct | None:
-        """Return the common unit of terms, after stating that their units are equal; None if all terms are zero."""
+        """State that the units of terms are equal, and return this unit; None if all terms are zero."""
         first = None
         for term in terms:
             unit = self.unit(term)
@@ -264,7 +264,7 @@ class UnitEquations:
             self._equate(sympy.Add.make_args(expression)[0], unit, UnitProduct())
 
     def _reduced(self, unit: UnitProduct) -> UnitProduct:
-        """Return a unit with its determined unknowns replaced."""
+        """Return a unit in which each unknown with a determined value is replaced by this value."""
         while (known := next((name for name in unit.powers if name in self.solved), None)) is not None:
             power = unit.powers[known]
             unit = unit.times(UnitProduct({known: power}), Fraction(-1)).times(self.solved[known], power)

@@ -1,4 +1,4 @@
-"""One record per elementary function of one number, which all stages read.
+"""Table of the elementary functions of one number, which all stages read: one entry for each function.
 
 Names in SymPy, in Python's `math`, in NumPy, in mpmath and in C follow from the name of the function. A language in
 which the function has another name, or is missing, states that in its own file.
@@ -25,8 +25,8 @@ Rule = Callable[..., Any]
 class Elementary:
     """An elementary function y = f(a) of one number.
 
-    Its derivative is `sign` / `slope(a)`, from which its Taylor coefficients are computed too, or `derivative(y, a)`.
-    In that case `lagrange.program.recurrence` has its coefficients. The function is `odd`, `even` or neither. `exact`
+    Its derivative is either `sign` / `slope(a)` or `derivative(y, a)`. Taylor coefficients are computed from the
+    slope, or in the second case by `lagrange.program.recurrence`. The function is `odd`, `even` or neither. `exact`
     is an argument with its value, both whole numbers. `pole` is the value at zero if that is infinite. `size` is
     "bounded" if values are at most 1, or "unit" if an argument or value is dimensionless and may cancel. `spread` is
     the cause of lost digits: a "periodic" argument, or a "growing" value. `everywhere` is true if every number has a
@@ -76,7 +76,7 @@ class Elementary:
         return f"arc{self.name[1:]}" if self.name.startswith("a") else self.name
 
     def _each(self, a: Any) -> Any:
-        """Return the values for a number, or for each entry of an array."""
+        """Return the values of this function for a number, or for each entry of an array."""
         return np.array([self.of_float(x) for x in np.ravel(a).tolist()]).reshape(np.shape(a))[()]
 
     @cached_property

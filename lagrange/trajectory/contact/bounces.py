@@ -74,7 +74,10 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
 
 
 def coupling(statement: Statement) -> Any:
-    """Return the mass matrix, or None if it depends on velocities or couples many coordinates."""
+    """Return the mass matrix as a SymPy matrix, or None if the impact law cannot use it in symbols.
+
+    This is so if it depends on velocities, or if it is not diagonal for more than `LARGEST_COUPLED` coordinates.
+    """
     rates = statement.velocities
     momenta = [statement.lagrangian.diff(rate) for rate in rates]
     mass = sympy.Matrix([[p.diff(rate) for rate in rates] for p in momenta])

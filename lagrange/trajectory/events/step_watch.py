@@ -522,7 +522,10 @@ class StepWatch(EventLog):
         self._pending = [mine[i] for i in sorted(mine)]
 
     def _record(self, zeros: Iterable[EventZero], sample: Sample, steps_before: int) -> None:
-        """Record the `zeros` on a step whose direction makes them events."""
+        """Record those of the `zeros` on a step that have a direction in which their event counts.
+
+        `sample` is the step, and `steps_before` is the number of steps before it.
+        """
         for m in zeros:
             if self.impacts[m.which].counts(m.root.rising):
                 s = m.root.time
