@@ -40,7 +40,7 @@ class Axis:
 
     @property
     def width(self) -> float:
-        """Length of the range."""
+        """The length of the axis, from its lowest to its highest value."""
         return self.high - self.low
 
 
@@ -62,7 +62,10 @@ def row_of(statement: Statement, key: Any, what: str) -> int:
 
 
 def plane_of(statement: Statement, table: Any, label: str, default_count: int) -> Plane:
-    """Return the horizontal and the vertical axis from {entry: (low, high)} or {entry: (low, high, count)}."""
+    """Return the horizontal and the vertical axis from {entry: (low, high)} or {entry: (low, high, count)}.
+
+    `default_count` is the number of values of an axis without one. `label` names the argument in errors.
+    """
     if not isinstance(table, Mapping):
         raise StatementError(f"{label} is {shown(table)}: give {_example(statement)}.")
     if len(table) != 2:
@@ -77,7 +80,10 @@ def plane_of(statement: Statement, table: Any, label: str, default_count: int) -
 
 
 def axis_of(statement: Statement, entry: Any, span: Any, argument: str, default: int) -> Axis:
-    """Return the axis of an entry of the state, from (low, high) or (low, high, number)."""
+    """Return the axis of an entry of the state, from a span (low, high) or (low, high, count).
+
+    `default` is the number of values of a span without one. `argument` names the user's argument in errors.
+    """
     row = row_of(statement, entry, argument)
     name = statement.state_names[row]
     low, high, several = range_of(span, f"the range of {name}", default)
@@ -85,7 +91,10 @@ def axis_of(statement: Statement, entry: Any, span: Any, argument: str, default:
 
 
 def range_of(span: Any, label: str, default_count: int) -> tuple[float, float, int]:
-    """Return (low, high, count) from a pair or triple. Raises StatementError for an empty range."""
+    """Return (low, high, count) from a pair or triple; `default_count` completes a pair.
+
+    `label` names the range in errors. Raises StatementError for an empty range.
+    """
     size = len(span) if isinstance(span, (tuple, list, np.ndarray)) else 0
     if size not in (2, 3):
         raise StatementError(f"{label} is {shown(span)}: give (low, high), or (low, high, count).")

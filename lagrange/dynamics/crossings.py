@@ -33,7 +33,7 @@ class Crossings:
 
 
 class Crosser:
-    """Follows orbits to a fixed number of crossings of one section. The event is prepared once for all orbits."""
+    """Follows orbits to a fixed number of crossings of one section: an event, or the multiples of a period."""
 
     def __init__(
         self, runs: Runs, passed: Event | float, count: int, states: FloatArray, longest: float | None = None
@@ -72,7 +72,7 @@ class Crosser:
             leg = max(self.wait / 2, 1.2 * left * (begin - first) / passed) if passed else self.wait
 
     def _end(self, run: Trajectory, missing_count: int, last_crossing: float) -> tuple[Status, str]:
-        """Return the status and the message of an orbit after its last run."""
+        """Return the status and the message of an orbit after its last run, which lacks `missing_count` crossings."""
         if missing_count == 0:
             return Status.EVENT, "all crossings are there."
         if run.status.complete:
@@ -84,7 +84,10 @@ class Crosser:
 
 
 def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> list[Crossings]:
-    """Return the crossings of orbits that start from states (m, 2n). After Ctrl-C the last is INTERRUPTED."""
+    """Return the crossings of the orbits that start from states (m, 2n).
+
+    After Ctrl-C the list ends with an interrupted orbit, whose status is INTERRUPTED.
+    """
     finished: list[Crossings] = []
     try:
         for start in states:

@@ -20,10 +20,10 @@ from lagrange.statement.statement import Statement
 class ModeShapes:
     """Shapes of m modes about an equilibrium, each scaled so that its largest component is 1.
 
-    `components` (m, n) are changes of all coordinates, in the order of `names`. `frequencies` (m,) are complex for
-    modes that do not oscillate, and `decay` (m,) are the decay rates of the modes. `points` has each named position
-    (2,) or (3,) at the equilibrium. `displacements` has the changes of each position, (m, 2) or (m, 3), for the
-    components.
+    `components` (m, n) are the displacements of the n coordinates in each mode, in the order of `names`.
+    `frequencies` (m,) are complex for modes that do not oscillate. `decay` (m,) are the decay rates. `points` maps
+    the name of each stated position to its value at the equilibrium, (2,) or (3,). `displacements` maps it to the
+    displacements of the position in the modes, (m, 2) or (m, 3).
     """
 
     statement: Statement
@@ -36,7 +36,10 @@ class ModeShapes:
 
 
 def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
-    """Return the shapes of modes as numbers. Raises StatementError where a parameter has no value."""
+    """Return the shapes and frequencies of symbolic `modes` as numbers, at the stated values of the parameters.
+
+    Raises StatementError where a parameter has no value.
+    """
     form, lin = PlainForm(statement), modes.linearization
     constants = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
     missing = [p.name for p in statement.parameters if p not in statement.defaults]

@@ -39,7 +39,10 @@ def zero_lines(function: PlaneFunction, x: FloatArray, y: FloatArray) -> tuple[F
 def _refined(
     function: PlaneFunction, x: FloatArray, y: FloatArray, line: FloatArray
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the vertices (k, 2) of a contour, bisected on the edges of the grid x, y, and False for each pole."""
+    """Return the vertices (k, 2) of a contour line, moved to zeros of the function, and k flags, False at a pole.
+
+    Each vertex is on an edge of the grid x, y, where the zero is found by bisection.
+    """
     grid_positions = (line - [x[0], y[0]]) / [x[1] - x[0], y[1] - y[0]]
     nearest = grid_positions.round()
     off = np.abs(grid_positions - nearest)

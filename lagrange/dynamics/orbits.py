@@ -126,7 +126,11 @@ class Orbit:
 def orbit(
     runs: Runs, window: PlaneWindow, start: FloatArray, exits: Sequence[Event], begin: float, *, both_ways: bool
 ) -> Orbit:
-    """Return the orbit through a state until an event of `exits`, unless closed also backwards if `both_ways`."""
+    """Return the orbit from the state `start` at the time `begin` to the first event of `exits`.
+
+    Without an event it lasts `window.reach`. With `both_ways` it ends at its first return to its start. If it does
+    not return, it is followed backwards in time, too.
+    """
     forwards = runs(start, begin, begin + window.reach, events=exits)
     forwards, closed = _closed(window, forwards) if both_ways else (forwards, False)
     if closed or not both_ways or forwards.status is Status.INTERRUPTED:
@@ -136,7 +140,10 @@ def orbit(
 
 
 def orbit_of(parts: Sequence[Trajectory], *, closed: bool) -> Orbit:
-    """Return the orbit that joins runs, ordered in time. Its status is that of an incomplete run, else of the last."""
+    """Return the orbit that joins the runs `parts`, ordered in time.
+
+    Its status and message are those of the first incomplete run, or of the last run if all are complete.
+    """
     ways = [1 if part.span[1] >= part.span[0] else -1 for part in parts]
     ordered = [(part.t[::way], part.y.T[::way]) for part, way in zip(parts, ways, strict=True)]
     t = np.concatenate([ordered[0][0], *(times[1:] for times, _ in ordered[1:])])
@@ -171,7 +178,7 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
     rows = list(window.rows)
 
     def ahead(states: FloatArray) -> FloatArray:
-        """Return the displacements of states from the start, projected on the direction of the first sampled piece."""
+        """Return how far states (k, 2n) are ahead of the start, in the direction in which the run leaves it."""
         moved = difference(states, start, window.periodic)[:, rows] / window.widths
         return np.asarray(moved @ (way[rows] / window.widths))
 
@@ -237,7 +244,10 @@ class Separatrix:
 def separatrices_of(
     runs: Runs, window: PlaneWindow, equilibria: Sequence[FixedPoint], number: int, exits: Sequence[Event]
 ) -> list[Separatrix]:
-    """Return the four branches of the saddle `equilibria[number]`; none if it is no saddle, or out of the window."""
+    """Return the four branches of the saddle `equilibria[number]`; none if it is no saddle, or out of the window.
+
+    A branch ends at an event of `exits`, at an equilibrium, or after the longest time.
+    """
     saddle = equilibria[number]
     if saddle.kind != SADDLE or not window.holds(saddle.state):
         return []

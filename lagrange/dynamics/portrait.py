@@ -131,7 +131,10 @@ class _Portrait:
         return x, y, u.reshape(columns.shape), v.reshape(columns.shape)
 
     def nullclines(self) -> dict[str, tuple[FloatArray, ...]]:
-        """Return the nullclines by name, on a grid half a cell beyond the window, to find those on its border."""
+        """Return the lines (j, 2) on which the time derivative of an entry on an axis is zero, by name of the entry.
+
+        The grid extends half a cell beyond the window, to find those on its border.
+        """
         halves = (axis.width / NULLCLINE_CELLS / 2 for axis in self.plane)
         x, y = (
             np.linspace(axis.low - half, axis.high + half, NULLCLINE_CELLS + 2)
@@ -173,9 +176,11 @@ def portrait(
 ) -> PortraitData:
     """Return the phase portrait of the model of `runs` on the plane `window`.
 
-    `at` fixes the other entries of the state, and `starts` are the initial states of orbits or None. `time` is the time
-    at which the field is evaluated, and `reach` the longest time of an orbit. `lagrange.phase_portrait` describes the
-    arguments.
+    - `window` maps the two entries of the state on the axes to their ranges; None chooses them for one coordinate.
+    - `at` maps the other entries of the state to their fixed values.
+    - `starts` are the initial states of orbits; with None the orbits fill the plane.
+    - `time` is the time at which the field is evaluated, and `reach` the longest duration of an orbit.
+    - `progress` is called with the number of orbits, or of cells of the plane that orbits have crossed.
     """
     statement = runs.model.statement
     if statement.constraints:
@@ -248,9 +253,10 @@ def _made(work: _Portrait, fixed: Mapping[int, float], starts: Any, progress: Re
 def _unvisited(
     work: _Portrait, branches: Sequence[Separatrix], orbits: Sequence[Orbit], progress: Report | None
 ) -> Iterator[FloatArray]:
-    """Yield the middle of each cell that no orbit has crossed, if no orbit has crossed a neighbouring cell either.
+    """Yield initial states of orbits that fill the plane: the middle of each cell that is still empty.
 
-    The caller appends the orbit through it to `orbits`. `progress` is called with the number of visited cells.
+    A cell is empty if no orbit, and none of `branches`, has crossed it or a neighbouring cell. The caller appends the
+    orbit through each state to `orbits`. `progress` is called with the number of cells that are not empty.
     """
     visited = np.zeros((CELLS + 2, CELLS + 2), dtype=bool)
     most = MOST_ORBITS if work.alone else MOST_PROJECTED
@@ -291,7 +297,10 @@ def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]
 def _ended(
     work: _Portrait, orbits: Sequence[Orbit], begun_count: int, note: str, *, interrupted: bool
 ) -> tuple[Status, str]:
-    """Return the status of a portrait, and a message on orbits that ended early, with `note` at its end."""
+    """Return the status of a portrait, and a message on orbits that ended early, to which `note` is added.
+
+    `orbits` are the orbits that were kept, and `begun_count` is the number of orbits that were to be run.
+    """
     statement = work.runs.model.statement
     interrupted = interrupted or any(orbit.status is Status.INTERRUPTED for orbit in orbits)
     status = Status.INTERRUPTED if interrupted else Status.SUCCESS
@@ -314,7 +323,10 @@ def _ended(
 
 
 def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dict[int, float]:
-    """Return the values in `at` by row of the state. Raises StatementError unless two entries are left."""
+    """Return the fixed values in `at`, a dict from entries of the state, by row of the state.
+
+    Raises StatementError unless two entries of the state remain for the axes.
+    """
     statement = model.statement
     if at is not None and not isinstance(at, Mapping):
         raise StatementError(f"at is {shown(at)}: give a dict from coordinates and velocities to values.")
@@ -392,7 +404,10 @@ def default_plane(runs: Runs, base: FloatArray) -> Plane:
 
 
 def _extent(runs: Runs, base: FloatArray, scale: float) -> tuple[float, float]:
-    """Return the range of a coordinate for the default window, if it is not an angle."""
+    """Return the range of the only coordinate, which is not an angle, for the default window.
+
+    `base` is the initial state, and `scale` a period of small motions.
+    """
     model, sizes = runs.model, np.logspace(-3, 3, 1200)
     x = np.concatenate([-sizes[::-1], [0.0], sizes])
     try:

@@ -45,7 +45,10 @@ class Runs:
     def __call__(
         self, start: FloatArray, t0: float, t1: float, t_eval: FloatArray | None = None, events: Any = None
     ) -> Trajectory:
-        """Run from a state (2n,) at t0 to t1. With `t_eval` (k,) only the states at these times are kept."""
+        """Return the run from a state (2n,) at t0 to t1. With `t_eval` (k,) only the states at these times are kept.
+
+        `events` replace the events in the options of the runs.
+        """
         options, statement = self.options, self.model.statement
         values = dict(zip(statement.parameters, self.parameters.tolist(), strict=True))
         watched = options.events if events is None else events
@@ -55,7 +58,11 @@ class Runs:
 
 
 def starts_of(model: Model, starts: Any, base: FloatArray) -> FloatArray:
-    """Return starts (m, 2n) from an array, a dict over `base` (2n,), or a list. Raises StatementError by number."""
+    """Return initial states (m, 2n) from `starts`: an array, a dict, or a list of dicts or rows.
+
+    A dict replaces entries of the state `base` (2n,). Without `starts` it is the only initial state. Raises
+    StatementError for an invalid start; the message gives its index.
+    """
     size = model.layout.size
     if starts is None:
         return base[None, :].copy()
@@ -110,8 +117,8 @@ def initial_of(model: Model, overlay: Mapping[Any, Any] | None) -> FloatArray:
 def time_scale(model: Model, states: FloatArray, parameters: FloatArray, fallback: float) -> float:
     """Return a typical period of small motions about states (m, 2n), or `fallback` if all eigenvalues are zero.
 
-    The period of a state is 2 pi/|eigenvalue|, the geometric mean over its nonzero eigenvalues. The result is the
-    median of the periods of the states.
+    Each nonzero eigenvalue at a state gives a period 2 pi/|eigenvalue|. The period of the state is their geometric
+    mean. The result is the median over the states.
     """
     periods = []
     followed = with_rates(model, 0.0, states[:: max(1, len(states) // 16)].T, parameters)
@@ -165,7 +172,10 @@ def _rates(statement: Statement) -> tuple[Any, ...]:
 
 
 def driving_period(statement: Statement, values: Mapping[Any, float]) -> float:
-    """Return the period of the driving. Raises StatementError if frequencies have no common period."""
+    """Return the period of the driving, for parameters with the given `values`.
+
+    Raises StatementError if the angular frequencies of the driving have no common period.
+    """
     constants = {symbol: sympy.Float(value, 17) for symbol, value in values.items()}
     rates = sorted(
         {rate for rate in (abs(float(frequency.xreplace(constants))) for frequency in _rates(statement)) if rate > 0}

@@ -40,7 +40,10 @@ ENERGY_ERROR = 1e-10
 
 
 def margin(model: Model, parameters: FloatArray, states: FloatArray, row: int, energy: float) -> FloatArray:
-    """Return b^2 - 4 a (c - energy) at states (2n, k), positive where the velocity in `row` can reach the energy."""
+    """Return a discriminant (k,) at states (2n, k): positive where the velocity in `row` can reach the energy.
+
+    The energy is a v^2 + b v + c in this velocity v, and the discriminant is b^2 - 4 a (c - `energy`).
+    """
     a, b, c = _quadratic(model, parameters, states, row)
     return np.asarray(b * b - 4 * a * (c - energy))
 
@@ -48,7 +51,10 @@ def margin(model: Model, parameters: FloatArray, states: FloatArray, row: int, e
 def _quadratic(
     model: Model, parameters: FloatArray, states: FloatArray, row: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return a, b, c of the energy a v^2 + b v + c in the velocity in `row`, at states (2n, k); NaN without a value."""
+    """Return a, b and c, (k,) each: the energy at states (2n, k) is a v^2 + b v + c in the velocity v in row `row`.
+
+    They are NaN where the energy has no value.
+    """
     middle = _energy(model, parameters, states, row, 0.0)
     a = b = np.full_like(middle, np.nan)
     for probe in PROBES:
@@ -70,10 +76,10 @@ def _energy(model: Model, parameters: FloatArray, states: FloatArray, row: int, 
 def on_level(
     model: Model, parameters: FloatArray, starts: FloatArray, row: int, energy: float, event: Event | None
 ) -> FloatArray:
-    """Return the starts (m, 2n) with another velocity in row `row`, so that each has the energy `energy`.
+    """Return the starts (m, 2n) with the velocity in row `row` replaced, so that each has the energy `energy`.
 
-    Of the two possible velocities it is the one that crosses the event in its direction, else the larger one. Raises
-    StatementError for a start whose other entries already have more energy.
+    Two velocities are possible. The one that crosses the event in its direction is chosen, else the larger one.
+    Raises StatementError for a start whose other entries already have more energy.
     """
     states = np.ascontiguousarray(starts.T)
     a, b, c = _quadratic(model, parameters, states, row)
@@ -96,7 +102,10 @@ def on_level(
 def _corrected(
     model: Model, parameters: FloatArray, states: FloatArray, row: int, energy: float, root: FloatArray
 ) -> FloatArray:
-    """Return states (2n, m) with the energy `energy`: the velocity in `row` is corrected, starting from `root` (m,)."""
+    """Return states (2n, m) with the energy `energy`: the velocity in `row` is corrected, starting from `root` (m,).
+
+    Raises StatementError if no such velocity is found.
+    """
     v = root
     for _ in range(ENERGY_CORRECTIONS):
         step = 1e-6 * np.abs(v) + 1e-9
@@ -210,7 +219,10 @@ def section(
 ) -> SectionData:
     """Return the Poincare section of a model's orbits. `definition` is the event or the period of the section.
 
-    `lagrange.poincare` describes the other arguments.
+    - `starts` are the initial states. With `energy` all get this energy, by a change of the velocity `solve_for`.
+    - Each orbit is followed for `skip` crossings, and then for `crossings` that are kept.
+    - It ends early if no crossing occurs within the time `longest`.
+    - `progress` is called with the number of finished orbits.
     """
     model = runs.model
     count, dropped = point_counts(crossings, skip, "crossings", 1)

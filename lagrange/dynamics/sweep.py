@@ -108,10 +108,11 @@ def sweep(
     followed: bool,
     progress: Report | None = None,
 ) -> SweepData:
-    """Return the settled motion at each value of a parameter, on the section of this `definition`.
+    """Return the settled motion at each of the `values` of a parameter, on the section of this `definition`.
 
-    `count` points of each orbit are kept, after `dropped` points that are not. `lagrange.bifurcation` describes the
-    other arguments.
+    `definition` is its event or its period, None for that of the driving. Of each orbit from `starts`, `dropped`
+    points are left out, and then `count` are kept. With `followed` later orbits begin where those at the previous
+    value ended.
     """
     model, statement = runs.model, runs.model.statement
     index = [p.name for p in statement.parameters].index(parameter)
@@ -172,7 +173,11 @@ def _section(runs: Runs, definition: Any, parameters: FloatArray) -> Event | flo
 
 
 def _next(orbit: Crossings, start: FloatArray, passed: Event | float, statement: Statement) -> tuple[float, FloatArray]:
-    """Return time and state of the next orbit's start: the last crossing, or 0 and `start` if there is none."""
+    """Return the time and the state at which the orbit for the next value of the parameter begins.
+
+    The state is that of the last crossing of `orbit`, or `start` if there is none or its run is not complete. The
+    time is that of the crossing if the section `passed` is an event and the system depends on time, else 0.
+    """
     if not orbit.status.complete or not len(orbit.states):
         return 0.0, start
     # A point at a multiple of the period begins the next period; an event happens at any phase of a driving.
@@ -181,9 +186,10 @@ def _next(orbit: Crossings, start: FloatArray, passed: Event | float, statement:
 
 
 def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> FloatArray:
-    """Return the period (k, m) of each orbit: the least p after which every point repeats, 0 if there is none.
+    """Return the period (k, m) of each orbit in `states` (k, m, s, 2n), as a number of points.
 
-    `scale` is a period of small motions, by which velocities are multiplied to compare them with coordinates.
+    It is the least p for which every point equals the one p points before, or 0 if there is none. `scale` is a period
+    of small motions, by which velocities are multiplied to compare them with coordinates.
     """
     complete = states[np.isfinite(states).all(axis=-1)]
     if not len(complete):

@@ -1,6 +1,6 @@
-"""The report of a check: the largest error of each quantity, printed as a table, true if everything holds.
+"""The report of `system.check()`: the largest error of each compiled quantity, printed as a table.
 
-Compiled numbers are compared with reference entries.
+Compiled values are compared with reference values of their entries. The report is true if everything holds.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from lagrange.statement.statement import Statement
 
 @dataclass(frozen=True)
 class ReportRow:
-    """Comparison of one compiled quantity with its reference.
+    """Comparison of one compiled quantity, such as the mass matrix, with its reference values.
 
     `error` is the largest error, relative to the magnitude of the terms of the entry. It is infinite if a value is
-    missing, and -1 if nothing was compared. `entry` and `point` (1, 2, ...) say where the largest error is; `compiled`
-    and `reference` are the two values there. `points` is the number of points compared.
+    missing, and -1 if nothing was compared. `entry` and `point` (1, 2, ...) say where the largest error is;
+    `compiled` and `reference` are the two values there. `points` is the number of points compared.
     """
 
     quantity: str
@@ -111,7 +111,7 @@ class Report(ShownAsPage):
         return str(self)
 
     def title(self) -> str:
-        """Return the title: the system, the target and the number of points."""
+        """Return the title of the report: the system, the target of the compiled code and the number of points."""
         used = f"{len(self.points)} point" + "s" * (len(self.points) != 1)
         return f"check of {self.system} ({self.target}): {used}"
 
@@ -132,9 +132,10 @@ SMOOTHNESS = 1e-14
 
 @dataclass(frozen=True)
 class ReferenceEntries:
-    """Flattened entries of one quantity: values, error bounds of their differencing, and sizes.
+    """Reference values of the entries of one quantity, flattened, with error bounds and sizes.
 
-    A size is the magnitude of the terms of an entry; `lagrange.evidence.reference` defines it.
+    `error` bounds the errors of the numerical differentiation that gave the values. `size` is the magnitude of the
+    terms of each entry; `lagrange.evidence.reference` defines it.
     """
 
     value: Numbers
@@ -149,16 +150,16 @@ class ReferenceEntries:
 
     @cached_property
     def allowance(self) -> tuple[FloatArray, FloatArray]:
-        """The sizes and the error bounds as doubles."""
+        """The sizes and the error bounds of the entries, as two arrays of doubles."""
         return np.array([float(x) for x in self.size]), np.array([float(x) for x in self.error])
 
     @staticmethod
     def exactly(values: Numbers) -> ReferenceEntries:
-        """Return entries that are known exactly, without rounding."""
+        """Return entries with these `values`, which are exact: error bounds are zero, sizes are the magnitudes."""
         return ReferenceEntries(values, [0.0] * len(values), [abs(x) for x in values])
 
     def part(self, start: int, length: int) -> ReferenceEntries:
-        """Return `length` entries from `start` on."""
+        """Return the `length` entries from the index `start` on."""
         where = slice(start, start + length)
         return ReferenceEntries(self.value[where], self.error[where], self.size[where])
 
@@ -166,7 +167,7 @@ class ReferenceEntries:
         return ReferenceEntries(self.value + other.value, self.error + other.error, self.size + other.size)
 
     def around(self, values: Sequence[Any] | FloatArray) -> ReferenceEntries:
-        """Return entries with the same sizes and with other values, which are exact."""
+        """Return entries with other `values`, which are exact, and with the sizes of these entries."""
         entries, zeros = ReferenceEntries(list(values), [0.0] * len(self.size), self.size), np.zeros(len(self.size))
         # Of equal sizes: the conversion of 86,000 entries of a mass matrix takes 0.1 s.
         entries.__dict__["allowance"] = self.allowance[0], zeros
@@ -209,7 +210,7 @@ class _Tally:
 
 
 class Comparison:
-    """The largest error so far of each row of the report, and failures in which no values could be compared."""
+    """Collects the largest error of each row of a report, and the failures in which no values could be compared."""
 
     def __init__(self, names: Sequence[str], rows: Sequence[str]) -> None:
         self.names = names
@@ -221,14 +222,17 @@ class Comparison:
         self._number = 0
 
     def start(self, point: SamplePoint, number: int) -> None:
-        """Set the point of the next comparisons. `number` is its number, or 0 for a point outside the domain."""
+        """Set the sample point of the next comparisons. `number` counts points from 1; it is 0 outside the domain."""
         self._place = point.describe(self.names)
         self._number = number
 
     def add(
         self, row: str, labels: Sequence[str], values: Sequence[float] | FloatArray, part: ReferenceEntries
     ) -> None:
-        """Compare compiled values with the reference entries `part`, and update the largest error of the row `row`."""
+        """Compare compiled values with the reference entries `part`, and update the largest error of the row `row`.
+
+        `labels` are the names of the entries.
+        """
         tally = self._tallies[row]
         self._seen[row].add(self._number)
         tally.points = len(self._seen[row])
@@ -250,11 +254,11 @@ class Comparison:
             tally.compiled, tally.reference = float(values[worst]), float(part.value[worst])
 
     def report_unexplained(self, sentence: str) -> None:
-        """Record the failure that a sentence describes, at the present point."""
+        """Record a failure at the present sample point; `sentence` describes it."""
         self.unexplained.append(f"{sentence}, at {self._place}")
 
     def rows(self) -> tuple[ReportRow, ...]:
-        """Return the rows of the report."""
+        """Return the rows of the report, one for each compared quantity."""
         return tuple(
             ReportRow(
                 quantity=row,
@@ -271,7 +275,10 @@ class Comparison:
 
 
 def relative_error(off: Any, size: Any, uncertainty: Any) -> Any:
-    """Return the error relative to the entry, at most LIMIT if right, allowing ten times the uncertainty."""
+    """Return the error `off` of an entry, relative to its `size`; it is at most LIMIT if the entry is right.
+
+    Ten times the `uncertainty` of the reference value are allowed in addition.
+    """
     return off / (size + (10 * uncertainty + TINY_ERROR) / LIMIT)
 
 
@@ -281,7 +288,10 @@ def is_finite(value: Any) -> bool:
 
 
 def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> list[str]:
-    """Return the name of each entry of a quantity in the order of `computed`; `columns` are of the Jacobian."""
+    """Return the names of the entries of the quantity `name`, in the order of the array from `computed`.
+
+    `columns` are the indices of the columns of the Jacobian that are compared.
+    """
     names, constraints = statement.names, [constraint.name for constraint in statement.constraints]
     velocities = [f"{a}_dot" for a in names]
     rates = [*velocities, *(f"{a}_ddot" for a in names)]
@@ -305,7 +315,10 @@ def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> lis
 
 
 def computed(model: Model, name: str, point: SamplePoint, columns: Sequence[int]) -> FloatArray:
-    """Return the compiled entries of a quantity, flattened; all NaN if the model raises RunError."""
+    """Return the compiled entries of the quantity `name` at a point, flattened.
+
+    All are NaN if the model raises RunError. `columns` are the indices of the columns of the Jacobian to return.
+    """
     q, v = np.array(point.q), np.array(point.v)
     try:
         block = _evaluate(model, name, q, v, point.t, point.parameters, columns)
@@ -317,7 +330,10 @@ def computed(model: Model, name: str, point: SamplePoint, columns: Sequence[int]
 def computed_batch(
     model: Model, name: str, point: SamplePoint, columns: Sequence[int]
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield (entries from a batch, entries from a single evaluation) for each of `LANES` states near the point."""
+    """Yield (entries from a batch, entries from a single evaluation) for each of `LANES` states near the point.
+
+    `name` is the quantity, and `columns` are the indices of the columns of the Jacobian to return.
+    """
     near = []
     for factor in (1.0 + 1e-6 * k for k in range(LANES)):
         q, v = (tuple(x * factor for x in values) for values in (point.q, point.v))
@@ -337,7 +353,11 @@ def computed_batch(
 def _evaluate(
     model: Model, name: str, q: Any, v: Any, t: Any, parameters: Mapping[Any, float], columns: Sequence[int]
 ) -> Any:
-    """Return the entries of a quantity as an array, from its kernel. In a batch the states are the last axis."""
+    """Return the entries of the quantity `name`, computed by its compiled function, as an array.
+
+    In a batch, the last axis of `q`, `v` and the result is that of the states. `columns` are the indices of the
+    columns of the Jacobian to return.
+    """
     if name == "rhs":
         return model.called(model.kernel("rhs"), t, np.concatenate([q, v]), parameters)
     if name == "jacobian":

@@ -57,7 +57,7 @@ class Scales:
     """Typical magnitudes of the coordinates and velocities of a statement, for any values of its parameters.
 
     Assumption: terms of a sum have equal magnitudes, and arguments of functions have magnitude 1. This gives linear
-    equations for the logarithms.
+    equations for the logarithms of the magnitudes.
     """
 
     def __init__(self, statement: Statement) -> None:
@@ -71,7 +71,11 @@ class Scales:
         self._rows = [self._row(form) for form in self._monomials if any(symbol in self._index for symbol in form)]
 
     def sizes(self, parameters: Mapping[Any, float], start: Sequence[float] = ()) -> tuple[float, ...]:
-        """Return typical magnitudes of the state (2n,), 1 if of order one; `start` gives those not determined."""
+        """Return typical magnitudes (2n,) of coordinates and velocities, for these values of the parameters.
+
+        Magnitudes between 1/300 and 300 are returned as 1. Magnitudes that the equations do not determine are those
+        of the entries of the state `start`, or 1.
+        """
         logarithms = {p: math.log(abs(x)) for p, x in parameters.items() if x and math.isfinite(x)}
         rows: list[tuple[dict[int, float], float]] = []
         for row in self._rows:
@@ -94,7 +98,7 @@ class Scales:
         return _Row(unknowns, others, form.get(UNIT, 0.0))
 
     def _read(self, expression: Any) -> None:
-        """Add the equations that follow from an expression, subexpressions first."""
+        """Add the equations for magnitudes that follow from an expression; its subexpressions are read first."""
         stack = [(expression, False)]
         while stack:
             node, ready = stack.pop()
@@ -311,7 +315,10 @@ class Sampler:
     def _placed(
         self, moves: Sequence[Sequence[Move]], scales: Sequence[float]
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return q and v after moves (entry, random number, size); a scale other than 1 replaces a size."""
+        """Return q and v, where each entry of the state is x + s r for its move (x, r, s).
+
+        x is the old entry, r a random number, and s a size. An entry of `scales` that is not 1 replaces s.
+        """
         every = zip([*moves[0], *moves[1]], scales, strict=True)
         state = tuple(entry + (size if scale == 1.0 else scale) * x for (entry, x, size), scale in every)
         return state[: len(moves[0])], state[len(moves[0]) :]

@@ -58,11 +58,12 @@ class ReferenceSolution:
 def reference_solution(
     problem: Problem, times: Sequence[float], reference: Any, digits: int | None, unit: FloatArray, growth: float
 ) -> ReferenceSolution:
-    """Return the reference solution at `times`.
+    """Return the reference solution of a problem at `times`.
 
-    `reference` is None for an independent run in multiple precision, an array (2n,) or (2n, K), or a method as name or
-    instance. `digits` applies to multiple precision only. `growth` is the factor by which errors grow along the run.
-    Raises StatementError for an unusable reference, and RunError if it cannot be computed.
+    `reference` is None for an independent run in multiple precision, with `digits` decimal digits. Else it is an
+    array of states (2n,) or (2n, K), or a method as name or instance. `unit` (2n,) has the unit of errors of each
+    entry. `growth` is the factor by which errors grow along the run. Raises StatementError for an unusable reference,
+    and RunError if it cannot be computed.
     """
     if reference is None:
         return _independent(problem, times, digits, unit, growth)
@@ -107,7 +108,11 @@ def _independent(
 
 
 def _by_method(problem: Problem, times: Sequence[float], method_given: Any, unit: FloatArray) -> ReferenceSolution:
-    """Return the states of a run by a method; their uncertainty is the difference from another tight method."""
+    """Return the reference solution from a run by a method.
+
+    Its uncertainty is the largest difference from a run by another method at a tight tolerance, in units of `unit`
+    (2n,).
+    """
     method = find(method_given)
     tightened = isinstance(method_given, str) and method.claims.adaptive
     other = "dopri5" if method.name == "dop853" else "dop853"
@@ -120,7 +125,7 @@ def _by_method(problem: Problem, times: Sequence[float], method_given: Any, unit
 
 
 def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: float | None) -> tuple[Any, ...]:
-    """Return the states at the times. Each is the end of a run from the previous time; none is interpolated."""
+    """Return the states of a motion at the times. Each is the end of a run from the previous time."""
     flow = Flow(problem.model, RunOptions(method, tolerance))
     y, now, states = problem.y0, problem.t0, []
     for then in times:
@@ -173,7 +178,7 @@ class Sensitivity:
 def sensitivity(
     model: Model, run: Trajectory, parameters: Mapping[Any, float], size: FloatArray, unit: FloatArray
 ) -> Sensitivity:
-    """Return the growth of errors along a run, by the variational equation dW/dt = J(t, y) W with RK4.
+    """Return the growth of errors along a run, by the variational equation dW/dt = J(t, y) W, solved with RK4.
 
     Relative errors are relative to `size` (2n,), the magnitude of each entry of the state; `Sensitivity.floor` is in
     units of `unit` (2n,). Both results are infinite if the numbers overflow. Raises RunError for a run of more than
@@ -207,7 +212,10 @@ def sensitivity(
 def _transitions(
     model: Model, run: Trajectory, parameters: Mapping[Any, float], begin: FloatArray, h: FloatArray
 ) -> FloatArray:
-    """Return the transition matrices d y(t + h) / d y(t) of N steps that begin at `begin`, (N, 2n, 2n)."""
+    """Return the transition matrices d y(t + h) / d y(t) of N steps along a run, (N, 2n, 2n).
+
+    The steps begin at the times `begin` (N,) and have the lengths `h` (N,).
+    """
 
     def slope(times: FloatArray) -> FloatArray:
         return np.moveaxis(model.jacobian(times, run.dense(times), parameters), -1, 0)
@@ -336,7 +344,10 @@ def trust_horizon(
 
 
 def _comparison_times(marks: FloatArray) -> FloatArray:
-    """Return comparison times: the marks and `TIMES_PER_STEP` in each step, thinned to about `MOST_TIMES`."""
+    """Return the times at which runs are compared: the times of steps, `marks`, and others within each step.
+
+    There are `TIMES_PER_STEP` in each step. They are thinned to about `MOST_TIMES` in all.
+    """
     parts = np.arange(1, TIMES_PER_STEP + 1) / TIMES_PER_STEP
     inner = marks[:-1, None] + np.diff(marks)[:, None] * parts
     inner[:, -1] = marks[1:]
@@ -347,7 +358,10 @@ def _comparison_times(marks: FloatArray) -> FloatArray:
 def _comparison_runs(
     model: Model, run: Trajectory, values: Mapping[Any, float], size: FloatArray
 ) -> Iterator[tuple[str, Trajectory]]:
-    """Yield (name, run) for each comparison run that succeeds; `size` (2n,) scales entries that start at 0."""
+    """Yield (name, run) for each comparison run that succeeds. One of them has a perturbed initial state.
+
+    `values` are the values of the parameters. `size` (2n,) scales the perturbation of entries that start at 0.
+    """
     rows = model.layout.names()
     start = run.dense(run.t[:1])[:, 0]
     moving = np.where(start == 0, size, np.abs(start))

@@ -128,7 +128,12 @@ class Result:
 
 @dataclass(frozen=True)
 class RaceSettings:
-    """Settings of a comparison of methods and of its timing; errors are measured at `times`."""
+    """Settings of a comparison of methods, which measures errors at `times`.
+
+    `tolerances` are the settings of adaptive methods. `steps` are the step sizes of others, or None for the default
+    ones. Each method is timed `repeats` times. `max_wall` is the longest time of a run in seconds. If `relative`,
+    errors are relative to the size of each entry. `digits` are those of the reference solution, or None.
+    """
 
     times: tuple[float, ...]
     tolerances: tuple[float, ...]
@@ -148,10 +153,11 @@ def race(
     chosen: RaceSettings,
     reference: Any = None,
 ) -> Result:
-    """Measure every method at every setting.
+    """Return the error and the time of every method at every setting.
 
-    `methods` is None for the default methods; `reference` is a solution to compare with, or None to compute one. Raises
-    StatementError for bad arguments, and RunError if the run or the reference is too inaccurate to compare with.
+    `methods` is None for the default methods. `chosen` has the settings. `reference` is a solution to compare with,
+    or None to compute one. Raises StatementError for bad arguments, and RunError if the run or the reference is too
+    inaccurate to compare with.
     """
     labelled = _labelled_methods(methods)
     run, values = _fine_run(model, span, initial, parameters, max(chosen.max_wall, FINE_RUN_SECONDS))
@@ -190,7 +196,10 @@ class _Measurements:
         self.outputs = np.array(settings.times) if len(settings.times) > 1 else None
 
     def run(self, label: str, method: Integrator, settings: Sequence[float]) -> Iterator[Entry]:
-        """Yield the entries of a method, called `label`, from the coarsest setting to the finest."""
+        """Yield the measurements of a method, called `label`, from the coarsest of `settings` to the finest.
+
+        Settings are tolerances of an adaptive method, and step sizes of any other.
+        """
         late: float | None = None
         for setting in sorted(settings, reverse=True):
             entry = self._entry(label, method, setting, late)
@@ -344,7 +353,10 @@ def _step_sizes(problem: Problem) -> tuple[float, ...]:
 
 
 def _growth_notes(effect: Sensitivity, size: FloatArray, unit: FloatArray) -> Iterator[str]:
-    """Yield a note on the growth of errors, which affects all methods, if they grow much."""
+    """Yield a note on the growth of errors along the run, which affects all methods, if they grow much.
+
+    `size` (2n,) is the magnitude of each entry of the state, and `unit` (2n,) the unit of its error.
+    """
     if effect.floor > LARGEST_UNCERTAINTY * float((size / unit).max()):
         yield (
             f"No method can win: an error grows up to {effect.growth:.0e} times, and rounding a single state to double "

@@ -204,11 +204,7 @@ def step_of(name: str) -> StepProgram:
 def module_of(
     model: Model, asked: ExportContents, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
 ) -> SourceModule:
-    """Return the export of a model with the contents `asked`, independent of a language.
-
-    `parameters` are values that replace the defaults of the statement. Raises StatementError for a parameter without
-    a value.
-    """
+    """Return the export of a model in no language. `parameters` replace the default values. Raises StatementError."""
     statement = model.statement
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
     state = statement.state_names

@@ -56,7 +56,10 @@ def runge_lenz(stated: StatedAlgebra, body: BodyPosition) -> Iterator[tuple[str,
 
 
 def _distances(stated: StatedAlgebra, position: BodyPosition) -> list[Any]:
-    """Return the expressions that |r| may be in L: the square root, and a coordinate that equals |r|."""
+    """Return the forms in which the distance |r| may occur in L: a coordinate that equals it, or a square root.
+
+    The list is empty if |r| does not depend on the coordinates.
+    """
     square = stated.algebra.merge_angles(stated.algebra.read(sum((x**2 for x in position.r), S.Zero)))
     if not any(stated.algebra.free(k) & frozenset(stated.q) for monomial in square for k, _ in monomial):
         return []
@@ -68,7 +71,10 @@ def _distances(stated: StatedAlgebra, position: BodyPosition) -> list[Any]:
 def _components(
     stated: StatedAlgebra, body: BodyPosition, k_of_force: Any, length_of_r: Any
 ) -> Iterator[tuple[str, MonomialSum]]:
-    """Yield (name, component) of p x L - mass k r/|r|, where p x L is mass^2 (r v^2 - v (r . v))."""
+    """Yield (name, component) of p x l - mass k r/|r|, where p is the momentum and l the angular momentum.
+
+    p x l is mass^2 (r v^2 - v (r . v)). `k_of_force` is k in L = T + k/|r|, and `length_of_r` is |r|.
+    """
     r, v = Matrix(body.r), Matrix(body.v)
     square, along = v.dot(v), r.dot(v)
     for k, axis in enumerate("xyz"[: len(body.r)]):
@@ -323,7 +329,10 @@ class QuantityRates:
 
 
 def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRates]:
-    """Return the time derivatives of expressions in q, v and t along the compiled motion, at random states."""
+    """Return the time derivatives of expressions in q, v and t along the compiled motion, at random states.
+
+    The result has one object for each expression.
+    """
     points = [*islice(usable(random_points(model.statement, 17), lambda point: _placed(model, point)), RATE_STATES)]
     terms = [_rate_terms(model, expression) for expression in expressions]
     if not points or not any(terms):
@@ -340,7 +349,10 @@ def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRat
 
 
 def _placed(model: Model, point: SamplePoint) -> SamplePoint | None:
-    """Return a state near a point that is on the constraints and on first-order equations of motion, or None."""
+    """Return the sample point moved to a near state that satisfies the constraints, or None if none is found.
+
+    First-order equations of motion, of coordinates without inertia, are satisfied as well.
+    """
     if not len(model.equations.constraints):
         return point
     projection = Projection(model, point.t, model.parameter_array(point.parameters))
@@ -400,7 +412,10 @@ def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameter
 
 
 def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, float]:
-    """Return the largest sum of magnitudes of the terms of each conserved quantity, by name: a scale for drifts."""
+    """Return a scale for the drift of each conserved quantity, by name, for states y (2n, N) at times t (N,).
+
+    It is the largest sum of the magnitudes of the quantity's terms, at some of the times.
+    """
     quantities = conserved_quantities(model)
     if not quantities or not len(t):
         return {}
@@ -443,7 +458,10 @@ def momentum_drifts(model: Model, t: FloatArray, y: FloatArray, parameters: Para
 
 
 def drift_lines(drifts: Mapping[str, FloatArray]) -> list[tuple[str, str]]:
-    """Return lines (label, text) of a run's card: the largest drift of each momentum, and how many are omitted."""
+    """Return lines (label, text) for the status card of a run: the largest drift of each momentum.
+
+    At most `MOST_LINES` momenta are listed; a last line then says how many are omitted.
+    """
     lines = [(f"{name} drift", f"{np.abs(drift).max():.1e} of its largest term") for name, drift in drifts.items()]
     left = len(lines) - MOST_LINES
     return lines[:MOST_LINES] + ([("other momenta", f"{left} in solution.invariants")] if left > 0 else [])

@@ -70,7 +70,11 @@ class Equilibrium(ShownAsPage):
 
 
 def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
-    """Return the equilibria at steady `rates` of ignorable coordinates, by energy. Raises StatementError if none."""
+    """Return the equilibria of a statement at rest, or at steady `rates` of ignorable coordinates.
+
+    Those known to exist at the values of the parameters come first; both groups are sorted by energy. Raises
+    StatementError if none is found.
+    """
     problem = _Problem(statement, rates)
     branches = solved(problem.equations, (*problem.unknowns, *problem.multipliers))
     if branches is None:
@@ -262,7 +266,7 @@ class _Problem:
                 )
 
     def order(self, equilibrium: Equilibrium) -> tuple[Any, ...]:
-        """Return the sort key: existing equilibria first, then by energy if it has a value."""
+        """Return the sort key of an equilibrium: existing ones come first, then by energy if it has a value."""
         values = {p: sympy.Rational(x) for p, x in self.statement.defaults.items()}
         energy = number(self.form.read(equilibrium.energy), values)
         return (not equilibrium.exists, round(energy.real, 9) if energy == energy else 0.0)

@@ -23,7 +23,10 @@ _COMPARED = sympy.core.relational.Relational
 
 
 def edges(expr: Any) -> Sequence[Any]:
-    """Return expressions whose zeros are the corners and jumps of an expression from `PlainForm.read`."""
+    """Return the expressions whose zeros are the corners and jumps of `expr`, such as x for |x|.
+
+    `expr` is an expression from `PlainForm.read`.
+    """
     zeros = [node.args[0] for node in sorted(expr.atoms(Magnitude, Direction, Step), key=str)]
     for node in sorted(expr.atoms(sympy.Piecewise), key=str):
         for _, when in node.args:
@@ -132,7 +135,10 @@ class StatedPoint:
         return side.replace(lambda node: node.is_Piecewise, chosen)
 
     def _rounded(self, above: Any, below: Any) -> bool:
-        """Return True if two expressions, of both sides of a corner, differ at the point by rounding of decimals."""
+        """Return True if the expressions `above` and `below` differ at the point only by rounding of decimals.
+
+        They are the formulas on the two sides of a corner.
+        """
         if not above.has(sympy.Float):
             return False
         values = {**dict.fromkeys(self.form.a, sympy.S.Zero), **self.numbers, **self.table}
@@ -140,7 +146,10 @@ class StatedPoint:
         return abs(number(above - below, values)) <= ROUNDED_PIECES * size
 
     def is_zero(self, expr: Any, scale: Any) -> bool:
-        """Return True if an expression is zero at the point. Decimals may differ by 1e-8, relative to `scale` or 1."""
+        """Return True if an expression is zero at the point.
+
+        Decimals may differ from zero by 1e-8, relative to 1 or to the largest number among the expressions `scale`.
+        """
         if not self.decimal or expr.free_symbols:
             return vanishes(self.form, expr)
         size = max([1.0, *(abs(complex(printable(x))) for x in scale if not x.free_symbols)])
@@ -148,7 +157,10 @@ class StatedPoint:
 
 
 def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tuple[Statement, Any, Any]:
-    """Return statement, point and inputs with parameters for input functions. Refuses derivatives of an input."""
+    """Return statement, point and inputs, where a parameter replaces each input that is a function of time.
+
+    Raises StatementError if the statement contains a derivative of an input.
+    """
     listed = [inputs] if isinstance(inputs, str) else entries(inputs, "inputs")
     named = [label_of(entry) for entry in ([inputs] if listed is None else listed)]
     table: dict[Any, Any] = {}
@@ -170,7 +182,11 @@ def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tup
 
 
 def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint:
-    """Return the point `at`, where coordinates, velocities and inputs without an entry are zero."""
+    """Return the expansion point from the mapping `at` of coordinates, velocities and `inputs` to their values.
+
+    Those without an entry are zero; a rotation without an entry is the identity. Raises StatementError if a rotation
+    has rates.
+    """
     values, chosen = stated_values(statement, at, inputs)
     if any(values[velocity_of(q)] != 0 for q in statement.coordinates if rotation_name(q) is not None):
         raise StatementError(
@@ -259,7 +275,7 @@ _SIZE = sympy.Dummy("size", real=True)
 
 
 def small(statement: Statement, about: Any, order: Any) -> Statement:
-    """Return the statement expanded about a point to an order in changes of coordinates and velocities."""
+    """Return the statement expanded about the point `about`, to `order` in changes of coordinates and velocities."""
     return _StatementExpansion(stated_point(statement, about), whole_number(order, "order", 2, HIGHEST)).statement()
 
 

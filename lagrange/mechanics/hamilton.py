@@ -48,7 +48,10 @@ class Legendre:
 
 
 def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
-    """Return the Legendre transform; `symbols` are the momenta. Raises StatementError if velocities do not follow."""
+    """Return the Legendre transform of the Lagrangian; `symbols` are the momenta.
+
+    Raises StatementError if the momenta do not determine the velocities.
+    """
     mass = form.mass
     blocks = coupled_blocks([[entry != 0 for entry in row] for row in mass.tolist()])
     solve = _solved if mass.has(*form.v) else _inverted
@@ -70,7 +73,10 @@ def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
 
 
 def inverse(form: PlainForm, block: Sequence[int]) -> tuple[Any, Any]:
-    """Return adjugate and determinant of a block of the mass matrix. Raises StatementError if it is singular."""
+    """Return adjugate and determinant of the rows and columns `block` of the mass matrix.
+
+    Raises StatementError if this block is singular or too large.
+    """
     if len(block) > LARGEST_COUPLED_BLOCK:
         names = listing(form.statement.names[i] for i in block)
         raise StatementError(
@@ -142,9 +148,11 @@ def _degenerate(form: PlainForm, block: Sequence[int]) -> str:
 
 
 def _solved(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tuple[list[Any], Any]:
-    """Return the velocities of coordinates `block` whose inertia depends on them, and H, or None if H is not known yet.
+    """Return the velocities of the coordinates `block` as functions of the momenta `symbols`, and H.
 
-    `symbols` are the momenta. Of several solutions, the result is the one that reproduces velocities of random states.
+    The inertia of these coordinates depends on their velocities. H is None if it is not known yet. Of several
+    solutions, the result is the one that reproduces velocities of random states. Raises StatementError if there is
+    none.
     """
     candidates = _by_length(form, block, symbols)
     if not candidates and len(block) == 1:
@@ -207,7 +215,7 @@ def _with_roots_together(expression: Any) -> Any:
 
 
 def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], velocities: Sequence[Any]) -> bool:
-    """Return True if formulas of the velocities reproduce them from their momenta, at a few random states."""
+    """Return True if the formulas `velocities` give back the velocities from the momenta of random states."""
 
     def reproduced(point: SamplePoint) -> bool | None:
         values = form.at(point)
@@ -308,7 +316,8 @@ class Hamiltonian(ShownAsPage):
 def hamiltonian(statement: Statement, model: Model, system_of: Callable[[Statement], Any]) -> Hamiltonian:
     """Return Hamilton's form of a statement, tested against its compiled `model`.
 
-    Raises StatementError for constraints, and if the momenta do not determine the velocities.
+    `system_of` returns the System of a statement. Raises StatementError for constraints and rotations, and if the
+    momenta do not determine the velocities.
     """
     if statement.constraints:
         raise StatementError(
@@ -331,7 +340,10 @@ def hamiltonian(statement: Statement, model: Model, system_of: Callable[[Stateme
 def _record(
     form: PlainForm, momenta: list[Any], legendre: Legendre, system_of: Callable[[Statement], Any]
 ) -> Hamiltonian:
-    """Return the `Hamiltonian` of a Legendre transform, with a statement in coordinates and momenta."""
+    """Return the `Hamiltonian` of a Legendre transform, with a statement in coordinates and momenta.
+
+    `momenta` are the functions of time for its symbols. `system_of` returns the System of a statement.
+    """
     statement = form.statement
     back = dict(zip(legendre.symbols, momenta, strict=True))
     in_momenta = dict(zip(form.v, legendre.velocities, strict=True))
@@ -374,7 +386,10 @@ def _record(
 
 
 def _check(form: PlainForm, legendre: Legendre, model: Model) -> None:
-    """Compare H, dH/dp and -dH/dq + Q with the compiled energy, velocities and forces, at random states."""
+    """Raise RunError if H, dH/dp and -dH/dq + Q differ from the compiled energy, velocities and forces.
+
+    They are compared at random states.
+    """
     slopes = [legendre.hamiltonian.diff(p) for p in legendre.symbols]
     pulls = [-legendre.hamiltonian.diff(q) + force for q, force in zip(form.q, form.forces, strict=True)]
 

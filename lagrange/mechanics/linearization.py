@@ -81,7 +81,7 @@ class Linearization(ShownAsPage):
 
     @property
     def without_inertia(self) -> list[int]:
-        """Indices of the velocities without inertia: the rows and columns of M that are zero, with forces in C."""
+        """Indices of the velocities without inertia: row and column of M are zero, and the row of C is not."""
         return [
             k
             for k in range(self.M.rows)
@@ -100,7 +100,11 @@ class Linearization(ShownAsPage):
 
     @cached_property
     def _rates(self) -> Any:
-        """The matrix [A, B]. Raises StatementError if M or C is singular for the velocities that it has to give."""
+        """The matrix [A, B]: A and B side by side.
+
+        C determines the velocities without inertia, and M the accelerations of the others. Raises StatementError if
+        one of these blocks of C and M is singular.
+        """
         massless = self.without_inertia
         massive = [k for k in range(self.M.rows) if k not in massless]
         forces = sympy.Matrix.hstack(-self.K, -self.C.extract(list(range(self.C.rows)), massive), self.input_matrix)
@@ -149,7 +153,10 @@ class Linearization(ShownAsPage):
         )
 
     def _inverse(self, matrix: Any, rows: list[int], name: str) -> Any:
-        """Return the inverse of the block of a matrix with these rows and columns. Raises StatementError."""
+        """Return the inverse of the block of a matrix with the indices `rows` as rows and columns.
+
+        Raises StatementError if the block is singular; `name` is that of the matrix.
+        """
         shortener = Shortener("the inverse of the " + name, vanishes_in_symbols)
         try:
             return shortener.solved(matrix.extract(rows, rows), sympy.eye(len(rows)))
@@ -161,7 +168,10 @@ class Linearization(ShownAsPage):
 
 
 def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
-    """Return the linearization of a system about the point `at`, after comparing it with the compiled model."""
+    """Return the linearization of a system about the point `at`, after comparing it with the compiled model.
+
+    `inputs` are the parameters or given functions of time that are the inputs u.
+    """
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)
     require_values(statement)
@@ -200,7 +210,11 @@ def linearized_at(point: StatedPoint) -> Linearization:
 def _note(
     point: StatedPoint, unbalanced: Sequence[Any], names_of_forces: Sequence[str], balanced: bool, steady: bool
 ) -> str:
-    """Return a sentence on the point: an equilibrium, a steady motion, or the unbalanced forces by name."""
+    """Return a sentence on the point: an equilibrium, a steady motion, or the unbalanced forces by name.
+
+    `unbalanced` are the residual forces at the point, on the coordinates `names_of_forces`. `balanced` is true if
+    they are zero, and `steady` if the linear equations remain valid along the motion.
+    """
     form = point.form
     if balanced and steady:
         on_constraints = " on the constraints" if form.statement.constraints else ""
@@ -224,7 +238,11 @@ INPUT_ERROR = 1e-5
 
 
 def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
-    """Raise RunError if a linearization differs from the compiled model, at stated or random parameters."""
+    """Raise RunError if a linearization differs from the compiled model.
+
+    They are compared at the stated values of the parameters, if all have one. They are also compared at random
+    values, unless the point or the matrices contain decimals.
+    """
     statement = point.form.statement
 
     def at_point(sample: SamplePoint) -> tuple[Any, Any]:
@@ -240,9 +258,10 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
 
 
 def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> tuple[Any, Any]:
-    """Return the rates of x' as rows of A twice, flattened: from the compiled model, and from the linearization.
+    """Return the rates of x' as rows of A, flattened: from the compiled model, and from the linearization.
 
     If a column of B differs, both versions of that column are returned instead. Matrices without values give NaN.
+    `values` are the values of the parameters and t.
     """
     state = numeric(sympy.Matrix([*point.q, *point.v]), values).ravel()
     mass, damping, stiffness, pushes = (numeric(x, values) for x in (lin.M, lin.C, lin.K, lin.input_matrix))
@@ -296,11 +315,12 @@ Rows = Sequence[Sequence[Node]]
 
 
 class Expansion(NamedTuple):
-    """Linear equations M u' + C u + K z = (input matrix) u_input, and z' = the rows `positions` of N u + L z.
+    """Linear equations of small changes about a point: M u' + C u + K z = (input matrix) u_input.
 
-    `matrices` are M, C, K, the input matrix, B, N and L of the module's description, by their names in `Linearization`.
-    `positions` are the indices of the independent coordinates, `speeds` of the coordinates with independent velocities.
-    `unbalanced` are the forces along the latter.
+    z are the changes of independent coordinates, and u those of independent velocities; z' are the rows `positions`
+    of N u + L z. `matrices` has M, C, K, the input matrix, and B, N and L of the module's description, by their names
+    in `Linearization`. `positions` are the indices of the independent coordinates, `speeds` of the coordinates with
+    independent velocities. `unbalanced` are the residual forces along these velocities at the point.
     """
 
     matrices: dict[str, Any]
@@ -310,7 +330,7 @@ class Expansion(NamedTuple):
 
 
 class AtPoint:
-    """Values of expressions and graph nodes of a system at the expansion point."""
+    """Evaluates expressions of a system, given as nodes of its expression graph, at the expansion point."""
 
     def __init__(self, point: StatedPoint) -> None:
         self.point, self.form, self.statement = point, point.form, point.form.statement
@@ -327,7 +347,10 @@ class AtPoint:
         self.shortener = Shortener(f"the linear equations of {self.statement.name} about this point", vanishes)
 
     def matrix(self, rows: Rows, columns: int) -> Any:
-        """Return rows of graph nodes as a matrix of expressions in parameters."""
+        """Return the values of graph nodes at the point, as a matrix of SymPy expressions in parameters.
+
+        `rows` are its rows of nodes, and `columns` is the number of its columns.
+        """
         try:
             nodes = substitute([x for row in rows for x in row], self.here)
         except StatementError:  # a pole at the point
@@ -357,7 +380,7 @@ class AtPoint:
         return [[column(node) for column in columns] for node in listed]
 
     def rates(self, rows: Rows) -> list[list[Node]]:
-        """Return the total time derivatives of nodes in q, v and t, without velocities that are zero at the point."""
+        """Return the total time derivatives of nodes in q, v and t, without terms whose rate is zero at the point."""
         e = self.equations
         motion = (*zip(e.q, e.v, strict=True), *zip(e.v, self.a, strict=True))
         moving = {x: rate for x, rate in motion if self.here[rate] is not e.graph.zero}
@@ -366,7 +389,10 @@ class AtPoint:
 
 
 class DependentCoordinates:
-    """Independent rows G (m, n) of constraint gradients at a point, and m dependent coordinates to solve for."""
+    """Independent rows G (m, n) of constraint gradients at a point, and m dependent coordinates chosen for them.
+
+    The columns of G for the dependent coordinates are a regular matrix.
+    """
 
     def __init__(self, shortener: Shortener, gradient: Any) -> None:
         self.shortener, self.n = shortener, gradient.cols
@@ -382,7 +408,7 @@ class DependentCoordinates:
         return self.shortener.solved(columns, sympy.eye(m))
 
     def solved(self, right: Any) -> Any:
-        """Return X, n rows, with G X = -`right` and zeros for independent coordinates."""
+        """Return the matrix X with G X = -`right`. It has n rows, and those of independent coordinates are zero."""
         whole = sympy.zeros(self.n, right.cols)
         if self.kept:
             below = self.shortener.product(-self.inverse, right)
@@ -397,7 +423,7 @@ class DependentCoordinates:
         return unit + self.solved(self.gradient * unit)
 
     def balance(self, forces: Any) -> Any:
-        """Return lambda with G^T lambda = `forces` in the rows of dependent coordinates."""
+        """Return the multipliers lambda with G^T lambda = `forces` in the rows of dependent coordinates."""
         return self.shortener.product(self.inverse.T, forces.extract(self.dependent, [0]))
 
 
@@ -470,11 +496,12 @@ def expansion(point: StatedPoint) -> Expansion:
 
 
 class TangentMotion:
-    """Small motions on the constraints: x = B z, x' = N u + L z, x'' = N u' + `turned` u + `bent` z.
+    """Small motions x on the constraints: x = B z, x' = N u + L z, x'' = N u' + `turned` u + `bent` z.
 
-    `speeds` and `positions` choose the dependent velocities, from G, and the dependent coordinates, from the gradients
-    of holonomic constraints. `P` has the derivatives of constraints on velocities by coordinates. `rates` are the time
-    derivatives of G, of P and of the gradients of holonomic constraints.
+    z are changes of independent coordinates, and u of independent velocities. `speeds` has the gradient G of all
+    constraints by velocities, and chooses the dependent velocities. `positions` has the gradients of holonomic
+    constraints, and chooses the dependent coordinates. `P` has the derivatives of constraints on velocities by
+    coordinates. `rates` are the time derivatives of G, of P and of the gradients of holonomic constraints.
     """
 
     def __init__(
@@ -521,7 +548,10 @@ def _check(at_point: AtPoint) -> None:
 
 
 def _driven(at_point: AtPoint, mass: Any, left: Any) -> Any:
-    """Return the accelerations of independent velocities that the unbalanced forces `left` cause."""
+    """Return the accelerations of independent velocities that the unbalanced forces `left` cause.
+
+    `mass` is the mass matrix of these velocities.
+    """
     if left.is_zero_matrix or (at_point.point.decimal and all(at_point.point.is_zero(x, ()) for x in left)):
         return sympy.zeros(*left.shape)
     if mass.has(sympy.Float):
@@ -543,7 +573,11 @@ def _driven(at_point: AtPoint, mass: Any, left: Any) -> Any:
 
 
 def _residuals(at_point: AtPoint, gradient: Rows, multipliers: Sequence[Any]) -> list[Node]:
-    """Return M a - h - G^T lambda, where h are the forces and `gradient` is G. Zero accelerations are left out."""
+    """Return the residuals M a - h - G^T lambda of the equations of motion, one node for each coordinate.
+
+    h are the forces, `gradient` is G, and `multipliers` are lambda. Terms with accelerations that are zero are left
+    out.
+    """
     e = at_point.equations
     a = [at_point.here[x] if at_point.here[x] is e.graph.zero else x for x in at_point.a]
     forces = [e.translate(x) for x in multipliers]

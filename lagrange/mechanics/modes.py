@@ -173,7 +173,10 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
 
 
 def _values_of(*matrices: Any) -> Mapping[Any, Any]:
-    """Return distinct numbers for all symbols in matrices, to sort frequencies if parameters have no values."""
+    """Return distinct, arbitrary numbers for all symbols in matrices, by symbol.
+
+    They serve to sort frequencies if parameters have no values.
+    """
     return distinct_values(s for matrix in matrices for x in matrix for s in sorted(x.free_symbols, key=str))
 
 
@@ -189,7 +192,11 @@ def eigenvalues(lin: Linearization, values: Mapping[Any, Any]) -> Any:
 
 
 def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
-    """Return roots and shapes in symbols, None unless a short polynomial has factors of degree one or two."""
+    """Return the modes in symbols, as roots and shapes, or None.
+
+    The result is None if the determinant is too long, if the matrices contain decimals, or if a factor of the
+    determinant is not solved, as of degree above two.
+    """
     s = sympy.Dummy("s")
     plain = lin.C.is_zero_matrix
     pencil = lin.K - s * lin.M if plain else lin.M * s**2 + lin.C * s + lin.K
@@ -215,7 +222,10 @@ def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
 
 
 def _roots(polynomial: Any, x: Any, plain: bool, even: bool) -> list[_Root] | None:
-    """Return the roots of a polynomial in x, or None: x is w^2 if `plain`, s^2 if `even`, else s or a damped pair."""
+    """Return the modes that are roots of a polynomial in x, or None if a factor is not solved.
+
+    x is w^2 if `plain` (no damping), s^2 if `even` (only even powers of s), else the eigenvalue s.
+    """
     roots: list[_Root] = []
     for factor, power in sympy.factor_list(polynomial, x)[1]:
         if not factor.has(x):
@@ -232,9 +242,9 @@ def _roots(polynomial: Any, x: Any, plain: bool, even: bool) -> list[_Root] | No
 
 
 def _of_factor(coefficients: Sequence[Any], plain: bool, even: bool) -> list[_Root] | None:
-    """Return the roots of a polynomial with `coefficients`, the highest power first; None for a degree above two.
+    """Return the modes of a factor with `coefficients`, the highest power first; None if it is not solved.
 
-    The variable is w^2 if `plain`, s^2 if `even`, else s = i w.
+    The variable is w^2 if `plain`, s^2 if `even`, else s = i w. A factor of degree above two is not solved.
     """
     zero = sympy.S.Zero
     if len(coefficients) == 2:
@@ -298,7 +308,10 @@ def _neat(expression: Any) -> Any:
 
 
 def _shape(matrix: Any, skipped: int) -> Any:
-    """Return null vector number `skipped` of a matrix, with 1 as first non-zero entry; None if there are fewer."""
+    """Return the null vector of a matrix with index `skipped`, scaled to 1 as first non-zero entry, or None.
+
+    It is None if the matrix has fewer null vectors.
+    """
     adjugate = matrix.adjugate()
     values = _values_of(matrix)
     sizes = [abs(number(x, values)) for x in adjugate]

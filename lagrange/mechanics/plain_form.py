@@ -255,9 +255,10 @@ FORMULA_DIGITS = 30
 
 @dataclass(frozen=True, eq=False)
 class PlainForm:
-    """Energies, momenta and equations of a statement in plain symbols q, v, a.
+    """Energies, momenta and equations of a statement, in symbols q, v, a in place of functions of time.
 
-    The residual of coordinate i is dp_i/dt - dL/dq_i + dD/dv_i - Q_i, without the forces of constraints.
+    q are coordinates, v velocities and a accelerations. The residual of coordinate i is dp_i/dt - dL/dq_i + dD/dv_i -
+    Q_i, without the forces of constraints.
     """
 
     statement: Statement

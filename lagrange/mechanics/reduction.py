@@ -70,7 +70,10 @@ def rewritten(
 
 
 def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
-    """Return `statement.reading` if the new `coordinates` contain all rotations; else the statement itself."""
+    """Return the form of a statement that states its rotations by small turns; else the statement itself.
+
+    It is `statement.reading`. It is returned only if the new `coordinates` contain all quaternions of the rotations.
+    """
     kept = all(q in coordinates for name in statement.rotations for q in rotation_of(name).quaternion)
     return statement.reading if statement.reading is not None and kept else statement
 
@@ -160,7 +163,10 @@ def reduced(statement: Statement, requests: Sequence[Any]) -> Statement:
 
 
 def _requests(request: Any, statement: Statement) -> list[tuple[str, Any]]:
-    """Return (name of a coordinate, its expression or None) for each coordinate to eliminate that a request names."""
+    """Return (name, expression or None) for each coordinate that a user's request eliminates.
+
+    The expression is the one that the user gives for the coordinate.
+    """
     if isinstance(request, Mapping):
         return [(_named(key, statement), value) for key, value in request.items()]
     constraints = {constraint.name: constraint for constraint in statement.constraints}
@@ -257,7 +263,10 @@ def _check_initial(statement: Statement, name: str, solved: Any) -> None:
 
 
 def _solved(constraints: Sequence[Constraint], name: str, statement: Statement) -> tuple[Constraint, Any]:
-    """Return the first constraint that determines a coordinate, and its expression. Raises StatementError."""
+    """Return the first constraint that determines the coordinate `name`, and the coordinate's expression.
+
+    Raises StatementError if none does.
+    """
     for constraint in constraints:
         solution = _solution(constraint, name, statement)
         if solution is not None:
@@ -266,7 +275,7 @@ def _solved(constraints: Sequence[Constraint], name: str, statement: Statement) 
 
 
 def _refusal(constraints: Sequence[Constraint], name: str, statement: Statement) -> str:
-    """Return the error message for a coordinate that no constraint determines, from the constraints with it."""
+    """Return the error message for the coordinate `name` that none of the `constraints` with it determines."""
     if not constraints:
         return f"{name} is in no constraint, so it cannot be eliminated: it moves freely."
     holonomic = [constraint for constraint in constraints if constraint.holonomic]

@@ -42,7 +42,10 @@ class GivenUpError(Exception):
 
 
 def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[dict[Any, Any]] | None:
-    """Return all real solutions {unknown: value} of equations e = 0, without arbitrary unknowns; None if not solved."""
+    """Return all real solutions {unknown: value} of equations e = 0, or None if the equations are not solved.
+
+    An unknown that stays arbitrary has no entry.
+    """
     if sum(map(size, equations)) > LONGEST_SYSTEM:
         return None
     try:
@@ -60,7 +63,7 @@ def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[dict[Any, 
 
 
 def _is_complex(value: Any) -> bool:
-    """Return True if a value is infinite or not real for all values of the parameters."""
+    """Return True if a value is infinite, or is not real whatever the values of the parameters are."""
     if value.is_extended_real is False or value.has(sympy.zoo, sympy.nan, sympy.oo):
         return True
     return bool(value.is_number) and abs(complex(value.evalf(20)).imag) > 1e-12
@@ -69,7 +72,11 @@ def _is_complex(value: Any) -> bool:
 def _follow(
     equations: Sequence[Any], unknowns: tuple[Any, ...], known_values: dict[Any, Any], left: list[int]
 ) -> list[dict[Any, Any]]:
-    """Return the solutions of the remaining equations, with the known values; `left` is [branches left]."""
+    """Return the solutions of the remaining equations, each together with the known values.
+
+    `left` is a list with one entry, the number of branches that may still be tried. Raises GivenUpError if an
+    equation is too long or no branch is left.
+    """
     remaining = []
     for equation in equations:
         numerator = sympy.numer(sympy.together(simplest(equation)))
@@ -233,7 +240,10 @@ def _together(equations: Sequence[Any], unknowns: Sequence[Any], known_values: d
 
 
 def _is_binomial(equation: Any, x: Any) -> bool:
-    """Return True if each factor has degree at most two, or is a x^n + b: other real roots contain complex numbers."""
+    """Return True if each factor of an equation in x has degree at most two, or is a x^n + b.
+
+    Formulas for real roots of other factors contain complex numbers.
+    """
     factors = [sympy.Poly(factor, x) for factor, _ in sympy.factor_list(equation, x)[1] if factor.has(x)]
     return all(len(factor.terms()) <= 2 or factor.degree() <= 2 for factor in factors)
 
@@ -303,7 +313,11 @@ def numeric_roots(
 
 
 def _starts(start: FloatArray, is_angle: Any, magnitudes: FloatArray, helpers: int) -> FloatArray:
-    """Return starting points (k + helpers, STARTS): `start`, zero, and random points of several magnitudes."""
+    """Return starting points for Newton's method, the columns of an array (k + helpers, STARTS).
+
+    They are `start` (k,), zero, and random points: angles between -pi and pi, other unknowns of the order of their
+    `magnitudes` (k,). The last `helpers` unknowns start at zero.
+    """
     draw, k = np.random.default_rng(0), len(start)
     sizes = magnitudes[:, None] * 10.0 ** draw.uniform(-1.0, 1.0, STARTS)
     turns = draw.uniform(-np.pi, np.pi, (k, STARTS))
@@ -313,7 +327,10 @@ def _starts(start: FloatArray, is_angle: Any, magnitudes: FloatArray, helpers: i
 
 
 def _wrapped(x: FloatArray, turning: Any) -> FloatArray:
-    """Return unknowns x with angles, where `turning`, reduced to (-pi, pi]; values below 1e-12 become zero."""
+    """Return the unknowns x, with angles reduced to (-pi, pi], and values below 1e-12 replaced by zero.
+
+    `turning` is true for unknowns that are angles.
+    """
     turns = np.ceil(x / (2 * np.pi) - 0.5 - 1e-9)
     wrapped = np.where(turning, x - 2 * np.pi * turns, x)
     return np.where(np.abs(wrapped) < 1e-12, 0.0, wrapped)
@@ -337,7 +354,10 @@ class _NumericEquations:
         return rows[:m], np.moveaxis(rows[m:].reshape(m, k, columns), 2, 0)
 
     def newton(self, x: FloatArray, longest: FloatArray) -> tuple[FloatArray, Any]:
-        """Return end points of Newton's method from x (k, N), steps at most `longest` (k,), and convergence (N,)."""
+        """Return the end points (k, N) of Newton's method from the columns of x (k, N), and where it converged, (N,).
+
+        A step changes each unknown by at most its entry in `longest` (k,).
+        """
         good, limit = np.zeros(x.shape[1], dtype=bool), 0.0
         for _ in range(NEWTON_STEPS):
             r, slopes = self.at(x)

@@ -52,9 +52,10 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
 
 
 class _InTurns:
-    """The equations of a derivation, in small turns of the bodies, and their derivatives at a point.
+    """The equations of motion of bodies with rotations, in small turns, and their derivatives at a point.
 
-    In the expressions, `symbols` replace the leaves: coordinates, rates and entries of rotations.
+    In the expressions, `symbols` replace the leaves: coordinates, rates, entries of rotations, accelerations,
+    multipliers and inputs.
     """
 
     def __init__(self, system: Stated, at: Any, inputs: Any) -> None:
@@ -93,7 +94,10 @@ class _InTurns:
         return [self.values[q] for q in each.quaternion], [self.values[velocity_of(q)] for q in each.quaternion]
 
     def value(self, expression: Any, more: Mapping[Any, Any]) -> Any:
-        """Return the value at the point of an expression in `symbols`; `more` has values of leaves without one."""
+        """Return the value of an expression in `symbols` at the point.
+
+        `more` has the accelerations and multipliers.
+        """
         table = {self.symbols[leaf]: value for leaf, value in (*self.here.items(), *more.items())}
         return simplest(expression.xreplace(table))
 
@@ -111,7 +115,10 @@ class _InTurns:
         )
 
     def slopes(self, leaves: Sequence[Any], more_values: Mapping[Any, Any]) -> Any:
-        """Return the derivatives of the residuals by leaves at the point, with values of leaves that lack one there."""
+        """Return the derivatives of the residuals by `leaves` at the point, a matrix with a row for each residual.
+
+        `more_values` has the accelerations and multipliers at the point.
+        """
         rows = [[self.value(law.diff(self.symbols[leaf]), more_values) for leaf in leaves] for law in self.laws]
         return sympy.Matrix(self.n, len(leaves), list(chain(*rows)))
 
@@ -142,7 +149,10 @@ class _InTurns:
         )
 
     def constrain(self) -> None:
-        """Set gradients, independent coordinates and velocities. Raises StatementError off the constraints."""
+        """Set the gradients of the constraints, and choose independent coordinates and velocities.
+
+        Raises StatementError for a point off the constraints.
+        """
         constraints = [(c, c.expression.xreplace(self.symbols)) for c in self.read.constraints]
         holonomic, speeds = [phi for c, phi in constraints if c.holonomic], [self.symbols[v] for v in self.velocities]
         self.levels = [
@@ -172,7 +182,10 @@ class _InTurns:
             raise StatementError("the constraints are dependent at this point, so that it has no linearization.")
 
     def at_point(self, matrix: Any, more: Mapping[Any, Any]) -> Any:
-        """Return the value at the point of a matrix in `symbols`; `more` has values of leaves without one."""
+        """Return the value of a matrix of expressions at the point.
+
+        `more` has the accelerations and multipliers.
+        """
         return matrix.applyfunc(lambda entry: self.shortener.short(self.value(entry, more)))
 
     @cached_property
@@ -200,7 +213,7 @@ class _InTurns:
 
     @cached_property
     def tangent(self) -> TangentMotion:
-        """Small motions on the constraints."""
+        """The small motions about the point that the constraints allow."""
         everywhere = list(range(self.n))
         G, P = (each.extract(self.speeds.kept, everywhere) for each in (self.G, self.P))
         Phi = self.Phi.extract(self.positions.kept, everywhere)
@@ -208,7 +221,10 @@ class _InTurns:
         return TangentMotion(self.speeds, self.positions, self.at_point(P, self.still), (g_rate, p_rate, phi_rate))
 
     def swirl(self, rates_column: Any) -> Any:
-        """Return the matrix W (n, n) of the cross product w x for each body, with w in the rows of its turns."""
+        """Return the matrix W (n, n) whose product with small turns is the cross product with the rates of each body.
+
+        The rates of a body are the rows of its turns in `rates_column`.
+        """
         matrix = sympy.zeros(self.n, self.n)
         for first, _ in self.bodies():
             matrix[first : first + 3, first : first + 3] = cross_matrix(rates_column[first : first + 3])
@@ -273,10 +289,10 @@ class _InTurns:
             raise RunError(f"the linear equations of {statement.name} differ from its compiled model. {FAULT}")
 
     def _changes(self, y: FloatArray, pushed: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the changes of the statement's coordinates, velocities and accelerations that small turns cause.
+        """Return matrices of the changes that small turns cause in quantities of the statement.
 
-        They are matrices: the first two multiply changes (x, x'), the last one (x, x', x''). `y` is the state, and
-        `pushed` has the accelerations in turns.
+        The quantities are its coordinates, velocities and accelerations. The first two matrices multiply the changes
+        (x, x'), the last one (x, x', x''). `y` is the state, and `pushed` has the accelerations in turns.
         """
         n, whole = self.n, len(self.statement.coordinates)
         changes = np.zeros((3, whole, 3 * n))

@@ -112,7 +112,10 @@ def has_inertia(lin: Linearization) -> bool:
 
 
 def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the leading minors of K at fixed momenta of `gone`: all positive means stable. Empty if M is singular."""
+    """Return the leading minors of K at fixed momenta of the ignorable coordinates with the indices `gone`.
+
+    If all are positive, the energy has a minimum. The result is empty if M is singular.
+    """
     if not has_inertia(lin):
         return ()
     _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, gone)
@@ -120,7 +123,7 @@ def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
 
 
 def _symbolic_verdict(lin: Linearization, form: PlainForm, ignorable_rows: tuple[int, ...]) -> Verdict:
-    """Return a verdict for all values of the parameters, from signs that SymPy can prove."""
+    """Return the verdict on stability for all values of the parameters, from signs that SymPy can prove."""
     minors = criterion(lin, ignorable_rows)
     if any(minor.is_negative for minor in minors[:-1]):
         return Verdict(None, "the energy has no minimum there, and eigenvalues need values of the parameters.")
@@ -167,7 +170,8 @@ def ignorable(form: PlainForm) -> tuple[int, ...]:
 def at_fixed_momenta(mass: Any, damping: Any, stiffness: Any, gone: tuple[int, ...]) -> tuple[Any, Any, Any]:
     """Return M, C and K of the other coordinates while the ignorable coordinates `gone` keep their momenta.
 
-    The momentum M_IR v_R + M_II v_I + C_IR q_R is constant, which gives v_I. The matrices are arrays or SymPy matrices.
+    With I for the ignorable coordinates and R for the others, the momentum M_IR v_R + M_II v_I + C_IR q_R is
+    constant, which gives v_I. The matrices are arrays or SymPy matrices.
     """
     if not gone:
         return mass, damping, stiffness
@@ -366,7 +370,10 @@ def _on_constraints(point: StatedPoint) -> Linearization:
 
 
 def _matrix(lin: Linearization | None, model: Model, state: FloatArray, parameters: Any) -> FloatArray | None:
-    """Return the first-order matrix at values of the parameters, or None if it is not finite."""
+    """Return the matrix of the first-order linear equations at values of the parameters, or None if not finite.
+
+    It follows from the linearization `lin`. If that is None, it is the compiled Jacobian at the state (2n,).
+    """
     if lin is None:
         return model.jacobian(0.0, state, parameters)
     exact = {p: sympy.Rational(x) for p, x in parameters.items()}
@@ -427,7 +434,7 @@ def _expected(known: Sequence[int], rows: Any, values: FloatArray, value: float)
 
 
 def _matched(eigenvalues: Any, before: Any) -> Any:
-    """Return eigenvalues in the order that best continues those `before`; sorted if `before` is None."""
+    """Return the eigenvalues in the order that best continues `before`; sorted if `before` is None."""
     from scipy.optimize import linear_sum_assignment
 
     ordered = np.sort_complex(np.asarray(eigenvalues))

@@ -57,7 +57,10 @@ class BodyPosition:
 
 
 def place(stated: StatedAlgebra) -> BodyPosition | None:
-    """Return the position of a statement's single body, or None if no entry of PLACINGS gives its kinetic energy."""
+    """Return the position of the only body of a statement, or None if its kinetic energy is not mass |v|^2 / 2.
+
+    The position vectors in `PLACINGS`, such as polar and spherical coordinates, are tried.
+    """
     mass = _mass(stated)
     for placing in PLACINGS.get(len(stated.q), ()) if mass is not None else ():
         for order in permutations(range(len(stated.q))):
@@ -255,7 +258,10 @@ class SymmetryEquation:
         return algebra.merge_angles(algebra.add(*parts))
 
     def completed(self, symmetry: Symmetry) -> Symmetry | None:
-        """Return the symmetry with the gauge function F whose rate is its defect, or None if no F is found."""
+        """Return the symmetry with the gauge function F that makes its defect zero, or None if no F is found.
+
+        The defect is the time derivative of p . xi - tau E.
+        """
         defect = self.defect(symmetry)
         if not self._differs(defect):
             return symmetry
@@ -290,7 +296,11 @@ class SymmetryEquation:
         return gauge if not canonical(algebra, left) else S.Zero
 
     def _total(self, defect: MonomialSum, slopes: Sequence[MonomialSum]) -> bool:
-        """Return False if no F exists, since its derivatives, `slopes`, contain velocities or contradict each other."""
+        """Return False if the defect is not the time derivative of any function F(q, t).
+
+        `slopes` are its derivatives by velocities. They would be dF/dq, and must not contain velocities or contradict
+        each other.
+        """
         stated, algebra = self.stated, self.stated.algebra
         if any(algebra.free(k) & frozenset(stated.v) for terms in slopes for monomial in terms for k, _ in monomial):
             return False
@@ -350,7 +360,7 @@ MOST_PAIRED = 6
 
 
 def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield shifts of time, of each coordinate, of the coordinates of one axis, such as x1 and x2, and of all."""
+    """Yield shifts as candidates: of time, each coordinate, the coordinates of one axis (as x1 and x2), and all."""
     n, names = len(stated.q), stated.statement.names
     yield Symmetry((S.Zero,) * n, S.One)
     groups = [{i} for i in range(n)]

@@ -118,7 +118,7 @@ def transformed(
 ) -> Statement:
     """Return the statement in new coordinates, tested against the `model` in old ones.
 
-    `given` maps old coordinates to expressions in new ones, `positive` lists new coordinates that are positive.
+    `expressions` maps old coordinates to expressions in new ones, `positive` lists new coordinates that are positive.
     `parameters` has values for parameters that are new in the expressions. `initial` is the initial state in the new
     coordinates; None computes it from the stated one.
     """
@@ -210,7 +210,7 @@ def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
 
 
 def _preference(solution: FloatArray, is_angle: Sequence[bool]) -> tuple[int, float]:
-    """Return a sort key for solutions: positive lengths first, then small values."""
+    """Return a sort key for initial states in new coordinates: positive lengths first, then small values."""
     negative = sum(x < -START_RESIDUAL for x, angle in zip(solution, is_angle, strict=True) if not angle)
     return negative, round(float(np.abs(solution).sum()), 9) - 1e-10 * float(solution.sum() > 0)
 
@@ -218,7 +218,7 @@ def _preference(solution: FloatArray, is_angle: Sequence[bool]) -> tuple[int, fl
 def _transformation(statement: Statement, expressions: Mapping[Any, Any], positive: Any) -> Transformation:
     """Return the user's transformation. Raises StatementError if it is not one.
 
-    `given` maps old coordinates to expressions in new ones, `positive` lists new coordinates that are positive.
+    `expressions` maps old coordinates to expressions in new ones, `positive` lists new coordinates that are positive.
     """
     if not isinstance(expressions, Mapping) or not expressions:
         raise StatementError(
@@ -326,7 +326,10 @@ def _check(change: Transformation, statement: Statement, model: Model) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Routh:
-    """Routh's procedure in plain symbols: its parts for the ignored coordinates, which have these `indices`."""
+    """Routh's procedure: the formulas that remove ignored coordinates from a system, in plain symbols.
+
+    `indices` are the indices of the ignored coordinates.
+    """
 
     form: PlainForm
     indices: tuple[int, ...]
@@ -473,7 +476,10 @@ def _check_ignorable(form: PlainForm, i: int) -> None:
 
 
 def _check_routhian(routh: Routh, model: Model) -> None:
-    """Compare velocities of ignored coordinates, and forces and momenta of the others, with the compiled model."""
+    """Raise RunError if the formulas of Routh's procedure differ from the compiled model at random states.
+
+    They are the velocities of ignored coordinates, and the forces and momenta of the others.
+    """
     form = routh.form
     kinetic, potential = routh.routhian
     left = [i for i in range(len(form.q)) if i not in routh.indices]

@@ -20,7 +20,7 @@ MOST_CHANGES = 3
 
 
 def card_of(solution: Solution) -> dict[str, Any]:
-    """Return the data of the card as a dict for JSON; numbers that are not finite are None."""
+    """Return the data of the status card of a run, as a dict for JSON; numbers that are not finite are None."""
     card: dict[str, Any] = {
         "system": solution.model.statement.name,
         "target": solution.model.target,
@@ -71,12 +71,12 @@ def _energy(solution: Solution) -> dict[str, Any] | None:
 
 
 def card_text(solution: Solution) -> str:
-    """Return the card as a table for a terminal."""
+    """Return the status card of a run as a table for a terminal."""
     return f"{_heading(solution)}\n{text_table(('', ''), [*_lines(solution)])}"
 
 
 def card_html(solution: Solution) -> str:
-    """Return the card as an HTML table for a notebook, with the plot under it."""
+    """Return the status card of a run as an HTML table for a notebook, with the plot of the run under it."""
     heading = _heading(solution)
     drawn = image(solution.plot(), f"plot of {heading}") if len(solution.t) else ""
     return pairs(heading, [*_lines(solution)]) + drawn

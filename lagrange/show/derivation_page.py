@@ -101,12 +101,13 @@ class Page(ABC):
 
     @abstractmethod
     def write(self, sections: Sequence[Section]) -> str:
-        """Return the whole page."""
+        """Return the derivation that consists of `sections` as a whole page."""
 
     def heading(self, section: Section, quoted: Callable[[str], str], formula: str) -> str:
         """Return the text of a section's heading.
 
-        `quoted` escapes words, and `formula` is the format string for the symbol that the section is about.
+        `quoted` escapes its words. `formula` is a format string, such as "${}$", for the symbol that the section is
+        about.
         """
         words = quoted(section.heading)
         return words if section.symbol is None else f"{words} {formula.format(self.lines.sides.side(section.symbol))}"
@@ -116,7 +117,7 @@ class TextPage(Page):
     """Writer of plain text, spelled as in scene files: theta_dot for a velocity, theta_ddot for an acceleration."""
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return a text of headings and indented rows."""
+        """Return a derivation as plain text: the heading of each section, and its rows, indented."""
         lines = [plain_text(self.title)]
         lines += [plain_text(text) for text in (self.above.author, self.above.date, self.above.problem) if text]
         for section in sections:
@@ -126,7 +127,7 @@ class TextPage(Page):
         return "\n".join(line.rstrip() for line in lines) + "\n"
 
     def row(self, row: Formula | str) -> list[str]:
-        """Return the lines of a row; continuation lines are indented once more."""
+        """Return the lines of a formula or a sentence; continuation lines are indented once more."""
         if isinstance(row, str):
             return [plain_text(row)]
         lines: list[str] = []
@@ -172,7 +173,7 @@ class LatexPage(Page):
         return f"{line.left} = {line.right}" if line.left else line.right
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return a complete LaTeX document."""
+        """Return a derivation as a complete LaTeX document."""
         lines = [
             "\\documentclass[a4paper]{article}",
             "\\usepackage[T1]{fontenc}",
@@ -198,7 +199,7 @@ class LatexPage(Page):
         return text + "\n\n\\end{document}\n"
 
     def rows(self, rows: Sequence[Formula | str]) -> Iterator[str]:
-        """Yield the rows as LaTeX: sentences and formulas. Short formulas are side by side."""
+        """Yield the rows of a section as LaTeX: sentences and formulas. Short formulas are side by side."""
         for spoken, part in groupby(rows, lambda row: isinstance(row, str)):
             if spoken:
                 yield from map(self.row, part)
@@ -230,7 +231,7 @@ class LatexPage(Page):
         return shown
 
     def row(self, row: Formula | str) -> str:
-        """Return a paragraph, or a formula on its own lines."""
+        """Return a sentence as a paragraph of LaTeX, or a formula on its own lines."""
         if isinstance(row, str):
             return self.sentence(row, latex_text) + "\\par"
         lines = self.lines.formula(row)
@@ -241,7 +242,7 @@ class MarkdownPage(LatexPage):
     """Writer of Markdown with LaTeX formulas."""
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return Markdown with headings, sentences, and formulas between double dollar signs."""
+        """Return a derivation as Markdown with headings, sentences, and formulas between double dollar signs."""
         lines = [f"# {markdown_text(self.title)}"]
         for text in (self.above.author, self.above.date, self.above.problem):
             lines += ["", markdown_text(text)] if text else []
@@ -264,7 +265,7 @@ class HtmlPage(Page):
     notation = MathmlNotation
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return a complete HTML page that loads no other file."""
+        """Return a derivation as a complete HTML page that loads no other file."""
         title = escape(plain_text(self.title))
         above = (self.above.author, self.above.date, self.above.problem)
         paragraphs = "".join(f"<p>{escape(plain_text(text))}</p>\n" for text in above if text)
@@ -276,7 +277,7 @@ class HtmlPage(Page):
         )
 
     def section(self, section: Section) -> str:
-        """Return a section that folds; a long section is folded when the page opens."""
+        """Return the HTML of a section that folds; a long section is folded when the page opens."""
         rows = [self.row(row) for row in section.rows]
         long = sum(row.count("<mtr class") or 1 for row in rows) > LONG_SECTION
         return self.folding(section, "\n".join(rows), folded=long)
@@ -287,7 +288,7 @@ class HtmlPage(Page):
         return f"<details{'' if folded else ' open'}><summary>{heading}</summary>\n{inside}\n</details>\n"
 
     def row(self, row: Formula | str) -> str:
-        """Return a paragraph with a sentence or a formula."""
+        """Return a sentence or a formula as a paragraph of HTML."""
         if isinstance(row, str):
             return f"<p>{escape(plain_text(row))}</p>"
         lines = self.lines.formula(row)

@@ -207,7 +207,7 @@ _Record = TypeVar("_Record")
 
 
 def shown_as(kind: type[_Record], data: Any) -> _Record:
-    """Return the record `data` as an instance of `kind`, a subclass with a picture."""
+    """Return `data` as an instance of `kind`, a subclass of its class that adds a picture."""
     return kind(**{field.name: getattr(data, field.name) for field in fields(data)})
 
 

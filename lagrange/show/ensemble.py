@@ -79,8 +79,9 @@ MOST_DRAWN = 1_000_000
 class Ensemble:
     """Runs of one model from many starts, or with many parameters; member i is the same in every array.
 
-    `problem` is the run of the first member. `columns` are the kept quantities. `form` says how members were run. `ran`
-    is the number of members run by this call; the others were in the store before, or were not run. `wall` is in
+    `table` has the varied quantities, and `results` the results of all members. `columns` describe the kept
+    quantities. `problem` is the run of the first member. `form` says how members were run. `ran` is the number of
+    members run by this call; the others were in the store before, or were not run. `wall` is the time of the call in
     seconds. `explain(i)` runs member i again for its message.
     """
 
@@ -160,7 +161,10 @@ class Ensemble:
         return label
 
     def _kept(self, column: str, name: str) -> Any:
-        """Return a column of kept quantities. Raises StatementError, which calls it `name`, if it was not kept."""
+        """Return the values of a kept quantity, `column`. Raises StatementError if it was not kept.
+
+        The message of the error tells the user to add `name` to `keep`.
+        """
         if all(kept.name != column for kept in self.columns):
             raise StatementError(f'{column} was not kept: add "{name}" to keep, as in keep=("end", "{name}").')
         return self.results.column(column)
@@ -404,14 +408,14 @@ def ensemble(
     Method, tolerances, `t_eval` and `events` are those of a run. `keep` names the quantities kept for each member:
     "end", "counts", "drift", ("events", k), ("max", x), ("min", x) and ("mean", x) for an expression x.
 
-    Members run in parallel lanes of machine code if the method is explicit, the system has no constraints or switching
-    surfaces and no event has a reset; else one by one. `workers` is the number of threads, by default one for each
-    core. With an `executor`, of `concurrent.futures` or a `dask.distributed.Client`, they run on its workers. With a
-    `store`, the name of a folder such as "runs.zarr", results are written there block by block and not kept in memory;
-    the same call continues where an earlier one stopped. `progress` shows the finished members, their rate and the time
-    left, in a terminal and in a notebook; "lines" also prints a line from time to time elsewhere. The result of a
-    member does not depend on the others, nor on where it runs. Its failure is in `.status` and `.messages`; after
-    Ctrl-C members that were not run are INTERRUPTED.
+    Members run several at a time, in vector registers, if the method is explicit, the system has no constraints or
+    switching surfaces and no event has a reset; else one by one. `workers` is the number of threads, by default one
+    for each core. With an `executor`, of `concurrent.futures` or a `dask.distributed.Client`, they run on its
+    workers. With a `store`, the name of a folder such as "runs.zarr", results are written there block by block and
+    not kept in memory; the same call continues where an earlier one stopped. `progress` shows the finished members,
+    their rate and the time left, in a terminal and in a notebook; "lines" also prints a line from time to time
+    elsewhere. The result of a member does not depend on the others, nor on where it runs. Its failure is in `.status`
+    and `.messages`; after Ctrl-C members that were not run are INTERRUPTED.
 
     Raises StatementError for invalid arguments, RunError if an executor or a disk fails.
     """

@@ -45,7 +45,10 @@ _WIDTH = 125
 
 
 def plot(race: Race, style: Any = "light") -> Figure:
-    """Return a figure of error against time. Raises StatementError if no run reached the end."""
+    """Return the figure of a race: the error of each method against its computing time.
+
+    Raises StatementError if no run reached the end.
+    """
     look = style_of(style)
     shown = [entry for entry in race if entry.complete and 0 < entry.error < float("inf")]
     if not shown:
@@ -83,7 +86,7 @@ def plot(race: Race, style: Any = "light") -> Figure:
 
 
 def _below(race: Race, shown: list[Entry]) -> list[str]:
-    """Return the sentences below the picture."""
+    """Return the sentences below the picture of a race; `shown` are the runs in the picture."""
     failed = len(race) - len(shown)
     below = [f"Reference: {race.result.reference.about}, known to {race.uncertainty:.1e}."]
     below += [f"{failed} of {len(race)} runs did not reach the end and are not shown."] if failed else []
@@ -212,7 +215,7 @@ class Race:
 
     @property
     def growth(self) -> float:
-        """Largest factor by which a relative error grows until the end."""
+        """Largest factor by which a relative error of the state grows from some time of the run to its end."""
         return self.result.sensitivity.growth
 
     @property

@@ -38,7 +38,7 @@ def stored_between(run: Trajectory) -> dict[str, FloatArray]:
 
 
 def known_alone(run: Trajectory) -> OutputPath | None:
-    """Return the states that a run without dense output has; None for a run with dense output."""
+    """Return the states of a run without dense output, with their times; None for a run with dense output."""
     return run.dense if isinstance(run.dense, OutputPath) and run.dense.path is None else None
 
 
@@ -58,7 +58,7 @@ def states_for_pictures(solution: Solution, t: FloatArray) -> FloatArray:
 
 
 class _Between:
-    """Polynomials between the known states of a run, in increasing time."""
+    """Polynomials in time between the known states of a run that has no dense output, in increasing time."""
 
     def __init__(self, solution: Solution, known: OutputPath) -> None:
         order = slice(None, None, 1 if known.times[-1] >= known.times[0] else -1)
@@ -70,7 +70,7 @@ class _Between:
         return self.solution.model.rhs(t, np.ascontiguousarray(y), self.solution.parameters_at(t))
 
     def __call__(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return states (2n, K) and accelerations (n, K) at times (K,)."""
+        """Return the interpolated states (2n, K) and accelerations (n, K) at times (K,)."""
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
         h = self.t[k + 1] - self.t[k]
         s = (t - self.t[k]) / h
@@ -84,10 +84,11 @@ class _Between:
         return np.vstack([position, speed]), (2 * a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / h**2
 
     def test(self) -> None:
-        """Raise StatementError if a polynomial does not satisfy the equations of motion in the middle of its interval.
+        """Raise StatementError if a polynomial has too large an error in the middle of its interval.
 
-        For an interval of length h there is a constant c such that the error in the middle is c h^6/64, and the error
-        of the second derivative there is 3 c h^4/8.
+        The error is estimated from the error of the acceleration by the equations of motion. For an interval of
+        length h there is a constant c such that the error in the middle is c h^6/64, and 3 c h^4/8 is that of the
+        acceleration.
         """
         h = np.diff(self.t)
         apart = np.flatnonzero(h > 0)

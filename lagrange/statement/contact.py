@@ -59,11 +59,11 @@ class Contact:
 
     @property
     def expressions(self) -> tuple[Any, ...]:
-        """All expressions of the contact."""
+        """All expressions of the contact: gap, components of the slip, restitution, static and kinetic friction."""
         return (self.gap, *self.slip, self.restitution, *self.friction)
 
     def mapped(self, change: Any) -> Contact:
-        """Return the contact with a function applied to each of its expressions."""
+        """Return the contact with the function `change` applied to each of its expressions."""
         gap, restitution = change(self.gap), change(self.restitution)
         static, kinetic = map(change, self.friction)
         return Contact(gap, tuple(map(change, self.slip)), restitution, (static, kinetic), self.name)
@@ -146,10 +146,11 @@ def gap(name: str) -> Any:
 
 
 def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints: tuple[Any, ...]) -> dict[str, Any]:
-    """Return the fields of `Statement` on contacts; `table` maps names to contacts, checked against the constraints.
+    """Return the fields `contacts` and `simultaneous` of a Statement, checked.
 
-    The symbols and functions of the contacts are added to the survey. Raises StatementError for a gap without
-    coordinates, a slip that is not linear in velocities, and a name that is taken.
+    `table` maps names to contacts. `simultaneous` is the law for impacts at one instant, or None. The symbols and
+    functions of the contacts are added to `survey`. Raises StatementError for a gap without coordinates, a slip that
+    is not linear in velocities, and a name that a constraint or another contact has.
     """
     contacts = tuple(_named(table))
     taken = [constraint.name for constraint in constraints]

@@ -19,7 +19,7 @@ from lagrange.statement.vocabulary.words import FUNCTIONS
 
 
 class DeclaredOrder:
-    """Register of the calls that declared names. It determines the order of the names in a statement.
+    """Register of the calls that declared coordinates or parameters. It determines their order in a statement.
 
     `of` searches back for the latest calls that together declare all names of the statement, and takes their order.
     Earlier declarations have no effect. So a program that declares its names gets the same order, whatever other
@@ -45,7 +45,10 @@ class DeclaredOrder:
                     del self.calls[call]
 
     def of(self, leaves: Iterable[tuple[str, Any]]) -> list[Any]:
-        """Return the leaves of (name, leaf) pairs: declared names in order of declaration, then the others as given."""
+        """Return symbols in the order of their declaration, and after them the undeclared ones in the order given.
+
+        `leaves` are pairs (name, symbol), where a symbol is a coordinate or a parameter.
+        """
         pairs = list(leaves)
         names = {name for name, _ in pairs}
         with self._lock:
@@ -71,7 +74,10 @@ differ."""
 
 
 def check_name(name: str, what: str) -> str:
-    """Return the name. Raises StatementError unless it is a letter, then letters, digits or underscores, at most 64."""
+    """Return `name`. Raises StatementError unless it is a letter, then letters, digits or underscores, at most 64.
+
+    `what` is the kind of the named object in the message, such as "coordinate".
+    """
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise StatementError(
             f"{shown(name)} cannot name a {what}: a name starts with a letter, goes on with letters, digits and "
@@ -81,7 +87,10 @@ def check_name(name: str, what: str) -> str:
 
 
 def check_symbol(name: str, what: str) -> str:
-    """Return the name of a coordinate or parameter. Raises StatementError for a word of Python or a scene."""
+    """Return `name`, of a coordinate or parameter. Raises StatementError for a word of Python or of scene files.
+
+    `what` is the kind of the named object in the message, such as "coordinate".
+    """
     meaning = PREDEFINED.get(check_name(name, what), "a function" if name in FUNCTIONS else "")
     if not meaning and keyword.iskeyword(name):
         meaning = "a reserved word of Python"
@@ -219,7 +228,10 @@ def _names(text: str, what: str) -> list[str]:
 
 
 def row_label(key: Any) -> str:
-    """Return the label of a row: ``theta`` for theta(t), ``theta_dot`` for its derivative, else `key` as text."""
+    """Return the label of a quantity's row in a table: ``theta`` for theta(t), ``theta_dot`` for its derivative.
+
+    Any other `key` is returned as text.
+    """
     if isinstance(key, Derivative) and isinstance(key.expr, AppliedUndef) and key == velocity_of(key.expr):
         return f"{name_of(key.expr)}_dot"
     if isinstance(key, AppliedUndef):
@@ -250,7 +262,11 @@ def constraint_of(symbol: Any) -> str | None:
 
 
 def check_multipliers(names: Iterable[str], expression: str, constraints: Sequence[str], system: str) -> None:
-    """Raise StatementError if an expression has multipliers of constraints that the system does not have."""
+    """Raise StatementError if an expression has multipliers of constraints that the system does not have.
+
+    `names` are the constraints whose multipliers it has, and `constraints` those of the system. The message calls the
+    two `expression` and `system`.
+    """
     for name in names:
         if name not in constraints:
             are = " is" if len(constraints) == 1 else "s are"

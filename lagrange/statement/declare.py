@@ -91,9 +91,9 @@ def declare(
     surfaces: Mapping[str, Any] | None = None,
     check_inertia: bool = True,
 ) -> Statement:
-    """Return the checked, frozen record of a statement, with the arguments of `lagrange.System`. Raises StatementError.
+    """Return the `Statement` of a system: the arguments of `lagrange.System`, checked. Raises StatementError.
 
-    `check_inertia` differentiates in SymPy to find coordinates without inertia, which the equations refuse as well.
+    `check_inertia` refuses coordinates without inertia, found by SymPy here; the equations refuse them as well.
     """
     survey, main = Survey(), "the kinetic energy" if lagrangian is None else "the Lagrangian"
     kinetic, potential, lagrangian = _in_full(typed := _energies(kinetic, potential, lagrangian), survey)
@@ -162,7 +162,11 @@ def _at_rest(coordinates: tuple[Any, ...]) -> tuple[float, ...]:
 
 
 def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
-    """Return the fields of `Statement` on given and undefined functions; `inferred` are coordinates nobody declared."""
+    """Return the fields of `Statement` on functions: `given`, `orders`, `unknown` and `inferred`.
+
+    The argument `inferred` are the coordinates that the user did not list. Those of them that were not declared
+    either are named in the field.
+    """
     return {
         "given": tuple(survey.given),
         "orders": tuple(survey.given.values()),
@@ -174,7 +178,11 @@ def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
 def _parameters(
     stated_values: Any, survey: Survey, taken_names: Mapping[str, Any]
 ) -> tuple[dict[str, Any], Mapping[Any, Any]]:
-    """Return the fields of `Statement` on parameters, and {symbol: parameter} for symbols of the same names."""
+    """Return the fields `parameters` and `defaults` of `Statement`, and replacements {other symbol: parameter}.
+
+    Two symbols of one name are the same parameter; the replacements make them one symbol. `stated_values` is the
+    user's table of values. `taken_names` maps the names that parameters must not have to their symbols.
+    """
     values = table_of(stated_values, "parameters", "parameter to value")
     symbols, unify = parameter_symbols(survey, values, {**taken_names, **{name_of(f): f for f in survey.given}})
     defaults = MappingProxyType(default_values(values, symbols))
@@ -211,7 +219,7 @@ def initial_state(
 
 @lru_cache(maxsize=256)
 def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
-    """Return {key: row of the state} for coordinates, velocities and names. Cached: SymPy takes 20 us for each."""
+    """Return {coordinate, velocity or name: index in the state (q, v)}. Cached: SymPy takes 20 us for each."""
     n = len(coordinates)
     rows: dict[Any, int] = {}
     for i, q in enumerate(coordinates):
@@ -221,7 +229,7 @@ def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
 
 
 def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> dict[str, Any]:
-    """Return those of T, V and L that the user stated, by name and as they were typed."""
+    """Return {name: expression as typed} of the energies T, V and L that the user stated."""
     if lagrangian is not None:
         if kinetic is not None or potential is not None:
             raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
@@ -307,7 +315,11 @@ def _check_velocities(
     dissipation: Any,
     main: str,
 ) -> None:
-    """Raise StatementError for a coordinate whose acceleration no equation determines. `energies` are T and L."""
+    """Raise StatementError for a coordinate whose acceleration no equation determines.
+
+    `velocities` are those in the energies, which are T and L. `main` names the stated energy in the message: "the
+    kinetic energy" or "the Lagrangian".
+    """
     zeros, alone = [constraint.expression for constraint in constraints], main == "the Lagrangian"
     still = without_velocity(coordinates, velocities, zeros, *energies, forces, dissipation, alone=alone)
     if still is None:
@@ -330,7 +342,10 @@ def _check_velocities(
 
 
 def check_redundant(redundant: Any) -> str:
-    """Return the option `redundant`. Raises StatementError unless in `REDUNDANT`."""
+    """Return the option that refuses or allows constraints which follow from others.
+
+    Raises StatementError unless it is in `REDUNDANT`.
+    """
     return one_of(redundant, REDUNDANT, "redundant is {given}: give one of {known}.")
 
 
@@ -431,7 +446,11 @@ def check_point(name: Any) -> str:
 
 
 def _surfaces(table: Mapping[str, Any] | None, points: dict[str, Any], survey: Survey) -> dict[str, tuple[Any, ...]]:
-    """Return the surfaces by name, each as the moving point (x, y) or (x, y, z) in `along`, parameters and t."""
+    """Return {name: point} of the surfaces. The point (x, y) or (x, y, z) runs along the surface as `along` grows.
+
+    It is an expression in `along`, parameters and t, with as many entries as each of the `points`, the named
+    positions. Its symbols are added to `survey`.
+    """
     surfaces: dict[str, tuple[Any, ...]] = {}
     size = len(next(iter(points.values()), ()))
     for name, point in table_of(table, "surfaces", "name to point").items():
@@ -489,7 +508,10 @@ def _has_length(value: Any, *lengths: int) -> bool:
 
 
 def _declare_constraints(zeros: Mapping[str, Any], survey: Survey) -> tuple[Constraint, ...]:
-    """Return the constraints of expressions by name, and survey them. Refuses an expression without a coordinate."""
+    """Return the constraints from {name: expression that is zero}, and add their symbols to `survey`.
+
+    Raises StatementError for an expression without a coordinate.
+    """
     constraints = []
     for name, typed in zeros.items():
         what, zero, leaves = f"constraint {name!r}", in_full(typed), Survey()

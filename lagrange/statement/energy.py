@@ -109,7 +109,11 @@ def _dotted(rate: Any) -> str:
 
 
 def _no_rate(what: str, verb: str, term: Any, kind: str, example: str) -> StatementError:
-    """Return the error for an angular velocity that is not a rate: "`what` `verb` `term`, `kind`: give its rate"."""
+    """Return the error for a `term` of an angular velocity that is not a rate.
+
+    Its message is "`what` `verb` `term`, `kind`: give its rate, `example`", as in "w is theta, an angle: give its
+    rate, such as theta.dot".
+    """
     plain = {rate: sympy.Symbol(_dotted(rate)) for rate in term.atoms(sympy.Derivative)}
     plain |= {q: sympy.Symbol(name_of(q)) for q in term.atoms(AppliedUndef)}
     return StatementError(

@@ -195,7 +195,11 @@ def _check_resets(index: int, e: Event, statement: Statement) -> None:
 
 
 def _declared(entry: Any, statement: Statement) -> Event:
-    """Return an event, or that of a bare expression, in gaps and parameters of the statement."""
+    """Return `entry` as an event in the symbols of the statement.
+
+    The gaps of contacts replace their symbols, and the statement's parameters replace other symbols of the same
+    names. A bare expression is an event in both directions.
+    """
     if not isinstance(entry, Event):
         entry = _kept(entry) if isinstance(entry, sympy.Expr) else event(entry)
     zero = entry.expression.xreplace(statement.gaps) if statement.contacts else entry.expression
@@ -210,7 +214,10 @@ _kept = lru_cache(maxsize=256)(event)
 
 @lru_cache(maxsize=256)
 def _in_own_parameters(e: Event, parameters: tuple[Any, ...]) -> Event:
-    """Return an event in the system's parameters; cached, so that caches with the result as key work."""
+    """Return an event in which the system's own `parameters` replace other symbols of the same names.
+
+    Entries of its reset that set parameters move to `settings`. Cached, so that caches with the event as key work.
+    """
     by_name = {p.name: p for p in parameters}
     zero = in_own_parameters(e.expression, parameters)
     values = {key: in_own_parameters(value, parameters) for key, value in e.reset.items()}
@@ -226,14 +233,20 @@ def _in_own_parameters(e: Event, parameters: tuple[Any, ...]) -> Event:
 
 @lru_cache(maxsize=256)
 def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
-    """Return the coordinates, parameters and functions in an expression. Cached: many runs have the same events."""
+    """Return the coordinates, parameters and functions in an expression. Cached: many runs have the same events.
+
+    `what` names the expression in messages. If `motion` is true, it may contain accelerations and multipliers.
+    """
     survey = Survey()
     survey.add(expression, what, accelerations=motion, multipliers=motion)
     return survey
 
 
 def _check(expression: Any, what: str, statement: Statement, *, motion: bool = False) -> Survey:
-    """Return the coordinates, parameters and functions in an expression. Raises StatementError for unknown ones."""
+    """Return the coordinates, parameters and functions in an expression. Raises StatementError for unknown ones.
+
+    `what` names the expression in messages. If `motion` is true, it may contain accelerations and multipliers.
+    """
     survey = _surveyed(expression, what, motion=motion)
     declared = (*statement.coordinates, *statement.given, *statement.parameters)
     parameters = listing(p.name for p in statement.parameters) or "no parameters"

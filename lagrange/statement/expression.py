@@ -85,11 +85,11 @@ def whole_number(value: Any, what: str, least: int, most: int | None = None) -> 
 
 
 def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
-    """Return an array of doubles.
+    """Return an array of doubles; `what` names it in messages.
 
     Raises StatementError for complex numbers, texts, truth values, symbols and masked arrays: conversion would lose
-    information. Also raises it for an array that takes too much memory. The caller computes `width` numbers for each
-    entry, which count as well.
+    information. Also raises it for more memory than allowed: the entries times `width`, the numbers that the caller
+    computes for each entry.
     """
     if type(value) is np.ndarray and value.dtype is DOUBLE and value.size * width <= MOST_NUMBERS:
         return value
@@ -104,13 +104,17 @@ def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
 
 
 def complex_array(value: ArrayLike, what: str) -> NDArray[np.complex128]:
-    """Return an array of complex numbers. Raises StatementError as `real_array` does for all other entries."""
+    """Return an array of complex numbers. Raises StatementError for other entries, and for too much memory."""
     with np.errstate(over="ignore"):
         return _array(value, what, 2, "fiuc").astype(complex)
 
 
 def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
-    """Return an array whose dtype is of one of `kinds`, letters of `numpy.dtype.kind`."""
+    """Return an array whose entries are numbers of one of `kinds`, letters of `numpy.dtype.kind`.
+
+    Raises StatementError for other entries, and if `width` numbers for each entry take too much memory. `what` names
+    the array in messages.
+    """
     if isinstance(value, np.ma.MaskedArray):
         raise StatementError(f"{what} is a masked array: give the values alone, such as its .compressed().")
     for kind in set(map(type, value)) if isinstance(value, (list, tuple)) else ():
@@ -205,7 +209,10 @@ def printable(value: Any, what: str) -> str:
 
 
 def one_of(value: Any, known: Iterable[str], refusal: str) -> str:
-    """Return the value if it is `known`. Raises StatementError otherwise; `refusal` has places {given} and {known}."""
+    """Return `value` if it is one of the `known` words. Raises StatementError otherwise.
+
+    `refusal` is the message, with the places {given} for the value and {known} for the words.
+    """
     words = list(known)
     if not isinstance(value, str) or value not in words:
         hint = suggestion(value, words) if isinstance(value, str) else ""
@@ -309,12 +316,12 @@ SHORTHAND = "shorthand"
 
 
 def is_shorthand(value: Any) -> bool:
-    """Return True for a function of time that abbreviates an expression."""
+    """Return True for a function of time that abbreviates an expression, such as an entry of a rotation matrix."""
     return isinstance(value, AppliedUndef) and hasattr(value.func, SHORTHAND)
 
 
 def in_full(expression: Any) -> Any:
-    """Return an expression with each shorthand replaced by its expression, also inside derivatives."""
+    """Return an expression with each shorthand, such as R[0, 0], replaced by what it abbreviates."""
     functions = expression.atoms(AppliedUndef)
     replacements = {f: getattr(f.func, SHORTHAND) for f in functions if is_shorthand(f)}
     return _differentiated(expression.xreplace(replacements)) if replacements else expression

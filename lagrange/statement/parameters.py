@@ -23,9 +23,9 @@ _PLAIN = (sympy.Add, sympy.Mul, sympy.Pow, ExprCondPair, Relational, And, Or, No
 
 @dataclass
 class Survey:
-    """The leaves of some expressions: coordinates, velocities, parameters and functions, in order of first appearance.
+    """The symbols in some expressions: coordinates, velocities, parameters, multipliers and functions.
 
-    Dicts serve as ordered sets.
+    Each field has them in order of first appearance; dicts serve as ordered sets.
     """
 
     coordinates: dict[Any, None] = field(default_factory=dict)
@@ -37,7 +37,11 @@ class Survey:
     seen: set[Any] = field(default_factory=set)
 
     def add(self, expression: Any, what: str, *, accelerations: bool = False, multipliers: bool = False) -> None:
-        """Collect the leaves of an expression. Raises StatementError for functions that have no derivative or value."""
+        """Collect the symbols of an expression. Raises StatementError for functions that have no derivative or value.
+
+        `what` names the expression in messages. It may contain accelerations and multipliers only if these flags are
+        true.
+        """
         for node in _distinct(expression, self.seen):
             if isinstance(node, sympy.Symbol):
                 if node != t:
@@ -52,7 +56,10 @@ class Survey:
                 _check_supported(node, what)
 
     def require(self, known: Container[Any], what: str, rest: str) -> None:
-        """Raise StatementError for a leaf that is not in `known`; `rest` is the end of the message."""
+        """Raise StatementError for a collected symbol or function that is not in `known`.
+
+        The message begins with `what`, the name of the expression, and ends with `rest`.
+        """
         for leaf in (*self.coordinates, *self.given, *self.unknown, *self.parameters):
             if leaf not in known:
                 raise StatementError(f"{what} contains {leaf}, which this system does not have{rest}")
@@ -226,7 +233,10 @@ def coordinate_name(key: Any, names: Sequence[str]) -> str:
 
 
 def table_of(table: Any, what: str, entries: str) -> Mapping[Any, Any]:
-    """Return a mapping, empty for None. Raises StatementError, which describes its entries, for other types."""
+    """Return the dict `table`, or an empty one for None. Raises StatementError for other types.
+
+    In the message `what` names the table, and `entries` describes its keys and values.
+    """
     if table is not None and not isinstance(table, Mapping):
         raise StatementError(f"{what} is a {type(table).__name__}: give a dict from {entries}.")
     return table or {}
@@ -235,10 +245,10 @@ def table_of(table: Any, what: str, entries: str) -> Mapping[Any, Any]:
 def parameter_symbols(
     survey: Survey, table: Mapping[Any, Any], functions: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[Any, Any]]:
-    """Return the parameters by name, and {other symbol: parameter} for symbols of the same name.
+    """Return {name: parameter}, and replacements {other symbol: parameter} for symbols of the same name.
 
-    Order: first the parameters with values, in the order of `table`, then the others in the order of declaration.
-    `functions` maps the names that are taken to coordinates and given functions.
+    `table` maps parameters to values. Those in it come first, in its order, then the others in the order of
+    declaration. `functions` maps the names that are taken to coordinates and given functions.
     """
     symbols: dict[str, Any] = {}
     for symbol in [*survey.parameters, *(key for key in table if isinstance(key, sympy.Symbol))]:
@@ -287,7 +297,10 @@ def _check_clash(name: str, by_name: Mapping[str, Any]) -> None:
 
 
 def check_rate(name: str, by_name: Container[str], what: str) -> None:
-    """Raise StatementError for a name such as `x_dot` or `x_ddot` if `by_name` contains a coordinate x."""
+    """Raise StatementError for a name such as `x_dot` or `x_ddot` if `by_name` contains a coordinate x.
+
+    `what` is the kind of the named object in the message, such as "parameter".
+    """
     base, _, rate = name.rpartition("_")
     if base in by_name and rate in ("dot", "ddot"):
         kind = "velocity" if rate == "dot" else "acceleration"

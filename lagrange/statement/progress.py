@@ -78,7 +78,10 @@ def _timed(display: _Terminal | _Notebook | _Log, doing: str, done: str) -> Iter
 
 @dataclass(frozen=True)
 class ProgressState:
-    """Progress as text or HTML: a sentence, after a bar if the `share` of finished work (0 to 1) is known."""
+    """The present state of a progress display: a sentence, and the finished `share` of the work (0 to 1) if known.
+
+    It is printed as text, or shown as HTML in a notebook. The share becomes a bar before the sentence.
+    """
 
     text: str
     share: float | None = None
@@ -164,18 +167,21 @@ def _display_of(enabled: bool | str) -> _Terminal | _Notebook | _Log | None:
 
 @contextmanager
 def progress_bar(span: Sequence[float], *, enabled: bool) -> Iterator[Report | None]:
-    """Yield a callback for the time reached by a run; None if not `enabled`, or without a terminal or a notebook."""
+    """Yield a callback that shows the time reached by a run over `span` (t0, t1) in a progress bar.
+
+    Yields None if not `enabled`, or without a terminal or a notebook.
+    """
     with _bar(span, "t = {:.6g}".format, enabled=enabled, stays=False) as report:
         yield report
 
 
 @contextmanager
 def counter(total: int, noun: str, *, enabled: bool | str, before: int = 0) -> Iterator[Report | None]:
-    """Yield a callback for the number of finished items out of `total`. None if no bar is shown.
+    """Yield a callback that shows in a progress bar how many of `total` items are finished. None if no bar is shown.
 
-    The bar shows the rate and the remaining time, from the items finished since the start; `before` items were finished
-    earlier. `noun` names one item. The last line of the bar remains. If `enabled` is `LINES`, lines are written where
-    there is no terminal or notebook.
+    The bar also has the rate and the remaining time, computed without the `before` items that were finished earlier.
+    `noun` names one item. The last line of the bar remains. If `enabled` is `LINES`, lines are written where there is
+    no terminal or notebook.
     """
     began = time.perf_counter()
 
@@ -212,7 +218,10 @@ def _rounded_time(seconds: float) -> str:
 def _bar(
     span: Sequence[float], describe: Callable[[float], str], *, enabled: bool | str, stays: bool
 ) -> Iterator[Report | None]:
-    """Yield a callback that moves a bar in the span and describes the position; None if no bar is shown."""
+    """Yield a callback that shows a position within `span` (first, last) in a progress bar. None if no bar is shown.
+
+    `describe` returns the text of a position. If the bar `stays`, its last state remains visible.
+    """
     display = _display_of(enabled)
     if display is None:
         yield None

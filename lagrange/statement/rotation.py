@@ -90,7 +90,10 @@ class Rotation(NonScalar):
         self.space = self._named([f"space_{a}" for a in AXES], space_rates(self.quaternion, velocities))
 
     def _named(self, names: Sequence[str], values: Iterable[Any]) -> Any:
-        """Return a vector of functions of time; each name, after that of the rotation, abbreviates a value."""
+        """Return a vector of named functions of time, each of which abbreviates one of the `values`.
+
+        The name of the rotation precedes each name, as in R_body_x.
+        """
         pairs = zip(names, values, strict=True)
         named = [function_of_time(f"{self.name}_{name}", {SHORTHAND: value}) for name, value in pairs]
         return SpaceMatrix(named)
@@ -167,13 +170,14 @@ def shorthands(rotations: Iterable[str]) -> dict[str, Any]:
 
 
 def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
-    """Return a table of a state in coordinates and velocities alone: rotations and rates are replaced by quaternions.
+    """Return a table of values by coordinate and velocity, from one that also has rotations and their rates as keys.
 
     Keys of `state` are coordinates, velocities, rotations, {R: start}, and rates such as R.body or R.body[2]. Values
-    are numbers or expressions. `values` has the present values of all coordinates and velocities. If no rates of a
-    rotation are given, its rates about the axes of the body stay. If some are given, the other rates about the same
-    axes stay. `table` names the table in messages. Raises StatementError for a start that is not a rotation, for rates
-    about the axes of both body and space, and for a rotation given both whole and by entries of its quaternion.
+    are numbers or expressions. The result has quaternions in place of rotations and rates. `values` has the present
+    values of all coordinates and velocities. If no rates of a rotation are given, its rates about the axes of the
+    body stay. If some are given, the other rates about the same axes stay. `table` names the table in messages.
+    Raises StatementError for a start that is not a rotation, for rates about the axes of both body and space, and for
+    a rotation given both whole and by entries of its quaternion.
     """
     names = _names_of(tuple(values))
     plain, rates = _on_rates({names.get(key, key): value for key, value in state.items()}, values, table)
@@ -206,7 +210,7 @@ def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: s
 
 
 def reset_of_coordinates(reset: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return a reset whose keys for rotations and rates, such as R.body, are replaced by entries of quaternions."""
+    """Return an event's reset, with quaternion entries as keys in place of rotations and rates such as R.body."""
     named, others = dict[Any, Any](), dict[Any, Any]()
     for key, value in reset.items():
         rates = isinstance(key, sympy.MatrixBase) or is_shorthand(key)
@@ -219,7 +223,7 @@ def reset_of_coordinates(reset: Mapping[Any, Any]) -> dict[Any, Any]:
 
 
 def _names_of(coordinates: tuple[Any, ...]) -> dict[Any, Any]:
-    """Return {name: rotation or vector of rates} for rotations of a system: "R", "R.body" and "R.space"."""
+    """Return {"R": rotation, "R.body": its rates, "R.space": its rates} for each rotation R in `coordinates`."""
     return {
         name: value
         for each in _rotations_of(coordinates)
@@ -228,7 +232,10 @@ def _names_of(coordinates: tuple[Any, ...]) -> dict[Any, Any]:
 
 
 def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values: Mapping[Any, Any]) -> None:
-    """Set rates of rotations in states (m, 2n), in place; `values` maps rates such as R.body[2] to numbers (m,)."""
+    """Set angular velocities of rotations in the m states (q, v), an array (m, 2n), in place.
+
+    `values` maps rates such as R.body[2] to m numbers. Other rates about the same axes stay.
+    """
     for each in _rotations_of(coordinates) if values else ():
         rows = np.array([coordinates.index(q) for q in each.quaternion])
         for rates, rates_of in ((each.body, body_rates), (each.space, space_rates)):
@@ -243,11 +250,11 @@ def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values:
 def _on_rates(
     table: Mapping[Any, Any], coordinates: Iterable[Any], label: str, what: str = ""
 ) -> tuple[dict[Any, Any], dict[Any, list[Any]]]:
-    """Split a table: return its entries that are not rates of rotations, and {vector of rates: three values}.
+    """Split a table by keys: return its entries other than rates of rotations, and {vector of rates: three values}.
 
     Keys for rates are R.body and R.space with three values each, and single rates such as R.body[2] or "R_body_z". A
-    value that is not given is None. In messages `label` names the table, and `what` precedes the name of a rate. Raises
-    StatementError for other vectors, for entries of a rotation's matrix and for repeated keys.
+    value that is not given is None. In messages `label` names the table, and `what` precedes the name of a rate.
+    Raises StatementError for other vectors, for entries of a rotation's matrix and for repeated keys.
     """
     components: dict[Any, tuple[Any, Sequence[int]]] = {}
     for each in _rotations_of(tuple(coordinates)):
@@ -304,7 +311,10 @@ def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
 
 @lru_cache(maxsize=256)
 def _quaternion_rows(coordinates: tuple[Any, ...]) -> list[tuple[Rotation, list[int], list[int]]]:
-    """Return (rotation, rows of its quaternion in a state (q, v), rows of its velocities). Cached: SymPy is slow."""
+    """Return (rotation, indices of its quaternion in a state (q, v), indices of its velocities) for each rotation.
+
+    Cached: SymPy is slow.
+    """
     quaternions = []
     for each in _rotations_of(coordinates):
         rows = [coordinates.index(q) for q in each.quaternion]
@@ -374,11 +384,11 @@ def reading(
     coordinates: Sequence[Any],
     names: Sequence[str],
 ) -> dict[str, Any] | None:
-    """Return the fields of a statement in body turns, rates and entries of R, in which a derivation is written.
+    """Return the fields of a statement in which small turns replace quaternions, for readable derivations.
 
-    `energies` are L, or T and V, and `zeros` the expressions of the constraints. They, `forces` and `dissipation` are
-    as the user typed them. `names` are those of the rotations. Returns None if a typed expression contains an entry of
-    a quaternion.
+    Its expressions contain rates about the axes of the bodies and entries of R. `energies` are L, or T and V, and
+    `zeros` the expressions of the constraints. They, `forces` and `dissipation` are as the user typed them. `names`
+    are those of the rotations. Returns None if a typed expression contains an entry of a quaternion.
     """
     turned = list(map(rotation_of, names))
     replacements: dict[Any, Any] = {}
@@ -416,10 +426,10 @@ def reading(
 
 
 def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> dict[Any, Any]:
-    """Return accelerations with those of small turns replaced by those of quaternions; `names` are the rotations.
+    """Return the accelerations {coordinate: expression}, with those of quaternions in place of those of small turns.
 
-    They follow from dq/dt = q (s, w)/2, where w are the rates about the axes of the body and s = 2 |q|'/|q|, with |q|''
-    = 0.
+    They follow from dq/dt = q (s, w)/2, where w are the rates about the axes of the body and s = 2 |q|'/|q|, with
+    |q|'' = 0. `names` are those of the rotations.
     """
     solved = {q: in_full(value) for q, value in accelerations.items()}
     for each in map(rotation_of, names):
@@ -450,7 +460,10 @@ def in_body_rates(formula: Any, names: Iterable[str]) -> Any:
 
 
 def explanation(name: str, values: Mapping[Any, float]) -> str:
-    """Return sentences on a rotation: its entries, rates, small turns, and the quaternion in the initial `values`."""
+    """Return sentences that explain the symbols of the rotation `name`: entries, rates, small turns and start.
+
+    `values` maps coordinates to initial values.
+    """
     matrix = f"{name}_xx to {name}_zz are the entries of the rotation {name}."
     rates, turns = (listing(f"{name}_{kind}_{axis}" for axis in AXES) for kind in ("body", "turn"))
     start = ", ".join(f"{values[q]:.6g}" for q in rotation_of(name).quaternion)
@@ -462,7 +475,11 @@ def explanation(name: str, values: Mapping[Any, float]) -> str:
 
 
 def start_in_turns(names: Iterable[str], coordinates: Iterable[Any], initial: Mapping[Any, float]) -> tuple[float, ...]:
-    """Return the initial state (q, v) in `coordinates` with small turns, which start at zero, for quaternions."""
+    """Return the initial state (q, v) with small turns, which start at zero, in place of quaternions.
+
+    `coordinates` contain the small turns. `initial` maps the coordinates with quaternions, and their velocities, to
+    values. `names` are those of the rotations.
+    """
     start = dict(initial)
     for each in map(rotation_of, names):
         velocities = [initial[velocity_of(entry)] for entry in each.quaternion]
@@ -507,10 +524,10 @@ def without_inertia(name: str) -> str:
 
 
 def _inertia(kinetic: Any, each: Rotation, *, still: bool = True) -> list[list[Any]]:
-    """Return d2T/dv2 (4, 4) by the velocities of the quaternion of a rotation `each`, at the identity rotation.
+    """Return d2T/dv2 (4, 4) at the identity rotation, where v are the velocities of a rotation's quaternion.
 
-    Other coordinates are one, and all velocities zero. If the body is not `still`, the velocities of its quaternion are
-    symbols instead.
+    The other coordinates are one, and all velocities zero. If the body is not `still`, the velocities of its
+    quaternion are symbols instead. `each` is the rotation.
     """
     identity = {q: sympy.Integer(q == each.quaternion[0]) for q in each.quaternion}
     others = [f for f in kinetic.atoms(AppliedUndef) if f not in identity and f.args == (t,)]
@@ -537,7 +554,10 @@ def inertia_in_parameters(kinetic: Any, name: str) -> list[list[Any]] | None:
 
 
 def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
-    """Raise StatementError if the moments of inertia of a rotation break the triangle inequality at `values`."""
+    """Raise StatementError if the moments of inertia of a rotation break the triangle inequality.
+
+    They are computed from the kinetic energy with the parameters' `values`. Without all values nothing is checked.
+    """
     rows = inertia_in_parameters(kinetic, name)
     if rows is None or any(entry.free_symbols.difference(values) for row in rows for entry in row):
         return
@@ -546,7 +566,10 @@ def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
 
 
 def check_triangle(inertias: NDArray[np.float64], name: str) -> None:
-    """Raise StatementError if the moments of one of the inertia matrices (m, 3, 3) break the triangle inequality."""
+    """Raise StatementError if the moments of one of the inertia matrices (m, 3, 3) break the triangle inequality.
+
+    No principal moment is larger than the sum of the two others. `name` is the rotation in the message.
+    """
     moments = np.linalg.eigvalsh(inertias)
     low, high = -LARGEST_DEVIATION * moments[:, 2], moments[:, :2].sum(axis=1) * (1 + LARGEST_DEVIATION)
     wrong = np.flatnonzero((moments[:, 0] < low) | (moments[:, 2] > high))

@@ -36,7 +36,7 @@ DESCRIPTIONS = {
 
 @dataclass(frozen=True)
 class RunSettings:
-    """Settings of a run that a scene states; arguments of the caller override them. `events` is a tuple of `Event`."""
+    """Settings of a run that a scene states. Arguments of a call override them. `events` is a tuple of `Event`."""
 
     t_end: float = DEFAULT_T_END
     method: str | None = None
@@ -54,9 +54,10 @@ CHECKED_EVERY = 512
 
 
 class PreparationTooLongError(LagrangeError):
-    """Deriving or compiling took longer than the time limit; `model` was to run, None before its equations are known.
+    """Deriving or compiling took longer than the time limit.
 
-    It is not a RunError, since some callers treat a RunError as a missing value.
+    `model` is the model that was to run, None before its equations are known. It is not a RunError, since some
+    callers treat a RunError as a missing value.
     """
 
     model: Any = None
@@ -66,7 +67,11 @@ _LIMIT: ContextVar[tuple[float, float] | None] = ContextVar("begin and time limi
 
 
 def preparation(began: float, seconds: float | None) -> AbstractContextManager[None]:
-    """Context that limits the time of preparation since `began`, until its end or `preparation_ends` is called."""
+    """Context that limits the time for deriving and compiling before a run to `seconds` after `began`.
+
+    The limit ends with the block or when `preparation_ends` is called. None is no limit, and less than
+    `COMPILE_SECONDS` counts as that time.
+    """
     return _UNLIMITED if seconds is None else _limited(began, seconds)
 
 
@@ -84,12 +89,15 @@ def _limited(began: float, seconds: float) -> Iterator[None]:
 
 
 def preparation_ends() -> None:
-    """Remove the time limit in the current block, because the steps begin. Later compilation is not limited."""
+    """Remove the time limit of `preparation` in the current block, because the steps of the run begin.
+
+    Later compilation is not limited.
+    """
     _LIMIT.set(None)
 
 
 def check_time() -> None:
-    """Raise PreparationTooLongError if the time limit of the preparation is exceeded."""
+    """Raise PreparationTooLongError if deriving and compiling have exceeded the time limit of `preparation`."""
     limit = _LIMIT.get()
     if limit is None:
         return

@@ -56,7 +56,7 @@ def shape(kind: str, rotation: Rotation | None, size: Any, at: Any = (0, 0, 0)) 
 
 
 def _entries(value: Any, what: str, *, equal: bool = False) -> list[Any]:
-    """Return three entries of `value`. A single value is repeated if `equal` is true."""
+    """Return the three entries of `value`; if `equal`, a single value is repeated. `what` names it in messages."""
     parts = entries(value, what)
     parts = [value] * 3 if parts is None and equal else parts
     if parts is None or len(parts) != 3:
@@ -71,7 +71,10 @@ def _box() -> list[list[Place]]:
 
 
 def _circle(first: int, second: int) -> list[Place]:
-    """Return a closed circle of radius one in the plane of two axes. Entries are rounded to six digits."""
+    """Return points of a closed circle of radius one in the plane of the axes with indices `first` and `second`.
+
+    Entries are rounded to six digits.
+    """
     corners = []
     for k in range(PARTS + 1):
         angle = 2 * math.pi * (k % PARTS) / PARTS

@@ -32,7 +32,7 @@ class SpaceMatrix(sympy.ImmutableMatrix):
         return self._combined(super().__mul__, other)
 
     def _combined(self, operation: Callable[[Any], Any], other: Any) -> Any:
-        """Return `operation(other)`. Raises StatementError for shapes that do not fit."""
+        """Return `operation(other)`, with `other` as a vector. Raises StatementError for shapes that do not fit."""
         second = in_space(other)
         try:
             return operation(second)
@@ -60,7 +60,7 @@ Quaternion = tuple[Any, Any, Any, Any]
 
 
 def product(a: Sequence[Any], b: Sequence[Any]) -> Quaternion:
-    """Return the product of two quaternions."""
+    """Return the product of two quaternions, each with the scalar first."""
     (a0, a1, a2, a3), (b0, b1, b2, b3) = a, b
     return (
         a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
@@ -76,7 +76,7 @@ def conjugate(q: Sequence[Any]) -> Quaternion:
 
 
 def matrix_of(q: Sequence[Any]) -> list[list[Any]]:
-    """Return the rotation matrix (three rows) of a quaternion of any length."""
+    """Return the rotation matrix, as three rows, of a quaternion q of any length other than zero, scalar first."""
     w, i, j, k = q
     square = w**2 + i**2 + j**2 + k**2
     return [
@@ -104,7 +104,10 @@ def space_rates(q: Sequence[Any], velocities: Sequence[Any]) -> tuple[Any, Any, 
 
 
 def velocities_at(q: Sequence[Any], rates: Sequence[Any], *, space: bool) -> Quaternion:
-    """Return the time derivatives of a quaternion `q` from its rates about the axes of the body, or of `space`."""
+    """Return the time derivatives of the entries of a quaternion `q`, from its three angular velocities `rates`.
+
+    They are about the axes of space if `space` is true, else of the body.
+    """
     w, i, j, k = product((0, *rates), q) if space else product(q, (0, *rates))
     return w / 2, i / 2, j / 2, k / 2
 

@@ -122,7 +122,7 @@ class Statement:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def mapped(self, change: Callable[[Any], Any]) -> Statement:
-        """Return the statement with a function applied to each of its expressions."""
+        """Return the statement with the function `change` applied to each of its expressions."""
         return replace(
             self,
             kinetic=change(self.kinetic),
@@ -168,11 +168,14 @@ class Statement:
 
     @property
     def lagrangian_alone(self) -> bool:
-        """True if the Lagrangian was stated, and not T and V."""
+        """True if the user stated the Lagrangian, and not T and V. Then `kinetic` is L and `potential` is zero."""
         return bool(self.potential == 0 and self.kinetic == self.lagrangian)
 
     def highest(self, function: Any) -> int:
-        """Return the highest order of derivatives of a given function in equations: 2, or one more than stated."""
+        """Return the highest order of derivatives of a given function that equations contain.
+
+        It is 2, or one more than the highest order in the statement.
+        """
         return max(2, self.orders[self.given.index(function)] + 1)
 
     @property
@@ -182,7 +185,10 @@ class Statement:
         return max((first for first, _ in spans), default=-inf), min((last for _, last in spans), default=inf)
 
     def remarks(self) -> list[str]:
-        """Return sentences on likely mistakes: unused parameters, and functions that were taken for coordinates."""
+        """Return sentences on likely mistakes: unused parameters, and functions that were taken for coordinates.
+
+        With contacts, one more says that the equations hold between contacts.
+        """
         unused = [p.name for p in self.unused]
         stands = "The parameter {} stands" if len(unused) == 1 else "The parameters {} stand"
         said = [f"{stands.format(listing(unused))} in no energy, force, constraint or position."] * bool(unused)
@@ -211,7 +217,10 @@ class Statement:
 
     @cached_property
     def outlines(self) -> dict[str, dict[str, tuple[Any, ...]]]:
-        """Points along each surface by name: its ends if it is straight, else points that are close together."""
+        """Sampled points of each surface, {surface: {"name[k]": point}}.
+
+        A straight surface has its two ends, a curve points that are close together.
+        """
         outlines = {}
         for name, point in self.surfaces.items():
             straight = all(not entry.diff(along, 2) for entry in point)
@@ -222,7 +231,7 @@ class Statement:
 
     @cached_property
     def drawn(self) -> dict[str, tuple[Any, ...]]:
-        """Positions by name: the named points, and the points along surfaces."""
+        """Positions to draw, {name: point}: the named points, and the sampled points of the surfaces."""
         return {**self.positions, **{name: point for line in self.outlines.values() for name, point in line.items()}}
 
     @property
@@ -244,7 +253,7 @@ class Statement:
 
     @cached_property
     def plain(self) -> Mapping[Any, Any]:
-        """Replacement of q(t) and its derivatives by real symbols `q`, `q_dot`, `q_ddot`, for differentiation."""
+        """Replacement {q(t), velocity or acceleration: real symbol `q`, `q_dot`, `q_ddot`}, for differentiation."""
         table: dict[Any, Any] = {}
         for q, name in zip(self.coordinates, self.names, strict=True):
             table[q] = Symbol(name, real=True)

@@ -46,8 +46,9 @@ def branch_samples(
 ) -> tuple[list[MotionSample], list[Way]]:
     """Return states with new combinations of switch outcomes, and the outcomes that no state reaches.
 
-    Switches are the conditions in the statement and in the equations. `known` are earlier samples. Entries of a state
-    are drawn from all magnitudes, and near the numbers in the equations, energies and forces.
+    Switches are the conditions in the statement and in the equations `rows`. `known` are earlier samples, with the
+    combinations that are not new. Entries of a state are drawn from all magnitudes, and near the numbers in the
+    equations, energies and forces.
     """
     states = MotionStates(statement)
     switches = [*states.reference.switches, *(switch for row in rows for switch in row.switches)]
@@ -135,7 +136,10 @@ def sentence_on_multipliers(chosen: Sequence[MotionSample], samples: Sequence[Mo
 
 
 def _multiples(row: EquationRow, sample: MotionSample) -> list[Any]:
-    """Return for each multiplier the ratio of the equation's one to that of the system; None if it has none."""
+    """Return for each multiplier the value with which an equation holds, divided by its true value.
+
+    It is None for a multiplier that the equation does not determine.
+    """
     n = len(sample.mass)
     slopes, _ = row.numbers(sample)
     weights = solve_dense(sample.mass, slopes[:n], SINGULAR)
@@ -193,9 +197,10 @@ class EquationsComparison(ShownAsPage):
 def compare_equations(
     statement: Statement, derivation: Derivation, equations: Sequence[StudentEquation], write: Write
 ) -> EquationsComparison:
-    """Compare equations with those of a statement. `write` turns an expression into text for messages.
+    """Return the comparison of a user's equations with those of a statement.
 
-    Raises StatementError if an equation is not linear in the accelerations.
+    `derivation` has the right equations. `write` turns an expression into text for messages. Raises StatementError if
+    an equation is not linear in the accelerations.
     """
     samples = motion_samples(statement, SAMPLES)
     likeliest = [_likeliest(equation, statement, samples) for equation in equations]
@@ -435,7 +440,10 @@ def _free(matrix: Sequence[Sequence[float]], names: Sequence[str]) -> list[str]:
 def _refuted(
     rows: Sequence[EquationRow], wrong: tuple[int, ...], samples: Sequence[MotionSample], named: str
 ) -> EquationsComparison:
-    """Return the result if the equations `wrong` do not hold; `named` is the sentence on the first wrong term."""
+    """Return the result for an answer in which the equations with the indices `wrong` do not hold.
+
+    `named` is the sentence on the first wrong term.
+    """
     if len(wrong) > 1:
         others = listing(rows[i].equation.label for i in wrong[1:])
         named += f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."

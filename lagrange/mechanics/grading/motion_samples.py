@@ -72,10 +72,10 @@ def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[Moti
 
 
 class MotionStates:
-    """Finds states that satisfy the constraints and first-order equations of a statement, and the motion at them.
+    """Finds states at which the constraints and first-order equations of a statement hold, and the motion there.
 
-    Equations of coordinates without inertia are relations between velocities. `indices` are those of these
-    coordinates. Coordinates that occur in a constraint are not included.
+    First-order equations are those of coordinates without inertia: relations between velocities. `indices` are those
+    of these coordinates. Coordinates that occur in a constraint are not included.
     """
 
     def __init__(self, statement: Statement) -> None:

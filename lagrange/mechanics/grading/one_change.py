@@ -76,10 +76,11 @@ and of one with a number."""
 
 @dataclass(frozen=True)
 class Sum:
-    """A sum in an equation, `whole`: its side (0 left, 1 right), and the path of argument indices that leads to it.
+    """A sum in an equation, the expression `whole`, and its place in the equation.
 
-    `around` is the product of the factors that multiply the sum; `below` is true in a denominator. `terms` are its
-    terms, like terms as they were typed.
+    `side` is 0 for the left side and 1 for the right side. `path` has the indices of SymPy arguments that lead to the
+    sum. `around` is the product of the factors that multiply the sum; `below` is true in a denominator. `terms` are
+    its terms, like terms as they were typed.
     """
 
     side: int
@@ -92,9 +93,9 @@ class Sum:
 
 @dataclass(frozen=True)
 class Change:
-    """A change of a sum that makes the equation right. `row` is the equation after it; a lower `cost` is likelier.
+    """A change of the sum `total` that makes the equation right; a change with a lower `cost` is likelier.
 
-    `difference` is the change of one term of the sum, or of the whole sum.
+    `difference` is the change of one term of the sum, or of the whole sum. `row` is the equation after the change.
     """
 
     total: Sum
@@ -248,7 +249,11 @@ class _Search:
 
     @cached_property
     def products(self) -> tuple[list[tuple[tuple[int, int], ...]], Any, list[float]]:
-        """Products of powers of factors, as ((index, exponent), ...), with their centred logarithms and their costs."""
+        """Products of powers of factors, as ((index, exponent), ...), the logarithms of their values and their costs.
+
+        The logarithms are those of the magnitudes at the samples, an array with a row for each product. The mean of
+        each row is subtracted.
+        """
         values = self.base_values
         usable = [i for i, line in enumerate(values) if all(line)]
         powers = [[(i, e)] for i in usable for e in (1, -1, 2, -2)]
@@ -377,7 +382,10 @@ class _Search:
                     yield MISSED + cost + plain, number * model * factor
 
     def _doubt(self, total: Sum, term: Any) -> float:
-        """Return a cost that is added to a change of `term`, because of where the term stands in the equation."""
+        """Return the cost that is added to a change of the term `term` of a sum, by its place in the equation.
+
+        Terms of a typed derivative, and a lone acceleration on one side, are unlikely to be wrong.
+        """
         if term in self.derived:
             return OF_DERIVATIVE
         if not term.has(*self.unknowns, *self.rates):
@@ -388,7 +396,10 @@ class _Search:
         return OF_SOLVED if number == 1 else 0.0
 
     def _misplaced(self, total: Sum, missing: Any) -> float:
-        """Return a cost that is added if a missing term is less likely on this side of the equation."""
+        """Return the cost that is added if the term `missing` is unlikely on this side of the equation.
+
+        `total` is the sum in which it is missing; the cost is zero within brackets.
+        """
         if total.path:
             return 0.0
         containing, opposite = self.row.sides[total.side], self.row.sides[1 - total.side]
@@ -405,9 +416,10 @@ class _Search:
         return 0.0 if fits and rates[0] != rates[1] else OF_RATE * (1 + total.side) / 2
 
     def is_numbered(self, row: EquationRow) -> bool:
-        """Return True if an equation is an unlikely multiple of a right one, judged by its accelerations.
+        """Return True if the equation `row` is a multiple of a right one by an unlikely factor.
 
-        A multiple is likely if its factor is a product of symbols, without a number other than 1 or -1.
+        Only the coefficients of accelerations are compared. A factor is likely if it is a product of symbols, without
+        a number other than 1 or -1.
         """
         try:
             slopes = [row.numbers(sample)[0] for sample in self.samples]

@@ -288,7 +288,10 @@ class EquationRow:
         return self.equation.zero + self.equation.right, self.equation.right
 
     def with_zero(self, zero: Any, right: Any = sympy.S.Zero) -> EquationRow:
-        """Return the row of an equation with the same label and other sides. Raises StatementError, as `row_of`."""
+        """Return the row of another equation with the same label; `zero` is its left minus its right side.
+
+        Raises StatementError if it is not linear in accelerations and multipliers.
+        """
         return row_of(StudentEquation(zero, right, label=self.equation.label), self.statement)
 
     @cached_property
@@ -303,7 +306,10 @@ class EquationRow:
         return self._tape.switches
 
     def ways(self, point: SamplePoint) -> tuple[int | None, ...]:
-        """Return the outcome of each switch at a point. Raises OutsideDomain if the equation has no value there."""
+        """Return the outcome of each switch, such as a condition or Abs, at a point.
+
+        Raises OutsideDomain if the equation has no value there.
+        """
         outcomes, _ = self._tape.inspect(point.q, point.v, point.t, point.parameters)
         return outcomes
 

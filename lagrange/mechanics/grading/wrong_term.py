@@ -372,7 +372,11 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
 
 
 def _slips(zeros: Sequence[Any], statement: Statement, *, alone: bool) -> Iterator[Slip]:
-    """Yield slips that the equations may contain, the most common first."""
+    """Yield slips that the equations may contain, the most common first.
+
+    A slip is a sentence and the substitution that undoes it. `zeros` are the equations as expressions that are zero.
+    If `alone`, slips in factors and directions of coordinates are left out.
+    """
     used = {symbol for zero in zeros for symbol in zero.free_symbols}
     parameters = [p for p in statement.parameters if p in used]
     plain = list(statement.plain.values())

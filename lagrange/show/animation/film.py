@@ -80,14 +80,18 @@ points."""
 
 @dataclass(frozen=True)
 class FilmOptions:
-    """Requested size of the picture in pixels, None for one that fits the motion, and duration of trails in seconds."""
+    """Requested size of the picture in pixels, and the time of the run that trails go back.
+
+    If the size is None, the picture fits the motion. If `trail` is None, trails go back `TRAIL_SECONDS` on the
+    screen.
+    """
 
     size: tuple[int, int] | None
     trail: float | None
 
 
 def film_options(size: Any, trail: Any) -> FilmOptions:
-    """Return the requested options. Raises StatementError for an invalid `size` or `trail`."""
+    """Return the checked options of a film. Raises StatementError for an invalid `size` or `trail`."""
     if size is not None:
         if not isinstance(size, (tuple, list)) or len(size) != 2:
             raise StatementError(f"size = {shown(size)}: give width and height in pixels, such as size=(640, 480).")
@@ -102,7 +106,8 @@ def film_options(size: Any, trail: Any) -> FilmOptions:
 class Rows:
     """R curves at S samples for one panel over time: `rows` (R, S), with their labels and colours.
 
-    `title` is the title of the panel, with the unit.
+    `title` is the title of the panel, with the unit. Changes that are only rounding noise relative to `size` are
+    drawn as a level line.
     """
 
     title: str
@@ -244,7 +249,7 @@ class _FilmFigure:
             write(14, top - 15, "coordinates; no positions are stated", style.quiet, fontsize=10)
 
     def at(self, k: int, clock: str) -> Pixels:
-        """Draw sample number `k` and the text `clock`, and return the pixels."""
+        """Draw the picture at sample number `k` with the text `clock`, and return its pixels."""
         self.pixels[...] = self.still
         clear = self.clear if k else self.still
         self.pixels[...] = self.still
@@ -361,7 +366,7 @@ class MovingScene:
         return float(height / width) if self.to_scale else 0.6
 
     def place(self, axis: Axes) -> None:
-        """Draw the fixed parts into the panel `axis`, and prepare the moving parts."""
+        """Draw the frame, the labels, the legend and the floor of the panel `axis`, and set the width of springs."""
         style, unit = self.style, length_unit(self.recording.statement)
         dress(axis, style)
         window = axis.get_window_extent()

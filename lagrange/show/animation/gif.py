@@ -32,10 +32,11 @@ _AT_ONCE = 2048
 
 
 def write_gif(file: BinaryIO, film: Film, interval: float, tell: Callable[[int], None]) -> None:
-    """Write all frames, each shown for `interval`; `tell` is called with the number of each drawn frame.
+    """Write the frames of a film as a GIF; `tell` is called with the number of each drawn frame.
 
-    A frame of the file is the smallest rectangle that contains the changed pixels. Unchanged pixels in it are
-    transparent, which compresses well.
+    Frames are shown for `interval` seconds each; if this is too short for a GIF, some are left out. A frame of the
+    file is the smallest rectangle that contains the changed pixels. Unchanged pixels in it are transparent, which
+    compresses well.
     """
     from PIL import GifImagePlugin
     from PIL.Image import fromarray
@@ -122,9 +123,9 @@ def has_ffmpeg() -> bool:
 
 
 def write_mp4(file: BinaryIO, film: Film, interval: float, tell: Callable[[int], None]) -> None:
-    """Write all frames, each shown for `interval`; `tell` is called with the number of each drawn frame.
+    """Write the frames of a film as an MP4 file; `tell` is called with the number of each drawn frame.
 
-    Raises RunError with the last line of ffmpeg's output if ffmpeg fails.
+    Each frame is shown for `interval` seconds. Raises RunError with the last line of ffmpeg's output if ffmpeg fails.
     """
     width, height = film.size
     command = [

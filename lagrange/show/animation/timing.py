@@ -84,7 +84,7 @@ def timing(span: tuple[float, float], fps: float, speed: float | None = None) ->
 
 
 def _cut(span: tuple[float, float], fps: float, speed: float) -> Timing:
-    """Return the first frames of a run with too many frames."""
+    """Return the timing of a run with too many frames: its first `MOST_FRAMES` frames, and a note that says so."""
     direction = math.copysign(speed / fps, span[1] - span[0])
     t: FloatArray = span[0] + direction * np.arange(float(MOST_FRAMES))
     needed = abs(span[1] - span[0]) / speed * fps

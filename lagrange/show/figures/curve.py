@@ -94,10 +94,11 @@ class AxisWindow:
 
 
 def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
-    """Return the limits for rows of values (r, K) of a run, or None if the panel shows all values.
+    """Return the limits of a panel with some values of a run, or None if the panel shows all values.
 
-    The limits contain the middle of the values, weighted by time, and as much again on either side. None is returned
-    for a run that did not end at a singularity, and for a run whose values are all within the limits.
+    `values(t)` returns the rows of values, (r, K), at times (K,). The limits contain the middle of the values,
+    weighted by time, and as much again on either side. None is returned for a run that did not end at a singularity,
+    and for a run whose values are all within the limits.
     """
     if solution.status not in BLOWN_UP or len(solution.t) < 2:
         return None
@@ -299,11 +300,12 @@ def _refined(
     scale: FloatArray,
     rounds: int = MOST_ROUNDS,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return times and values, with intervals halved until every chord is within the tolerance of the curve.
+    """Return times and values of curves, with intervals halved until every chord is within the tolerance.
 
-    `samples` (r, K) are the values at the times `t` (K,). `placed` maps times and values to points (p, 2, K), and
-    `scale` (p, 2) is the number of pixels per unit. Intervals next to an inexact chord, or to a turning point whose
-    extreme value is missed, are tested again.
+    `values(t)` returns rows of values, and `samples` (r, K) are those at the initial times `t` (K,). `placed` maps
+    times and values to points (p, 2, K), and `scale` (p, 2) is the number of pixels per unit. There are at most
+    `rounds` rounds. In each, intervals are tested that are next to an inexact chord, or to a turning point whose
+    extreme value is missed.
     """
     most = min(MOST_SAMPLES, _MOST_VALUES // max(len(samples), 1))
     least = _LEAST * abs(float(t[-1] - t[0])) if len(t) else 0.0

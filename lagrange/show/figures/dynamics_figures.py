@@ -134,7 +134,7 @@ def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]
 
 
 def _points(run: Trajectory, rows: list[int], t: FloatArray) -> FloatArray:
-    """Return the entries `rows` of a run, which the two axes show, at times (K,): (1, 2, K)."""
+    """Return the entries `rows` of the state of a run at times (K,), as one point of the plane, (1, 2, K)."""
     return np.asarray(run.dense(t)[rows][None])
 
 
@@ -205,7 +205,7 @@ def plot_section(section: SectionData, x: Any, y: Any, ax: Any, style: Any) -> F
 
 
 def _wrapped(statement: Statement, states: FloatArray, columns: list[int]) -> list[FloatArray]:
-    """Return two entries, `columns`, of states (..., 2n), (...,) each; angles are shifted to between -pi and pi."""
+    """Return the two entries `columns` of states (..., 2n), (...,) each; angles are between -pi and pi."""
     return [wrapped(states[..., k], -np.pi) if is_angle(statement, k) else states[..., k] for k in columns]
 
 

@@ -130,7 +130,8 @@ def _shape(
 ) -> None:
     """Draw mode number `k`: the positions at rest in a pale colour, and the displaced positions with arrows.
 
-    `seen` has the points, their displacements and the extent, as `_seen` returns them.
+    `seen` has the points at rest by name, (2,) each, their displacements in all modes, (m, 2) each, and the extent of
+    the points.
     """
     points, moved, extent = seen
     largest = max(float(np.linalg.norm(rows[k])) for rows in moved.values())

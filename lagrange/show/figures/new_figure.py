@@ -46,7 +46,7 @@ def _figure_class() -> type[Figure]:
 
 
 def __getattr__(name: str) -> Any:
-    """Return the class of figures by name, for pickle (PEP 562)."""
+    """Return the class `ShownFigure`, which pickle looks up in this module by its name (PEP 562)."""
     if name == "ShownFigure":
         return _figure_class()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

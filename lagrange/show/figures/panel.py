@@ -77,10 +77,11 @@ Values = Callable[["Solution"], FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class PanelQuantity:
-    """Quantity in one panel over time: the values of its rows, their labels in mathematics or words, and the unit.
+    """Quantity in one panel over time: rows of values, their labels in mathematics or words, and the unit.
 
-    `name` is the title of the panel. If it is empty, the only label is written beside the panel. `drift` is true if the
-    values are the change of a conserved quantity, which measures the error of the steps.
+    `values(run)` returns the rows at the outputs of a run, (r, N). `name` is the title of the panel. If it is empty,
+    the only label is written beside the panel. `drift` is true if the values are the change of a conserved quantity,
+    which measures the error of the steps.
     """
 
     name: str

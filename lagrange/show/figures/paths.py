@@ -410,7 +410,10 @@ def _title(paths: Paths, shape: str) -> str:
 
 
 def _counted(origin: FloatArray) -> str:
-    """Return a note with the origin that was subtracted from positions in space; such axes have no labels for it."""
+    """Return a note on the origin that was subtracted from positions in space; it is empty for the origin 0.
+
+    Axes in space have no labels that could contain this origin.
+    """
     parts = [f"{name} = {base:.15g}" for name, base in zip("xyz", origin, strict=True) if base]
     return fill(f"counted from {', '.join(parts)}".replace("-", "−"), _LETTERS) if parts else ""
 

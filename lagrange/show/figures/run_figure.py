@@ -34,7 +34,7 @@ _MOST_PHASES = 9
 
 
 class Contents:
-    """Choice of the panels for some runs: `chosen` are coordinates by name.
+    """Chooses the panels of a figure of runs: `chosen` are the names of the coordinates in it.
 
     With `merged` all coordinates share one panel, and so do all velocities.
     """
@@ -60,9 +60,9 @@ class Contents:
         return [*self._rows(rest), *rates, *self.named("drift"), *momenta, *self._paths()]
 
     def of(self, what: Any) -> list[Panel]:
-        """Return the panels for `what`, one entry of the argument `what` of a plot.
+        """Return the panels for one quantity: `what` is a name such as "energies" or "theta", or an expression.
 
-        Raises StatementError for an invalid entry.
+        Raises StatementError for anything else.
         """
         if isinstance(what, str):
             if what in WHAT:
@@ -80,7 +80,7 @@ class Contents:
         return self._over_time(lambda run: quantities.expression(run, what))
 
     def named(self, name: str) -> list[Panel]:
-        """Return the panels for a name in `WHAT`. Raises StatementError if the runs do not have this quantity."""
+        """Return the panels of a quantity with a name in `WHAT`. Raises StatementError if the runs do not have it."""
         match name:
             case "coordinates" | "velocities":
                 return self._rows(self.chosen, rate=name == "velocities")
@@ -187,7 +187,13 @@ def plot_runs(
     labels: Sequence[str] | None = None,
     dpi: int | None = None,
 ) -> Figure:
-    """Return a figure of one or several runs. `Solution.plot` and `plot` describe the arguments.
+    """Return a figure of one or several runs, with panels for `what`: a name, an expression, or a list of them.
+
+    - Without `what` the panels are an overview: coordinates, conserved quantities and paths.
+    - `of` are the coordinates in the panels; None means all.
+    - `ax` are axes of the user to draw on; without them the figure is new, of the `size` in inches.
+    - `labels` are the names of the runs in legends.
+    - `dpi` is the resolution, in dots per inch, for which curves are computed.
 
     Raises StatementError for invalid arguments.
     """

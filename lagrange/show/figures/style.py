@@ -242,7 +242,7 @@ def _formatter_class() -> type[Formatter]:
 
 
 def __getattr__(name: str) -> Any:
-    """Return the class of formatters by name, for pickle (PEP 562)."""
+    """Return the class `NumberFormatter`, which pickle looks up in this module by its name (PEP 562)."""
     if name == "NumberFormatter":
         return _formatter_class()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -162,7 +162,7 @@ def write_together(folder: str | os.PathLike[str], files: Mapping[str, Writer | 
 def _exchange(home: Path, targets: Mapping[str, Path], parts: Mapping[str, Path]) -> None:
     """Remove the last target and targets without a new file; then move the new files `parts` to their targets.
 
-    The last one is moved last. `home` is the folder, for errors.
+    The last one is moved last. Errors name the folder `home`.
     """
     *_, last = targets
     try:

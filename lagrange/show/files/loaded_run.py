@@ -155,7 +155,7 @@ def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None
 
 
 def _known(arrays: Mapping[str, Any], t: FloatArray, y: FloatArray) -> OutputPath:
-    """Return the states of a run in its file: at the outputs, and between them.
+    """Return the states in the file of a run, with their times: at the outputs, and between them.
 
     Older files have no states between outputs.
     """

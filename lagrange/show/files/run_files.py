@@ -74,7 +74,7 @@ def finite(value: Any) -> float | None:
 
 
 def write_csv(solution: Solution, path: str | os.PathLike[str], rate: float | None, t: ArrayLike | None) -> Path:
-    """Write the states as CSV: at the outputs, at `rate` states per unit of time, or at the times `t`."""
+    """Write the states of a run as CSV: at the outputs, at `rate` states per unit of time, or at the times `t`."""
     if rate is not None and t is not None:
         raise StatementError("give rate= or t= and not both: each says at which times there are lines.")
     times = times_at(solution.trajectory, rate) if rate is not None else t
@@ -82,12 +82,12 @@ def write_csv(solution: Solution, path: str | os.PathLike[str], rate: float | No
 
 
 def write_npz(solution: Solution, path: str | os.PathLike[str]) -> Path:
-    """Write the run as an npz archive of NumPy arrays, which `lagrange.load` reads."""
+    """Write a run as an npz archive of NumPy arrays, which `lagrange.load` reads."""
     return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, **arrays_of_run(solution)))
 
 
 def write_png(solution: Solution, path: str | os.PathLike[str], dpi: int | None) -> Path:
-    """Write the picture of `Solution.plot`."""
+    """Write the figure of a run, as `Solution.plot` draws it, as a PNG file with `dpi` dots per inch."""
     return write_atomically(path, picture(lambda: solution.plot(dpi=dpi), dpi))
 
 

@@ -30,7 +30,11 @@ Key = tuple[Any, ...]
 
 
 class BookOrder:
-    """Sort keys for the factors and terms of a statement's formulas, in plain symbols."""
+    """Sort keys for the factors and terms of a statement's formulas, in plain symbols.
+
+    `rank` maps each symbol to its place in the order: the kind of symbol, the class of its letter, its index in the
+    statement. Kinds are parameter, multiplier, position, velocity and acceleration, in this order.
+    """
 
     def __init__(self, statement: Statement) -> None:
         plain = list(statement.plain.values())
@@ -59,7 +63,10 @@ class BookOrder:
         return frozenset(node for part in stated for node in part.xreplace(statement.plain).atoms(Add))
 
     def symbols(self, expression: Any) -> list[tuple[int, int, int]]:
-        """Return the sorted ranks of the symbols in an expression. Time and unknown symbols rank with positions."""
+        """Return the ranks (kind, class of the letter, index) of the symbols in an expression, in ascending order.
+
+        Time and unknown symbols rank after the coordinates.
+        """
         return sorted(self.rank.get(symbol, LAST) for symbol in expression.free_symbols)
 
     def moves(self, expression: Any) -> bool:
@@ -130,9 +137,9 @@ class BookOrder:
         return 1 if len(powers) > 1 else 2 if powers == [1] else 0
 
     def _power(self, term: Any, rank: tuple[int, int, int]) -> int:
-        """Return the degree of the symbol with rank `rank` in a product.
+        """Return the degree of the symbol with rank `rank` in a product, 1 if it is not found.
 
-        By this key x^2 comes before x y, and x y before y^2.
+        The degree sorts x^2 before x y, and x y before y^2.
         """
         powers = term.as_powers_dict()
         return next((int(e) for base, e in powers.items() if self.rank.get(base) == rank and e.is_Integer and e > 0), 1)

@@ -287,9 +287,10 @@ MEANINGS = {
 
 @dataclass(frozen=True)
 class FormulaLine:
-    """One line of a formula: `right` is the text, and `left` the left side of the formula if the line begins with it.
+    """One line of a formula: the text `right`, and before it `left`, the left side of the formula.
 
-    `goes_on` is true for a line that continues the right side of the line above.
+    `left` is blank for a line that does not begin with the left side. `goes_on` is true for a line that continues the
+    right side of the line above.
     """
 
     left: str

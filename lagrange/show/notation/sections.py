@@ -78,7 +78,7 @@ class SignedTerms:
 
 @dataclass(frozen=True)
 class ExpressionRows:
-    """Expressions in rows, printed as a matrix, or as a vector if there is one row."""
+    """Expressions in rows, printed as a matrix; with `vector` the only row is printed as a vector."""
 
     rows: tuple[tuple[Any, ...], ...]
     vector: bool = False
@@ -86,7 +86,7 @@ class ExpressionRows:
 
 @dataclass(frozen=True)
 class Formula:
-    """A formula: equal sides, which are SymPy expressions or objects of the classes above."""
+    """A formula: sides that are equal. Each is a SymPy expression or an object such as `Partial` or `SignedTerms`."""
 
     sides: tuple[Any, ...]
 
@@ -244,7 +244,11 @@ def _equations(derivation: Derivation) -> Iterator[Formula | str]:
 
 
 def _matrices(derivation: Derivation) -> Iterator[Formula | str]:
-    """Yield the formula M a = h and its matrices, for systems with more than one coordinate."""
+    """Yield the equations of motion as M a = h, then the matrices, for systems with more than one coordinate.
+
+    M is the mass matrix, a are the accelerations, and h is the right side. With constraints the transpose of their
+    gradient G, times the multipliers, is added to h.
+    """
     statement = derivation.statement
     names = statement.names
     if len(names) == 1:
@@ -283,7 +287,7 @@ def _matrix(
     *,
     symmetric: bool = False,
 ) -> Iterator[Formula]:
-    """Yield a matrix, or its entries one by one if the matrix is too wide.
+    """Yield the formula that shows a matrix as `letter`, or one for each entry if the matrix is too wide.
 
     `names` are the names of the rows, and `column_names` those of the columns, by default the same. Of a `symmetric`
     matrix each pair of equal entries is written once.

@@ -81,8 +81,8 @@ def check_given(survey: Survey, coordinates: Collection[str]) -> None:
 def with_values(statement: Statement) -> Statement:
     """Return the statement with its given functions replaced by their expressions in t.
 
-    Open functions, and undefined functions of coordinates, become polynomials with symbols as coefficients. So the
-    equations can be analysed, but not run: `require_values` refuses to run them.
+    Given functions without values, and undefined functions of coordinates such as U(r), become polynomials with
+    symbols as coefficients. So the equations can be analysed, but not run: `require_values` refuses to run them.
     """
     coefficients: dict[Any, None] = {}
 
@@ -95,7 +95,7 @@ def with_values(statement: Statement) -> Statement:
 def with_inputs(statement: Statement) -> Statement:
     """Return the statement with given functions replaced: by their values, or without values by inputs X, X_dot, ...
 
-    An input is a parameter whose value changes along a motion. The rate of each input is the next one.
+    An input is a parameter whose value changes along a motion. The time derivative of each input is the next one.
     """
     rates: dict[Any, Any] = {}
 
@@ -114,8 +114,9 @@ def _put_in(
 ) -> Statement:
     """Return the statement with given functions replaced by their values, and undefined functions by polynomials.
 
-    `open_values` takes a function without values. It returns a callable from the order to the derivative of that order,
-    and enters the new symbols of these derivatives in `symbols`. They become the last parameters.
+    For a given function without values, `open_values(function)` returns a callable: it maps an order to the
+    expression that replaces the derivative of this order. It adds the new symbols of these expressions to `symbols`.
+    They become the last parameters.
     """
     if statement.prescribed or not (statement.given or statement.unknown):
         return statement
@@ -209,7 +210,7 @@ def check_span(statement: Statement, t0: float, t1: float) -> None:
 
 
 def replaced(function: Any, values: Any) -> Mapping[Any, Any]:
-    """Return {function: given function of the same name with `values`}, for `xreplace`."""
+    """Return {function: given function of the same name with these `values`}, to replace it in expressions."""
     return {function: given(name_of(function), values)}
 
 
@@ -218,7 +219,10 @@ LETTER = "S"
 
 
 def with_named_tables(statement: Statement) -> tuple[Statement, tuple[str, ...]]:
-    """Return the statement with each table as a function, such as S(x), and a sentence on each such function."""
+    """Return the statement with each table of measured values replaced by a function with a name, such as S(x).
+
+    The second result has a sentence on each such function.
+    """
     expressions = (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)
     expressions += tuple(constraint.expression for constraint in statement.constraints)
     nodes = [sorted(expression.atoms(sympy.Piecewise), key=sympy.default_sort_key) for expression in expressions]

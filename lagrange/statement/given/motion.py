@@ -76,7 +76,10 @@ _LATEST: deque[TabulatedFunction] = deque(maxlen=256)
 
 
 def table_of(node: Any) -> tuple[Any, TabulatedFunction] | None:
-    """Return the argument of a spline, and the table among the latest ones that it was made from; None without one."""
+    """Return the argument and the table of a spline in an expression, None if the node is not such a spline.
+
+    Only the latest tables are known.
+    """
     bounds = table_range(node)
     same = [table for table in tuple(_LATEST) if bounds and _ends(table) == bounds[1:]]
     return next(((bounds[0], table) for table in same if bounds and spline(table, 0, bounds[0]) == node), None)
@@ -89,7 +92,10 @@ def _ends(table: TabulatedFunction) -> tuple[float, float]:
 
 
 def checked_table(title: str, columns: Sequence[Any] | Any, points: str) -> TabulatedFunction:
-    """Return a table from two lists, points and values. Messages name the table and its points."""
+    """Return a table from `columns`, the points and the values: two lists of finite numbers of one length.
+
+    `title` names the table in messages, and `points` its points. Raises StatementError for other lists.
+    """
     both = f"({points}, values), two lists of one length"
     if isinstance(columns, np.ndarray) and columns.ndim == 0:
         raise StatementError(f"{title} is an array without entries: give {both}.")
@@ -118,9 +124,10 @@ def checked_table(title: str, columns: Sequence[Any] | Any, points: str) -> Tabu
 
 @lru_cache(maxsize=256)
 def spline(table: TabulatedFunction, order: int, variable: Any) -> Any:
-    """Return the derivative of `order` of a table's spline in `variable`, a Piecewise, undefined outside the points.
+    """Return the derivative of order `order` of a table's cubic spline, as a Piecewise in `variable`.
 
-    The spline is "not a knot": the first two intervals have the same cubic, and so have the last two.
+    It is undefined outside the points. The spline is "not a knot": the first two intervals have the same cubic, and
+    so have the last two.
     """
     from scipy.interpolate import CubicSpline  # takes 0.1 s to import
 
@@ -138,7 +145,10 @@ def spline(table: TabulatedFunction, order: int, variable: Any) -> Any:
 
 
 def table_range(node: Any) -> tuple[Any, float, float] | None:
-    """Return (argument, lower, upper end) of the range of a table or of its derivative; None for other expressions."""
+    """Return (argument, lower end, upper end) of the range in which a table's spline or its derivative is defined.
+
+    Returns None if the expression `node` is neither.
+    """
     conditions = node.args[0].cond.args if isinstance(node, sympy.Piecewise) and len(node.args) == 1 else ()
     ends = {type(part): part for part in conditions}
     if set(ends) == {sympy.StrictGreaterThan, sympy.StrictLessThan}:
@@ -159,7 +169,7 @@ MARK = "motion"
 
 @dataclass(frozen=True)
 class Motion:
-    """Values of a given function: an expression in t and parameters, a TabulatedFunction, or None without values."""
+    """The `values` of a given function: an expression in t and parameters, a TabulatedFunction, or None."""
 
     values: Any = None
 
@@ -175,7 +185,7 @@ class Motion:
         return (table.points[0], table.points[-1]) if isinstance(table, TabulatedFunction) else (-math.inf, math.inf)
 
     def derivative(self, order: int) -> Any:
-        """Return the derivative of order `order` as an expression in t and parameters."""
+        """Return the derivative of order `order` of the given function in t, as an expression in t and parameters."""
         return (
             spline(self.values, order, t) if isinstance(self.values, TabulatedFunction) else _slope(self.values, order)
         )

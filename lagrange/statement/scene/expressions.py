@@ -147,7 +147,7 @@ class Reader:
         self.place = self.depth = 0
 
     def read(self) -> ParsedValue:
-        """Return the value of the whole text."""
+        """Return the parsed value of the whole text. Raises SceneError if it is not one expression."""
         try:
             value = self.expression()
         except RecursionError:
@@ -182,7 +182,10 @@ class Reader:
         self.depth -= 1
 
     def built(self, start: int, build: Callable[..., ParsedValue], *parts: Any) -> ParsedValue:
-        """Return the checked result of `build(*parts)`. A refusal becomes a SceneError at the offset `start`."""
+        """Return the parsed part that `build(*parts)` makes, after its check.
+
+        A RefusalError becomes a SceneError at the offset `start`.
+        """
         try:
             return self._checked(build(*parts))
         except RefusalError as refusal:
@@ -350,7 +353,10 @@ class Reader:
         refuse(reason if reason.endswith(".") else f"{reason}.", token.offset)
 
     def _checked(self, value: ParsedValue) -> ParsedValue:
-        """Return a value after its check. The double of an exact number that SymPy evaluated is computed from it."""
+        """Return a parsed part after its check. A part without symbols must have a finite value as a double.
+
+        If SymPy evaluated it to an exact number, its double is computed from this number.
+        """
         varies = self.guard.check(value.expression)
         if isinstance(value.expression, sympy.Number):
             return ParsedValue(value.expression, float(value.expression))
@@ -407,7 +413,7 @@ class Reader:
         return ParsedValue(word.build(*arguments), double)
 
     def _other_call(self, name: str, parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return a function of coordinates that has no formula, such as U(r)."""
+        """Return the call of an undefined function of coordinates, such as U(r), with the arguments `parts`."""
         return ParsedValue(sympy.Function(name)(*map(term_of, parts)))
 
     def _compared(self, signs: Sequence[str], parts: Sequence[ParsedValue]) -> ParsedValue:
@@ -436,14 +442,14 @@ class Reader:
 
 
 def term_of(value: ParsedValue) -> Any:
-    """Return the expression of a value. Raises RefusalError for a condition."""
+    """Return the expression of a parsed part. Raises RefusalError for a condition, which has no value."""
     if not isinstance(value.expression, sympy.Expr):
         raise RefusalError(NO_VALUE)
     return value.expression
 
 
 def _doubles(parts: Sequence[ParsedValue]) -> list[float] | None:
-    """Return the doubles of the parts, or None if a part is not constant."""
+    """Return the values of parsed parts as doubles, or None if a part is not constant."""
     doubles = [part.double for part in parts if part.double is not None]
     return doubles if len(doubles) == len(parts) else None
 
@@ -458,7 +464,11 @@ def check_arity(word: FunctionWord, count: int) -> None:
 
 
 def _double(word: FunctionWord, parts: Sequence[ParsedValue]) -> float | None:
-    """Return the value of a function of constant parts as a double, or None if a part is not constant."""
+    """Return the value of a function of constant arguments as a double, or None if one is not constant.
+
+    `word` is the function, and `parts` are its parsed arguments. Raises RefusalError for a value that is not finite
+    and real.
+    """
     doubles = _doubles(parts)
     if doubles is None:
         return None
@@ -495,7 +505,7 @@ class Expressions:
             self.constants[name] = value.double
 
     def enter(self, name: str, expression: Any) -> None:
-        """Define a name for an expression that is not stated as text, such as a table."""
+        """Define a name for an expression that is not stated as text, such as a table; later texts may use it."""
         self.names[name] = sympy.Dummy(name, real=True)
         self._done[self.names[name]] = expression
 
@@ -504,5 +514,5 @@ class Expressions:
         return replaced(self.built(text).expression, self._done)
 
     def built(self, text: str) -> ParsedValue:
-        """Return the parsed value of a text, in which real symbols replace the functions of time."""
+        """Return the parsed value of a text, in which real symbols stand for the functions of time."""
         return Reader(text, self.names, self.guard, self.constants, self.calls).read()

@@ -45,14 +45,17 @@ class RefusalError(Exception):
 
 
 class Guard:
-    """Checks every expression that is built while texts are read. Each distinct expression is checked once."""
+    """Checks the size and powers of every expression that is built while texts are read. Raises RefusalError.
+
+    Each distinct subexpression is checked once. `varies` tells of each whether it contains a symbol.
+    """
 
     def __init__(self) -> None:
         self.varies: dict[Any, bool] = {}
         self.sizes: dict[Any, int] = {}
 
     def check(self, expression: Any) -> bool:
-        """Check the expression and its parts. Return True if it contains a symbol."""
+        """Check the size of an expression and each of its parts. Return True if it contains a symbol."""
         for node in parts_first(expression, self.varies):
             if not isinstance(node, sympy.Symbol):
                 _check_node(node)
@@ -67,7 +70,10 @@ class Guard:
         """Examine a node further after its check, in a subclass. Do nothing here."""
 
     def join(self, build: Callable[..., Any], parts: list[Any]) -> Any:
-        """Return `build(*parts)`; `build` is sympy.Add or sympy.Mul. Many parts are built and checked in chunks."""
+        """Return the sum or product of `parts`, made by `build`: sympy.Add or sympy.Mul.
+
+        Many parts are built and checked in chunks.
+        """
         while len(parts) > CHUNK:
             parts = [build(*parts[i : i + CHUNK]) for i in range(0, len(parts), CHUNK)]
             for part in parts:
@@ -149,7 +155,7 @@ def check_compared(expressions: list[Any], what: str) -> None:
 
 
 def _doubtful(argument: Any) -> int:
-    """Return the number of distinct parts that SymPy cannot prove to be real."""
+    """Return the number of distinct subexpressions of `argument` that SymPy cannot prove to be real."""
     doubt: dict[Any, bool] = {}
     for node in parts_first(argument, doubt):
         doubt[node] = isinstance(node, sympy.Expr) and not node.is_extended_real

@@ -68,7 +68,10 @@ def refuse(reason: str, offset: int) -> NoReturn:
 
 
 def tokens(text: str, *, unevaluated: bool = False) -> list[Token]:
-    """Return the tokens of a text, and one of kind "end"; `unevaluated` allows and, or, not, True, False and None."""
+    """Return the tokens of a text, and a last one of kind "end". Raises SceneError if the text is not allowed.
+
+    If `unevaluated` is true, and, or, not, True, False and None are allowed as well.
+    """
     if not isinstance(text, str):
         raise SceneError(f"an expression is a text such as '2*x', not {type(text).__name__}.")
     most = LONGEST_UNEVALUATED if unevaluated else LONGEST_EVALUATED
@@ -100,7 +103,10 @@ def tokens(text: str, *, unevaluated: bool = False) -> list[Token]:
 
 
 def _check_number(token: Token, following: str, most: int) -> None:
-    """Raise SceneError for a number that is complex, longer than `most`, or followed by a letter."""
+    """Raise SceneError for a number token that is complex, has more than `most` characters, or starts with a zero.
+
+    `following` is the character after it; a letter there is refused.
+    """
     number, offset = token.text, token.offset
     if following in ("j", "J"):
         refuse(f"{number[:20]}{following} is a complex number: energies and forces are real.", offset)

@@ -83,7 +83,10 @@ def scene_from_text(text: str) -> Statement:
 
 
 def stored_statement(text: Any) -> Statement:
-    """Return the statement in a text by `scene_text`. Raises StatementError for a changed or foreign text."""
+    """Return the statement in the text of a scene that lagrange wrote.
+
+    Raises StatementError for a text that was changed or written by another program.
+    """
     if not isinstance(text, str) or text.lstrip()[:1] == "{":
         raise StatementError(
             "its statement is JSON, as development versions before lagrange 0.1.0 wrote: state the system and run it "
@@ -102,11 +105,14 @@ def stored_statement(text: Any) -> Statement:
 
 
 class SceneDocument(Document):
-    """A TOML file whose values are read as numbers and expressions. A path consists of keys and indices."""
+    """A TOML file whose values are read as numbers and expressions.
+
+    A path to a value consists of keys and indices, such as ("positions", "bob", 0).
+    """
 
     @contextmanager
     def located(self, *path: str | int, key: bool = False) -> Iterator[None]:
-        """Context that turns a StatementError into a SceneError at the value, or the `key`, of a path."""
+        """Context in which a StatementError becomes a SceneError, located at the value at a path, or at its `key`."""
         try:
             yield
         except SceneError:
@@ -129,14 +135,14 @@ class SceneDocument(Document):
         return self._of_text(reader.read, *path)
 
     def one_or_more(self, reader: ExpressionReader, *path: str | int) -> Any:
-        """Return the expression at a path, or a list of those in a list."""
+        """Return the expression at a path, or the list of expressions if a list is there."""
         value = self.value(*path)
         if not isinstance(value, list):
             return self.expression(reader, *path)
         return [self.expression(reader, *path, i) for i in range(len(value))]
 
     def define(self, reader: ExpressionReader, *path: str | int) -> None:
-        """Define the last key of a path as a name, for the text or number at the path."""
+        """Define the last key of a path as a name for the expression at the path."""
         self._of_text(partial(reader.define, str(path[-1])), *path)
 
     def _of_text(self, read: Callable[[str], Any], *path: str | int) -> Any:
@@ -174,9 +180,10 @@ class SceneDocument(Document):
 
 
 class SceneReader:
-    """Reads the fields of one scene. Each method raises SceneError with line and column of its field.
+    """Reads one scene file as a Statement, field by field. SceneErrors have line and column of the field.
 
-    `text`, `path` and `most` are the arguments of `Document`.
+    `path` is that of the file, and `text` its content; without it the file is read. `most` is its largest size in
+    bytes.
     """
 
     def __init__(self, path: str | os.PathLike[str], text: str | None = None, most: int = LARGEST_FILE) -> None:
@@ -248,7 +255,10 @@ class SceneReader:
         return {coordinates.get(name, name): self.document.expression(reader, "forces", name) for name in stated}
 
     def events(self, reader: ExpressionReader, declared: Statement) -> tuple[Event, ...]:
-        """Return the events of the list of tables [[events]]. An event is a zero of `when`; other keys are optional."""
+        """Return the events of the scene, from the list of tables [[events]].
+
+        They are checked against the statement `declared`. An event is a zero of `when`; other keys are optional.
+        """
         tables = self.data["events"]
         if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
             self.document.refuse('events is not a list of tables: write [[events]] and when = "y" below it.', "events")
@@ -259,7 +269,7 @@ class SceneReader:
             return declare_events(stated, declared)
 
     def event(self, reader: ExpressionReader, i: int, table: Mapping[str, Any]) -> Event:
-        """Return the event in table number i of [[events]]."""
+        """Return the event in `table`, the entry with index i of [[events]]."""
         path = ("events", i)
         self.document.check_keys(table, EVENT_KEYS, "key of an event", *path)
         reset = table.get("reset", {})
@@ -288,7 +298,10 @@ class SceneReader:
         return name
 
     def coordinate_names(self, turning: Collection[str]) -> list[str]:
-        """Return the names of the coordinates. The file need not name quaternion entries of rotations, `turning`."""
+        """Return the names of the coordinates in the file, which need not contain quaternion entries of rotations.
+
+        `turning` are the names of these entries.
+        """
         names = self.data.get("coordinates", [] if turning else None)
         if not isinstance(names, list) or not (names or turning):
             self.document.refuse(
@@ -373,7 +386,7 @@ class SceneReader:
             return table(self.document.expression(reader, "tables", name, "argument"), entry["points"], entry["values"])
 
     def given(self, coordinates: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the given functions of time and their derivatives by name, such as X and X_dot."""
+        """Return {name: function} of the given functions of time and their derivatives, such as X and X_dot."""
         names: dict[str, Any] = {}
         reader: ExpressionReader = (
             Expressions(symbols) if self.evaluated else UnevaluatedExpressions(symbols, (t, *symbols.values()))
@@ -392,7 +405,11 @@ class SceneReader:
         return names
 
     def check_free(self, name: str, what: str, coordinates: Any, *path: str | int) -> None:
-        """Raise SceneError, at a path, for a name that is malformed or taken; `what` names its kind in the message."""
+        """Raise SceneError, at a path, for a name that is malformed or taken.
+
+        `coordinates` are the names that are taken, besides x_dot and x_ddot of each name x. `what` is the kind of the
+        named object in the message.
+        """
         key = path[0] not in ("coordinates", "functions")
         with self.document.located(*path, key=key):
             check_symbol(name, what)
@@ -407,7 +424,7 @@ class SceneReader:
             self.document.refuse(f"{name!r} cannot name a {what}, it is {taken}: choose another name.", *path, key=key)
 
     def energies(self, reader: ExpressionReader) -> dict[str, Any]:
-        """Return kinetic and potential energy, or the Lagrangian, by key."""
+        """Return the energies that the scene states by key: "kinetic" and "potential", or "lagrangian"."""
         main = "lagrangian" if "lagrangian" in self.data else "kinetic"
         if main == "lagrangian" and (other := next((key for key in ("kinetic", "potential") if key in self.data), "")):
             self.document.refuse(
@@ -487,7 +504,7 @@ class SceneReader:
             return check_redundant(self.data.get("redundant", REFUSE))
 
     def dimensions(self, names: Mapping[str, Any]) -> dict[str, str] | None:
-        """Return {name: dimension or unit}, or None if the scene states none."""
+        """Return {symbol's name: dimension or unit as text}, or None if the scene states none."""
         if "dimensions" not in self.data:
             return None
         known = ["t", *(name for name in names if names[name].is_Symbol or names[name].is_Function)]

@@ -33,7 +33,7 @@ _ESCAPE = re.compile(r"\\(?:u[0-9A-Fa-f]{4}|U[0-9A-Fa-f]{8}|\r?[ \t]*\n\s*|.)", 
 
 @dataclass
 class _Frame:
-    """State of the scanner in a table, an inline table or a list."""
+    """State of the scanner in one table, inline table or list, with its path from the top of the file."""
 
     path: KeyPath
     kind: str  # "table", "inline" or "list"
@@ -133,7 +133,10 @@ def inside(text: str, offset: int, column: int) -> int:
 
 
 def _after_fold(text: str, at: int, quotes: str) -> int:
-    """Return the offset after the line breaks at `at` that backslashes remove from a string; else return `at`."""
+    """Return the offset after a fold at `at`: line breaks and blanks that a backslash removes from a string.
+
+    Without a fold, or if `quotes` are not those of a multi-line string, it is `at`.
+    """
     fold = re.compile(r"(?:\\[ \t]*\n\s*)+").match(text, at) if quotes == '"""' else None
     return fold.end() if fold else at
 
@@ -187,7 +190,10 @@ class Document:
         raise SceneError(reason, file=self.file, line=line, column=column_number)
 
     def check_keys(self, table: Mapping[str, Any], known: Collection[str], what: str, *path: str | int) -> None:
-        """Raise SceneError for a key of the table at `path` that is not in `known`."""
+        """Raise SceneError for a key of the table at `path` that is not in `known`.
+
+        `what` is the kind of the key in the message, such as "key of a scene".
+        """
         for name in table:
             if name not in known:
                 self.refuse(
@@ -198,7 +204,11 @@ class Document:
                 )
 
     def table(self, key: str, known: Collection[str] | None = None, what: str = "") -> Mapping[str, Any]:
-        """Return a table of the file, empty if it is missing. Raises SceneError for a key that is not in `known`."""
+        """Return the table `key` of the file, empty if it is missing.
+
+        Raises SceneError for a key in it that is not in `known`, if given; `what` is the kind of the key in the
+        message.
+        """
         table = self.data.get(key, {})
         if not isinstance(table, Mapping):
             self.refuse(f"{key} is {kind_of(table)}: write a table [{key}] of names and values.", key)
@@ -214,7 +224,10 @@ class Document:
         return value
 
     def words(self, key: str) -> str:
-        """Return the text of a key on one line, empty if it is missing. Refuses characters that control a terminal."""
+        """Return the text of a key as one line, empty if the key is missing.
+
+        Raises SceneError for control characters, which a terminal would obey.
+        """
         text = " ".join(self.text(key).split()) if key in self.data else ""
         if not text.isprintable():
             self.refuse(f"{key} contains a control character: write plain text.", key)

@@ -41,10 +41,11 @@ _CONDITIONS = (Relational, BooleanFunction, BooleanAtom)
 
 
 class UnevaluatedGuard(Guard):
-    """Checks unevaluated expressions. SymPy evaluates them later, when the leaves `replaced` in them are replaced.
+    """Checks unevaluated expressions. SymPy evaluates them later, when some leaves in them are replaced.
 
-    It refuses powers of constants that are computed from several numbers, such as (9**9)**9. It also refuses functions
-    of replaced leaves that SymPy would take too long to evaluate. `branched` are the parts that contain a Piecewise.
+    It refuses powers of constants that are computed from several numbers, such as (9**9)**9. It also refuses
+    functions that SymPy would take too long to evaluate after replacement. `replaced` are the leaves. `branched` are
+    the parts that contain a Piecewise.
     """
 
     def __init__(self, replaced: Iterable[Any]) -> None:
@@ -54,7 +55,10 @@ class UnevaluatedGuard(Guard):
         self._computed: set[Any] = set()
 
     def enter(self, node: Any) -> None:
-        """Record a constant computed from several numbers. Raises RefusalError if evaluation would take too long."""
+        """Record whether a part is branched, replaced later or a constant computed from several numbers.
+
+        Raises RefusalError if its evaluation would take too long.
+        """
         if isinstance(node, sympy.Piecewise) or any(part in self.branched for part in node.args):
             self.branched.add(node)
         if any(part in self._replaced for part in node.args):
@@ -73,7 +77,11 @@ class UnevaluatedGuard(Guard):
 
 
 class UnevaluatedExpressions(Expressions):
-    """Reader of the unevaluated expressions of one file; `replaced` are leaves that are replaced later."""
+    """Reader of the unevaluated expressions of one file.
+
+    `names` maps identifiers to SymPy objects, and `replaced` are those leaves that are replaced later. `calls` are
+    the names of functions of coordinates without a formula.
+    """
 
     def __init__(self, names: Mapping[str, Any], replaced: Iterable[Any] = (), calls: Collection[str] = ()) -> None:
         self.names = {**names, **PREDEFINED_VALUES}
@@ -125,7 +133,10 @@ class UnevaluatedReader(Reader):
             parts = []
 
     def joined(self, start: int, build: Any, parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return `build`, And or Or, of several conditions; a single part is returned unchanged."""
+        """Return the And or the Or, given by `build`, of several conditions. A single part is returned unchanged.
+
+        `start` is the offset of the first one, for errors.
+        """
         if len(parts) == 1:
             return parts[0]
         return self.built(start, lambda: ParsedValue(build(*map(_condition_of, parts), evaluate=False)))
@@ -184,7 +195,10 @@ class UnevaluatedReader(Reader):
         return ParsedValue(sympy.Function(name)(*arguments))
 
     def _branches(self, branches: Sequence[Branch], last: ParsedValue | None) -> ParsedValue:
-        """Return a Piecewise, or an ITE if the branches are conditions themselves."""
+        """Return a Piecewise of `branches`, pairs of value and condition, and of the value otherwise, `last`.
+
+        If the values are conditions themselves, it is an ITE.
+        """
         conditions = [_condition_of(condition) for _, condition in branches]
         if any(condition in self.guard.branched for condition in conditions):  # SymPy would rewrite it
             raise RefusalError("a condition cannot compare a value that has conditions itself")
@@ -199,7 +213,7 @@ class UnevaluatedReader(Reader):
         return ParsedValue(sympy.Piecewise(*pairs, evaluate=False))
 
     def _compared(self, signs: Sequence[str], parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return the relation between two parts. A chain such as 0 < x < 1 is a conjunction of relations."""
+        """Return the comparison of parts by `signs`, such as "<". A chain 0 < x < 1 becomes And(0 < x, x < 1)."""
         pairs = zip(signs, pairwise(map(term_of, parts)), strict=True)
         relations = [COMPARISONS[sign](left, right, evaluate=False) for sign, (left, right) in pairs]
         return ParsedValue(relations[0] if len(relations) == 1 else And(*relations, evaluate=False))

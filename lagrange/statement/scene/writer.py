@@ -60,10 +60,11 @@ class Text(NamedTuple):
 
 
 class SharedText:
-    """Writes expressions as texts. Parts that occur more than once become `definitions`, in order of use.
+    """Writes expressions as texts, in which names replace parts that are repeated or nested deeply.
 
-    `leaves` maps symbols and functions of time to their texts. `roots` are all expressions to be written, and `taken`
-    the names that definitions must not have. Raises RefusalError for a part that cannot be written.
+    `definitions` maps each such name to its text, in order of use. `leaves` maps symbols and functions of time to
+    their texts. `roots` are all expressions to be written, and `taken` the names that definitions must not have.
+    Raises RefusalError for a part that cannot be written.
     """
 
     def __init__(self, roots: Iterable[Any], leaves: Mapping[Any, str], taken: Iterable[str]) -> None:
@@ -98,7 +99,10 @@ class SharedText:
         return self._known[expression].text
 
     def _counted(self, roots: Iterable[Any]) -> dict[Any, int]:
-        """Return {part: number of its occurrences}, inside other parts and as a whole expression."""
+        """Return how often each subexpression occurs in the expressions `roots`, counting those themselves.
+
+        The parts of a repeated subexpression are counted once.
+        """
         uses: dict[Any, int] = {}
         todo = list(roots)
         while todo:
@@ -122,7 +126,10 @@ class SharedText:
                 yield node
 
     def _entry(self, node: Any, *, root: bool) -> Text:
-        """Return how other texts contain a node: as its own text, or as the name of its definition."""
+        """Return the text that stands for an expression in others: its own, or the name of its definition.
+
+        If `root` is true, the expression is one of those to be written, and not defined if it occurs only once.
+        """
         if isinstance(node, ExprCondPair):
             return Text("")
         write = next((write for kind, write in self._kinds if isinstance(node, kind)), None)
@@ -233,10 +240,10 @@ class SharedText:
         return self._joined(parts, f"({text}{last})", ATOM)
 
     def _last(self, node: Any, kind: Any) -> Text:
-        """Return the text of the last branch of a condition.
+        """Return the text of the expression after the last "else" of a condition.
 
-        If the branch has branches itself, it gets a definition. Otherwise these would be read back as branches of the
-        outer condition. `kind` is the class of the outer condition.
+        If it has branches itself, it gets a definition. Otherwise these would be read back as branches of the outer
+        condition. `kind` is the class of the outer condition.
         """
         entry = self._part(node)
         if isinstance(node, kind) and entry.text.startswith("("):
@@ -249,7 +256,10 @@ def _is_divisor(node: Any) -> bool:
 
 
 def _is_signed(term: Any, part: Text) -> bool:
-    """Return True if the minus sign of a text belongs to a number, or to a product that begins with a number."""
+    """Return True if the minus sign with which the text of `term` begins belongs to a number.
+
+    The term is that number, or a product that begins with it.
+    """
     if part.strength == ATOM:
         return False
     if isinstance(term, sympy.Number):
@@ -292,7 +302,7 @@ def sign_of(parameter: Any) -> str:
 
 
 class _SceneWriter:
-    """Writes one statement as the lines of a scene file."""
+    """Writes one statement as the lines of a scene file. Raises StatementError for parts that scenes cannot state."""
 
     def __init__(self, statement: Statement) -> None:
         self.statement, names = statement, statement.rotations
@@ -341,7 +351,7 @@ class _SceneWriter:
                 yield name, f"{{ argument = {argument}, {_columns(made_from[1], ('points', 'values'))} }}"
 
     def lines(self) -> Iterator[str]:
-        """Yield the lines of the file."""
+        """Yield the lines of the scene file."""
         statement = self.statement
         yield f"name = {_quoted(statement.name)}"
         for key in ("about", "source"):
@@ -372,7 +382,7 @@ class _SceneWriter:
         yield from events
 
     def event(self, event: Event) -> Iterator[str]:
-        """Yield the lines of an event."""
+        """Yield the lines of the table [[events]] of one event."""
         yield "\n[[events]]"
         yield f"when = {self.text('an event', event.expression)}"
         if event.direction:
@@ -419,7 +429,10 @@ class _SceneWriter:
         }
 
     def text(self, what: str, expression: Any, shared: SharedText | None = None) -> str:
-        """Return an expression as a quoted text; `what` names it in errors, `shared` is the writer of its parts."""
+        """Return an expression as a quoted text. `what` names it in errors.
+
+        `shared` writes it and defines its shared parts; None is the writer for the whole file.
+        """
         try:
             return f"'{(shared or self.shared).text(expression)}'"
         except RefusalError as error:
@@ -428,7 +441,7 @@ class _SceneWriter:
             ) from None
 
     def contact(self, each: Contact) -> Mapping[str, str]:
-        """Return {key: text} of a contact. Slip in a plane and two coefficients of friction are lists of two."""
+        """Return {key: text} for the table of a contact; its slip and friction are lists if they have two entries."""
         what = f"the contact {each.name}"
         friction = each.friction[:1] if each.friction[0] == each.friction[1] else each.friction
         entries = {"gap": [each.gap], "slip": each.slip, "restitution": [each.restitution], "friction": friction}
@@ -436,7 +449,7 @@ class _SceneWriter:
         return {key: parts[0] if len(parts) == 1 else f"[{_joined(parts)}]" for key, parts in texts.items()}
 
     def value(self, parameter: Any) -> str:
-        """Return the value of a parameter as text."""
+        """Return the value of a parameter as text, or the quoted word `OPEN` if it has none."""
         value = self.statement.defaults.get(parameter)
         return _quoted(OPEN) if value is None else repr(float(value))
 
@@ -451,7 +464,10 @@ class _SceneWriter:
         return text if text != f"'{OPEN}'" else f"'({OPEN})'"
 
     def dimensions(self) -> Iterator[tuple[str, str]]:
-        """Yield (name, quoted unit or dimension) of the known dimensions, without the second for t."""
+        """Yield (name, quoted unit or dimension) of each symbol whose dimension is known.
+
+        For t the second is left out, since it is the default.
+        """
         for symbol, dimension in self.statement.dimensions.items():
             name = symbol.name if isinstance(symbol, sympy.Symbol) else name_of(symbol)
             if symbol == t and dimension == named("second"):
@@ -461,7 +477,10 @@ class _SceneWriter:
 
 
 def _columns(table: TabulatedFunction, names: Sequence[str] = ("", "")) -> str:
-    """Return the points and the values of a table as lists; `names` are written before them unless they are empty."""
+    """Return the points and the values of a table as two lists in text.
+
+    Unless `names` are empty, each list follows its name and an equals sign.
+    """
     rows = (f"[{_joined(map(repr, row))}]" for row in (table.points, table.values))
     return _joined(f"{name} = {row}" if name else row for name, row in zip(names, rows, strict=True))
 

@@ -21,13 +21,13 @@ _LONE = (("",), ("", "2"), ("", "^", "2"))  # Sides that a definition may have: 
 
 
 def is_constant(side: Sequence[Token]) -> bool:
-    """Return True if a side of an equation is the word "const"."""
+    """Return True if one side of an equation, as tokens, is the word "const"."""
     return [token.text for token in side] in _CONSTANT
 
 
 @dataclass(frozen=True)
 class Definition:
-    """An equation that defines a name: its two sides, of which one may be the name alone.
+    """An equation that defines the name `name`: its two sides, of which one may be the name alone.
 
     `lone` is true if a side is the name or its square, or if the name is a force. If the equation also states that a
     value is constant, `constant` is a clause with that value; else None.
@@ -75,9 +75,10 @@ class Definition:
 
 
 class Uses:
-    """Occurrences of unknown words in an answer: `words` maps each word to the offsets of the clauses that contain it.
+    """Places at which unknown words occur in an answer, a text of typed equations.
 
-    `changed` has only the clauses that state its derivative, or that it is constant.
+    `words` maps each word to the offsets of the clauses (parts of the text) that contain it. `changed` has only the
+    clauses that state its derivative, or that it is constant.
     """
 
     def __init__(self, clauses: Sequence[Clause]) -> None:

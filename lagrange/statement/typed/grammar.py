@@ -27,9 +27,9 @@ _ANGLE = re.compile(r"\b(?:alpha|beta|gamma|delta|theta|phi|psi|chi)_?[0-9]*$")
 
 
 class TypedFault(Exception):
-    """A fault of a typed text: its reason as a sentence without the final period, and its offset in the text.
+    """A fault in a typed text: its `reason`, a sentence without the final period, and its `offset` in the text.
 
-    `read` is the strict text of the equation before the fault, or "".
+    `read` is the equation before the fault in the strict notation, or "".
     """
 
     def __init__(self, reason: str, offset: int, read: str = "") -> None:
@@ -42,7 +42,10 @@ class UnknownWord(TypedFault):
 
 
 def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
-    """Return the faults that are found before parsing: characters, unknown words, impossible derivatives, brackets."""
+    """Return the faults of a formula that are found before parsing.
+
+    They are characters that cannot be read, unknown words, impossible derivatives and unmatched brackets.
+    """
     faults, opened = list[TypedFault](), list[Token]()
     for token, following in zip_longest(tokens, tokens[1:]):
         name = repr(token.text[:60])
@@ -69,9 +72,10 @@ def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
 
 
 def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> list[list[Piece]]:
-    """Return the readings of a word, with the dots of `token` on the first factor and its primes on the last one.
+    """Return the readings of a word with its dots applied to the first factor and its primes to the last one.
 
-    Readings whose symbols have no such derivative are left out.
+    `token` is the word with its dots and primes. Each reading is a list of factors; one whose symbols have no such
+    derivative is left out.
     """
     results = []
     for pieces in readings:
@@ -88,7 +92,7 @@ def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> l
 
 @dataclass(frozen=True)
 class Part:
-    """Strict text of a part of a formula, and its outermost operation, `level`: SUM, PRODUCT, POWER or ATOM.
+    """A part of a formula in the strict notation, and its outermost operation, `level`: SUM, PRODUCT, POWER or ATOM.
 
     `number` is true for constants. `moves` is true if it contains a coordinate, a velocity or t.
     """
@@ -105,21 +109,22 @@ class Part:
 
 @dataclass
 class Choices:
-    """Choices between readings: `chosen` maps places to the index of the chosen option, by default 0.
+    """The readings that are chosen where a text has several: `chosen` maps choices to the index of an option.
 
-    `asked` maps each choice that the parser met to its number of options.
+    A choice is named by a text; without an entry its option is 0. `asked` maps each choice that the parser met to its
+    number of options.
     """
 
     chosen: dict[str, int] = field(default_factory=dict)
     asked: dict[str, int] = field(default_factory=dict)
 
     def take(self, choice: str, count: int) -> int:
-        """Return the index of the option taken in a choice, which has `count` options."""
+        """Return the index of the option taken in a choice, and record its number of options, `count`."""
         self.asked[choice] = max(count, self.asked.get(choice, 0))
         return min(self.chosen.get(choice, 0), count - 1)
 
     def others(self) -> list[dict[str, int]]:
-        """Return other choices for `chosen`; those that differ from the default at fewer places come first."""
+        """Return values of `chosen` for other readings, sorted by the number of options that are not the default."""
         open_choices = {choice: count for choice, count in self.asked.items() if count > 1}
         every = product(*(range(count) for count in open_choices.values()))
         listed = [dict(zip(open_choices, options, strict=True)) for options in islice(every, 1, 256)]
@@ -128,9 +133,9 @@ class Choices:
 
 @dataclass
 class Formula:
-    """One reading of a formula: strict text, in which a new name replaces each time derivative.
+    """One reading of a formula in the strict notation, in which a new name stands for each d/dt(...).
 
-    `rates` maps each such name to the strict text of its operand and the order of the derivative.
+    `rates` maps each such name to the strict text of the differentiated expression and the order of the derivative.
     """
 
     text: str
@@ -147,7 +152,7 @@ class Formula:
 
     @property
     def terms(self) -> list[str]:
-        """The strict texts of the terms of the outermost sum, without time derivatives of expressions."""
+        """The strict texts of the terms of the outermost sum, except those that contain d/dt of an expression."""
         terms, depth = [""], 0
         for piece in re.split(r"( [+-] |[()])", self.text):
             depth += (piece == "(") - (piece == ")")
@@ -160,7 +165,7 @@ class Formula:
 
 @dataclass(frozen=True)
 class _Symbol(Token):
-    """A token that is a symbol or a function of the system."""
+    """A token that is a symbol or a function of the system, given by `piece`."""
 
     piece: Piece = field(default_factory=lambda: Piece(""))
 
@@ -168,7 +173,7 @@ class _Symbol(Token):
 def parsed(tokens: Sequence[Token], names: Names, choices: Choices, taken: int = 0) -> Formula:
     """Return one reading of a formula, according to `choices`. Raises TypedFault for tokens that are not a formula.
 
-    `taken` is the number of names for time derivatives that the other sides of the equation have.
+    `taken` is the number of new names for time derivatives on the other sides of the equation.
     """
     expanded: list[Token] = []  # with the symbols of which a word is a product in place of the word
     for token in tokens:
@@ -254,7 +259,10 @@ class _Parser:
         return Part(f"-{part.at(POWER)}", SUM, part.number, part.moves) if negative else part
 
     def divided(self, above: Part) -> Part:
-        """Read a denominator, and return the quotient. Whether further factors belong to it is one of the choices."""
+        """Read a denominator, and return the quotient of `above` by it.
+
+        Whether further factors belong to the denominator, as in g/2l, is one of the choices.
+        """
         below = self.signed()
         closed = self.tokens[self.index - 1].is_sign(*OPENING.values())
         following = self.peek()
@@ -280,7 +288,7 @@ class _Parser:
         return self.raised(self.value())
 
     def raised(self, base: Part) -> Part:
-        """Read the exponents and primes after a base, and return the power."""
+        """Read the exponents and primes after `base`, and return its power or its derivative."""
         while (token := self.peek()) is not None:
             if token.kind == "prime":
                 self.index += 1
@@ -315,7 +323,7 @@ class _Parser:
         return part
 
     def opened(self) -> Part:
-        """Read a value that may contain brackets, and count one more level of nesting."""
+        """Read a value: a number, a symbol, a call, a derivative or an expression in brackets."""
         token = self.peek()
         if token is None:
             raise self.fault("a value is missing at the end")
@@ -358,7 +366,10 @@ class _Parser:
         return self.product()
 
     def inside(self, opened: Token, *, several: bool = False) -> list[Part]:
-        """Read an expression, or `several` between commas, and the bracket that closes `opened`, which was read."""
+        """Read an expression, or `several` between commas, up to the bracket that closes `opened`.
+
+        The opening bracket was read before.
+        """
         bars, self.bars = self.bars, 0
         parts = [self.sum()]
         while several and self.next_is(","):
@@ -409,7 +420,7 @@ class _Parser:
         return Part(f"-{part.at(PRODUCT)}", SUM, moves=part.moves) if negative else part
 
     def goes_on(self, part: Part) -> bool:
-        """Return True if an argument without brackets continues after `part`."""
+        """Return True if the argument of a function without brackets, as in sin 2 t, continues after `part`."""
         token, after = self.peek(), self.peek(1)
         if token is None or token.kind == "function":
             return False
@@ -438,7 +449,10 @@ class _Parser:
         return Part(f"{name}({', '.join(part.text for part in arguments)})", moves=moves)
 
     def rate(self, operand: Part, order: int, offset: int) -> Part:
-        """Return the time derivative of an operand: a symbol of the system, or a new name entered in `rates`."""
+        """Return the time derivative of an operand: a symbol of the system, or a new name entered in `rates`.
+
+        `order` is that of the derivative, and `offset` its place in the text for faults.
+        """
         if order > 2:
             raise TypedFault("an equation of motion has no third derivative", offset)
         piece = self.names.exact.get(operand.text)

@@ -66,7 +66,7 @@ def with_marks(text: str) -> str:
 
 
 def _marked(match: re.Match[str]) -> str:
-    """Return the text of one matrix, on one line and with single characters for its commands."""
+    """Return the matched text of one matrix on one line, with single characters in place of its LaTeX commands."""
     group = 3 if match.group(2) is None else 2
     inside = _ROW_BREAK.sub(lambda row: ROW.ljust(len(row.group())), match.group(group)).rstrip(f"{ROW} \n")
     inside = inside.replace("&", CELL).replace("\n", " ").ljust(len(match.group(group)))

@@ -189,10 +189,10 @@ _FORMULA = re.compile(
 
 
 def parts_of_document(text: str) -> Iterator[str]:
-    """Yield versions of a document in which all but some formulas are blank: first all formulas, then its main section.
+    """Yield versions of a document in which blanks replace all but some formulas.
 
-    Texts keep their length. The main section has the equations of motion. If no formulas are marked, the first version
-    is left out.
+    The first version keeps all marked formulas, and is left out if there are none. The second keeps the section with
+    the equations of motion. Texts keep their length.
     """
     body, section = _BODY.search(text), _SECTION.search(text)
     for match in (body, section):

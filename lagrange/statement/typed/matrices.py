@@ -17,10 +17,10 @@ Matrix = list[list[list[Token]]]  # The tokens of each entry, by rows
 
 
 def rows_of(equations: Sequence[Sequence[Token]]) -> list[list[Sequence[Token]]]:
-    """Return the rows of each equation, as equations; an equation without a matrix is one row.
+    """Return the rows of each vector equation, as scalar equations; one without a matrix is its only row.
 
-    An equation between a name and a matrix defines the name for the other equations, and has no rows. Raises TypedFault
-    for matrices that do not fit.
+    Equations are lists of tokens. An equation between a name and a matrix defines the name for the other equations,
+    and has no rows. Raises TypedFault for matrices that do not fit.
     """
     named: dict[str, Matrix] = {}
     for tokens in equations:
@@ -53,7 +53,10 @@ def _matrix(tokens: Sequence[Token], start: int) -> tuple[Matrix, int]:
 
 
 def _with_names(tokens: Sequence[Token], named: Mapping[str, Matrix]) -> list[Token]:
-    """Return an equation with matrices in place of their names; a derivative of a name applies to each entry."""
+    """Return the tokens of an equation with matrices in place of the names in `named`.
+
+    A derivative of a name applies to each entry of its matrix.
+    """
     replaced: list[Token] = []
     for token in tokens:
         if token.kind != "word" or token.text not in named:

@@ -32,11 +32,11 @@ _DERIVATIVE = re.compile(r"_?(?:d?dot)+$")
 
 @dataclass(frozen=True)
 class Piece:
-    """One symbol or function within a word, with its strict name.
+    """One symbol or function within a word, with its strict name: that of scene files.
 
-    `kind` is "symbol", "function", "e" (Euler's number) or "pi". If the symbol is a derivative of a coordinate or given
-    function, `base` is that function and `order` the order of the derivative. For other symbols `base` is "". `moves`
-    is true if the symbol changes in time.
+    `kind` is "symbol", "function", "e" (Euler's number) or "pi". If the symbol is a derivative of a coordinate or
+    given function, `base` is that function and `order` the order of the derivative. For other symbols `base` is "".
+    `moves` is true if the symbol changes in time.
     """
 
     name: str
@@ -49,9 +49,9 @@ class Piece:
 class Names:
     """The symbols of one system, by all accepted spellings.
 
-    `names` are all strict names of the system; for a coordinate or given function X they include X_dot. `others` maps
-    other spellings of a multiplier or of a rate of a rotation to its strict name. `defined` are the names that the
-    answer defines.
+    A strict name is that of scene files, and `names` are all of them; for a coordinate or given function X they
+    include X_dot. `others` maps other spellings of a multiplier or of a rate of a rotation to its strict name.
+    `defined` are the names that the answer defines.
     """
 
     def __init__(self, names: Iterable[str], others: Mapping[str, str], defined: Collection[str] = ()) -> None:
@@ -131,7 +131,7 @@ class Names:
         return max([*orders, *(piece.order for reading in words for piece in reading)], default=0)
 
     def derivative(self, piece: Piece, order: int) -> Piece | None:
-        """Return the derivative of that order of a coordinate or given function, None if the system has none."""
+        """Return the derivative of order `order` of a coordinate or given function, None if there is none."""
         total = piece.order + order
         if not piece.base or total >= len(RATES):
             return None

@@ -64,11 +64,11 @@ LONGEST_SYMBOLS = 120  # Most characters of the list of symbols at the end of a 
 
 @dataclass(frozen=True)
 class Reading:
-    """One reading of an equation: `zero`, the left minus the right side, and `right`, the right side.
+    """One reading of a typed equation: `zero`, its left minus its right side, and `right`, its right side.
 
     `read` is the equation as it was understood, in the strict notation and with both sides. `differentiated` are the
-    expressions whose time derivative was typed, as in d/dt(m x'). `terms` are the other typed terms of each side, which
-    SymPy adds to like terms; () if there are no like terms.
+    expressions whose time derivative was typed, as in d/dt(m x'). `terms` are the other terms of each side as typed,
+    before SymPy adds like terms; () if nothing was differentiated or added.
     """
 
     zero: Any
@@ -107,9 +107,9 @@ class TypedReader:
         self.rates = {low: high for low, high in known.items() if low.is_Symbol}  # {symbol: its time derivative}
 
     def _clauses(self, text: str, what: str) -> tuple[TypedReader, list[Clause]]:
-        """Return a reader that knows the names which a text defines, and the other clauses of the text.
+        """Return the equations and remarks of a text as clauses, and a reader that knows the names which it defines.
 
-        `what` is the label of the text in messages.
+        Clauses that are definitions are left out. `what` is the label of the text in messages.
         """
         if len(text) > LONGEST_ANSWER:
             raise StatementError(
@@ -169,7 +169,7 @@ class TypedReader:
         return read
 
     def _is_left_out(self, clause: Clause, narrow: tuple[int, int], *, moves: bool) -> bool:
-        """Return True if a clause that cannot be read is a remark or a general law, or has unknown names only.
+        """Return True if a clause that cannot be read need not be: a remark, a general law, or unknown names only.
 
         `narrow` is the span of its equation without words around it. If it has an acceleration, `moves` is true.
         """
@@ -203,7 +203,10 @@ class TypedReader:
 
     @staticmethod
     def _is_special(text: str, clause: Clause) -> bool:
-        """Return True if the line of a clause says that it holds for small motions, or before its sign =, at rest."""
+        """Return True if a clause holds only for small motions or at rest, as the words on its line say.
+
+        Words about rest count only before the sign =.
+        """
         line = text.rfind("\n", 0, clause.begin) + 1
         equality = text.find("=", clause.begin, clause.end)
         return bool(_SMALL.search(text, line, clause.end) or _STILL.search(text, line, max(equality, line)))
@@ -276,7 +279,10 @@ class TypedReader:
         return tuple(cancelled)
 
     def _read_before(self, sides: Sequence[Sequence[Token]], offset: int) -> str:
-        """Return the strict text of the part of an equation before an offset, without operators at its end."""
+        """Return the part of an equation before an offset in the strict notation, without operators at its end.
+
+        `sides` are the tokens of the sides.
+        """
         read: list[str] = []
         for side in sides:
             tokens = [token for token in side if token.end <= offset]
@@ -368,7 +374,7 @@ class TypedReader:
         return unknown and (between or len(faults) == words)
 
     def _is_integral(self, side: Sequence[Token], *others: Sequence[Token]) -> bool:
-        """Return True for an equation between a formula with velocities and one unknown name, as in p = C."""
+        """Return True if an equation has velocities on one `side`, and on the other one unknown name, as in p = C."""
         names = [token.text for other in others for token in other]
         unknown = len(names) == 1 and names[0].isidentifier() and not self._reads(names[0])
         return unknown and not self.names.hint(names[0]) and self.names.order(side) == 1
@@ -383,7 +389,10 @@ class TypedReader:
         return formulas
 
     def _built(self, formulas: Sequence[Formula], begin: int) -> Reading:
-        """Return the reading of one formula per side. Raises _Faults, at `begin`, if the strict reader refuses them."""
+        """Return the reading of an equation from one formula per side.
+
+        Raises _Faults, located at `begin`, if the reader of scene files refuses a formula.
+        """
         names = dict(self.symbols)
         differentiated = []
         try:
@@ -405,7 +414,10 @@ class TypedReader:
         return Reading(left - right, right, shown, tuple(differentiated), terms)
 
     def differentiated(self, expression: Any, order: int) -> Any:
-        """Return the time derivative of `order` along the motion. Raises SceneError if a symbol has no derivative."""
+        """Return the time derivative of an expression along the motion, of order `order`.
+
+        Raises SceneError if a symbol, such as an acceleration, has no derivative in the equations.
+        """
         for _ in range(order):
             left = expression.free_symbols - set(self.rates)
             last = [symbol for symbol in left if str(symbol).endswith("_ddot") or str(symbol).startswith("lambda")]
@@ -440,7 +452,7 @@ class TypedReader:
         return " ".join(sentences[:kept]) + more + end
 
     def example(self) -> str:
-        """Return the end of a sentence: an example of an answer, and the symbols."""
+        """Return the end of a sentence for a message: an example of an answer, and the symbols of the system."""
         return f"such as {[*self.names.bases, *self.names.names][0]}'' = ... The symbols are {self._symbols()}."
 
     def _symbols(self) -> str:

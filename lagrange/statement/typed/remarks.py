@@ -66,7 +66,7 @@ F_x; a word of a sentence; a word of a sentence that does not make prose out of 
 
 @dataclass(frozen=True)
 class Word:
-    """The span text[begin:end] of a word, and its kind."""
+    """A word of an answer: its span text[begin:end], and its kind, such as NAME or WORD."""
 
     begin: int
     end: int
@@ -74,7 +74,11 @@ class Word:
 
 
 def kind_of(text: str) -> int:
-    """Return the kind of a word that is not a symbol of the system: `FORMULA`, `NAME`, `WORD` or `SHORT`."""
+    """Return the kind of a word that is not a symbol of the system.
+
+    It is `FORMULA` for an operation, `NAME` for another name such as F_x, `WORD` for a word of a sentence, and
+    `SHORT` for one that does not make prose out of symbols.
+    """
     lower = text.lower()
     if lower in (*OPERATIONS, *_UNREAD):
         return FORMULA
@@ -88,10 +92,10 @@ def kind_of(text: str) -> int:
 
 @dataclass(frozen=True)
 class Clause:
-    """A part text[begin:end] of an answer with its tokens, in which derivatives have one form.
+    """A part text[begin:end] of an answer (typed equations and remarks) with its tokens.
 
-    `names` are the symbols of the system. `aside` is true after words such as "where" and "with". `constant` is true if
-    the part states that its value is constant.
+    Derivatives in them have one form. `names` are the symbols of the system. `aside` is true after words such as
+    "where" and "with". `constant` is true if the part states that its value is constant.
     """
 
     text: str

@@ -61,12 +61,12 @@ NESTED = 5  # Most levels of nested dots and of derivatives inside diff(...); th
 
 @dataclass(frozen=True)
 class Token:
-    """One piece of a formula: its kind, its meaning, and the part text[begin:end] that it was made from.
+    """One piece of a formula: its kind, its `text` in one notation, and the part text[begin:end] it was made from.
 
     Kinds: "word", "number", "sign", "power" (a superscript), "prime" (text is the order), "index" (a subscript that
-    follows a mark), "dots" (a LaTeX command for a derivative; text is the order), "fault" (text is a
-    sentence). `order` is the number of dots on the first letter of a word, `primes` that of primes after the word.
-    `spaced` is true if a blank precedes the token.
+    follows a mark), "dots" (a LaTeX command for a derivative; text is the order), "rate" and "operator" (a time
+    derivative; text is the order), "fault" (text is a sentence). `order` is the number of dots on the first letter of
+    a word, `primes` that of primes after the word. `spaced` is true if a blank precedes the token.
     """
 
     kind: str
@@ -122,7 +122,7 @@ class _Scanner:
         return end
 
     def _token(self, offset: int) -> int:
-        """Add the token that begins at an offset, and return the next offset."""
+        """Add the token that begins at an offset to the list of tokens, and return the offset after it."""
         mark = self.text[offset]
         decimal = _DECIMAL_COMMA.match(self.text, offset)
         if decimal and not any(self.listing[-1:]):
@@ -188,7 +188,7 @@ class _Scanner:
         return self._add("word", spelled, begin, offset, order)
 
     def _indices(self, offset: int) -> tuple[str, int]:
-        """Return consecutive subscripts at an offset as one text, such as the two of _1_dot, and the next offset."""
+        """Return consecutive subscripts at an offset as one text, such as _1_dot, and the offset after them."""
         joined = ""
         while offset < self.end:
             index = _PLAIN_INDEX.match(self.text, offset) or _INDEX.match(self.text, offset)
@@ -285,7 +285,7 @@ def closing(tokens: Sequence[Token], start: int) -> int:
 
 
 def _marked(tokens: Sequence[Token], levels: int) -> list[Token]:
-    """Return the tokens with dots and primes, and the subscripts that follow them, joined to their words.
+    """Return the tokens of a formula, with dots, primes and the subscripts after them joined to their words.
 
     `levels` is the number of levels of nested dots that are read.
     """
@@ -341,9 +341,9 @@ def _with_marks(word: Token, tokens: Sequence[Token], i: int) -> tuple[Token, li
 
 
 def _leibniz(tokens: Sequence[Token], levels: int) -> list[Token]:
-    """Return the tokens with d^2x/dt^2, d/dt(...) and diff(x, t, 2) replaced by rates.
+    """Return the tokens with d^2x/dt^2, d/dt(...) and diff(x, t, 2) replaced by tokens of kind "rate" or "operator".
 
-    `levels` is the number of levels of nested diff(...) that are read.
+    The operand follows the token. `levels` is the number of levels of nested diff(...) that are read.
     """
     replaced: list[Token] = []
     i = 0
@@ -387,7 +387,10 @@ The patterns match tokens as `_spelled` writes them.
 
 
 def _quotient(tokens: Sequence[Token], i: int) -> _Rate | None:
-    """Return the derivative d^n x / dt^n that begins at index i, where x may be joined to d; else None."""
+    """Return the derivative d^n x / dt^n that begins at index i: order, operand, next index. Return None without one.
+
+    x may be joined to d, as in dx/dt.
+    """
     top, after = _match(_TOP, tokens, i)
     if top is None:
         return None
@@ -406,7 +409,10 @@ def _quotient(tokens: Sequence[Token], i: int) -> _Rate | None:
 
 
 def _match(pattern: re.Pattern[str], tokens: Sequence[Token], i: int) -> tuple[re.Match[str] | None, int]:
-    """Return the match of a pattern with the tokens from index i on, and the index after it."""
+    """Return the match of `pattern` with the text of the tokens from index i on, and the index after it.
+
+    Without a match the index is i.
+    """
     texts = list(map(_spelled, tokens[i : i + LONGEST_QUOTIENT]))
     match = pattern.match("".join(texts))
     return match, i + 1 + [*accumulate(map(len, texts))].index(match.end()) if match else i
@@ -420,7 +426,10 @@ def _spelled(token: Token) -> str:
 
 
 def _call(tokens: Sequence[Token], i: int) -> _Rate | None:
-    """Return the derivative diff(x, t, 2), Derivative(x, (t, 2)) or D[x, {t, 2}] that begins at index i, or None."""
+    """Return the derivative diff(x, t, 2), Derivative(x, (t, 2)) or D[x, {t, 2}] that begins at index i, or None.
+
+    It is returned as its order, its operand in brackets and the next index.
+    """
     opened = i + 1 < len(tokens) and tokens[i + 1].is_sign(*OPENING)
     named = tokens[i].text in _CALLS or (tokens[i].text == "D" and opened and tokens[i + 1].text == "[")
     if not (opened and named and tokens[i].kind == "word"):

@@ -113,7 +113,7 @@ Exponents = tuple[tuple[str, Any], ...]
 
 @dataclass(frozen=True)
 class Dimension:
-    """Exponents of base dimensions, sorted by name, without zeros.
+    """A dimension, and the unit if known: exponents of base dimensions, sorted by name, without zeros.
 
     `factor` is the natural logarithm of the scale factor of the unit; None if no unit is known. `unit` is the unit as
     stated, empty if a dimension was stated.
@@ -125,7 +125,10 @@ class Dimension:
 
     @classmethod
     def of(cls, exponents: Mapping[str, Any], factor: float | None = None) -> Dimension:
-        """Return the dimension with these exponents by base dimension, without zeros; `factor` as in the class."""
+        """Return the Dimension with the exponents {base dimension: exponent}, without zeros.
+
+        `factor` is the logarithm of the scale factor of its unit.
+        """
         return cls(tuple(sorted((name, power) for name, power in exponents.items() if power)), factor)
 
     def __mul__(self, other: Dimension) -> Dimension:
@@ -143,7 +146,10 @@ class Dimension:
         return self.exponents == other.exponents
 
     def fits(self, other: Dimension) -> bool:
-        """Return True if quantities may be added: dimensions, and factors of the units if known, are equal."""
+        """Return True if quantities of these two dimensions may be added.
+
+        The dimensions are equal, and so are the scale factors of their units if both are known.
+        """
         if not self.like(other):
             return False
         if self.factor is None or other.factor is None:
@@ -248,7 +254,10 @@ def units_in(text: str) -> list[str]:
 
 
 def _from_text(text: str, what: str) -> Any:
-    """Return the product of powers that a text states. Its symbols are named after dimensions and units."""
+    """Return a text such as "kg*m/s**2" as a SymPy expression whose symbols are names of dimensions and units.
+
+    `what` names the text in messages. Raises StatementError for an unknown name.
+    """
     spelled = plain_text(text)
     name = spelled.replace(" ", "_")
     known = known_names()
@@ -267,7 +276,10 @@ def _from_text(text: str, what: str) -> Any:
 
 
 def _dimension_of(expression: Any, what: str) -> Dimension:
-    """Return the dimension of a product of powers of dimensions and units."""
+    """Return the Dimension of an expression that is a product of powers of dimensions and units.
+
+    `what` names the expression in messages. Raises StatementError for other expressions.
+    """
     from sympy.physics import units
 
     if has_many_parts(expression):
@@ -307,7 +319,10 @@ def read_dimensions(table: Any, known: Mapping[str, Any]) -> dict[Any, Dimension
 
 
 def with_dimensions_of_rates(stated: Mapping[Any, Dimension]) -> dict[Any, Dimension]:
-    """Return the dimensions, with entries of functions x in place of those of derivatives x.dot."""
+    """Return {symbol: dimension}, with entries of functions x in place of those of their derivatives x.dot.
+
+    Raises StatementError if the stated dimensions of x and x.dot contradict each other.
+    """
     dimensions = {symbol: dimension for symbol, dimension in stated.items() if not isinstance(symbol, sympy.Derivative)}
     time = dimensions.get(t, named("second"))
     for rate, dimension in stated.items():
@@ -328,7 +343,10 @@ def with_dimensions_of_rates(stated: Mapping[Any, Dimension]) -> dict[Any, Dimen
 
 
 def _times(dimension: Dimension, time: Dimension, power: int) -> Dimension:
-    """Return a dimension times a power of the dimension of time. If it has a stated unit, the result has one too."""
+    """Return `dimension` times a power of `time`, the dimension of t.
+
+    If the dimension has a stated unit, the product has one too.
+    """
     product = dimension * time ** Fraction(power)
     if not dimension.unit:
         return product
@@ -337,7 +355,10 @@ def _times(dimension: Dimension, time: Dimension, power: int) -> Dimension:
 
 
 def check_names(table: Mapping[Any, Any], known: Mapping[str, Any], rates: Collection[str]) -> None:
-    """Raise StatementError for a text key that is neither a known symbol nor a rate; symbols may be foreign."""
+    """Raise StatementError for a text key of a user's table that is neither a `known` symbol nor one of the `rates`.
+
+    Keys that are SymPy symbols are not checked: they may belong to another system.
+    """
     for key in table:
         if isinstance(key, sympy.Basic) or key in known or key in rates:
             continue
