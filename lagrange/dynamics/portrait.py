@@ -325,7 +325,8 @@ def _ended(
 def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dict[int, float]:
     """Return the fixed values in `at`, a dict from entries of the state, by row of the state.
 
-    Raises StatementError unless two entries of the state remain for the axes.
+    Raises StatementError unless two entries of the state remain for the axes, and for a `window` (the ranges of the
+    axes) of None where there is no default.
     """
     statement = model.statement
     if at is not None and not isinstance(at, Mapping):

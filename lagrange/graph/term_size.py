@@ -31,7 +31,10 @@ def term_sizes(outputs: Iterable[Node]) -> list[Node]:
 
 
 def _size(node: Node, sizes: dict[Node, Node]) -> Node:
-    """Return the size of a node, given the sizes of its arguments."""
+    """Return the node of the size of a node, from the sizes of its arguments.
+
+    The size is the magnitude that the value would have if no terms cancelled.
+    """
     graph, inner = node.graph, [sizes[arg] for arg in node.args]
     if node.kind is Kind.SUM:
         constant, coefficients = node.data

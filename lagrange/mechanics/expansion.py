@@ -312,7 +312,10 @@ class _StatementExpansion:
         return replace(expansion, positions=stated.positions, about=about)
 
     def expanded(self, stated: Any, what: str, order: int) -> Any:
-        """Return an expression as a polynomial of degree `order` in the changes; `what` names it in errors."""
+        """Return the Taylor polynomial, up to degree `order`, of an expression about the expansion point.
+
+        It is in the deviations of coordinates and velocities from this point. `what` names the expression in errors.
+        """
         plain = self.form.read(stated)
         self.check_smooth(plain, what)
         moved = {

@@ -451,11 +451,11 @@ def reset(loop: EventLoop) -> bool:
 
 @inline
 def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float) -> bool:
-    """Return True if the event function passes zero along the state's slope, and the mass matrix is regular.
+    """Return True if a reset by an event is right: its function passes zero, and the mass matrix is regular.
 
-    On a long step the interpolant may reach zero although the velocity there points away again. Then a reset would
-    reverse the motion wrongly. `before` is the event function at the state. The mass matrix is tested at that state and
-    at the state `after` the reset.
+    On a long step the dense output may reach zero although the velocity there points away again. So the function is
+    compared at two states, a little before and after the present state of the run along its derivative. `before` is the
+    function at the present state. The mass matrix is tested there and at the state `after` the reset.
     """
     waiting, samples, n = loop.waiting, loop.path(0, 0), loop.waiting.dimension
     run, y = waiting.event_run, waiting.y

@@ -311,7 +311,10 @@ def widths(count: int, lanes: int) -> list[int]:
 
 
 class _Packer:
-    """Packs values into chunks, and orders those of each group so that their operands are in the same order."""
+    """Packs values of a series program that are computed by the same operation into chunks, short vectors.
+
+    The values of a group are ordered so that their operands are in the same order.
+    """
 
     def __init__(self, program: SeriesProgram, lanes: int) -> None:
         self.program, self.lanes = program, lanes

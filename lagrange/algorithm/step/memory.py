@@ -199,7 +199,10 @@ def kept(layout: Layout, matrix_step: float, solve: SolveLayout, work: NDArray[n
     """Return the data of a solve, read from the work array; `matrix_step` is the step length of its matrix."""
 
     def columns(begin: int, vectors: int) -> NDArray[np.float64]:
-        """Return the square matrix that is stored from `begin` on, by columns of `vectors` padded vectors."""
+        """Return a square matrix (m, m) that is stored from `begin` on by columns; m = `vectors` * `solve.length`.
+
+        Each column is stored as `vectors` vectors with padding, which the result does not have.
+        """
         order = vectors * solve.length
         padded = work[begin : begin + order * vectors * solve.width].reshape(order, vectors, solve.width)
         return np.array(padded[:, :, : solve.length].reshape(order, order).T)

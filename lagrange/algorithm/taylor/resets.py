@@ -125,7 +125,7 @@ def reset_state(
 ) -> bool:
     """Apply the only reset that is due at the state at time t, if its event function then leaves zero at once.
 
-    `jet` computes a series from `prepared` and `constants`. Return False, with nothing changed, if it was not applied.
+    The event is written to `watched`, the new state to `rows`. Return False, with nothing changed, in other cases.
     """
     layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
     if just_changed(t, watch):

@@ -125,9 +125,10 @@ class BookOrder:
         return int(len(ranks) > 1 and any(rank[:2] == GRAVITY for rank in ranks))
 
     def _degree(self, term: Any) -> int:
-        """Return the class of a term for sorting by velocities.
+        """Return the class of a term for sorting by its velocities.
 
-        It is 0 for squares, 1 for products of several velocities, and 2 for a single velocity.
+        It is 1 for a product of several velocities, 2 for a single velocity to the first power, and 0 for all other
+        terms, such as squares. A term with sums as factors has the highest class of their terms.
         """
         factors = term.as_powers_dict()
         powers = [e for base, e in factors.items() if self.rank.get(base, LAST)[0] == VELOCITY]
