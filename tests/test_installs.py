@@ -83,7 +83,7 @@ def wrong(requirement: str) -> str:
 def test_what_is_advised_is_known() -> None:
     found = [(path.relative_to(ROOT).as_posix(), one) for path, text in texts() for one in advised(text)]
     assert [(path, one, wrong(one)) for path, one in found if wrong(one)] == []
-    for path in ("README.md", "docs/limits.md", "docs/choosing-an-integrator.md", "lagrange/show/files/run_files.py"):
+    for path in ("README.md", "docs/choosing-an-integrator.md", "lagrange/show/files/run_files.py"):
         assert path in [place for place, _ in found], f"{path} advises nothing: is it still read?"
 
 
