@@ -554,9 +554,10 @@ def _driven(at_point: AtPoint, mass: Any, left: Any) -> Any:
     """
     if left.is_zero_matrix or (at_point.point.decimal and all(at_point.point.is_zero(x, ()) for x in left)):
         return sympy.zeros(*left.shape)
-    if mass.has(sympy.Float):
+    determinant = mass.det(method="berkowitz")
+    if mass.has(sympy.Float) and determinant != 0:
         return mass.LUsolve(left)
-    determinant = at_point.shortener.short(mass.det(method="berkowitz"))
+    determinant = at_point.shortener.short(determinant)
     if determinant == 0:
         names = [at_point.statement.names[i] for i in at_point.equations.first_order]
         if names:

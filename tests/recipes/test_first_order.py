@@ -143,6 +143,8 @@ def test_modes_and_linear_equations_name_the_states_without_inertia() -> None:
     )
     with pytest.raises(StatementError, match=r"not an equilibrium of lowpass, and e has no inertia.*equilibria"):
         lowpass().modes()
+    with pytest.raises(StatementError, match=r"not an equilibrium of motor, and i has no inertia"):
+        motor().linearize({i: 1.0})
     for system, point in ((lowpass(), {e: 1}), (both, {})):
         with pytest.raises(StatementError, match=r"e has no inertia.*no modes.*eigenvalues of linearize\(...\).A"):
             system.modes(point)
