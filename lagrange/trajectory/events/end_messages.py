@@ -29,8 +29,8 @@ def at_rest(name: str) -> EventResult:
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"After the reset {name} is zero, its rate is zero, and the motion would cross zero: the body comes to rest "
-        "there, and the reset does not say how it stays. State it as a contact, as in "
-        "contacts={'floor': lagrange.contact(gap=...)}, or end the run with a terminal event.",
+        "there, as a ball does after infinitely many impacts, and the reset does not say how it stays. State it as a "
+        "contact, as in contacts={'floor': lagrange.contact(gap=...)}, or end the run with a terminal event.",
     )
 
 
