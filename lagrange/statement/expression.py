@@ -299,7 +299,7 @@ def as_typed(value: Any, what: str) -> Any:
     if isinstance(value, sympy.MatrixBase) or getattr(value, "is_Matrix", False) is True:
         raise StatementError(f"{what} is a matrix of shape {value.shape}: give a scalar, such as its entry [0, 0].")
     if isinstance(value, sympy.Basic) and not isinstance(value, sympy.Expr):
-        raise StatementError(f"{what} is {formula(value, 60)}, which is no number: give an expression.")
+        raise StatementError(f"{what} is {formula(value, 60)}, which has no value: give an expression.")
     function = callable(value) and not isinstance(value, sympy.Basic)
     if function or isinstance(value, (list, tuple, Mapping, Set)):
         raise StatementError(f"{what} is {shown(value, 60)} ({type(value).__name__}): give one SymPy expression.")
