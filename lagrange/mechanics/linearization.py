@@ -75,11 +75,6 @@ class Linearization(ShownAsPage):
         return f"<Linearization: {self.note} M = {self.M.tolist()}, C = {self.C.tolist()}, K = {self.K.tolist()}>"
 
     @property
-    def first_order(self) -> bool:
-        """True if no coordinate has inertia: the equations are then C x' + K x = (input matrix) u."""
-        return bool(self.M.is_zero_matrix) and not self.C.is_zero_matrix
-
-    @property
     def without_inertia(self) -> list[int]:
         """Indices of the velocities without inertia: row and column of M are zero, and the row of C is not."""
         return [
