@@ -83,7 +83,7 @@ def wrong(requirement: str) -> str:
 def test_what_is_advised_is_known() -> None:
     found = [(path.relative_to(ROOT).as_posix(), one) for path, text in texts() for one in advised(text)]
     assert [(path, one, wrong(one)) for path, one in found if wrong(one)] == []
-    for path in ("README.md", "docs/choosing-an-integrator.md", "lagrange/show/files/run_files.py"):
+    for path in ("README.md", "docs/limits.md", "docs/choosing-an-integrator.md", "lagrange/show/files/run_files.py"):
         assert path in [place for place, _ in found], f"{path} advises nothing: is it still read?"
 
 
@@ -115,3 +115,13 @@ def test_nothing_asks_for_the_version_of_another_project() -> None:
     files = [path for folder in ("lagrange", "docs", "examples") for path in sorted((ROOT / folder).rglob("*.py"))]
     assert [path.name for path in files if asked.search(path.read_text("utf-8"))] == []
     assert PROJECT["version"] == lg.__version__
+
+
+def test_the_command_and_the_import_keep_their_name() -> None:
+    assert PROJECT["scripts"] == {"lagrange": "lagrange.__main__:main"}
+
+
+def test_readme_and_limits_tell_of_the_other_project() -> None:
+    for page in ("README.md", "docs/limits.md"):
+        text = " ".join((ROOT / page).read_text("utf-8").split())
+        assert "`lagrange-mechanics`" in text and "package index" in text and "another" in text, page
