@@ -345,7 +345,7 @@ class Derivation:
         parts: Callable[[TextbookAlgebra], Iterable[Any]],
         as_stated: Callable[[], Sequence[Any]],
     ) -> Mapping[Any, Any]:
-        """Return expressions by coordinate, each collected or as stated, whichever is shorter.
+        """Return expressions by coordinate, each collected or as stated, whichever is shorter and has no kink.
 
         `parts` returns the expressions from sums of monomials, and `as_stated` the same without expanding L. `label`
         names them in messages.
@@ -354,11 +354,14 @@ class Derivation:
         if not self._is_short:
             return collected
         pairs = zip(collected.items(), as_stated(), strict=True)
-        return MappingProxyType({q: _shorter(value, other) for (q, value), other in pairs})
+        return MappingProxyType({q: v if other.has(*KINKED) else _shorter(v, other) for (q, v), other in pairs})
 
     def _merged(self, what: str, stated: Any) -> Any:
         merged = self._written(what, lambda page: page.show(page.algebra.merge_angles(page.read(stated))))
-        return _shorter(merged, stated) if self._is_quoted else merged
+        if not self._is_quoted:
+            return merged
+        page = self._page
+        return _shorter(_shorter(merged, stated), page.finish(page.algebra.tidy_roots(stated.xreplace(page.plain))))
 
     def _each(self, what: str, parts: Callable[[TextbookAlgebra], Iterable[Any]]) -> Mapping[Any, Any]:
         return self._written(what, lambda page: page.by_coordinate(parts(page)))

@@ -317,8 +317,11 @@ class Algebra:
         return tuple(sorted(powers.items())), number
 
     def _absorb_directions(self, powers: dict[int, Any]) -> None:
-        """Replace sign(x) x by |x|, and sign(x) |x| by x, in a monomial {factor: exponent}, in place."""
+        """Simplify |x|**2 to x**2, sign(x) x to |x|, and sign(x) |x| to x in a monomial {index: exponent}, in place."""
         for direction, (plain, magnitude) in self._directions.items():
+            exponent = powers.get(magnitude)
+            if isinstance(exponent, int) and exponent % 2 == 0:
+                raise_power(powers, plain, powers.pop(magnitude))
             for factor, product in ((plain, magnitude), (magnitude, plain)):
                 exponent = powers.get(factor)
                 if direction in powers and isinstance(exponent, int) and exponent > 0:
@@ -350,8 +353,10 @@ class Algebra:
             if isinstance(base, (sympy.sin, sympy.cos)):
                 self._angles[number] = (base.func, base.args[0])
                 self._circle[self._angles[number]] = number
-            if isinstance(base, Direction) and (base.args[0].is_Symbol or isinstance(base.args[0], Function)):
-                self._directions[number] = (self._number(base.args[0]), self._number(Magnitude(base.args[0])))
+            if isinstance(base, (Direction, Magnitude)):
+                argument = base.args[0]
+                plain, magnitude = self._number(argument), self._number(Magnitude(argument))
+                self._directions[self._number(Direction(argument))] = (plain, magnitude)
         return number
 
     def _read_new(self, node: Any) -> MonomialSum:
@@ -397,7 +402,7 @@ class Algebra:
         if exponent.is_Integer and terms:
             outside, inside = self._primitive(terms, base)
             return self.multiply(self._whole_power(outside, int(exponent)), self._factor(inside, int(exponent)))
-        tidy = Pow(self._tidy(base), exponent)
+        tidy = differentiable(Pow(self._tidy(base), exponent))  # SymPy returns Abs for the root of a square
         if tidy != node and not (tidy.is_Pow and tidy.exp.is_Rational):
             return self.read(tidy)
         return self._factor(tidy.base, tidy.exp) if tidy.is_Pow else self._factor(node)
@@ -418,6 +423,13 @@ class Algebra:
             number, inside = -number, -inside
         as_stated = monomial == ONE and number == 1 and stated.count_ops() <= inside.count_ops()
         return {monomial: number}, stated if as_stated else inside
+
+    def tidy_roots(self, expression: Any) -> Any:
+        """Return the expression with the arguments of its roots merged: sqrt(r^2 cos(a)^2 + r^2 sin(a)^2) is |r|."""
+        return expression.replace(
+            lambda node: node.is_Pow and node.base.is_Add and node.exp.is_Rational and not node.exp.is_Integer,
+            lambda node: differentiable(Pow(self._tidy(node.base), node.exp)),
+        )
 
     def _tidy(self, expression: Any) -> Any:
         """Return the argument of a root or function, merged and with its common factor taken out if that is shorter."""

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 import sympy
 from sympy import cos, sign
 
 import lagrange as lg
+from lagrange.equations.derivation import derive
 
-theta, x = lg.coordinates("theta x")
+theta, x, r = lg.coordinates("theta x r")
 k, l, m = lg.parameters("k l m")
 
 
@@ -32,3 +35,28 @@ def test_a_spring_along_a_line_has_no_sign_beside_a_magnitude(place: sympy.Expr,
             assert float(ours) == pytest.approx(slope, abs=1e-8)  # rounding over h, and h**2 of a smooth function
     if force is not None:
         assert sympy.expand(system.equations()[1].lhs - m * x.ddot - force) == 0
+
+
+POLAR = (r * cos(theta), r * sympy.sin(theta))
+
+
+@pytest.mark.parametrize(
+    ("potential", "shown", "slope"),
+    [
+        (lg.spring(k, POLAR, rest_length=l), k * (sympy.Abs(r) - l) ** 2 / 2, k * r - k * l * sign(r)),
+        (-k / sympy.sqrt(POLAR[0] ** 2 + POLAR[1] ** 2), -k / sympy.Abs(r), k * sign(r) / r**2),
+        (k * sympy.sqrt(r**2) ** 3, k * sympy.Abs(r) ** 3, 3 * k * r * sympy.Abs(r)),
+        (lg.spring(k, (x, 0), (r, 0), l), k * (sympy.Abs(r - x) - l) ** 2 / 2, k * (r - x) - k * l * sign(r - x)),
+    ],
+)
+def test_the_root_of_a_square_is_a_magnitude_in_the_derivation(potential: Any, shown: Any, slope: Any) -> None:
+    kinetic = m * (r.dot**2 + r**2 * theta.dot**2 + x.dot**2) / 2
+    page = lg.System(kinetic, potential, coordinates=[r, theta, x]).statement
+    derivation = derive(page)
+    real = {symbol: sympy.Symbol(str(symbol), real=True) for symbol in page.plain.values()}
+
+    def in_reals(expression: Any) -> Any:
+        return expression.xreplace(page.plain).xreplace(real)
+
+    assert sympy.expand(in_reals(derivation.potential) - in_reals(shown)) == 0
+    assert sympy.expand(in_reals(derivation.gradient[r] + slope - m * r * theta.dot**2)) == 0

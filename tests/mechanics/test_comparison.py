@@ -451,3 +451,38 @@ def test_the_sine_of_a_large_multiple_is_one_term() -> None:
     x = sympy.Symbol("x")
     assert expanded(sympy.sin(1000 * x)) == (sympy.sin(1000 * x),)
     assert set(expanded(sympy.sin(2 * x))) == {2 * sympy.sin(x) * sympy.cos(x)}
+
+
+SIDES = {
+    "polar": (
+        "m r'' - m r theta'^2 = -k (r - l)\nd/dt(m r^2 theta') = 0",
+        "The equations are right where r > 0: they are equivalent to those of the system, at the ",
+    ),
+    "polar, another term": ("m r'' - m r theta'^2 = -k (r - 2 l)\nd/dt(m r^2 theta') = 0", "In equation 1, that of r,"),
+    "polar, one missing": (
+        "m r'' - m r theta'^2 = -k (r - l)",
+        "The equation holds, but 1 equation is given and 2 are",
+    ),
+    "line": ("m x'' = -k (x - l)", "The equations hold only where x > 0. In equation 1, that of x, on the right side"),
+    "two": ("m x'' = -k (x - y + l)\nm y'' = k (x - y + l)", "The equations hold only where x - y < 0. In equation 1,"),
+    "friction": ("m x'' = -mu m g", "The equations hold only where x_dot > 0. In equation 1, that of x,"),
+}
+
+
+@pytest.mark.parametrize("name", SIDES)
+def test_an_answer_for_one_side_of_a_kink_says_on_which_it_is_right(name: str) -> None:
+    r, theta, x, y = lg.coordinates("r theta x y")
+    k, l, m, mu, g = lg.parameters("k l m mu g")
+    line, between = m * x.dot**2 / 2, m * (x.dot**2 + y.dot**2) / 2
+    systems = {
+        "polar": lg.System(
+            m * (r.dot**2 + r**2 * theta.dot**2) / 2, lg.spring(k, (r * sp.cos(theta), r * sp.sin(theta)), None, l)
+        ),
+        "line": lg.System(line, lg.spring(k, (x,), rest_length=l)),
+        "two": lg.System(between, lg.spring(k, (x, 0), (y, 0), l)),
+        "friction": lg.System(line, 0, forces={x: -mu * m * g * sp.sign(x.dot)}),
+    }
+    answer, message = SIDES[name]
+    result = systems[name.partition(",")[0]].compare(answer)
+    assert result.message.startswith(message)
+    assert bool(result) == (name == "polar")

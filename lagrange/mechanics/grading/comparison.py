@@ -22,7 +22,15 @@ from lagrange.evidence.sample import SamplePoint, Sampler
 from lagrange.mechanics.grading import budget
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
 from lagrange.mechanics.grading.rounded_numbers import with_exact_numbers
-from lagrange.mechanics.grading.student_equations import HELD, EquationRow, StudentEquation, along_motion, row_of
+from lagrange.mechanics.grading.student_equations import (
+    HELD,
+    EquationRow,
+    StudentEquation,
+    along_motion,
+    row_of,
+    tape,
+    values_at,
+)
 from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, Write
 from lagrange.mechanics.grading.wrong_term import WrongTerm, slip_of, wrong_term
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name
@@ -160,6 +168,7 @@ LONGEST_MESSAGE = 400  # Longest message, in characters. The rest goes to `.deta
 NEGLIGIBLE = 1e-9
 LONGEST_QUOTED = 120  # Longest constraint in a message, in characters
 
+SIGNED_SAMPLES = 16  # Number of random states in the search for the sign with which an answer is right
 SAMPLES = 5
 """Number of random states at which equations without switches are compared.
 
@@ -312,10 +321,14 @@ def _compared(
     if statement.constraints and free and not (pulling and _is_negative(turned)):
         choices.append(choice(turned))
     right = next((chosen for chosen, wrong in choices if not wrong), None)
+    condition, held, distances = ("", samples, False) if right is not None else _condition(rows, derivation, write)
+    if distances:
+        right = held
     if right is None:
         choices += [choice(turned)] if statement.constraints and choices[-1][0] is not turned else []
         wrong, term = _blamed(rows, choices, derivation, write, pulling=pulling)
-        return _refuted(rows, wrong, samples, term.sentence), term.alone and len(wrong) == 1
+        start = f"The equations hold only where {condition}. " if condition else ""
+        return _refuted(rows, wrong, samples, start + term.sentence), term.alone and len(wrong) == 1
     missing = _missing(rows, right, doubted=doubted)
     if missing:
         start = "The equation holds" if len(rows) == 1 else "The equations hold"
@@ -323,14 +336,50 @@ def _compared(
     idle = _idle(rows, samples)
     if idle:
         return EquationsComparison(right=False, message=idle), False
-    message = (
-        f"The equations are right: they are equivalent to those of the system, at the {len(samples)} states tried."
-    )
-    message += sentence_on_multipliers(right, samples)
+    start = f"The equations are right where {condition}" if condition else "The equations are right"
+    message = f"{start}: they are equivalent to those of the system, at the {len(held)} states tried."
+    message += sentence_on_multipliers(right, held)
     if untried:
         more = f", nor for {len(untried) - 1} other branches" if len(untried) > 1 else ""
         message += f" No state was found where {describe_way(*untried[0], statement)}{more}."
     return EquationsComparison(right=True, message=message), False
+
+
+def _condition(
+    rows: Sequence[EquationRow], derivation: Derivation, write: Write
+) -> tuple[str, Sequence[MotionSample], bool]:
+    """Return where equations hold that are wrong elsewhere, such as "r > 0", with states there; "" if nowhere.
+
+    The condition is on signs of expressions x whose abs(x) or sign(x) is in the right equations. The last entry is True
+    if it says that distances are positive. A distance is a coordinate at whose zero another row of the mass matrix
+    vanishes, as it does for the angle of polar coordinates.
+    """
+    statement, nowhere = derivation.statement, ("", list[MotionSample](), False)
+    plain, names = statement.plain, statement.names
+    try:
+        laws = [*derivation.equations, *derivation.constraints]
+        kinks = [kink for law in laws for kink in sorted(law.atoms(sympy.Abs, sympy.sign), key=str)]
+        if not kinks:
+            return nowhere
+        masses = derivation.mass_matrix.xreplace(plain)
+        samples = motion_samples(statement, SIGNED_SAMPLES, seed=1)
+        arguments = list(dict.fromkeys(kink.args[0].xreplace(plain) for kink in kinks))
+        program = tape(arguments, statement)
+        signs = [[value > 0 for value in values_at(program, sample)] for sample in samples]
+    except (StatementError, OutsideDomain):
+        return nowhere
+    held = [k for k, sample in enumerate(samples) if all(row.holds([sample]) for row in rows)]
+    shared = {i: signs[held[0]][i] for i in range(len(arguments)) if len({signs[k][i] for k in held}) == 1}
+    if not shared or held != [k for k, line in enumerate(signs) if all(line[i] == way for i, way in shared.items())]:
+        return nowhere
+
+    def is_distance(x: Any) -> bool:
+        at_zero = masses.xreplace({x: sympy.S.Zero}).tolist()
+        return str(x) in names and any(not any(row) for q, row in zip(names, at_zero, strict=True) if q != str(x))
+
+    condition = listing(f"{write(arguments[i])} {'>' if way else '<'} 0" for i, way in shared.items())
+    distances = all(way and is_distance(arguments[i]) for i, way in shared.items())
+    return condition, [samples[k] for k in held], distances
 
 
 def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
