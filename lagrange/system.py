@@ -364,7 +364,6 @@ class System:
         ranges: Mapping[Any, Any] | None = None,
         *,
         t_end: float | None = None,
-        method: Any = None,
         play: bool = True,
         style: str = "light",
         **sliders: Any,
@@ -373,14 +372,12 @@ class System:
 
         `explore(l=(0.1, 2), theta=(0, 3))` has a slider for the parameter l and one for the value of theta at t = 0.
         `ranges` gives bounds by symbol, {theta.dot: (-1, 1)}. A notebook shows the page of `to_page` in a frame, with
-        these sliders first. If no page can be made (another method, or a function that JavaScript lacks), a sentence
-        says why, and sliders run in Python, with ipywidgets (the extra `notebook`). Raises StatementError if ipywidgets
-        is missing, and for a name that is not a parameter, coordinate or velocity.
+        these sliders first. Raises StatementError for a function that JavaScript lacks, and for a name that is not a
+        parameter, coordinate or velocity.
         """
-        from lagrange.page.explore import explore, explored_sliders
+        from lagrange.page.explore import explore
 
-        chosen, model = explored_sliders(self.statement, ranges, sliders), lambda: self._model
-        return explore(self.statement, chosen, model, self.run, t_end=t_end, method=method, play=play, style=style)
+        return explore(self.statement, lambda: self._model, ranges, sliders, t_end=t_end, play=play, style=style)
 
     def eliminate(self, *coordinates: Any) -> System:
         """Return a smaller System, without some coordinates and the holonomic constraints that determine them.

@@ -28,10 +28,6 @@ METHOD = "dop853"
 """Integration method with which a page computes the motion."""
 
 
-class NoPage(StatementError):
-    """Error: a page cannot compute the motion of this system."""
-
-
 ALWAYS = ("rhs", "energy", METHOD)
 """Quantities that every page exports; some systems add others."""
 
@@ -74,13 +70,13 @@ def contents(statement: Statement) -> tuple[str, ...]:
 
 
 def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionSource:
-    """Return the exported JavaScript module of a model. Raises NoPage for functions that JavaScript lacks."""
+    """Return the exported JavaScript module of a model. Raises StatementError for functions that JavaScript lacks."""
     target, asked = find(TARGET), contents(model.statement)
     module = module_of(model, wanted(target, model, asked, (), parameters), (), parameters)
     missing = missing_operation(target, module)
     if missing is not None:
         quantity, function = missing
-        raise NoPage(
+        raise StatementError(
             f"a page of {model.statement.name} cannot be made: its {quantity} contains {function}, which JavaScript "
             "has no function for."
         )

@@ -1,10 +1,8 @@
-"""Sliders in a notebook: the page with the chosen ones, or sliders that run in Python and say why."""
+"""Sliders in a notebook: the page with the chosen ones first."""
 
 from __future__ import annotations
 
-import sys
 from html import unescape
-from importlib.util import find_spec
 from typing import Any
 
 import pytest
@@ -12,14 +10,8 @@ from sympy import erf
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.page.explore import explored_sliders
-from lagrange.page.sliders import PARAMETER
 from tests.page.test_page import data_of
 from tests.refusals import refusal
-from tests.show.animations import in_page
-from tests.show.notebook.shown import HOSTILE
-
-needs_widgets = pytest.mark.skipif(find_spec("ipywidgets") is None, reason="ipywidgets is not installed")
 
 
 def test_a_notebook_shows_the_page_with_the_chosen_sliders_first() -> None:
@@ -64,69 +56,26 @@ def test_there_is_room_for_so_many_sliders() -> None:
 def test_ranges_by_symbol_and_by_keyword_are_taken_together() -> None:
     system = lg.scene("pendulum")
     (theta,) = system.coordinates
-    found = explored_sliders(system.statement, {theta.dot: (-1, 1), theta: (3, 4)}, {"l": (2, 3)})
-    assert [(one.name, one.value, one.kind == PARAMETER) for one in found] == [
-        ("theta_dot", 0.0, False),
-        ("theta", 3.0, False),
-        ("l", 2.0, True),
-    ]
+    page = system.explore({theta.dot: (-1, 1), theta: (3, 4)}, l=(2, 3)).html
+    sliders = [(slider["kind"], slider["value"]) for slider in data_of(page)["sliders"][:3]]
+    assert sliders == [("state", 0.0), ("state", 3.0), ("parameter", 2.0)]
     with pytest.raises(StatementError, match="says no sliders: give a dict"):
-        explored_sliders(system.statement, [("l", (1, 2))], {})
+        system.explore([("l", (1, 2))])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
     ("wrong", "words"),
-    [({"style": "blue"}, "give one of light and dark"), ({"t_end": "x"}, "t_end"), ({"method": "rk5"}, "rk5")],
+    [({"style": "blue"}, "give one of light and dark"), ({"t_end": "x"}, "t_end")],
 )
 def test_wrong_options_are_refused_before_anything_is_drawn(wrong: dict[str, Any], words: str) -> None:
     with pytest.raises(StatementError, match=words):
         lg.scene("pendulum").explore(l=(0.5, 2), **wrong)
 
 
-def special(**more: Any) -> lg.System:
-    """Return a system whose energy JavaScript cannot compute."""
+def test_where_javascript_lacks_a_function_the_sliders_are_refused() -> None:
     x = lg.coordinate("x")
     k = lg.parameters("k")
-    statement = {"kinetic": x.dot**2 / 2, "potential": k * erf(x) ** 2, "parameters": {k: 1.0}, "initial": {x: 1.0}}
-    return lg.System(**{**statement, "name": "special", **more})
-
-
-def test_without_ipywidgets_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "ipywidgets", None)
-    assert refusal(special().explore, k=(0.5, 2)) == (
-        "A page of special cannot be made: its rhs contains erf, which JavaScript has no function for. The sliders "
-        "run in Python. They need ipywidgets, which is not installed: pip install ipywidgets, which the extra notebook "
-        "has, and start the kernel again."
+    special = lg.System(x.dot**2 / 2, k * erf(x) ** 2, parameters={k: 1.0}, initial={x: 1.0}, name="special")
+    assert refusal(special.explore, k=(0.5, 2)) == (
+        "a page of special cannot be made: its rhs contains erf, which JavaScript has no function for."
     )
-    assert lg.scene("pendulum").explore(l=(0.5, 2)), "a page needs no widgets"
-
-
-@needs_widgets
-def test_where_no_page_can_be_made_sliders_run_in_python_and_say_why() -> None:
-    box = special(name=HOSTILE).explore(k=(1, 2), x_dot=(-3, 3), t_end=2.0)
-    title, k, speed, picture, message = box.children
-    assert "<script" not in title.value and "which JavaScript has no function for" in title.value
-    assert k.step is None, "a browser shows the next step and not the value"
-    assert (speed.description, speed.value, speed.min, speed.max) == ("x_dot at t = 0", 0.0, -3.0, 3.0)
-    before = in_page(unescape(picture.value.partition('srcdoc="')[2]))
-    speed.value = 1.5
-    after = in_page(unescape(picture.value.partition('srcdoc="')[2]))
-    assert [data["rows"][1, 0] for data in (before, after)] == pytest.approx([0.0, 1.5], abs=1e-3)
-    assert message.value == "taylor reached t = 2."
-
-
-@needs_widgets
-def test_another_method_runs_in_python() -> None:
-    title, *_, message = lg.scene("pendulum").explore(l=(0.5, 2), t_end=1.0, method="verner9").children
-    assert "A page computes with dop853, and method = &#x27;verner9&#x27; is asked for." in title.value
-    assert message.value.startswith("verner9 reached t = 1")
-
-
-@needs_widgets
-def test_a_run_that_fails_says_so_and_the_picture_stays() -> None:
-    x = lg.coordinate("x")
-    falling = special(kinetic=x.dot**2 / 2, potential=lg.parameters("k") * erf(x) - 1 / x)
-    *_, speed, picture, message = falling.explore(x_dot=(-9, 9), t_end=1.0).children
-    speed.value = -9.0
-    assert message.value.startswith("<b>The run did not get to its end.</b> ")
-    assert picture.value
