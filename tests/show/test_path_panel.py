@@ -48,34 +48,21 @@ def test_of_a_long_run_the_last_part_is_drawn_and_marks_have_room() -> None:
     assert low < -1.05 and high > 1.05
 
 
-def test_small_motions_far_away_are_drawn_as_differences_that_are_said() -> None:
-    (path,) = moving(a + 1e6, b - 3e5).plot("path").axes
-    nothing_overlaps(path.figure)
-    assert path.get_xlabel() == "x − 999999" and path.get_ylabel() == "y + 300001"
-    (end,) = [line for line in path.lines if line.get_label() == "p"]
-    np.testing.assert_allclose(np.asarray(end.get_xydata())[-1], [1 + np.sin(6.0), 1 + np.sin(12.0)], atol=1e-9)
+def test_small_motions_far_away_are_drawn_with_all_digits() -> None:
+    (axis,) = moving(a + 1e6, b - 3e5).plot("path").axes
+    nothing_overlaps(axis.figure)
+    assert "1000000" in [text.get_text() for text in axis.get_xticklabels()]
 
 
-def test_a_phase_plane_is_drawn_as_differences_where_the_path_over_time_is() -> None:
+def test_of_a_level_line_the_phase_plane_is_drawn() -> None:
     far = solved(
         moving(a, b).model.statement,
         np.linspace(0.0, 6.0, 9),
         lambda t: np.array([1e6 + np.sin(t), 0 * t, np.cos(t), 0 * t]),
     )
-    (time,), (phase,) = (far.plot(what, of="a").axes for what in ("coordinates", "phase"))
-    nothing_overlaps(phase.figure)
-    assert time.get_ylabel() == phase.get_xlabel() == "$a$ − 1000000"
-    np.testing.assert_allclose(np.asarray(phase.lines[-1].get_xydata())[-1], [np.sin(6.0), np.cos(6.0)], atol=1e-9)
+    nothing_overlaps(far.plot("phase", of="a"))
     level = drawn(far.plot("phase", of="b")).axes[0]
     assert level.get_xlim() == (-1.0, 1.0)
-
-
-def test_small_motions_far_away_in_space_are_counted_from_a_place_that_is_said() -> None:
-    (axis,) = moving(a + 1e6, b - 3e5, a + b).plot("path").axes
-    nothing_overlaps(axis.figure)
-    assert "counted from x = 999998, y = −300002" in axis.get_title("left").replace("\n", " ")
-    numbers = [text.get_text() for text in axis.texts if text.get_text()[-1].isdigit()]
-    assert len(numbers) > 6 and max(map(len, numbers)) < 5
 
 
 def test_round_off_of_a_place_fills_no_panel() -> None:

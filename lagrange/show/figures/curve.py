@@ -1,10 +1,9 @@
-"""Curves from dense output, exact within a pixel; limits for runs that diverge; offsets of nearly equal values."""
+"""Curves from dense output, exact within a pixel, and limits for runs that diverge."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import floor, log10
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,26 +12,6 @@ from lagrange.show.states_between_outputs import known_alone
 from lagrange.trajectory.measures.sampling import divided
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
-
-_NARROW = 1e-4
-"""Ratio of the range of values or times to the largest of them below which a constant is subtracted and named in the
-label. Tick labels would else share more than five digits."""
-
-
-def base_of(values: FloatArray) -> float:
-    """Return a round number to subtract from values that are almost equal; 0 for other values."""
-    size = float(np.max(np.abs(values), initial=0.0))
-    extent = float(np.ptp(values)) if len(values) else 0.0
-    if not LEVEL_RANGE * size < extent < _NARROW * size:
-        return 0.0
-    return round(float(values[0]), -floor(log10(extent)))
-
-
-def less(label: str, base: float) -> str:
-    """Return the label of values from which the number `base` was subtracted, such as "x - 1000"."""
-    if base == 0:
-        return label
-    return f"{label} {'−' if base > 0 else '+'} {abs(base):.15g}"
 
 
 def around(values: FloatArray, scale: float = 0.0) -> tuple[float, float]:
@@ -173,8 +152,8 @@ MOST_SAMPLES = 2**18
 """Largest number of samples of a curve; chords that are still inexact then remain. It was reached only for rounding
 noise and after 10,000 periods, where each column of pixels has the smallest and the largest of 100 samples."""
 
-_MOST_VALUES = 2**24
-"""Largest number of samples times rows: 128 MB."""
+_MOST_VALUES = 2**25
+"""Largest number of coordinates of all samples: 256 MB."""
 
 _EACH_STEP, _FEWEST, _MOST_FIRST = 12, 500, 120_000
 """Initial samples per step, and the least and largest number of them: a step of order 30 covers three periods."""
@@ -238,11 +217,13 @@ def over_time(
     Intervals are halved at most `rounds` times; few are enough for values that are rounding noise.
     """
     rows = values(t)
-    height = _extents(rows, axis=(0, 1) if together else 1)
+    heights = _extents(rows, axis=(0, 1) if together else 1)
     span = abs(float(t[-1] - t[0])) if len(t) else 0.0
-    scale = np.stack(np.broadcast_arrays(_pixels_in(pixels.width, span), _pixels_in(pixels.height, height)), axis=-1)
-    times, states = _refined(values, t, rows, _over, np.broadcast_to(scale, (len(rows), 2)), rounds)
-    return [thinned(times, row, pixels) for row in states]
+    scale = np.stack(np.broadcast_arrays(_pixels_in(pixels.width, span), _pixels_in(pixels.height, heights)), axis=-1)
+    times, points = _refined(
+        lambda times: _over(times, values(times)), t, _over(t, rows), np.broadcast_to(scale, (len(rows), 2)), rounds
+    )
+    return [thinned(times, row, pixels) for row in points[:, 1]]
 
 
 def in_plane(points: Points, t: FloatArray, pixels: Pixels, *, equal: bool = True) -> tuple[FloatArray, FloatArray]:
@@ -254,15 +235,7 @@ def in_plane(points: Points, t: FloatArray, pixels: Pixels, *, equal: bool = Tru
     scale = _pixels_in(np.array([pixels.width, pixels.height]), _extents(coordinates, axis=(0, 2)))
     if equal:
         scale = np.full(2, np.min(scale))
-    shape = (len(coordinates), 2)
-    flat = _refined(
-        lambda times: points(times).reshape(2 * len(coordinates), len(times)),
-        t,
-        coordinates.reshape(2 * len(coordinates), len(t)),
-        lambda _, v: v.reshape(*shape, v.shape[-1]),
-        np.broadcast_to(scale, shape),
-    )
-    return flat[0], flat[1].reshape(*shape, -1)
+    return _refined(points, t, coordinates, np.broadcast_to(scale, (len(coordinates), 2)))
 
 
 def lengths(points: FloatArray) -> FloatArray:
@@ -293,21 +266,15 @@ def _over(t: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _refined(
-    values: Rows,
-    t: FloatArray,
-    samples: FloatArray,
-    placed: Callable[[FloatArray, FloatArray], FloatArray],
-    scale: FloatArray,
-    rounds: int = MOST_ROUNDS,
+    points: Points, t: FloatArray, samples: FloatArray, scale: FloatArray, rounds: int = MOST_ROUNDS
 ) -> tuple[FloatArray, FloatArray]:
-    """Return times and values of curves, with intervals halved until every chord is within the tolerance.
+    """Return times and points of curves, with intervals halved until every chord is within the tolerance.
 
-    `values(t)` returns rows of values, and `samples` (r, K) are those at the initial times `t` (K,). `placed` maps
-    times and values to points (p, 2, K), and `scale` (p, 2) is the number of pixels per unit. There are at most
-    `rounds` rounds. In each, intervals are tested that are next to an inexact chord, or to a turning point whose
-    extreme value is missed.
+    `samples` (p, 2, K) are the points at the initial times `t` (K,), and `scale` (p, 2) is the number of pixels per
+    unit. There are at most `rounds` rounds. In each, intervals are tested that are next to an inexact chord, or to a
+    turning point whose extreme value is missed.
     """
-    most = min(MOST_SAMPLES, _MOST_VALUES // max(len(samples), 1))
+    most = min(MOST_SAMPLES, _MOST_VALUES // max(2 * len(samples), 1))
     least = _LEAST * abs(float(t[-1] - t[0])) if len(t) else 0.0
     looked_at = np.abs(np.diff(t)) > least
     for _ in range(rounds):
@@ -315,14 +282,12 @@ def _refined(
             break
         at = np.flatnonzero(looked_at)
         middle = t[at] + _SHARE * (t[at + 1] - t[at])
-        new = values(middle)
-        begin, end = placed(t[at], samples[:, at]), placed(t[at + 1], samples[:, at + 1])
-        far = _distance(placed(middle, new), begin, end, scale) > TOLERANCE
+        new = points(middle)
         again = np.zeros(len(looked_at), dtype=bool)
-        again[at] = far
-        t, samples = np.insert(t, at + 1, middle), np.insert(samples, at + 1, new, axis=1)
+        again[at] = _distance(new, samples[:, :, at], samples[:, :, at + 1], scale) > TOLERANCE
+        t, samples = np.insert(t, at + 1, middle), np.insert(samples, at + 1, new, axis=2)
         near = with_neighbours(np.repeat(again, 1 + looked_at))
-        looked_at = (near | _beside_turns(t, placed(t, samples) * scale[:, :, None])) & (np.abs(np.diff(t)) > least)
+        looked_at = (near | _beside_turns(t, samples * scale[:, :, None])) & (np.abs(np.diff(t)) > least)
     return t, samples
 
 

@@ -20,10 +20,8 @@ from lagrange.show.figures.curve import (
     AxisWindow,
     Pixels,
     around,
-    base_of,
     first_times,
     in_plane,
-    less,
     limits_of,
     outputs_alone,
     over_time,
@@ -366,26 +364,24 @@ class TimePanel:
         values = np.concatenate([np.empty(0), *map(_values, runs)])
         values = values[np.isfinite(values)]
         quantity = self.quantities[0]
-        base = 0.0 if quantity.drift else base_of(values)
-        start = base_of(np.array([time for run in self.solutions for time in (run.t[0], run.t[-1])]))
         dress(axis, style)
         for index, run in enumerate(runs):
-            self._draw_run(axis, index, run, (start, base), style)
+            self._draw_run(axis, index, run, style)
         statement = self.solutions[0].model.statement
-        axis.set_xlabel(with_unit(less("t", start), unit_of(statement, "t")), labelpad=2.0)
+        axis.set_xlabel(with_unit("t", unit_of(statement, "t")), labelpad=2.0)
         axis.margins(x=0.0)
         few_ticks(axis)
         if quantity.drift and _largest(values) < _ROUND_OFF:
             axis.set_ylim(-2 * _ROUND_OFF, 2 * _ROUND_OFF)
         elif limits := limits_of([run.window for run in runs], [_values(run) for run in runs]):
-            axis.set_ylim(limits[0] - base, limits[1] - base)
+            axis.set_ylim(*limits)
         elif len(values):
-            axis.set_ylim(*around(values - base))
+            axis.set_ylim(*around(values))
         axis.locator_params(axis="y", nbins=4 if self.wide else 3)
-        self._name(axis, base, "; ".join(dict.fromkeys(run.note for run in runs if run.note)), style)
+        self._name(axis, "; ".join(dict.fromkeys(run.note for run in runs if run.note)), style)
 
-    def _draw_run(self, axis: Axes, index: int, run: Curves, origin: tuple[float, float], style: FigureStyle) -> None:
-        """Draw the lines of run number `index`; `origin` is subtracted from times and values.
+    def _draw_run(self, axis: Axes, index: int, run: Curves, style: FigureStyle) -> None:
+        """Draw the lines of run number `index`.
 
         Each run has its own colour. If a run has several rows, each row has a colour and each run a line style.
         """
@@ -403,8 +399,7 @@ class TimePanel:
                 part for part in (label if count > 1 else "", self.labels[index] if several else "") if part
             )
             axis.plot(
-                line[0] - origin[0],
-                line[1] - origin[1],
+                *line,
                 color=shade,
                 linewidth=1.0 if self.quantities[0].drift else 1.3,
                 linestyle="none" if run.dots else kind,
@@ -413,17 +408,17 @@ class TimePanel:
                 label=name or "_nolegend_",
             )
 
-    def _name(self, axis: Axes, base: float, notes: str, style: FigureStyle) -> None:
+    def _name(self, axis: Axes, notes: str, style: FigureStyle) -> None:
         """Label the panel: beside it if the quantity has no name, else above it. Several curves get a legend.
 
-        `base` is the number that was subtracted from the values, and `notes` are written above the panel.
+        `notes` are written above the panel.
         """
         quantity = self.quantities[0]
         title = notes
         if quantity.name or len(quantity.labels) != 1:
-            title = "\n".join(filter(None, (with_unit(less(quantity.name, base), quantity.unit), notes)))
+            title = "\n".join(filter(None, (with_unit(quantity.name, quantity.unit), notes)))
         else:
-            text = with_unit(less(quantity.labels[0], base), quantity.unit)
+            text = with_unit(quantity.labels[0], quantity.unit)
             axis.set_ylabel(text, rotation=0, ha="right", va="center", labelpad=6.0, color=style.ink)
         size = 10.0 if self.wide else 9.0
         axis.set_title(title, loc="left", fontsize=size, color=style.ink)
@@ -490,21 +485,15 @@ class PhasePanel:
         statement = self.solutions[0].model.statement
         drawn = [_line(run, keys, pixels) for run in self.solutions]
         lines = [line for line, _ in drawn]
-        values = [row[np.isfinite(row)] for row in np.concatenate(lines, axis=1)]
-        origin = np.array([base_of(row) for row in values])
-        for line, label, shade in zip([line - origin[:, None] for line in lines], self.labels, shades, strict=True):
+        for line, label, shade in zip(lines, self.labels, shades, strict=True):
             axis.plot(*line, color=shade, linewidth=1.1, zorder=2)
             axis.plot(*line[:, 0], "o", mfc=style.paper, mec=shade, ms=5, zorder=4)
             axis.plot(*line[:, -1], "o", color=shade, ms=6, zorder=5, label=label or "_nolegend_")
-        x, y = (
-            with_unit(less(f"${entry(statement, key)}$", base), unit_of(statement, key))
-            for key, base in zip(keys, origin, strict=True)
-        )
+        x, y = (label_of_entry(statement, key) for key in keys)
         axis.set_xlabel(x, labelpad=2.0)
         axis.set_ylabel(y, labelpad=6.0)
-        for k, side in enumerate("xy"):
-            low, high = around(values[k])
-            axis.set(**{f"{side}lim": (low - origin[k], high - origin[k])})
+        columns, rows = np.concatenate(lines, axis=1)
+        axis.set(xlim=around(columns), ylim=around(rows))
         few_ticks(axis)
         title = "\n".join(dict.fromkeys(["phase plane; open circles: start", *(note for _, note in drawn if note)]))
         axis.set_title(title, loc="left", fontsize=10, color=style.ink)

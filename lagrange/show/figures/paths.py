@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,10 +14,8 @@ from lagrange.show.figures.curve import (
     LEVEL_RANGE,
     Pixels,
     around,
-    base_of,
     in_plane,
     lengths,
-    less,
     outputs_alone,
     times_in_sight,
 )
@@ -207,12 +204,6 @@ class Paths:
         """Return the path of the point `name`, (2, K)."""
         return np.asarray(self.points[self.names.index(name)])
 
-    def from_origin(self, origin: FloatArray) -> Paths:
-        """Return the same paths relative to another origin: (2,) in a plane, (3,) in space with a view from a side."""
-        space = self.space - origin[:, None] if self.view.spatial else self.space
-        shift = self.view.of(origin[:, None]) if self.view.spatial else origin[:, None]
-        return replace(self, points=self.points - shift, space=space, starts=self.starts - shift[:, 0])
-
     @cached_property
     def on_paper(self) -> FloatArray:
         """Projected positions of all points at all times, (2, N)."""
@@ -312,9 +303,6 @@ _DEPTHS = 6
 _FARTHEST = 0.28
 """Share of its colour that the farthest depth has."""
 
-_LETTERS = 40
-"""Longest line of text above the panel of a path, in letters."""
-
 
 @dataclass(frozen=True, eq=False)
 class PathPanel:
@@ -336,22 +324,19 @@ class PathPanel:
         unit = length_unit(statement)
         dress(axis, style)
         bounds, box = self._bounds(runs), None
-        origin = np.array([base_of(np.array(ends)) for ends in bounds.T])
-        runs = [run.from_origin(origin) for run in runs]
         if self.view.spatial:
             box = Box.around(np.concatenate([space for run in runs for space in run.space], axis=1))
             draw_floor(axis, self.view, box, unit, style)
         for index, run in enumerate(runs):
             _draw_run(axis, run, self._shades(run, index, style), self.labels[index], box, style, index)
-        self._frame(axis, runs, bounds - origin)
+        self._frame(axis, runs, bounds)
         if not self.view.spatial:
-            right, up = (with_unit(less(name, base), unit) for name, base in zip(self.view.labels, origin, strict=True))
+            right, up = (with_unit(name, unit) for name in self.view.labels)
             axis.set_xlabel(right if self.shape != "column" else "", labelpad=2.0)
             # The title above a narrow column fits only within this distance.
             axis.set_ylabel(up if self.shape != "row" else "", labelpad=2.0 if self.shape == "column" else 6.0)
-        counted = _counted(origin) if self.view.spatial else ""
         notes = dict.fromkeys(run.note for run in runs)
-        title = "\n".join(filter(None, (_title(runs[0], self.shape), counted, *notes)))
+        title = "\n".join(filter(None, (_title(runs[0], self.shape), *notes)))
         axis.set_title(title, loc="left", fontsize=10, color=style.ink)
         if len(axis.get_legend_handles_labels()[1]) > 1:
             legend(axis, style, title, 10)
@@ -407,15 +392,6 @@ def _title(paths: Paths, shape: str) -> str:
     begun = (f"\n{begun}" if shape == "column" else f" {begun} on") * paths.late
     scale = "" if paths.to_scale or paths.view.spatial else ", not to scale"
     return f"path{begun}{scale}{chr(10) if begun or shape == 'column' else '; '}open circles: start"
-
-
-def _counted(origin: FloatArray) -> str:
-    """Return a note on the origin that was subtracted from positions in space; it is empty for the origin 0.
-
-    Axes in space have no labels that could contain this origin.
-    """
-    parts = [f"{name} = {base:.15g}" for name, base in zip("xyz", origin, strict=True) if base]
-    return fill(f"counted from {', '.join(parts)}".replace("-", "−"), _LETTERS) if parts else ""
 
 
 def _draw_run(

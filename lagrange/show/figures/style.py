@@ -193,7 +193,8 @@ def number_labels(values: Sequence[float]) -> list[str]:
     gaps = [b - a for a, b in pairwise(finite)]
     digits = _digits(min(gaps, default=size))
     power = floor(log10(size) + 1e-9)
-    if _SMALLEST < power < _LARGEST:
+    # A few large numbers that are almost alike are shorter without a power of ten.
+    if _SMALLEST < power < _LARGEST or (power > 0 and digits + power >= _LARGEST):
         return [_decimal(value, digits) for value in values]
     suffix = "·10" + str(power).translate(_RAISED)
     return [_decimal(value / 10.0**power, digits + power) + (suffix if value else "") for value in values]
