@@ -183,7 +183,7 @@ class Typesetter:
         """Return the text of an exponent; a fraction is written on one line."""
         if exponent.is_Rational:
             numerator, denominator = (self.number(sympy.Integer(abs(part))).text for part in (exponent.p, exponent.q))
-            return self.notation.in_line(numerator, denominator)
+            return self.notation.slashed.format(numerator, denominator)
         return self.piece(exponent).text
 
     def atom(self, node: Any) -> FormulaPiece:
@@ -232,11 +232,11 @@ class Typesetter:
         if when == sympy.true:
             return ""
         if when.func in JOINED:
-            return self.notation.text(JOINED[when.func]).join(
+            return self.notation.words.format(JOINED[when.func]).join(
                 self.notation.brackets(self.condition(part)) for part in sorted(when.args, key=str)
             )
         if when.func not in RELATIONS:
-            return self.notation.text("not ") + self.notation.brackets(self.condition(when.args[0]))
+            return self.notation.words.format("not ") + self.notation.brackets(self.condition(when.args[0]))
         return self.notation.comparison(self.piece(when.lhs).text, RELATIONS[when.func], self.piece(when.rhs).text)
 
     def number(self, number: Any) -> FormulaPiece:
@@ -323,9 +323,9 @@ class SideWriter:
             case Partial():
                 return self.notation.partial(self.side(side.quantity), self.side(side.by))
             case Rate():
-                return self.notation.rate(self.side(side.inside))
+                return self.notation.time_derivative.format(self.side(side.inside))
             case Transpose():
-                return self.notation.transposed(self.side(side.matrix))
+                return self.notation.transpose.format(self.side(side.matrix))
             case Product():
                 return self.notation.joined([self.factor(factor) for factor in side.factors])
             case SignedTerms():

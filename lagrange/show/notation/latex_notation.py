@@ -7,20 +7,26 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from lagrange.show.notation.symbols import letter_of, upright
-from lagrange.show.notation.text import ATOM, CIRCULAR, POWER, FormulaPiece, Notation
+from lagrange.show.notation.text import CIRCULAR, POWER, BookNotation, FormulaPiece
 
 COMMANDS = CIRCULAR - frozenset(("sech", "csch"))
 """Functions with a LaTeX command of the same name, besides ln, min and max."""
 
 
-class LatexNotation(Notation):
+class LatexNotation(BookNotation):
     """LaTeX, in math mode."""
 
     opening, closing = r"\bigl(", r"\bigr)"
-    times, before_sign = r"{} \times ", "{} "
-    in_one_line, fractions_in_front, product_sign = False, True, " "
-    constants: ClassVar = {"pi": r"\pi", "infinity": r"\infty"}
+    times, product_sign, in_one_line = r"{} \times ", " ", False
+    sign_of_line = ("{} + ", "{} - ")
+    words, transpose, time_derivative = r"\text{{{0}}}", "{0}^T", r"\frac{{d}}{{dt}} {0}"
+    derivative = r"\frac{{\partial {0}}}{{\partial {1}}}"
     relations: ClassVar = {"<=": r"\le", ">=": r"\ge", "!=": r"\ne"}
+    constants: ClassVar = {"pi": r"\pi", "infinity": r"\infty"}
+    case, otherwise, case_separator = "{0} & {1}", r"{0} & \text{{otherwise}}", r" \\ "
+    case_frame = r"\begin{{cases}} {0} \end{{cases}}"
+    magnitude = r"\left|{0}\right|"
+    function_names: ClassVar = {"log": r"\ln", "min": r"\min", "max": r"\max", "exp": r"\exp"}
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
         r"""Return a name in LaTeX with dots for time derivatives and with indices: \ddot\theta_1, or p_\theta."""
@@ -59,49 +65,15 @@ class LatexNotation(Notation):
         r"""Return a square root: \sqrt{inside}."""
         return FormulaPiece(f"\\sqrt{{{inside.text}}}")
 
-    def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
-        r"""Return a function, raised to an exponent if given: \sin^{2} \theta, \cos\left(a - b\right), or e^{-t}."""
-        inside = ", ".join(argument.text for argument in arguments)
-        if name == "abs":
-            return self.power_of(f"\\left|{inside}\\right|", exponent)
-        if name == "exp":
-            return self.raised(f"\\exp{self.brackets(inside)}", exponent) if exponent else self.raised("e", inside)
-        if name in CIRCULAR and len(arguments) == 1:
-            head = (f"\\{name}" if name in COMMANDS else upright(name)) + (
-                f"^{_argument(exponent)}" if exponent else ""
-            )
-            closed = head + self.brackets(inside)
-            if arguments[0].simple:
-                return FormulaPiece(f"{head} {inside}", closed=closed, call=True)
-            return FormulaPiece(closed, call=True)
-        shown = {"log": r"\ln", "min": r"\min", "max": r"\max"}.get(name)
-        shown = shown or self.letter(name.rstrip("'")) + "'" * name.count("'")
-        return self.power_of(shown + self.brackets(inside), exponent)
-
-    def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
-        """Return pairs of value and condition as a cases environment; the last condition may be empty."""
-        lines = [f"{value} & {condition or chr(92) + 'text{otherwise}'}" for value, condition in rows]
-        return FormulaPiece("\\begin{cases} " + " \\\\ ".join(lines) + " \\end{cases}", ATOM)
-
-    def text(self, words: str) -> str:
-        """Return words inside a formula, upright."""
-        return f"\\text{{{words}}}"
+    def function_name(self, name: str) -> str:
+        """Return the command of a function, or its name in upright letters; primes follow the name."""
+        if name in CIRCULAR:
+            return f"\\{name}" if name in COMMANDS else upright(name)
+        return self.function_names.get(name) or self.letter(name.rstrip("'")) + "'" * name.count("'")
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
         """Return a matrix in parentheses."""
         return "\\begin{pmatrix} " + " \\\\ ".join(" & ".join(row) for row in rows) + " \\end{pmatrix}"
-
-    def transposed(self, matrix: str) -> str:
-        """Return the transpose of a matrix that is named by a letter, such as G^T."""
-        return f"{matrix}^T"
-
-    def partial(self, above: str, below: str) -> str:
-        r"""Return a partial derivative: \frac{\partial L}{\partial \dot{\theta}}."""
-        return f"\\frac{{\\partial {above}}}{{\\partial {below}}}"
-
-    def rate(self, inside: str) -> str:
-        r"""Return the time derivative of `inside`: \frac{d}{dt} \frac{\partial L}{\partial \dot{\theta}}."""
-        return f"\\frac{{d}}{{dt}} {inside}"
 
 
 def _argument(text: str, *, alone: bool = True) -> str:

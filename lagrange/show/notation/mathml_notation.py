@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from typing import ClassVar
 
 from lagrange.show.notation.symbols import UNICODE_GREEK, index_parts, latin
-from lagrange.show.notation.text import ATOM, CIRCULAR, POWER, SUM, FormulaPiece, Notation, UnicodeNotation
+from lagrange.show.notation.text import CIRCULAR, POWER, SUM, BookNotation, FormulaPiece, UnicodeNotation
 
 DOTS = ("", "\N{DOT ABOVE}", "\N{DIAERESIS}")
 APPLY = "<mo>\N{FUNCTION APPLICATION}</mo>"
@@ -16,6 +17,7 @@ TALL = ("<mfrac", "<mtable", "<msqrt")
 """Elements that are taller than a line of text."""
 CALLS = tuple(f"<mrow>{power}<mi>{name}</mi>" for name in sorted(CIRCULAR) for power in ("", "<msup>"))
 """Beginnings of the MathML of a function with a name."""
+RELATIONS = ("<", "<=", ">", ">=", "=", "!=")
 
 
 def row(*parts: str) -> str:
@@ -28,10 +30,28 @@ def operator(sign: str) -> str:
     return f"<mo>{escape(sign)}</mo>"
 
 
-class MathmlNotation(Notation):
+SIGNS = (operator("+"), operator("\N{MINUS SIGN}"))
+
+
+class MathmlNotation(BookNotation):
     """MathML; every text is one element, except that a sum may be several elements."""
 
-    in_one_line, fractions_in_front = False, True
+    opening, closing, times = operator("("), operator(")"), operator("\N{MULTIPLICATION SIGN}")
+    in_one_line, comma, equals = False, operator(","), operator("=")
+    signs_between, sign_before, sign_of_line = SIGNS, ("", SIGNS[1]), SIGNS
+    words, slashed = "<mtext>{0}</mtext>", row("{0}", operator("/"), "{1}")
+    transpose, time_derivative = (
+        "<msup>{0}<mi>T</mi></msup>",
+        "<mfrac><mi>d</mi><mrow><mi>d</mi><mi>t</mi></mrow></mfrac>{0}",
+    )
+    derivative = f"<mfrac>{row('<mo>∂</mo>', '{0}')}{row('<mo>∂</mo>', '{1}')}</mfrac>"
+    relation = "{0}{1}{2}"
+    relations: ClassVar = {sign: operator(UnicodeNotation.relations.get(sign, sign)) for sign in RELATIONS}
+    constants: ClassVar = {"pi": "<mi>π</mi>", "infinity": "<mi>∞</mi>"}
+    case = "<mtr><mtd><mrow>{0}</mrow></mtd><mtd><mrow>{1}</mrow></mtd></mtr>"
+    otherwise = case.format("{0}", "<mtext>otherwise</mtext>")
+    case_separator, case_frame = "", row(operator("{{"), "<mtable>{0}</mtable>")
+    magnitude = row(operator("|"), "{0}", operator("|"))
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
         """Return a name as a letter, with dots above it for time derivatives and with indices below the line."""
@@ -67,7 +87,7 @@ class MathmlNotation(Notation):
 
     def constant(self, name: str) -> str:
         """Return the sign of a constant: π, e or ∞."""
-        return f"<mi>{({'pi': 'π', 'infinity': '∞'}).get(name, name)}</mi>"
+        return self.constants.get(name, f"<mi>{name}</mi>")
 
     def brackets(self, inside: str) -> str:
         """Return elements in parentheses. Around a single line they do not stretch, which would add wide gaps."""
@@ -92,79 +112,22 @@ class MathmlNotation(Notation):
         """Return the square root of `inside`."""
         return FormulaPiece(f"<msqrt>{inside.text}</msqrt>")
 
-    def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
-        """Return a function of its arguments, raised to an exponent if given."""
-        inside = operator(",").join(argument.text for argument in arguments)
-        if name == "abs":
-            return self.power_of(row(operator("|"), inside, operator("|")), exponent)
-        if name == "exp":
-            shown = row("<mi>exp</mi>", self.brackets(inside))
-            return self.raised(shown, exponent) if exponent else self.raised("<mi>e</mi>", inside)
-        if name in CIRCULAR and len(arguments) == 1:
-            head = f"<mi>{name}</mi>" if not exponent else f"<msup><mi>{name}</mi><mn>{exponent}</mn></msup>"
-            closed = row(head, APPLY, self.brackets(inside))
-            if arguments[0].simple:
-                return FormulaPiece(row(head, APPLY, SPACE, inside), closed=closed, call=True)
-            return FormulaPiece(closed, call=True)
-        shown = f"<mi>{({'log': 'ln'}).get(name, name)}</mi>"
-        return self.power_of(row(shown, APPLY, self.brackets(inside)), exponent)
+    def function_name(self, name: str) -> str:
+        """Return the name of a function as an element."""
+        return f"<mi>{self.function_names.get(name, name)}</mi>"
 
-    def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
-        """Return pairs of value and condition as a table after a brace; the last condition may be empty."""
-        lines = [
-            f"<mtr><mtd>{row(value)}</mtd><mtd>{row(condition or '<mtext>otherwise</mtext>')}</mtd></mtr>"
-            for value, condition in rows
-        ]
-        return FormulaPiece(row(operator("{"), f"<mtable>{''.join(lines)}</mtable>"), ATOM)
+    def applied(self, head: str, inside: str) -> str:
+        """Return the function `head` with its arguments in parentheses."""
+        return row(head, APPLY, self.brackets(inside))
 
-    def comparison(self, left: str, relation: str, right: str) -> str:
-        """Return a condition, such as left ≤ right."""
-        return left + operator(UnicodeNotation.relations.get(relation, relation)) + right
-
-    def text(self, words: str) -> str:
-        """Return words inside a formula."""
-        return f"<mtext>{words}</mtext>"
-
-    def in_line(self, above: str, below: str) -> str:
-        """Return a fraction with a slash: above/below."""
-        return row(above, operator("/"), below)
+    def beside(self, head: str, inside: str) -> str:
+        """Return the function `head` followed by a single symbol without parentheses."""
+        return row(head, APPLY, SPACE, inside)
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
         """Return a matrix: a table in parentheses."""
         lines = ("".join(f"<mtd>{row(entry)}</mtd>" for entry in line) for line in rows)
         return self.brackets("<mtable>" + "".join(f"<mtr>{line}</mtr>" for line in lines) + "</mtable>")
-
-    def transposed(self, matrix: str) -> str:
-        """Return the transpose of a matrix that is named by a letter: the letter with a raised T."""
-        return f"<msup>{matrix}<mi>T</mi></msup>"
-
-    def vector(self, entries: Sequence[str]) -> str:
-        """Return a vector: entries in parentheses, separated by commas."""
-        return self.brackets(operator(",").join(entries))
-
-    def equal(self, sides: Sequence[str]) -> str:
-        """Return sides of an equation, with signs of equality between them."""
-        return operator("=").join(sides)
-
-    def partial(self, above: str, below: str) -> str:
-        """Return a partial derivative as a fraction."""
-        return f"<mfrac>{row('<mo>∂</mo>', above)}{row('<mo>∂</mo>', below)}</mfrac>"
-
-    def rate(self, inside: str) -> str:
-        """Return the time derivative d/dt of `inside`."""
-        return f"<mfrac><mi>d</mi>{row('<mi>d</mi>', '<mi>t</mi>')}</mfrac>" + inside
-
-    opening, closing = operator("("), operator(")")
-    times = operator("\N{MULTIPLICATION SIGN}")
-
-    def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
-        """Return a sum such as a + b - c; each term has True if it is subtracted.
-
-        With `leading` the first term has no plus sign; without it the sum continues the line above.
-        """
-        (negative, first), *rest = terms
-        start = operator("\N{MINUS SIGN}") if negative else "" if leading else operator("+")
-        return start + first + "".join(operator("\N{MINUS SIGN}" if sign else "+") + term for sign, term in rest)
 
 
 def _one(piece: FormulaPiece) -> str:

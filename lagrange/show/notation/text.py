@@ -48,27 +48,43 @@ def width(text: str) -> int:
 class Notation:
     """Spelling of formulas in plain text, as in scene files: m*l**2*theta_ddot + m*g*l*sin(theta).
 
-    The classes for Unicode, LaTeX and MathML override the methods whose results differ.
+    The classes for Unicode, LaTeX and MathML override the templates and methods whose results differ.
     """
 
     opening, closing = "(", ")"
     """Parentheses around several lines."""
+
     times = "* "
     """Sign of a product whose second factor begins on a new line."""
-    before_sign = ""
-    """Text before the sign with which a line begins."""
+
     in_one_line = True
     """True if fractions are written with a slash, so that the width of the text is the width of the formula."""
+
     fractions_in_front = False
     """True if constants are a separate fraction in front, (g/l) sin(theta); False for a single fraction,
     g*sin(theta)/l."""
+
     level_inside_product = FRACTION
     """Least precedence of a factor without parentheses before another factor."""
-    product_sign, minus = "*", "-"
+
+    product_sign, comma, equals = "*", ", ", " = "
+    """Text between factors, between arguments or entries of a vector, and between the sides of an equation."""
+
+    signs_between, sign_before, sign_of_line = (" + ", " - "), ("", "-"), ("+ ", "- ")
+    """Signs of added and of subtracted terms: between two terms, before the first one, and where a sum continues."""
+
+    words, slashed, transpose, derivative, time_derivative = "{0}", "{0}/{1}", "{0}.T", "d{0}/d{1}", "d/dt({0})"
+    """Templates: of words in a formula, a fraction of two numbers, a transpose, and two derivatives."""
+
+    relation = "{0} {1} {2}"
+    relations: ClassVar[Mapping[str, str]] = {}
+    """Template of a condition, and spellings of <= and the like that differ from Python's."""
+
     constants: ClassVar[Mapping[str, str]] = {"e": "exp(1)", "infinity": "oo"}
     """Spellings of pi, e and infinity that are not their names."""
-    relations: ClassVar[Mapping[str, str]] = {}
-    """Spellings of <= and the like that differ from Python's."""
+
+    case, otherwise, case_separator, case_frame = "({0}, {1})", "({0}, True)", ", ", "Piecewise({0})"
+    """Templates of a piecewise expression: a value with its condition, the last value, and the frame."""
 
     def __init__(self, names: Sequence[str] = ()) -> None:
         """Store the names of all symbols; a name that would look like another one is spelled literally."""
@@ -117,30 +133,27 @@ class Notation:
 
     def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
         """Return a function of its arguments, raised to a whole number if `exponent` is given."""
-        return self.power_of(f"{name}({', '.join(argument.text for argument in arguments)})", exponent)
+        return self.power_of(f"{name}({self.listed(arguments)})", exponent)
+
+    def listed(self, arguments: Sequence[FormulaPiece]) -> str:
+        """Return the arguments of a function, separated by commas."""
+        return self.comma.join(argument.text for argument in arguments)
 
     def power_of(self, value: str, exponent: str) -> FormulaPiece:
         """Return `value`, the text of a function's value, raised to `exponent` unless that is empty."""
         return self.raised(value, exponent) if exponent else FormulaPiece(value)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
-        """Return a piecewise expression as SymPy's Piecewise; `rows` are pairs of value and condition.
+        """Return a piecewise expression; `rows` are pairs of value and condition.
 
         The last condition may be empty: its value holds in all other cases.
         """
-        return FormulaPiece(f"Piecewise({', '.join(f'({value}, {condition or True})' for value, condition in rows)})")
+        parts = [(self.case if row[1] else self.otherwise).format(*row) for row in rows]
+        return FormulaPiece(self.case_frame.format(self.case_separator.join(parts)))
 
     def comparison(self, left: str, relation: str, right: str) -> str:
         """Return a condition; the relation is one of <, <=, >, >=, =, !=."""
-        return f"{left} {self.relations.get(relation, relation)} {right}"
-
-    def text(self, words: str) -> str:
-        """Return `words` as they are spelled inside a formula; in plain text they stay as they are."""
-        return words
-
-    def in_line(self, above: str, below: str) -> str:
-        """Return a fraction of two numbers with a slash, for exponents."""
-        return f"{above}/{below}"
+        return self.relation.format(left, self.relations.get(relation, relation), right)
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
         """Return a matrix: each row in brackets on a line of its own, with aligned columns."""
@@ -148,21 +161,13 @@ class Notation:
         lines = [[text + " " * (wide - width(text)) for text, wide in zip(row, widths, strict=True)] for row in rows]
         return "\n".join(f"[{',  '.join(line)}]" for line in lines)
 
-    def transposed(self, matrix: str) -> str:
-        """Return the transpose of a matrix that is named by a letter: G.T."""
-        return f"{matrix}.T"
-
     def vector(self, entries: Sequence[str]) -> str:
         """Return a vector: (a, b)."""
-        return self.brackets(", ".join(entries))
+        return self.brackets(self.comma.join(entries))
 
     def partial(self, above: str, below: str) -> str:
         """Return the partial derivative of one letter by another: dL/dtheta."""
-        return f"d{above}/d{below}"
-
-    def rate(self, inside: str) -> str:
-        """Return the time derivative of `inside`: d/dt(dL/dtheta_dot)."""
-        return f"d/dt({inside})"
+        return self.derivative.format(above, below)
 
     def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
         """Return the sum of terms; each is a pair (True if subtracted, text).
@@ -170,13 +175,12 @@ class Notation:
         With `leading` the first term has no plus sign; without it the sum continues the line above.
         """
         (negative, first), *rest = terms
-        minus = self.minus
-        start = (minus if negative else "") if leading else f"{self.before_sign}{minus if negative else '+'} "
-        return start + first + "".join(f" {minus if sign else '+'} {term}" for sign, term in rest)
+        start = (self.sign_before if leading else self.sign_of_line)[negative]
+        return start + first + "".join(self.signs_between[sign] + term for sign, term in rest)
 
     def equal(self, sides: Sequence[str]) -> str:
         """Return sides of an equation, with signs of equality between them."""
-        return " = ".join(sides)
+        return self.equals.join(sides)
 
     def grouped(self, piece: FormulaPiece, level: int) -> str:
         """Return the text of a piece, in parentheses if its precedence is below `level`."""
@@ -197,14 +201,58 @@ class Notation:
         return FormulaPiece(self.joined(texts), PRODUCT, simple=simple)
 
 
-class UnicodeNotation(Notation):
-    """Formulas on one line of Unicode, as in textbooks: m l² θ̈ + m g l sin θ."""
+class BookNotation(Notation):
+    """Spelling of formulas as in textbooks: sin and the like without parentheses, powers of e, and ln."""
 
     fractions_in_front = True
-    level_inside_product = POWER
-    product_sign, minus = " ", "\N{MINUS SIGN}"
-    constants: ClassVar = {"pi": "π", "infinity": "∞"}
+    magnitude = "|{0}|"
+    """Template of an absolute value."""
+
+    function_names: ClassVar[Mapping[str, str]] = {"log": "ln"}
+    """Spellings of functions that are not their names."""
+
+    def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
+        """Return a function, raised to an exponent if given, such as sin² θ, cos(a - b), |x|, or e^(-t)."""
+        inside = self.listed(arguments)
+        if name == "abs":
+            return self.power_of(self.magnitude.format(inside), exponent)
+        head = self.function_name(name)
+        if name == "exp":
+            return self.raised(self.applied(head, inside), exponent) if exponent else self.power_of_e(inside)
+        if name not in CIRCULAR or len(arguments) != 1:
+            return self.power_of(self.applied(head, inside), exponent)
+        head = self.raised(head, exponent).text if exponent else head
+        closed = self.applied(head, inside)
+        if arguments[0].simple:
+            return FormulaPiece(self.beside(head, inside), closed=closed, call=True)
+        return FormulaPiece(closed, call=True)
+
+    def function_name(self, name: str) -> str:
+        """Return the spelling of the name of a function."""
+        return self.function_names.get(name, name)
+
+    def applied(self, head: str, inside: str) -> str:
+        """Return the function `head` with its arguments in parentheses."""
+        return head + self.brackets(inside)
+
+    def beside(self, head: str, inside: str) -> str:
+        """Return the function `head` followed by a single symbol without parentheses."""
+        return f"{head} {inside}"
+
+    def power_of_e(self, exponent: str) -> FormulaPiece:
+        """Return e raised to an exponent."""
+        return self.raised(self.constant("e"), exponent)
+
+
+class UnicodeNotation(BookNotation):
+    """Formulas on one line of Unicode, as in textbooks: m l² θ̈ + m g l sin θ."""
+
+    level_inside_product, product_sign = POWER, " "
+    signs_between, sign_before, sign_of_line = (" + ", " − "), ("", "−"), ("+ ", "− ")
+    transpose, derivative, time_derivative = "{0}ᵀ", "∂{0}/∂{1}", "d/dt {0}"
     relations: ClassVar = {"<=": "≤", ">=": "≥", "!=": "≠"}
+    constants: ClassVar = {"pi": "π", "infinity": "∞"}
+    case, otherwise, case_separator, case_frame = "{0} if {1}", "{0} otherwise", "; ", "{{{0}}}"
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
         """Return a name with dots and indices: θ̈₁, or m_bob. An index that is not a number follows an underscore."""
@@ -249,42 +297,13 @@ class UnicodeNotation(Notation):
         short = inside.simple and len(inside.text) < 3
         return FormulaPiece("√" + (inside.text if short else self.brackets(inside.text)))
 
-    def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
-        """Return a function, raised to an exponent if given: sin² θ, cos(a − b), |x|, or e^(−t)."""
-        inside = ", ".join(argument.text for argument in arguments)
-        if name == "abs":
-            return self.power_of(f"|{inside}|", exponent)
-        if name == "exp":
-            power = FormulaPiece(f"e^{self.brackets(inside)}", POWER)
-            return self.raised(f"exp({inside})", exponent) if exponent else power
-        shown = {"log": "ln"}.get(name, name)
-        if name in CIRCULAR and len(arguments) == 1:
-            head = shown + exponent.translate(SUPERSCRIPT)
-            closed = f"{head}({inside})"
-            if arguments[0].simple:
-                return FormulaPiece(f"{head} {inside.replace(' ', '')}", closed=closed, call=True)
-            return FormulaPiece(closed, call=True)
-        return self.power_of(f"{shown}({inside})", exponent)
+    def beside(self, head: str, inside: str) -> str:
+        """Return the function `head` followed by a single symbol, such as sin 2θ."""
+        return f"{head} {inside.replace(' ', '')}"
 
-    def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
-        """Return a piecewise expression, {a if c; b otherwise}; `rows` are pairs of value and condition.
-
-        The last condition may be empty: its value holds in all other cases.
-        """
-        parts = [f"{value} if {condition}" if condition else f"{value} otherwise" for value, condition in rows]
-        return FormulaPiece("{" + "; ".join(parts) + "}", ATOM)
-
-    def transposed(self, matrix: str) -> str:
-        """Return the transpose of a matrix that is named by a letter: Gᵀ."""
-        return f"{matrix}ᵀ"
-
-    def partial(self, above: str, below: str) -> str:
-        """Return a partial derivative: ∂L/∂θ̇."""
-        return f"∂{above}/∂{below}"
-
-    def rate(self, inside: str) -> str:
-        """Return the time derivative of `inside`: d/dt ∂L/∂θ̇."""
-        return f"d/dt {inside}"
+    def power_of_e(self, exponent: str) -> FormulaPiece:
+        """Return e raised to an exponent, which is in parentheses."""
+        return FormulaPiece(f"e^{self.brackets(exponent)}", POWER)
 
 
 class PrintedWidth(UnicodeNotation):
@@ -293,7 +312,7 @@ class PrintedWidth(UnicodeNotation):
     Of a fraction it contains only the wider part. Factors follow each other without blanks, except before a function.
     """
 
-    product_sign = ""
+    product_sign, time_derivative = "", "dt {0}"
 
     def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
         """Return the text of a function with a blank before it."""
@@ -307,7 +326,3 @@ class PrintedWidth(UnicodeNotation):
     def partial(self, above: str, below: str) -> str:
         """Return the numerator or the denominator of a partial derivative, ∂L or ∂θ̇, whichever is wider."""
         return "∂" + max(above, below, key=width)
-
-    def rate(self, inside: str) -> str:
-        """Return a text as wide as the time derivative of `inside`: the denominator dt, and `inside`."""
-        return f"dt {inside}"
