@@ -552,6 +552,7 @@ class System:
         `at` is the equilibrium, as in `linearize`: expressions in the parameters, or decimals for the first value, from
         which it is followed. Raises StatementError if it exists at no value.
         """
+        check_without_contacts(self.statement.contacts, "eigenvalues()")
         from lagrange.mechanics.stability import eigenvalue_path
 
         return eigenvalue_path(self._known, parameter, values, at, self._model)
@@ -576,7 +577,7 @@ class System:
     @property
     def _model(self) -> Model:
         """The model for numpy. Raises StatementError for a system with contacts, whose motion is not smooth."""
-        check_without_contacts(self.statement.contacts, "what was asked for")
+        check_without_contacts(self.statement.contacts, "this result")
         return self.compile("numpy", check=False)
 
 

@@ -135,9 +135,11 @@ class _Problem:
             raise StatementError(f"rates names velocities: give coordinates, such as {{{statement.names[-1]}: 1.0}}.")
         for i in named:
             if i not in self.free:
+                steady = listing(statement.names[k] for k in self.free)
                 raise StatementError(
-                    f"{statement.names[i]} is not ignorable, and cannot have a steady velocity: those that are, are "
-                    f"{listing(statement.names[k] for k in self.free)}."
+                    f"rates gives {statement.names[i]} a steady velocity, but energies, forces or constraints depend "
+                    "on it, so that the velocity would change: "
+                    + (f"give rates of {steady}." if self.free else "call equilibria() without rates.")
                 )
         return {form.v[i]: in_fractions(point.q[i]) for i in named}
 
@@ -171,9 +173,11 @@ class _Problem:
         statement = self.statement
         named = listing(statement.names[i] for i in self.rows)
         if symbolic:
+            contacts = listing(repr(each.name) for each in statement.contacts)
+            remedy = f" Contact forces are left out: state the closed ones of {contacts} as constraints."
             return (
                 f"{statement.name} has no equilibrium: the forces on {named} at rest, solved in symbols, vanish "
-                "nowhere for general values of the parameters."
+                "nowhere for general values of the parameters." + (remedy if contacts != "none" else "")
             )
         return (
             f"no equilibrium of {statement.name} was found: the forces on {named} are not solved in symbols, and "

@@ -156,6 +156,9 @@ class StatedPoint:
         return abs(complex(printable(expr))) <= BALANCED_FORCE * size
 
 
+INPUT_REMEDY = "call linearize(inputs=[{0!r}]) for a matrix B, or "  # Begin of a remedy for an input without values
+
+
 def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tuple[Statement, Any, Any]:
     """Return statement, point and inputs, where a parameter replaces each input that is a function of time.
 

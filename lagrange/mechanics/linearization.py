@@ -29,7 +29,7 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
 from lagrange.machine.model import Model, Stated
-from lagrange.mechanics.expansion import StatedPoint, edges, stated_point, with_inputs_as_parameters
+from lagrange.mechanics.expansion import INPUT_REMEDY, StatedPoint, edges, stated_point, with_inputs_as_parameters
 from lagrange.mechanics.plain_form import (
     Shortener,
     in_decimals,
@@ -169,7 +169,7 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     """
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)
-    require_values(statement)
+    require_values(statement, INPUT_REMEDY)
     with deriving(f"linear equations of {statement.name}"):
         point = stated_point(known_statement(statement), at, inputs)
         linearization = linearized_at(point)

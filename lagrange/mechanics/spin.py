@@ -21,7 +21,7 @@ import sympy
 from lagrange.errors import FAULT, RunError, StatementError, formula
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model, Stated
-from lagrange.mechanics.expansion import BALANCED_FORCE, stated_values, with_inputs_as_parameters
+from lagrange.mechanics.expansion import BALANCED_FORCE, INPUT_REMEDY, stated_values, with_inputs_as_parameters
 from lagrange.mechanics.linearization import DependentCoordinates, Linearization, TangentMotion
 from lagrange.mechanics.linearization import linearized as in_coordinates
 from lagrange.mechanics.plain_form import Shortener, number, numeric, simplest, vanishes_in_symbols
@@ -44,7 +44,7 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
         return in_coordinates(system, at, inputs)
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)
-    require_values(statement)
+    require_values(statement, INPUT_REMEDY)
     in_turns = _InTurns(system, at, inputs)
     linearization = in_turns.linearization()
     in_turns.compare(linearization, system.compile("numpy", check=False))

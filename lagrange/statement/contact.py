@@ -220,6 +220,6 @@ def check_without_contacts(contacts: tuple[Contact, ...], what: str) -> None:
     if contacts:
         names = listing(repr(each.name) for each in contacts)
         raise StatementError(
-            f"the system has contacts ({names}), and {what} describes a motion without: state the system without "
-            "contacts=, with the closed ones as constraints, or run it."
+            f"the system has contacts ({names}), which {what} leaves out: state the system without contacts=, with the "
+            "closed ones as constraints, or run it."
         )

@@ -261,16 +261,18 @@ def constraint_of(symbol: Any) -> str | None:
     return None
 
 
-def check_multipliers(names: Iterable[str], expression: str, constraints: Sequence[str], system: str) -> None:
+def check_multipliers(
+    names: Iterable[str], expression: str, constraints: Sequence[str], system: str, kind: str = "constraint"
+) -> None:
     """Raise StatementError if an expression has multipliers of constraints that the system does not have.
 
     `names` are the constraints whose multipliers it has, and `constraints` those of the system. The message calls the
-    two `expression` and `system`.
+    two `expression` and `system`, and the constraints by their `kind`.
     """
     for name in names:
         if name not in constraints:
             are = " is" if len(constraints) == 1 else "s are"
-            have = f"the constraint{are} {listing(constraints)}" if constraints else f"{system} has no constraints"
+            have = f"the {kind}{are} {listing(constraints)}" if constraints else f"{system} has no {kind}s"
             raise StatementError(
                 f"{expression} contains {multiplier(name)}, but {have}." + suggestion(name, constraints)
             )

@@ -50,6 +50,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "value of restitution": (lambda: system().run(1.0, parameters={E: 2}), "restitution of the contact 'floor' is 2"),
     "backwards": (lambda: system().run(0.0, t_start=1.0), "run forwards"),
     "linear equations": (lambda: system().linearize(), r"has contacts \('floor'\)"),
+    "eigenvalues": (lambda: system().eigenvalues(E, [0.5]), r"which eigenvalues\(\) leaves out: state the system"),
     "source code": (lambda: system().export("c", "nowhere"), r"has contacts \('floor'\)"),
     "gap of another": (lambda: system().run(1.0, events=[lg.gap("wall") - 1]), "does not have"),
 }
@@ -141,6 +142,8 @@ def test_results_name_gaps_and_forces() -> None:
     assert floor.force[closed] == pytest.approx(9.81) and not floor.force[~closed].any()
     with pytest.raises(lg.StatementError, match="not a contact"):
         run.contacts["wall"]
+    with pytest.raises(lg.StatementError, match=r"contains lambda\[flor\], but the contact is floor\. Did you mean"):
+        run.evaluate(lg.multiplier("flor"))
     met = system().run(6.0, events=[lg.event(lg.gap("floor") - 0.5, terminal=1)])
     assert met.status is lg.Status.EVENT and met["y"][-1] == pytest.approx(0.5)
 

@@ -178,13 +178,20 @@ EDGE: dict[str, Any] = {"constraints": {"edge": y.dot * cos(theta) - x.dot * sin
             None,
             "system has constraints on velocities (edge), so its equilibria form a continuous region",
         ),
-        (hoop, {theta: 1}, "theta is not ignorable, and cannot have a steady velocity: those that are, are none."),
+        (
+            hoop,
+            {theta: 1},
+            "rates gives theta a steady velocity, but energies, forces or constraints depend on it, so that",
+        ),
+        (lambda: shared_scene("bouncing-ball"), None, "bouncing-ball has no equilibrium: the forces on y at rest"),
         (hoop, {theta.dot: 1}, "rates names velocities: give coordinates, such as {theta: 1.0}."),
         (hoop, [1], "rates is [1]: give a dict from ignorable coordinates to velocities."),
     ],
 )
 def test_refusals(system: Any, rates: Any, words: str) -> None:
-    assert refusal(system().equilibria, rates).startswith(words)
+    message = refusal(system().equilibria, rates)
+    assert message.startswith(words)
+    assert ("Contact forces are left out: state the closed ones of 'floor' as" in message) == ("bouncing" in words)
 
 
 def test_a_wrong_equilibrium_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,5 +59,9 @@ ASKED: dict[str, Callable[[lg.System], Any]] = {
 def test_open_functions_are_refused(asked: str) -> None:
     with pytest.raises(lg.StatementError, match="X is a given function of time without values, which numbers need"):
         ASKED[asked](driven(lg.given("X")))
+    with pytest.raises(
+        lg.StatementError, match=r"numbers need: call linearize\(inputs=\['X'\]\) for a matrix B, or state"
+    ):
+        driven(lg.given("X")).linearize()
     with pytest.raises(lg.StatementError, match=r"U\(theta\(t\)\) is not written out, which numbers need"):
         ASKED[asked](lg.System(m * theta.dot**2 / 2, Function("U")(theta), parameters={m: 1}))

@@ -198,6 +198,10 @@ def test_units_must_fit_together() -> None:
     [
         ("mass", "dimensions is 'mass': give a dict from symbols to dimensions, such as {m: 'mass', l: 'length'}."),
         ({m: "mas"}, "the dimension of m is 'mas', which is neither a dimension nor a unit. Did you mean 'mass'?"),
+        (
+            {l: "furlong"},
+            "the dimension of l is 'furlong', which is neither a dimension nor a unit. Known are dimensions",
+        ),
         ({m: 3}, "the dimension of m is 3: give a dimension or a unit, such as 'length', 'm/s**2' or sympy.physics"),
         ({m: "mass + length"}, "the dimension of m is 'length + mass', which is not a product of powers of dimensions"),
         ({m: "__import__('os')"}, "the dimension of m is \"__import__('os')\", which is not a product of dimensions"),
@@ -207,6 +211,13 @@ def test_units_must_fit_together() -> None:
 )
 def test_refusals(given: Any, message: str) -> None:
     assert refusal(stated, PENDULUM, given).startswith(message)
+
+
+def test_for_a_number_without_a_unit_a_parameter_is_advised() -> None:
+    with pytest.raises(
+        StatementError, match=r"it should be length\. A number has no unit: put a parameter in its place"
+    ):
+        lg.System(m * x.dot**2 / 2, k * x**2, positions={"mass": (x, 1)}, dimensions={m: "kg", x: "m"})
 
 
 def test_powers_that_are_no_numbers_need_a_base_without_dimension() -> None:

@@ -169,15 +169,18 @@ def _pending(node: Any) -> bool:
     )
 
 
-def require_values(statement: Statement) -> None:
-    """Raise StatementError if a given function has no values, or a function of coordinates no formula."""
+def require_values(statement: Statement, remedy: str = "") -> None:
+    """Raise StatementError if a given function has no values, or a function of coordinates no formula.
+
+    A `remedy` such as "linearize(inputs=[{}])" is offered first, with the name of the function in it.
+    """
     names = [name_of(function) for function in open_functions(statement)]
     if names:
         is_open = "is a given function" if len(names) == 1 else "are given functions"
         raise StatementError(
-            f"{listing(names)} {is_open} of time without values, which numbers need: state lg.given({names[0]!r}, "
-            f"expression in lg.t) or lg.given({names[0]!r}, (times, values)), or put one in with "
-            f"system.substitute({{{names[0]!r}: ...}})."
+            f"{listing(names)} {is_open} of time without values, which numbers need: {remedy.format(names[0])}"
+            f"state lg.given({names[0]!r}, expression in lg.t) or lg.given({names[0]!r}, (times, values)), or put one "
+            f"in with system.substitute({{{names[0]!r}: ...}})."
         )
     require_formulas(statement)
 

@@ -58,6 +58,9 @@ OTHERS = {
 }
 """Other units as expressions in known ones. US customary units and the electronvolt are defined by these numbers."""
 
+KNOWN_EXAMPLES = "dimensions such as 'length' and 'torque', and units such as 'm', 'cm', 'inch', 'kg', 'N*m' and 'rpm'"
+"""End of a sentence on a name that is not known."""
+
 FUNCTIONS_TOO = ("min", "sec")
 """Units whose names are also names of functions in expressions."""
 
@@ -263,9 +266,8 @@ def _from_text(text: str, what: str) -> Any:
     known = known_names()
     if name.isidentifier():
         if name not in known:
-            raise StatementError(
-                f"{what} is {spelled[:60]!r}, which is neither a dimension nor a unit.{suggestion(name, list(known))}"
-            )
+            hint = suggestion(name, list(known)) or f" Known are {KNOWN_EXAMPLES}."
+            raise StatementError(f"{what} is {spelled[:60]!r}, which is neither a dimension nor a unit.{hint}")
         return sympy.Symbol(name, positive=True)
     try:
         return read_expression(spelled, {word: sympy.Symbol(word, positive=True) for word in known})

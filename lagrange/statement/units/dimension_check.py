@@ -50,6 +50,10 @@ NO_UNIT = (
 """End of a message on a table whose numbers would have units."""
 
 
+NUMBER_REMEDY = " A number has no unit: put a parameter in its place, such as d with dimensions={'d': 'm'}."
+"""End of a message on a number that should have a dimension."""
+
+
 class WrongTermError(Exception):
     """Error: a `term` of an expression has another `dimension` than `expected`.
 
@@ -173,7 +177,8 @@ def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any])
     )
     has = f"{part.what} has the term {term}{inside}, whose dimension is {wrong.dimension}"
     tables = any(map(table_range, (wrong.term, wrong.within)))
-    return f"{has}; {where}it should be {wrong.expected}." + (NO_UNIT if tables else "")
+    remedy = NO_UNIT if tables else NUMBER_REMEDY if wrong.term.is_number else ""
+    return f"{has}; {where}it should be {wrong.expected}.{remedy}"
 
 
 class _Checker(UnitEquations):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.statement.contact import Contact
-from lagrange.statement.coordinate import multiplier
+from lagrange.statement.coordinate import check_multipliers, constraint_of, multiplier
 from lagrange.statement.expression import ByName
 from lagrange.statement.expression import expression as expression_of
 from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
@@ -127,6 +127,10 @@ class ContactRun:
 
         It may contain gaps and normal forces of contacts, in addition to what `Solution.evaluate` allows.
         """
+        statement, symbols = self.model.statement, expression_of(expression, "the expression").free_symbols
+        names = [name for symbol in symbols if (name := constraint_of(symbol)) is not None]
+        kind = "constraint or contact" if statement.constraints else "contact"
+        check_multipliers(names, "the expression", statement.multiplier_names, statement.name, kind)
         values = np.empty(len(self.t))
         for mode, where in self._segments(self.t):
             values[where] = self._in_mode(mode, expression, self.t[where], self.trajectory.y[:, where])
