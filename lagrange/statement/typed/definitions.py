@@ -49,6 +49,8 @@ class Definition:
         sides = clause.sides()
         stated = is_constant(sides[-1])
         sides = sides[:-1] if stated else sides
+        laws = [side for side in sides if len(sides) > 2 and side and clause.is_law(side[0].begin, side[-1].end)]
+        sides = [side for side in sides if side not in laws]  # p = dL/dx' = m x' defines p
         if len(sides) > 2:  # p = m r^2 phi' = l: of the names the last one counts that other clauses have
             unknown = [side for side in sides if len(side) == 1 and not names.readings(side[0].text)]
             used = [side for side in unknown if uses.contain(canonical(side[0].text), clause)]

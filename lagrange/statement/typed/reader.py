@@ -67,8 +67,8 @@ class Reading:
     """One reading of a typed equation: `zero`, its left minus its right side, and `right`, its right side.
 
     `read` is the equation as it was understood, in the strict notation and with both sides. `differentiated` are the
-    expressions whose time derivative was typed, as in d/dt(m x'). `terms` are the other terms of each side as typed,
-    before SymPy adds like terms; () if nothing was differentiated or added.
+    expressions whose time derivative was typed, as in d/dt(m x'), or as dp/dt with p = m x'. `terms` are the other
+    terms of each side as typed, before SymPy adds like terms; () if nothing was differentiated or added.
     """
 
     zero: Any
@@ -105,6 +105,8 @@ class TypedReader:
         pairs = [(base + low, base + high) for base in self.names.bases for low, high in pairwise(RATES)]
         known = {self.symbols[low]: self.symbols[high] for low, high in pairs if {low, high} <= self.symbols.keys()}
         self.rates = {low: high for low, high in known.items() if low.is_Symbol}  # {symbol: its time derivative}
+        velocities = self.rates.keys() & self.rates.values()
+        self.momenta = {name for name, x in symbols.items() if not x.is_Symbol and x.free_symbols & velocities}
 
     def _clauses(self, text: str, what: str) -> tuple[TypedReader, list[Clause]]:
         """Return the equations and remarks of a text as clauses, and a reader that knows the names which it defines.
@@ -401,6 +403,8 @@ class TypedReader:
                     inside = read_expression(operand, names)
                     names[name] = self.differentiated(inside, order)
                     differentiated += [inside] * (order == 1)
+                momenta = (name.removesuffix("_dot") for name in re.findall(r"\w+_dot\b", formula.text))
+                differentiated += [self.symbols[name] for name in momenta if name in self.momenta]
             values = [read_expression(formula.text, names) for formula in formulas]
             pairs = list(zip(formulas, values, strict=True))
             like = any(formula.rates or len(formula.terms) > len(sympy.Add.make_args(x)) for formula, x in pairs)
