@@ -22,7 +22,7 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.outputs import Part
 from lagrange.trajectory.sizes import raise_to_noise, slopes_of
 from lagrange.trajectory.tableaux.butcher import moved
-from lagrange.trajectory.tableaux.classical import dopri5
+from lagrange.trajectory.tableaux.explicit import dopri5
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 LAST_ROWS = 64

@@ -20,10 +20,9 @@ from lagrange.trajectory.measures.stiffness import (
     with_stiff_end,
 )
 from lagrange.trajectory.methods.explicit import RungeKutta
-from lagrange.trajectory.tableaux import classical
+from lagrange.trajectory.tableaux import explicit as tableaux
 from lagrange.trajectory.tableaux.butcher import ButcherTableau, ErrorEstimate, row
-from lagrange.trajectory.tableaux.classical import dopri5
-from lagrange.trajectory.tableaux.dop853 import dop853
+from lagrange.trajectory.tableaux.explicit import dop853, dopri5
 from tests.models import shared_scene, stated_in
 
 BOGACKI_SHAMPINE = ButcherTableau(
@@ -57,10 +56,10 @@ def pendulum(k: float, stretch: float = 0.0, **options: Any) -> Any:
 def test_limits_are_those_of_the_books() -> None:
     # Hairer, Wanner, Solving ODE II, IV.2: 2 for Euler, 2.785 for four stages of order 4, 3.31 for Dormand-Prince 5.
     # A growth of 1 % moves the real limits by less than 0.01.
-    for tableau, real in ((classical.EULER, 2.0), (classical.RK4, 2.785), (dopri5(), 3.307), (BOGACKI_SHAMPINE, 2.513)):
+    for tableau, real in ((tableaux.EULER, 2.0), (tableaux.RK4, 2.785), (dopri5(), 3.307), (BOGACKI_SHAMPINE, 2.513)):
         assert stability_limit(stability_polynomial(tableau), math.pi) == pytest.approx(real, abs=0.015)
-    assert stability_limit(stability_polynomial(classical.RK4), math.pi / 2) == pytest.approx(2**1.5, abs=0.01)
-    assert stability_polynomial(classical.RK4) == pytest.approx(taylor_polynomial(4))
+    assert stability_limit(stability_polynomial(tableaux.RK4), math.pi / 2) == pytest.approx(2**1.5, abs=0.01)
+    assert stability_polynomial(tableaux.RK4) == pytest.approx(taylor_polynomial(4))
 
 
 @pytest.mark.parametrize("polynomial", [stability_polynomial(dop853()), taylor_polynomial(8), taylor_polynomial(30)])

@@ -19,7 +19,7 @@ from lagrange.procedure.interpreter import run
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.methods.radau import POINTS
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
-from lagrange.trajectory.tableaux.dop853 import dop853
+from lagrange.trajectory.tableaux.explicit import dop853
 from lagrange.trajectory.tableaux.gauss import collocation_tableau
 from tests.models import TARGETS, build, k, m, model, x, z
 from tests.trajectory.runs import exact

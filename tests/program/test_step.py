@@ -27,8 +27,7 @@ from lagrange.program.switching import SWITCHES, Switched, switch
 from lagrange.trajectory.methods.explicit import runge_kutta_step
 from lagrange.trajectory.methods.implicit import backward_euler
 from lagrange.trajectory.methods.splitting import SymplecticEuler, VelocityVerlet, splitting_step
-from lagrange.trajectory.tableaux.classical import EULER, MIDPOINT, RK4, dopri5
-from lagrange.trajectory.tableaux.dop853 import dop853
+from lagrange.trajectory.tableaux.explicit import EULER, MIDPOINT, RK4, dop853, dopri5
 from tests.mechanisms.random_mechanisms import SEEDS, compiled, initial_state
 
 STEPS = {

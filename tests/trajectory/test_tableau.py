@@ -23,11 +23,30 @@ from lagrange.program.step import StepProgram
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.tableaux.butcher import ButcherTableau, DenseOutput, ErrorEstimate, row
-from lagrange.trajectory.tableaux.classical import BS3, EULER, HEUN, MIDPOINT, RK4, dopri5, tsit5
-from lagrange.trajectory.tableaux.dop853 import dop853
-from lagrange.trajectory.tableaux.rooted_trees import density, formula, size, trees
-from lagrange.trajectory.tableaux.verner9 import MATRIX, B, verner9
+from lagrange.trajectory.tableaux.butcher import (
+    ButcherTableau,
+    DenseOutput,
+    ErrorEstimate,
+    density,
+    formula,
+    row,
+    size,
+    trees,
+    triangle,
+)
+from lagrange.trajectory.tableaux.explicit import (
+    BS3,
+    EULER,
+    HEUN,
+    MIDPOINT,
+    RK4,
+    VERNER_MATRIX,
+    VERNER_WEIGHTS,
+    dop853,
+    dopri5,
+    tsit5,
+    verner9,
+)
 from tests.covering import Share
 from tests.models import TARGETS, build, laws, model, phi, statement_of, theta
 from tests.trajectory.precisely import (
@@ -223,11 +242,11 @@ PRECISE = [
 def verner9_in_digits(f: Rhs, t: Any, y: Any, h: Any) -> Any:
     """The step with the coefficients as they are published: rounded to doubles they hide its order."""
     slopes: list[Any] = []
-    for words in map(str.split, MATRIX):
+    for words in triangle(VERNER_MATRIX.split()):
         row = [mpmath.mpf(word) for word in words]
         moved = sum((a * s for a, s in zip(row, slopes, strict=True) if a), y * 0)
         slopes.append(f(t + sum(row) * h, y + h * moved))
-    return y + h * sum(mpmath.mpf(b) * s for b, s in zip(B.split(), slopes, strict=True))
+    return y + h * sum(mpmath.mpf(b) * s for b, s in zip(VERNER_WEIGHTS.split(), slopes, strict=True))
 
 
 @pytest.mark.few(2)

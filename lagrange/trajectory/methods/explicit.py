@@ -22,12 +22,8 @@ from lagrange.trajectory.methods.tolerances import adaptive_settings, check_opti
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path, runge_kutta_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
-from lagrange.trajectory.tableaux import classical
-from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, ErrorEstimate, moved
-from lagrange.trajectory.tableaux.classical import dopri5, tsit5
-from lagrange.trajectory.tableaux.dop853 import dop853
-from lagrange.trajectory.tableaux.rooted_trees import Coefficients
-from lagrange.trajectory.tableaux.verner9 import verner9
+from lagrange.trajectory.tableaux import explicit as tableaux
+from lagrange.trajectory.tableaux.butcher import HIGHEST_CHECKED, ButcherTableau, Coefficients, ErrorEstimate, moved
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 FRACTION = re.compile(r"\s*[+-]?[0-9]{0,99}(\.[0-9]{0,99})?(/[0-9]{1,99}|[eE][+-]?[0-9]{1,3})?\s*")
@@ -122,61 +118,61 @@ def local_step(tableau: ButcherTableau, g: Callable[..., Any], t: Any, q: Any, v
 @built_in("euler")
 def Euler(step: float | None = None) -> RungeKutta:
     """Return the explicit Euler method, order 1."""
-    return RungeKutta(classical.EULER, step=step)
+    return RungeKutta(tableaux.EULER, step=step)
 
 
 @built_in("heun")
 def Heun(step: float | None = None) -> RungeKutta:
     """Return Heun's method, the explicit trapezoidal rule, order 2."""
-    return RungeKutta(classical.HEUN, step=step)
+    return RungeKutta(tableaux.HEUN, step=step)
 
 
 @built_in("midpoint")
 def Midpoint(step: float | None = None) -> RungeKutta:
     """Return the explicit midpoint rule, order 2."""
-    return RungeKutta(classical.MIDPOINT, step=step)
+    return RungeKutta(tableaux.MIDPOINT, step=step)
 
 
 @built_in("rk4")
 def RK4(step: float | None = None) -> RungeKutta:
     """Return the classical Runge-Kutta method, order 4."""
-    return RungeKutta(classical.RK4, step=step)
+    return RungeKutta(tableaux.RK4, step=step)
 
 
 @built_in("munthe-kaas4")
 def MuntheKaas4(step: float | None = None) -> RungeKutta:
     """Return Munthe-Kaas's method on the group of rotations, order 4: rk4 in local coordinates."""
-    return RungeKutta(replace(classical.RK4, name="munthe-kaas4"), step=step, law="local")
+    return RungeKutta(replace(tableaux.RK4, name="munthe-kaas4"), step=step, law="local")
 
 
 @built_in("bs3")
 def BS3(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return the adaptive method of Bogacki and Shampine, order 3(2)."""
-    return RungeKutta(classical.BS3, rtol=rtol, atol=atol)
+    return RungeKutta(tableaux.BS3, rtol=rtol, atol=atol)
 
 
 @built_in("dopri5")
 def Dopri5(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return the adaptive method of Dormand and Prince, order 5(4)."""
-    return RungeKutta(dopri5(), rtol=rtol, atol=atol)
+    return RungeKutta(tableaux.dopri5(), rtol=rtol, atol=atol)
 
 
 @built_in("tsit5")
 def Tsit5(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return Tsitouras's adaptive method, order 5(4)."""
-    return RungeKutta(tsit5(), rtol=rtol, atol=atol)
+    return RungeKutta(tableaux.tsit5(), rtol=rtol, atol=atol)
 
 
 @built_in("verner9")
 def Verner9(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return Verner's most efficient adaptive method of order 9(8)."""
-    return RungeKutta(verner9(), rtol=rtol, atol=atol)
+    return RungeKutta(tableaux.verner9(), rtol=rtol, atol=atol)
 
 
 @built_in("dop853")
 def DOP853(rtol: float | None = None, atol: float | None = None) -> RungeKutta:
     """Return Hairer's adaptive method of order 8 with estimates of order 5 and 3."""
-    return RungeKutta(dop853(), rtol=rtol, atol=atol)
+    return RungeKutta(tableaux.dop853(), rtol=rtol, atol=atol)
 
 
 def tableau(

@@ -25,8 +25,7 @@ from lagrange.trajectory.methods.trial import TrialVector, kind_of, number, refu
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
-from lagrange.trajectory.tableaux.butcher import CONDITION_TOLERANCE, ButcherTableau
-from lagrange.trajectory.tableaux.rooted_trees import Coefficient
+from lagrange.trajectory.tableaux.butcher import CONDITION_TOLERANCE, ButcherTableau, Coefficient
 from lagrange.trajectory.trajectory import Trajectory
 
 TRIAL_POINTS = ((Fraction(0), Fraction(1)), (Fraction(2), Fraction(2)))

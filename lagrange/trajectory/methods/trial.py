@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from lagrange.errors import StatementError, shown
-from lagrange.trajectory.tableaux.rooted_trees import Coefficient
+from lagrange.trajectory.tableaux.butcher import Coefficient
 
 ARITHMETIC = {
     "add": operator.add,
