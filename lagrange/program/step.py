@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node
@@ -395,12 +395,16 @@ class TracedVector:
     """A linear combination of a step's vectors, passed to the step function in place of an array."""
 
     __slots__ = ("terms",)
-    __array_ufunc__ = None
+    __array_ufunc__: Any = None
 
-    def __init__(self, terms: Mapping[int, Node]) -> None:
+    def __init__(self, terms: Mapping[int, Any]) -> None:
         self.terms = dict(terms)
 
-    def __add__(self, other: TracedVector | float) -> TracedVector:
+    def made(self, terms: Mapping[int, Any]) -> Self:
+        """Return a vector of this class with the nonzero ones of the coefficients `terms`, by index of the vector."""
+        return type(self)({i: c for i, c in terms.items() if c is not c.graph.zero})
+
+    def __add__(self, other: Any) -> Self:
         if not isinstance(other, TracedVector):
             if other == 0:
                 return self
@@ -408,28 +412,27 @@ class TracedVector:
         total = dict(self.terms)
         for i, coefficient in other.terms.items():
             total[i] = total[i] + coefficient if i in total else coefficient
-        return TracedVector({i: c for i, c in total.items() if c is not c.graph.zero})
+        return self.made(total)
 
     __radd__ = __add__
 
-    def __mul__(self, factor: Node | Exact | float) -> TracedVector:
+    def __mul__(self, factor: Node | Exact | float) -> Self:
         if isinstance(factor, TracedVector):
             raise StatementError("a step function multiplies two vectors: a step is a combination of vectors.")
-        scaled = {i: coefficient * factor for i, coefficient in self.terms.items()}
-        return TracedVector({i: c for i, c in scaled.items() if c is not c.graph.zero})
+        return self.made({i: coefficient * factor for i, coefficient in self.terms.items()})
 
     __rmul__ = __mul__
 
-    def __truediv__(self, divisor: Node | Exact | float) -> TracedVector:
-        return TracedVector({i: coefficient / divisor for i, coefficient in self.terms.items()})
+    def __truediv__(self, divisor: Node | Exact | float) -> Self:
+        return self.made({i: coefficient / divisor for i, coefficient in self.terms.items()})
 
-    def __neg__(self) -> TracedVector:
+    def __neg__(self) -> Self:
         return self * -1
 
-    def __sub__(self, other: TracedVector | float) -> TracedVector:
+    def __sub__(self, other: TracedVector | float) -> Self:
         return self + -other
 
-    def __rsub__(self, other: TracedVector | float) -> TracedVector:
+    def __rsub__(self, other: TracedVector | float) -> Self:
         return -self + other
 
     def combination(self) -> Combination:

@@ -7,21 +7,23 @@ combination. They also give the tableau of a Runge-Kutta step, whose order condi
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Hashable
+import operator
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property, lru_cache
-from numbers import Real
-from typing import Any
+from numbers import Rational, Real
+from typing import Any, NoReturn, Self
+
+import numpy as np
 
 from lagrange.errors import StatementError, shown
 from lagrange.machine.steps.driver import numbers_of
-from lagrange.program.step import StepProgram, trace
+from lagrange.program.step import StepProgram, TracedVector, trace
 from lagrange.statement.expression import text, whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.splitting import check_splits
 from lagrange.trajectory.methods.tolerances import check_options, fixed_settings
-from lagrange.trajectory.methods.trial import TrialVector, kind_of, number, refusal
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
@@ -95,7 +97,7 @@ def step_method(function: Callable[..., Any], *, order: int, name: str = "", ste
     if isinstance(order, bool) or not isinstance(order, int) or order < 1:
         raise StatementError(f"order = {shown(order)}: give the order of the method, a whole number from 1 on.")
     called = text(name, "name") or getattr(function, "__name__", "") or "step"
-    _check_recorded(called, function, check_consistent(called, function, order))
+    _check_recorded(called, function, _check_consistent(called, function, order))
     return StepMethod(called, order, function, step)
 
 
@@ -119,7 +121,7 @@ def _program(name: str, function: Callable[..., Any]) -> StepProgram:
 def _arguments(name: str, function: Callable[..., Any]) -> int:
     """Return the number of arguments of a step function. Raises StatementError if it is neither 4 nor 5."""
     if not callable(function) or not isinstance(function, Hashable):
-        what = f"{kind_of(function)} without a hash" if callable(function) else kind_of(function)
+        what = f"{_kind_of(function)} without a hash" if callable(function) else _kind_of(function)
         raise StatementError(f"the step function {name} is {what}: give a function, {FORMS}.")
     try:
         parameters = inspect.signature(function).parameters.values()
@@ -134,19 +136,132 @@ def _arguments(name: str, function: Callable[..., Any]) -> int:
     return len(plain)
 
 
+class _OtherOperationError(Exception):
+    """Error in a trial call of a step function: its text names the operation that a step may not use."""
+
+
+def refusal(name: str, what: str) -> StatementError:
+    """Return the error for the step function `name`: it says `what` is wrong, and what a step may do."""
+    return StatementError(
+        f"the step function {name} cannot be used: {what}. A step adds vectors and multiplies them by numbers made of "
+        "t and h."
+    )
+
+
+def _kind_of(value: object) -> str:
+    """Return a description of a value by its type, for messages, such as "the number 2" or "a list"."""
+    if isinstance(value, Fraction) and value.denominator == 1:
+        value = value.numerator
+    return f"the number {shown(value)}" if isinstance(value, Real) else f"a {type(value).__name__}"
+
+
+def _number(value: Real) -> Coefficient:
+    """Return a number as a fraction if it is exact, that is an integer or rational, else as a float."""
+    return Fraction(value) if isinstance(value, Rational) else float(value)
+
+
+def _refusing(what: str) -> Callable[..., Any]:
+    """Return a method that raises an error with the text `what`, which has places for the method's arguments."""
+
+    def refuse(*arguments: object, **_: object) -> NoReturn:
+        raise _OtherOperationError(what.format(*arguments[1:]))
+
+    return refuse
+
+
+NUMPY_OPERATIONS = {"add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "divide": operator.truediv}
+"""Operations of a NumPy number with a vector, by their NumPy names."""
+
+
+class TrialVector(TracedVector):
+    """A linear combination of the state and the slopes with numbers as coefficients, from a trial call of a step.
+
+    Any other operation raises an error that names it.
+    """
+
+    __slots__ = ()
+
+    def made(self, terms: Mapping[int, Coefficient]) -> Self:
+        """Return a vector with the nonzero ones of the coefficients `terms`, by index of the vector."""
+        return type(self)({i: c for i, c in terms.items() if c})
+
+    def __add__(self, other: Any) -> Self:
+        if not isinstance(other, TrialVector) and not (isinstance(other, Real) and other == 0):
+            raise _OtherOperationError(f"it adds {_kind_of(other)} to a vector")
+        return super().__add__(other)
+
+    __radd__ = __add__
+
+    def __mul__(self, factor: Any) -> Self:
+        if not isinstance(factor, Real):
+            two = isinstance(factor, TrialVector)
+            raise _OtherOperationError(f"it multiplies {'two vectors' if two else f'a vector by {_kind_of(factor)}'}")
+        return super().__mul__(_number(factor))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, divisor: Any) -> Self:
+        if not isinstance(divisor, Real) or divisor == 0:
+            by = "zero" if isinstance(divisor, Real) else _kind_of(divisor)
+            raise _OtherOperationError(f"it divides a vector by {by}")
+        return super().__truediv__(_number(divisor))
+
+    __hash__ = object.__hash__
+    __eq__ = __lt__ = __le__ = __gt__ = __ge__ = _refusing("it compares a vector: a step cannot branch on the state")
+    __bool__ = _refusing("it asks whether a vector is true: a step cannot branch on the state")
+    __getitem__ = _refusing("it takes entry {0!r} of a vector: a step treats all coordinates alike")
+    __setitem__ = _refusing("it sets entry {0!r} of a vector: a step treats all coordinates alike")
+    __iter__ = _refusing("it goes through the entries of a vector: a step treats all coordinates alike")
+    __len__ = _refusing("it asks for the length of a vector: a step is the same for every system")
+    __abs__ = _refusing("it takes the absolute value of a vector")
+    __pow__ = _refusing("it raises a vector to a power")
+    __rtruediv__ = _refusing("it divides by a vector")
+    __float__ = _refusing("it takes a vector for a number")
+    __array__ = _refusing("it makes an array of a vector")
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        operation = NUMPY_OPERATIONS.get(ufunc.__name__)
+        numbers = all(isinstance(x, (TrialVector, np.generic)) for x in inputs)
+        if operation is None or method != "__call__" or not numbers or options:
+            raise _OtherOperationError(f"it takes numpy's {ufunc.__name__} of a vector")
+        return operation(*(x if isinstance(x, TrialVector) else x.item() for x in inputs))
+
+    def __getattr__(self, attribute: str) -> NoReturn:
+        if attribute.startswith("__"):
+            raise AttributeError(attribute)
+        raise _OtherOperationError(f"it uses .{attribute} of a vector")
+
+
 @dataclass(frozen=True)
 class _Tried:
     """The operations of a trial call of a step function, as linear combinations of the state and the slopes.
 
-    `calls` has the time and the argument of each evaluation of the slope, and `results` has the returned vectors.
+    Slopes are evaluated at the `times` and `arguments`. The coefficients of a combination are given by the index of
+    the vector: first the state, then the slopes.
     """
 
-    calls: tuple[tuple[Coefficient, dict[int, Coefficient]], ...]
+    times: tuple[Coefficient, ...]
+    arguments: tuple[dict[int, Coefficient], ...]
     results: tuple[dict[int, Coefficient], ...]
+
+    @property
+    def combinations(self) -> tuple[dict[int, Coefficient], ...]:
+        """The arguments of the slopes, then the results of the step."""
+        return self.arguments + self.results
+
+
+def _agree(pairs: Iterable[tuple[Coefficient, Coefficient]]) -> bool:
+    """Return True if the numbers of each pair are equal up to rounding."""
+    return all(abs(float(a) - float(b)) <= CONDITION_TOLERANCE * max(1.0, abs(float(a))) for a, b in pairs)
 
 
 def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h: Fraction) -> _Tried:
-    calls: list[tuple[Coefficient, dict[int, Coefficient]]] = []
+    """Return the operations of the step function `name` at time t with step h, for a law of `states` vectors.
+
+    Raises StatementError for anything but linear combinations of vectors.
+    """
+    times: list[Coefficient] = []
+    points: list[dict[int, Coefficient]] = []
     what = "f(t, y)" if states == 1 else "a(t, q)"
 
     def f(*arguments: Any) -> TrialVector:
@@ -154,81 +269,76 @@ def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h:
             raise refusal(name, f"it calls {what} with {len(arguments)} arguments")
         at, y = arguments
         if not isinstance(at, Real):
-            raise refusal(name, f"it calls {what} at a time that is {kind_of(at)}")
+            raise refusal(name, f"it calls {what} at a time that is {_kind_of(at)}")
         if not isinstance(y, TrialVector):
-            raise refusal(name, f"it calls {what} for {kind_of(y)} in place of a vector")
-        calls.append((number(at), y.terms))
-        return TrialVector(name, {states + len(calls) - 1: Fraction(1)})
+            raise refusal(name, f"it calls {what} for {_kind_of(y)} in place of a vector")
+        times.append(_number(at))
+        points.append(y.terms)
+        return TrialVector({states + len(times) - 1: Fraction(1)})
 
-    vectors = [TrialVector(name, {i: Fraction(1)}) for i in range(states)]
+    vectors = [TrialVector({i: Fraction(1)}) for i in range(states)]
     try:
         returned = function(f, t, *vectors, h)
     except StatementError:
         raise
+    except _OtherOperationError as error:
+        raise refusal(name, str(error)) from None
     except (TypeError, ValueError, ArithmeticError, LookupError, AttributeError, NameError) as error:
         raise refusal(name, f"it fails with {type(error).__name__}: {error}") from error
     results = returned if isinstance(returned, (tuple, list)) and len(returned) != 1 else (returned,)
     expected = "the new state" if states == 1 else "the new coordinates and velocities, q, v"
     if len(results) != states or not all(isinstance(vector, TrialVector) for vector in results):
-        shown = ", ".join("a vector" if isinstance(vector, TrialVector) else kind_of(vector) for vector in results)
+        shown = ", ".join("a vector" if isinstance(vector, TrialVector) else _kind_of(vector) for vector in results)
         raise refusal(name, f"it returns {shown or 'nothing'} in place of {expected}")
-    if not calls:
+    if not times:
         raise refusal(name, f"it never calls {what}")
-    return _Tried(tuple(calls), tuple(vector.terms for vector in results))
+    return _Tried(tuple(times), tuple(points), tuple(vector.terms for vector in results))
 
 
-def check_consistent(name: str, function: Callable[..., Any], order: int) -> tuple[_Tried, _Tried]:
+def _check_consistent(name: str, function: Callable[..., Any], order: int) -> Sequence[_Tried]:
     """Return two trial calls of a step function. Raises StatementError if it is inconsistent, or not of the `order`.
 
     `name` is the name of the method in messages.
     """
     states = 2 if _arguments(name, function) == 5 else 1
-    both = tried, doubled = (
-        _tried(name, function, states, *TRIAL_POINTS[0]),
-        _tried(name, function, states, *TRIAL_POINTS[1]),
-    )
+    tried, doubled = both = tuple(_tried(name, function, states, *point) for point in TRIAL_POINTS)
     if states == 2:
         for trial, (t, h) in zip(both, TRIAL_POINTS, strict=True):
             _check_partitioned(name, order, trial, t, h)
         return both
-    for _, argument in tried.calls:
+    for argument in tried.arguments:
         _check_whole(name, "a slope is taken at", argument)
     _check_whole(name, "the new state holds", tried.results[0])
     if not _scales(tried, doubled):
         for t, _ in TRIAL_POINTS:
             _check_short(name, _tried(name, function, 1, t, SHORT_STEP), t)
         return both
-    slopes = range(1, len(tried.calls) + 1)
-    vectors = [argument for _, argument in tried.calls]
+    slopes = range(1, len(tried.times) + 1)
     ButcherTableau(
         name=name,
         order=order,
-        A=tuple(tuple(terms.get(j, Fraction(0)) for j in slopes[:i]) for i, terms in enumerate(vectors)),
+        A=tuple(tuple(terms.get(j, Fraction(0)) for j in slopes[:i]) for i, terms in enumerate(tried.arguments)),
         b=tuple(tried.results[0].get(j, Fraction(0)) for j in slopes),
-        c=tuple(at for at, _ in tried.calls),
+        c=tried.times,
     )
     return both
 
 
-def _check_recorded(name: str, function: Callable[..., Any], trials: tuple[_Tried, _Tried]) -> None:
+def _check_recorded(name: str, function: Callable[..., Any], trials: Sequence[_Tried]) -> None:
     """Raise StatementError if the program recorded from a step function differs from its trial calls.
 
     Only the program runs, so it must do what the function does. `name` is the name of the method in messages.
     """
     program = _program(name, function)
     scalars = program.scalars(program.numbers)
+    recorded = [*(call.argument for call in program.calls), *program.results]
     for (t, h), tried in zip(TRIAL_POINTS, trials, strict=True):
         values = numbers_of(program, scalars, float(t), float(h), 1.0)
-        same = len(tried.calls) == len(program.calls)
-        pairs: list[tuple[float, Coefficient]] = []
-        recorded = [*(call.argument for call in program.calls), *program.results]
-        for combination, terms in zip(
-            recorded, [*(argument for _, argument in tried.calls), *tried.results], strict=False
-        ):
+        pairs = [(values[call.time], at) for call, at in zip(program.calls, tried.times, strict=False)]
+        for combination, terms in zip(recorded, tried.combinations, strict=False):
             coefficients = {i: values[factor] for i, factor in combination}
             pairs += [(coefficients.get(i, 0), terms.get(i, 0)) for i in sorted(coefficients | terms)]
-        pairs += [(values[call.time], at) for call, (at, _) in zip(program.calls, tried.calls, strict=False)]
-        if not same or not all(abs(a - float(b)) <= CONDITION_TOLERANCE * max(1.0, abs(a)) for a, b in pairs):
+        if len(tried.times) != len(program.calls) or not _agree(pairs):
             raise refusal(
                 name, "it does not do the same at every call: it asks what t or h is, or depends on something else"
             )
@@ -243,7 +353,7 @@ def _check_short(name: str, tried: _Tried, t: Fraction) -> None:
     slopes = sum(float(c) for i, c in tried.results[0].items() if i) / float(SHORT_STEP)
     if not abs(slopes - 1) <= SHORT_STEP_TOLERANCE:
         raise refusal(name, f"where h is small, at t = {t}, its slopes add up to {slopes:g} times h instead of 1")
-    for at, argument in tried.calls:
+    for at, argument in zip(tried.times, tried.arguments, strict=True):
         _check_whole(name, "a slope is taken at", argument)
         if not abs(float(at - t)) <= SHORT_STEP_TOLERANCE:
             raise refusal(name, f"where h is small, at t = {t}, a slope is taken at the time {float(at):g}")
@@ -259,14 +369,12 @@ def _scales(tried: _Tried, doubled: _Tried) -> bool:
 
     `tried` and `doubled` are the trial calls at the two `TRIAL_POINTS`, with steps of h and 2 h.
     """
-    if len(tried.calls) != len(doubled.calls):
+    if len(tried.times) != len(doubled.times):
         return False
-    pairs = [(float(2 + 2 * at), float(later)) for (at, _), (later, _) in zip(tried.calls, doubled.calls, strict=True)]
-    once = [*(argument for _, argument in tried.calls), *tried.results]
-    twice = [*(argument for _, argument in doubled.calls), *doubled.results]
-    for terms, others in zip(once, twice, strict=True):
-        pairs += [(2 * float(terms.get(i, 0)), float(others.get(i, 0))) for i in sorted(terms | others) if i]
-    return all(abs(a - b) <= CONDITION_TOLERANCE * max(1.0, abs(a)) for a, b in pairs)
+    pairs = [(2 + 2 * at, later) for at, later in zip(tried.times, doubled.times, strict=True)]
+    for terms, others in zip(tried.combinations, doubled.combinations, strict=True):
+        pairs += [(2 * terms.get(i, 0), others.get(i, 0)) for i in sorted(terms | others) if i]
+    return _agree(pairs)
 
 
 def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fraction) -> None:
@@ -285,7 +393,7 @@ def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fra
         ("the new v holds, of a constant acceleration,", "h a", sums[1] / h, 1),
         *([("the new q holds, of a constant acceleration,", "h^2 a", sums[0] / h**2, 0.5)] if order > 1 else []),
     ]
-    for at, argument in tried.calls:
+    for at, argument in zip(tried.times, tried.arguments, strict=True):
         part = (at - t) / h
         conditions += [
             ("an acceleration is taken at", "q", argument.get(0, 0), 1),
