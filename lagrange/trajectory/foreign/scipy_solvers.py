@@ -8,8 +8,7 @@ from abc import ABC
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from operator import methodcaller
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,12 +24,6 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _ONE_AT_A_TIME = threading.RLock()
 """Lock of the implicit solvers: capturing their warnings changes global state of the process."""
-
-
-Output = Callable[[FloatArray], FloatArray]
-"""The path over a step: from the solver's times (k,) to states (2n, k)."""
-
-DENSE_OUTPUT: Callable[[Any], Output] = methodcaller("dense_output")
 
 
 class _ScipyStepper:
@@ -61,7 +54,7 @@ class _ScipyStepper:
             options["first_step"] = min(first, abs(self.end - t))
         solver_span = t - origin, self.end - origin
         rhs = law.rhs if origin == 0.0 else lambda s, y: law.rhs(origin + s, y)
-        self.t, self.y, self.output = t, y, method.output()
+        self.t, self.y = t, y
         self.solver = method.solver(rhs, solver_span[0], y.copy(), solver_span[1], **options)
 
     def advance(self, t: float, y: FloatArray) -> Fault | None:
@@ -87,11 +80,9 @@ class _ScipyStepper:
     def interpolant(self, t: float, y: FloatArray) -> partial[StepInterpolant]:
         if self.later:
             return partial(_taken_again, self.method, self.law, (t, self.t), (y, self.y))
-        solver = self.solver
+        solver, degree = self.solver, self.method.degree
         solver_times = float(solver.t_old), float(solver.t)
-        return partial(
-            StepInterpolant.read, (t, self.t), (y, self.y), solver_times, self.output(solver), self.method.degree
-        )
+        return partial(StepInterpolant.read, (t, self.t), (y, self.y), solver_times, solver.dense_output(), degree)
 
 
 def _taken_again(
@@ -138,13 +129,6 @@ class ScipyMethod(ABC):
 
     def __post_init__(self) -> None:
         check_bounds(self.name, self.max_step, self.first_step)
-
-    def output(self) -> Callable[[Any], Output]:
-        """Return a function that takes a SciPy solver and returns its path over the last step.
-
-        The path is a function from solver times (k,) to states (2n, k).
-        """
-        return DENSE_OUTPUT
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Return the trajectory of the problem."""
@@ -204,51 +188,3 @@ class LSODA(ScipyMethod):
 
     name, claims = "scipy-lsoda", Claims(order=12, adaptive=True, explicit=False, events=True)
     solver, degree, from_zero = scipy.integrate.LSODA, 12, True
-
-    def output(self) -> Callable[[Any], Output]:
-        """Return the function that makes the path over LSODA's last step from a copy of its scaled derivatives.
-
-        SciPy's own path object takes longer to make than the step.
-        """
-        return _history if _history_is_known() else DENSE_OUTPUT
-
-
-def _history(solver: Any) -> partial[FloatArray]:
-    """Return the path over the last step of SciPy's LSODA, from a copy of its scaled derivatives (Nordsieck's array).
-
-    A. C. Hindmarsh, ODEPACK, a systematized collection of ODE solvers, 1983: RWORK(11) is the last step, RWORK(12)
-    the next, and the array begins at RWORK(21); IWORK(14) is the last order and IWORK(15) the next.
-    """
-    integrator, n = solver._lsoda_solver._integrator, solver.n
-    order, following = integrator.iwork[13:15].tolist()
-    return partial(_along, solver.t, (order, following), integrator.rwork[10 : 20 + (order + 1) * n].copy())
-
-
-def _along(end: float, orders: tuple[int, int], memory: FloatArray, times: FloatArray) -> FloatArray:
-    """Return the states (2n, k) at times (k,) on the last step of LSODA, which ends at the time `end`.
-
-    `orders` are the orders of the last and the next step. `memory` is LSODA's work array from RWORK(11) on: the
-    lengths of these two steps first, and the scaled derivatives from index 10 on.
-    """
-    (order, following), (last, step) = orders, memory[:2]
-    powers = ((times - end) / step)[:, None] ** np.arange(order + 1)
-    if following < order:
-        # LSODA does not rescale the highest derivative if it will not use it again.
-        powers[:, -1] *= (step / last) ** order
-    return np.asarray((powers @ memory[10:].reshape(order + 1, -1)).T)
-
-
-@lru_cache(maxsize=1)
-def _history_is_known() -> bool:
-    """Return True if the memory of SciPy's LSODA has ODEPACK's layout, tested by a run."""
-    solver: Any = scipy.integrate.LSODA(lambda _, y: np.array([y[1], -(y[0] ** 3)]), 0.0, np.array([1.0, 0.5]), 20.0)
-    while solver.status == "running":
-        solver.step()
-        times = np.linspace(solver.t_old, solver.t, 5)
-        try:
-            states = _history(solver)(times)
-        except (AttributeError, IndexError, TypeError, ValueError):
-            return False
-        if not np.allclose(states, solver.dense_output()(times), rtol=1e-13, atol=1e-14):
-            return False
-    return True
