@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from lagrange.algorithm.events.constants import TOGETHER
-from lagrange.equations.singular import Singular, dependent_rows, few, motion_along
+from lagrange.equations.singular import Singular, dependent_rows, few, least_regular, matrices_at, motion_along, scales
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.statement.given.motion import ranges
 from lagrange.trajectory.constraints.discontinuities import Discontinuity
-from lagrange.trajectory.constraints.passage import Nearness, dependent_passage, regularity
+from lagrange.trajectory.constraints.passage import dependent_passage
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.paths.known import OutputPath
@@ -59,8 +59,14 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     """
     model, parameters = problem.model, problem.parameter_array
     if len(model.equations.constraints):
-        singular = regularity(model, parameters, (problem.t0, problem.y0), (t, y))
-        return "" if singular is None or not singular[0] < LOST_INERTIA else rank_lost(problem, y, *singular)
+        start = matrices_at(model, model.equations, problem.t0, problem.y0, parameters)
+        scale = scales(*start)
+        first = least_regular(*start, scale)
+        singular = least_regular(*matrices_at(model, model.equations, t, y, parameters), scale)
+        if first is None or singular is None or not first.regularity:
+            return ""
+        share = singular.regularity / first.regularity
+        return rank_lost(problem, y, share, singular) if share < LOST_INERTIA else ""
     kernel = model.kernel("mass_matrix")
     initial_mass, mass = kernel(problem.t0, problem.y0, parameters), kernel(t, y, parameters)
     sizes = np.abs(np.diag(initial_mass))
@@ -167,11 +173,6 @@ def table_left(problem: Problem, t: float, y: FloatArray, step: float = 0.0) -> 
 AT_THE_END = 1e-6
 """Last fraction of a step that counts as its end, where steps of series end on known surfaces."""
 
-STEPS_AHEAD, PLACES_AHEAD, MUCH_NEARER = 2.0, 65, 0.1
-"""Search for a crossing after a failed step: distance in steps, number of points, and the required decrease. A crossing
-is a point at which the least singular value of the constraints is below this fraction of its first value.
-"""
-
 
 def until_dependent(
     problem: Problem, rtol: float, run: Trajectory, accepted: tuple[FloatArray, FloatArray]
@@ -206,30 +207,6 @@ def until_discontinuity(problem: Problem, run: Trajectory, passed: Discontinuity
     if problem.t_eval is not None:
         return short
     return replace(short, t=np.append(short.t, end), y=np.column_stack([short.y, y]))
-
-
-def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> str:
-    """Return the message for a run with equal steps that fails because two motions cross ahead, else "".
-
-    The last state is y (2n,) at time t. The states on the next two steps, of length `step`, are tested for dependent
-    constraints.
-    """
-    model, parameters = problem.model, problem.parameter_array
-    if not len(model.equations.constraints):
-        return ""
-    try:
-        slope = model.kernel("rhs")(t, y, parameters)
-    except SingularMassMatrix:
-        return ""
-    near = Nearness(model, parameters, np.array([problem.t0]), problem.y0[None])
-    lengths = step * np.linspace(0.0, STEPS_AHEAD, PLACES_AHEAD)
-    times, states = t + lengths, y + lengths[:, None] * slope
-    values = near.at(times, states, list(range(PLACES_AHEAD)))
-    least = int(np.argmin(values))
-    if not values[least] <= MUCH_NEARER * values[0]:
-        return ""
-    lowest = regularity(model, parameters, (problem.t0, problem.y0), (float(times[least]), states[least]))
-    return "" if lowest is None or not lowest[1].rows else crossing(problem, lowest[1], y)
 
 
 def _shortened(problem: Problem, run: Trajectory, end: tuple[float, FloatArray], steps: int, detail: str) -> Trajectory:

@@ -22,7 +22,7 @@ from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.dependence import check_independent
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
-from lagrange.trajectory.constraints.passage import STEPS_PER_LOOK, StatesPassed
+from lagrange.trajectory.constraints.passage import dependent_passage
 from lagrange.trajectory.contact.run import run_through_contacts
 from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Problem, RunOptions, run_by
 from lagrange.trajectory.methods.registry import find
@@ -37,6 +37,9 @@ _GOES_ON = (Outcome.PAUSED, Outcome.UNSCALED)
 FIRST_STEPS = 1024
 """Number of steps before the first test of the pace of a run: one second for interpreted steps."""
 
+STEPS_RECORDED = 2**14
+"""Number of steps in which a run with constraints has to reach its end; a longer one is repeated by `integrate`."""
+
 HOPELESS = 4.0
 """An adaptive run is stopped if it needs more than this multiple of max_steps, at its pace so far."""
 
@@ -44,12 +47,16 @@ _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
 class _Prepared(threading.local):
-    """What a flow keeps between its runs in one thread: the driver, its state, and recent accepted states."""
+    """What a flow keeps between its runs in one thread: the driver, its state, and accepted states.
+
+    `times` (k,) and `states` (k, 2n) have room for `STEPS_RECORDED` steps.
+    """
 
     driver: Driver | None = None
     parameters: Mapping[Any, Any] | None = None
     state: DriverState
-    passed: StatesPassed
+    times: FloatArray
+    states: FloatArray
 
 
 class Flow:
@@ -137,7 +144,10 @@ class Flow:
         state.restart(self._first, (t0, t1), start, signed, settings.longest * length)
         if times is not None:
             return self._at_times(driver, state, start, (t0, t1), parameters, times)
-        reached = self._to_end(driver, state, parameters, start)
+        if self._rtol:
+            reached = self._to_end_on_constraints(driver, state, parameters, start)
+        else:
+            reached = self._to_end(driver, state, parameters)
         return state.y.copy() if reached else self._by_run(start, t0, t1, parameters)[:, -1].copy()
 
     def _last(self, t0: float, times: ArrayLike) -> tuple[float, FloatArray]:
@@ -166,44 +176,45 @@ class Flow:
         """
         state.outputs = outputs = Outputs(times, self._dimension)
         try:
-            if self._to_end(driver, state, parameters, start):
+            if self._to_end(driver, state, parameters):
                 end = state.y[:, None].copy()
                 return outputs.joined(times, lambda _rest: end)
         finally:
             state.outputs = NO_OUTPUTS
         return self._by_run(start, *span, parameters, times)
 
-    def _to_end(
-        self, driver: Driver, state: DriverState, parameters: Mapping[Any, Any] | None, start: FloatArray
-    ) -> bool:
-        """Advance a run from the state `start` (2n,) to its end. Return True if the end is reached.
+    def _to_end(self, driver: Driver, state: DriverState, parameters: Mapping[Any, Any] | None) -> bool:
+        """Advance a run from its start to its end. Return True if the end is reached.
 
-        The result is False if the driver stops before, or if the run is slow because of rounding noise. It is also
-        False if the run passes dependent constraints, after which rounding decides the motion.
+        The result is False if the driver stops before, or if the run is slow because of rounding noise.
         """
-        times, rows, passed = _NO_TIMES, _NO_ROWS, None
         outcome, left, steps = Outcome.PAUSED, self._max_steps, FIRST_STEPS
-        if self._rtol:
-            counts, begin, passed, steps = state.integers, (state.t, start), self._local.passed, STEPS_PER_LOOK
-            passed.begin(begin)
-            counts[DriverState.RECORD] = 1
         while outcome in _GOES_ON and left > 0:
-            if passed is not None:
-                counts[DriverState.ROWS] = 0
-                times, rows = passed.room()
-            outcome = driver.advance(state, min(left, steps), times, rows)
-            left -= steps
+            outcome = driver.advance(state, min(left, steps), _NO_TIMES, _NO_ROWS)
+            left, steps = left - steps, MOST_STEPS_PER_CALL
             if outcome is Outcome.PAUSED and self._stays_slow(state, self._max_steps - left):
                 return False
             if outcome is Outcome.UNSCALED:
                 survey(self._model, self._model.parameter_array(parameters), state)
-            if passed is None:
-                steps = MOST_STEPS_PER_CALL
-            else:
-                array = self._model.parameter_array(parameters)
-                if passed.lead_over(counts[DriverState.ROWS], self._model, begin, array, self._rtol):
-                    return False
         return outcome is Outcome.DONE
+
+    def _to_end_on_constraints(
+        self, driver: Driver, state: DriverState, parameters: Mapping[Any, Any] | None, start: FloatArray
+    ) -> bool:
+        """Advance a run with constraints and step control from the state `start` (2n,), as `_to_end` does.
+
+        The result is False also for a run of many steps, and for one that passes dependent constraints, after which
+        rounding decides the motion.
+        """
+        local, counts = self._local, state.integers
+        local.times[0], local.states[0] = state.t, start
+        counts[DriverState.RECORD], counts[DriverState.ROWS] = 1, 0
+        budget = min(self._max_steps, STEPS_RECORDED)
+        if driver.advance(state, budget, local.times[1:], local.states[1:]) is not Outcome.DONE:
+            return False
+        written, array = slice(counts[DriverState.ROWS] + 1), self._model.parameter_array(parameters)
+        times, states = local.times[written], local.states[written]
+        return dependent_passage(self._model, times, states, array, self._rtol) is None
 
     def _stays_slow(self, state: DriverState, steps: int) -> bool:
         """Return True if a run is slow because of rounding noise. `steps` is its number of steps so far.
@@ -235,7 +246,9 @@ class Flow:
             self._first = local.state.reals.copy()
             local.driver.adopt(local.state)
             if self._rtol:
-                local.passed = StatesPassed(self._dimension)
+                # There are spare rows, because drivers write whole blocks.
+                local.times = np.empty(STEPS_RECORDED + 6)
+                local.states = np.empty((STEPS_RECORDED + 6, self._dimension))
         return local.driver, local.state
 
     def _by_run(

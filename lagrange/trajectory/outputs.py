@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.errors import StatementError
-from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
 from lagrange.statement.expression import real_array
-from lagrange.trajectory.constraints.discontinuities import Discontinuities, Discontinuity, may_be_discontinuous
-from lagrange.trajectory.constraints.passage import Approach
+from lagrange.trajectory.constraints.discontinuities import Discontinuities, Discontinuity
 from lagrange.trajectory.events.event_log import Breaks
 from lagrange.trajectory.events.time_switches import TimeSwitches
 from lagrange.trajectory.integrator import Problem
@@ -45,7 +43,7 @@ class AcceptedStates:
     With `outputs_alone`, all states but the last may be dropped when memory is used up; `dropped` is then True, and
     `removed` is the number of dropped parts. `followed` evaluates output times during the run, or is None.
     `discontinuities` tests constraints that may jump; `passed` is the first discontinuity, which ends the run.
-    `approach` measures how close constraints come to dependence. `switches` ends steps at switching times of forces.
+    `switches` ends steps at switching times of forces.
     """
 
     def __init__(self, t: float, y: FloatArray, *, outputs_alone: bool = False) -> None:
@@ -54,7 +52,6 @@ class AcceptedStates:
         self.outputs_alone, self.removed = outputs_alone, 0
         self.followed: FollowedSteps | None = None
         self.discontinuities: Discontinuities | None = None
-        self.approach: Approach | None = None
         self.passed: Discontinuity | None = None
         self.switches: TimeSwitches | None = None
         self._looked_at = 1
@@ -88,25 +85,16 @@ class AcceptedStates:
         if self.followed is not None:
             self.followed.follow(self.parts, self.removed, last=last)
 
-    def look_at_constraints(self, model: Model, parameters: FloatArray, span: float) -> None:
-        """Test the states of this run from now on for discontinuities and near dependence of the constraints.
-
-        `span` is the duration of the run.
-        """
-        if may_be_discontinuous(model):
-            self.discontinuities = Discontinuities(model, parameters, span)
-        self.approach = Approach(model, parameters, (float(self.parts[0].times[0]), self.parts[0].states[0]))
-
     def discontinuity(self) -> Discontinuity | None:
-        """Return the first discontinuity of the constraints on the steps since the last call, or None."""
-        if self.discontinuities is None:
-            return None
-        before, *new = self.parts[self._looked_at - self.removed - 1 :]
-        if not new:
-            return None
-        self._looked_at = self.removed + len(self.parts)
-        times = np.concatenate([before.times[-1:], *(part.times for part in new)])
-        return self.discontinuities.on(times, np.concatenate([before.states[-1:], *(part.states for part in new)]))
+        """Search the steps since the last call; return the first discontinuity of the constraints, or None."""
+        if self.discontinuities is not None:
+            before, *new = self.parts[self._looked_at - self.removed - 1 :]
+            if new:
+                self._looked_at = self.removed + len(self.parts)
+                times = np.concatenate([before.times[-1:], *(part.times for part in new)])
+                states = np.concatenate([before.states[-1:], *(part.states for part in new)])
+                self.passed = self.discontinuities.on(times, states)
+        return self.passed
 
     def make_room(self, limit: float) -> int:
         """Return the number of further states for which memory is left. `limit` is in bytes.

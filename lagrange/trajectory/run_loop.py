@@ -13,10 +13,9 @@ from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.statement.run_settings import PreparationTooLongError, preparation, preparation_ends
+from lagrange.trajectory.constraints.discontinuities import Discontinuities, may_be_discontinuous
 from lagrange.trajectory.endings import (
-    dependent_ahead,
     lost_inertia,
-    rank_lost,
     slope_ahead,
     table_left,
     until_dependent,
@@ -134,8 +133,8 @@ def _driven(problem: Problem, prepared_plan: PreparedPlan, name: str) -> Traject
     if problem.t_eval is not None and plan.writes_outputs:
         state.outputs = Outputs(problem.t_eval, len(problem.y0))
     rows = AcceptedStates(problem.t0, problem.y0, outputs_alone=alone)
-    if len(problem.model.equations.constraints):
-        rows.look_at_constraints(problem.model, parameters, problem.t1 - problem.t0)
+    if may_be_discontinuous(problem.model):
+        rows.discontinuities = Discontinuities(problem.model, parameters, problem.t1 - problem.t0)
     run = _Run(problem, plan, name, state, rows, began)
     # An idle driver has run with these parameters: a constant mass matrix is the same as then.
     inert = idle is None or not problem.model.equations.structure.constant_mass
@@ -245,9 +244,9 @@ class _Run:
                 before = time.perf_counter()
                 outcome = driver.advance(state, budget, times, states)
                 rows.collect(state, times, states, call)
-                if lost := self.lost_on_the_way():
+                if (passed := rows.discontinuity()) is not None:
                     self.record_events()
-                    return Status.SINGULAR, lost
+                    return Status.SINGULAR, passed.what
                 if outcome is Outcome.DONE and rows.switches is not None and rows.switches.passes(state):
                     rows.add(state.t, state.y)
                     result = GOES_ON
@@ -274,15 +273,6 @@ class _Run:
         """Record the events on all accepted steps when the loop ends early, for example by Ctrl-C."""
         if self.watch is not None:
             self.watch.is_due(self.state)
-
-    def lost_on_the_way(self) -> str:
-        """Return a sentence if the new states passed a discontinuity, or approach dependent constraints; else ""."""
-        rows, state = self.rows, self.state
-        rows.passed = rows.discontinuity()
-        if rows.passed is not None:
-            return rows.passed.what
-        ended = None if rows.approach is None else rows.approach.ends(state)
-        return "" if ended is None else rank_lost(self.problem, state.y, *ended)
 
     def after_call(self, outcome: Outcome) -> EventResult:
         """Return the result of a driver call that ended early without an event.
@@ -345,8 +335,6 @@ class _Run:
         step = 0.0 if self.plan.tolerances.rtol else float(state.reals[DriverState.STEP])
         if not message and stuck and self.rows.discontinuities is not None:
             message = self.rows.discontinuities.ahead(state.t, state.y, step)
-        if not message and step and status is Status.DIVERGED:
-            message = dependent_ahead(problem, state.t, state.y, step)
         return (Status.SINGULAR, message) if message else (status, detail)
 
     def final_sentence(self, status: Status, cause: str) -> str:
