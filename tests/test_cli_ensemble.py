@@ -66,7 +66,7 @@ def test_an_interrupted_store_goes_on(
     monkeypatch.setattr(work, "FIRST_CHUNK", 2)
     command = ["ensemble", "pendulum", *VARY, "--workers", "1", "--out", str(tmp_path / "runs.zarr"), "--progress"]
     with monkeypatch.context() as patch:
-        patch.setattr(store.ZarrStorage, "write", interrupting(store.ZarrStorage.write, 1))
+        patch.setattr(store.StoredResults, "write", interrupting(store.StoredResults.write, 1))
         assert main(command) == 130
     said = capsys.readouterr()
     assert "2 success and 4 interrupted" in said.out and "the same command goes on from here" in said.out

@@ -66,6 +66,16 @@ class MemberResults(Protocol):
     def messages(self) -> Mapping[int, str]:
         """The known messages of runs that did not succeed, by the index of the member."""
 
+    @property
+    def left(self) -> Sequence[tuple[int, int]]:
+        """The bounds (first, end) of blocks of members that had no results at the start of the call."""
+
+    def take(self, first: int, ends: Ends) -> None:
+        """Store the results of a chunk of members. `first` is the index of its first member."""
+
+    def close(self) -> None:
+        """Finish storing results, after the last chunk or an error."""
+
 
 @dataclass(frozen=True, eq=False)
 class Results:
@@ -86,6 +96,14 @@ class Results:
     def row(self, name: str, member: int) -> Any:
         """Return the result `name` of one member, given by its index."""
         return self.columns[name][member]
+
+    @property
+    def left(self) -> Sequence[tuple[int, int]]:
+        """The bounds (first, end) of all members in one block."""
+        return [(0, len(next(iter(self.columns.values()))))]
+
+    def close(self) -> None:
+        """Do nothing: arrays need no closing."""
 
     def take(self, first: int, ends: Ends) -> None:
         """Copy the results `ends` of a chunk of members to the rows from `first` on."""

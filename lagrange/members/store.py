@@ -11,8 +11,9 @@ import sys
 import tempfile
 import threading
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -20,11 +21,10 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import RunError, StatementError, shown
-from lagrange.members.chunk import INTERRUPTED, STATUSES, Results
-from lagrange.members.job import ChunkResult, Job
-from lagrange.members.keep import OUTPUT_TIME, OUTPUTS, STATE, STATUS, TIME
+from lagrange.members.chunk import INTERRUPTED, STATUSES, Ends, Results
+from lagrange.members.job import Job
+from lagrange.members.keep import OUTPUT_TIME, OUTPUTS, STATE, STATUS
 from lagrange.members.origin import BLOCK, CHECKSUM, MEMBER, VARIABLE, difference, origin, start_name, stored_names
-from lagrange.members.storage import ResultStorage
 from lagrange.members.table import MemberTable
 
 if sys.platform != "win32":
@@ -395,21 +395,26 @@ MOST_BLOCKS = 10**6
 """Largest number of blocks of a store (8 TB of results), because each block has a file for every variable."""
 
 
-class ZarrStorage(ResultStorage):
-    """Storage of the results of an ensemble in a store on disk. Incomplete blocks are kept in memory."""
+class StoredResults:
+    """The results of an ensemble in a store on disk. Each access reads from the store. Unwritten blocks are blank.
+
+    Incomplete blocks are kept in memory. A call that was stopped within a block may have written a part of it. `left`
+    are the bounds (first, end) of blocks of members that had no results at the start of the call.
+    """
+
+    messages: Mapping[int, str] = MappingProxyType({})
 
     def __init__(self, job: Job, table: MemberTable, blocks: StoreBlocks, lock: StoreLock) -> None:
+        self._job, self._table, self._blocks, self._lock = job, table, blocks, lock
         with reading(blocks.path), writing(blocks.path):
-            super().__init__(job, blocks.left())
-        self._table, self._blocks, self._lock = table, blocks, lock
+            self.left = blocks.left()
         self._open: dict[int, tuple[Results, int]] = {}
-        self.results = StoredResults(blocks, job)
 
     def close(self) -> None:
         """Release the lock of the store."""
         self._lock.close()
 
-    def take(self, first: int, done: ChunkResult) -> None:
+    def take(self, first: int, ends: Ends) -> None:
         """Store the results of a chunk of members, which are all in one block. A complete block is written.
 
         `first` is the index of the first member.
@@ -417,10 +422,10 @@ class ZarrStorage(ResultStorage):
         k = first // self._blocks.size
         begin, end = self._blocks.bounds(k)
         if k not in self._open:
-            self._open[k] = Results.empty(end - begin, self.job.columns), end - begin
+            self._open[k] = Results.empty(end - begin, self._job.columns), end - begin
         results, missing = self._open[k]
-        results.take(first - begin, done.ends)
-        missing -= len(done.ends.columns[TIME])
+        results.take(first - begin, ends)
+        missing -= ends.members
         self._open[k] = results, missing
         if not missing:
             self.write(k, begin, end, results)
@@ -428,41 +433,28 @@ class ZarrStorage(ResultStorage):
 
     def write(self, k: int, begin: int, end: int, results: Results) -> None:
         """Write block k of the store: the results of the members from `begin` to before `end`."""
-        rows = variables_of(self.job, self._table, begin, end, results)
+        rows = variables_of(self._job, self._table, begin, end, results)
         with reading(self._blocks.path), writing(self._blocks.path):
             self._blocks.write(k, rows)
 
-
-class StoredResults:
-    """The results of an ensemble in a store on disk. Each access reads from the store. Unwritten blocks are blank.
-
-    A call that was stopped within a block may have written a part of it.
-    """
-
-    messages: Mapping[int, str] = MappingProxyType({})
-
-    def __init__(self, blocks: StoreBlocks, job: Job) -> None:
-        self._blocks, self._job = blocks, job
-
     def column(self, name: str) -> Any:
         """Return the results `name` of all members, a row for each. Raises RunError if the store cannot be read."""
-        variables = [self._blocks.column(part, self._blank(name)) for part in self._parts(name)]
-        return np.stack(variables, axis=-1) if name in (STATE, OUTPUTS) else variables[0]
+        return self._joined(name, self._blocks.column)
 
     def row(self, name: str, member: int) -> Any:
         """Return the result `name` of one member, given by index. Raises RunError if the store cannot be read."""
-        variables = [self._blocks.row(part, member, self._blank(name)) for part in self._parts(name)]
+        return self._joined(name, partial(self._blocks.row, member=member))
+
+    def _joined(self, name: str, read: Callable[..., Any]) -> Any:
+        """Return the results `name`, of one variable or of one for each entry of a state, as `read` returns them."""
+        blank = next(column.blank for column in self._job.columns if column.name == name)
+        parts = stored_names(name, self._job.problem.model.layout.names())
+        variables = [read(part, blank=blank) for part in parts]
         return np.stack(variables, axis=-1) if name in (STATE, OUTPUTS) else variables[0]
 
-    def _parts(self, name: str) -> tuple[str, ...]:
-        return stored_names(name, self._job.problem.model.layout.names())
 
-    def _blank(self, name: str) -> float:
-        return next(column.blank for column in self._job.columns if column.name == name)
-
-
-def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -> ZarrStorage:
-    """Return the storage of the results of an ensemble in the folder `store`.
+def results_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -> StoredResults:
+    """Return the results of an ensemble in the folder `store`.
 
     The store is made, or continued if it exists. Raises StatementError for a folder with other contents, for too many
     results, and without zarr. Raises RunError for a full disk, for a damaged store, and for a store to which another
@@ -483,7 +475,7 @@ def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -
     _check(zarr, path, made_of)
     lock = StoreLock(path)
     try:
-        return ZarrStorage(job, table, open_store(path, job, table, made_of), lock)
+        return StoredResults(job, table, open_store(path, job, table, made_of), lock)
     except BaseException:
         lock.close()
         raise

@@ -1,4 +1,4 @@
-"""Runs of members in chunks: submitted to threads or to an executor, and their results collected."""
+"""Runs of members in chunks: submitted to threads or to an executor, and their results collected and stored."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.errors import RunError, StatementError, shown
-from lagrange.members.chunk import Starts
+from lagrange.errors import RunError, StatementError, counted, listing, shown
+from lagrange.members.chunk import MemberResults, Results, Starts
 from lagrange.members.job import ChunkResult, Engine, Job, run_chunk, timed
+from lagrange.members.singly import BY_NUMPY
 from lagrange.members.table import MemberTable
 from lagrange.statement.expression import whole_number
+from lagrange.trajectory.pace import MEMORY_DIVISOR, machine_memory
 
 MOST_WORKERS = 1024
 """Largest accepted number of threads. No machine has more processors."""
@@ -232,3 +234,54 @@ def _chunks(blocks: Iterable[tuple[int, int]], chunk_size: ChunkSize) -> Iterato
             count = min(chunk_size.size, end - first)
             yield first, count
             first += count
+
+
+class Collector:
+    """Stores the results of chunks as they are finished, and reports the number of members that have results.
+
+    `before` is the number of `members` that had results at the start of the call, and `ran` the number of those that
+    were run. `report` is called with the sum, or is None.
+    """
+
+    report: Callable[[float], None] | None = None
+
+    def __init__(self, job: Job, results: MemberResults, members: int) -> None:
+        self._job, self._results = job, results
+        self.before = members - sum(end - begin for begin, end in results.left)
+        self._forms: dict[str, None] = {}
+        self._processors: dict[str, None] = {}
+        self.ran = 0
+
+    def __call__(self, first: int, done: ChunkResult) -> None:
+        """Store the results of a chunk of members. `first` is the index of its first member."""
+        self._forms[done.form] = None
+        if done.processor:
+            self._processors[done.processor] = None
+        self._results.take(first, done.ends)
+        self.ran += done.ends.members
+        if self.report is not None:
+            self.report(self.before + self.ran)
+
+    @property
+    def form(self) -> str:
+        """Text on how members were run, with a note if their last digits may differ from those of this machine."""
+        notes = ["; ".join(self._forms) or "all members were stored"]
+        machine = self._job.problem.model.machine
+        if machine.processor and any(form.endswith(BY_NUMPY) for form in self._forms):
+            notes.append("a worker has no llvmlite")
+        if others := [processor for processor in self._processors if processor != machine.processor]:
+            notes.append(f"workers compiled for {listing(others)}, not for {machine.processor}")
+        return "; ".join(notes) + (": the last digits may differ from those of this machine" if notes[1:] else "")
+
+
+def results_in_memory(job: Job, table: MemberTable) -> Results:
+    """Return arrays for the results of an ensemble. Raises StatementError if they need a quarter of the memory."""
+    members, columns = len(table), job.columns
+    size, limit = members * sum(column.bytes for column in columns), machine_memory() / MEMORY_DIVISOR
+    if size > limit:
+        raise StatementError(
+            f"the results of {counted(members, 'member')} take {size:.3g} bytes, more than a quarter of the memory, "
+            f'{limit:.3g} bytes: give store="runs.zarr", which writes them to a folder block by block, or fewer '
+            "members or output times."
+        )
+    return Results.empty(members, columns)

@@ -39,10 +39,17 @@ from lagrange.members.keep import (
 from lagrange.members.keep import DEFAULT as DEFAULT_KEEP
 from lagrange.members.origin import MEMBER, check_names, start_name
 from lagrange.members.singly import Explained
-from lagrange.members.storage import kept_in_memory
-from lagrange.members.store import kept_in_store
+from lagrange.members.store import results_in_store
 from lagrange.members.table import MemberTable, member_table
-from lagrange.members.work import ExecutorRunner, Runner, ThreadRunner, run_members, threads_of
+from lagrange.members.work import (
+    Collector,
+    ExecutorRunner,
+    Runner,
+    ThreadRunner,
+    results_in_memory,
+    run_members,
+    threads_of,
+)
 from lagrange.show.figures.ensemble_figure import COMPLETE, plot_ensemble
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
@@ -455,18 +462,19 @@ def _run(
     check_names(job.columns, problem.model.layout.names(), table.labels, store=store is not None)
     plan = method.plan(problem) if isinstance(method, Planned) else None
     aimed = problem if plan is None else replace(problem, rtol=plan.tolerances.rtol or None)
-    storage = kept_in_memory(job, table) if store is None else kept_in_store(job, table, store)
+    results: MemberResults = results_in_memory(job, table) if store is None else results_in_store(job, table, store)
+    collector = Collector(job, results, len(table))
     try:
-        if storage.left:
+        if results.left:
             with compiling(problem.model.statement.name, enabled=bool(progress)):
                 alone = executor is None
                 runner: Runner = ThreadRunner(job.engine(), threads) if alone else ExecutorRunner(executor, job)
-            before = len(table) - storage.members_left
+            shown_bar = counter(len(table), "member", enabled=progress, before=collector.before)
             # After Ctrl-C a member that was not run counts as INTERRUPTED.
-            with counter(len(table), "member", enabled=progress, before=before) as report, suppress(KeyboardInterrupt):
-                run_members(table, storage.left, runner, storage.reporting(report, before))
+            with shown_bar as collector.report, suppress(KeyboardInterrupt):
+                run_members(table, results.left, runner, collector)
     finally:
-        storage.close()
+        results.close()
     wall = time.perf_counter() - began
     explain = partial(job.explained, table)
-    return Ensemble(table, storage.results, job.columns, aimed, method.name, storage.form, storage.ran, wall, explain)
+    return Ensemble(table, results, job.columns, aimed, method.name, collector.form, collector.ran, wall, explain)

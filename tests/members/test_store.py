@@ -62,7 +62,7 @@ def test_a_call_goes_on_where_another_one_stopped(
     run(store=tmp_path / "whole.zarr")
     blocks = -(-len(GRID) // 37)
     written: list[int] = []
-    write = store.ZarrStorage.write
+    write = store.StoredResults.write
 
     def stops(storage: Any, k: int, *rest: Any) -> None:
         if len(written) == stops_at:
@@ -70,7 +70,7 @@ def test_a_call_goes_on_where_another_one_stopped(
         written.append(k)
         write(storage, k, *rest)
 
-    monkeypatch.setattr(store.ZarrStorage, "write", stops)
+    monkeypatch.setattr(store.StoredResults, "write", stops)
     for stops_at in range(1, blocks + 1) if everything else (2, blocks):
         partial = run(store=tmp_path / "runs.zarr", workers=1)
         assert len(written) == stops_at and len(set(written)) == stops_at

@@ -53,7 +53,7 @@ def test_a_store_that_another_process_writes_to_is_refused_until_that_ends(tmp_p
 
 def test_a_store_that_another_thread_writes_to_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, told = tmp_path / "runs.zarr", list[str]()
-    write = store.ZarrStorage.write
+    write = store.StoredResults.write
 
     def second() -> None:
         with pytest.raises(lg.RunError) as refusal:
@@ -61,13 +61,13 @@ def test_a_store_that_another_thread_writes_to_is_refused(tmp_path: Path, monkey
         told.append(str(refusal.value))
 
     def slow(storage: Any, *block: Any) -> None:
-        monkeypatch.setattr(store.ZarrStorage, "write", write)
+        monkeypatch.setattr(store.StoredResults, "write", write)
         thread = threading.Thread(target=second)
         thread.start()
         thread.join()
         write(storage, *block)
 
-    monkeypatch.setattr(store.ZarrStorage, "write", slow)
+    monkeypatch.setattr(store.StoredResults, "write", slow)
     runs = run(folder)
     assert len(told) == 1 and "is written to by another thread of this process" in told[0]
     assert np.isfinite(runs.y).all()
@@ -96,7 +96,7 @@ def test_a_call_that_fails_lets_the_next_one_write(tmp_path: Path, monkeypatch: 
         raise lg.RunError("full")
 
     with monkeypatch.context() as patched:
-        patched.setattr(store.ZarrStorage, "write", full)
+        patched.setattr(store.StoredResults, "write", full)
         with pytest.raises(lg.RunError, match="full"):
             run(folder)
     assert run(folder).ran == 2
