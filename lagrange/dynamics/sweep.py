@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from lagrange.dynamics.axes import MOST_VALUES, angles, difference
-from lagrange.dynamics.crossings import Crosser, Crossings
 from lagrange.dynamics.runs import Report, Runs, depends_on_time, driving_period, initial_of, starts_of, time_scale
-from lagrange.dynamics.section import check_room, drawn_axes, section_of
+from lagrange.dynamics.section import Crosser, Crossings, check_room, drawn_axes, section_of
 from lagrange.errors import StatementError, counted, listing, shown, suggestion
 from lagrange.machine.backend import FloatArray
 from lagrange.statement.event import Event

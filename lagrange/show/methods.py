@@ -22,7 +22,6 @@ if TYPE_CHECKING:  # signatures for type checkers; at run time the built-in meth
     from lagrange.trajectory.methods.constrained import *
     from lagrange.trajectory.methods.explicit import *
     from lagrange.trajectory.methods.implicit import *
-    from lagrange.trajectory.methods.index2 import *
     from lagrange.trajectory.methods.radau import *
     from lagrange.trajectory.methods.splitting import *
     from lagrange.trajectory.methods.taylor import *

@@ -9,7 +9,7 @@ import pytest
 from sympy import cos, pi
 
 import lagrange as lg
-from lagrange.dynamics import crossings
+from lagrange.dynamics import section
 from lagrange.dynamics.runs import Runs
 from lagrange.dynamics.section import margin
 from lagrange.errors import StatementError
@@ -93,7 +93,7 @@ def test_a_period_may_be_an_expression_in_parameters() -> None:
 
 def test_an_orbit_goes_on_in_several_runs(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = galaxy(crossings=40)
-    monkeypatch.setattr(crossings, "CROSSINGS_PER_RUN", 7)
+    monkeypatch.setattr(section, "CROSSINGS_PER_RUN", 7)
     parts = galaxy(crossings=40)
     assert [len(times) for times in parts.times] == [40, 40, 40]
     assert parts.times[0] == pytest.approx(whole.times[0], abs=1e-8)

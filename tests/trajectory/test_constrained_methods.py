@@ -16,7 +16,7 @@ from lagrange.equations.regularity import equations_of
 from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
 from lagrange.statement.event import Event
-from lagrange.trajectory.methods.index2 import STAGES, radau5_index2
+from lagrange.trajectory.methods.radau import STAGES, radau5_index2
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status

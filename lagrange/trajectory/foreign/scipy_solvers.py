@@ -15,8 +15,7 @@ import numpy as np
 import scipy.integrate
 from scipy.integrate import OdeSolver
 
-from lagrange.trajectory.foreign.driver import check_bounds, drive_stepwise
-from lagrange.trajectory.foreign.guarded_rhs import Fault, GuardedRhs
+from lagrange.trajectory.foreign.driver import Fault, GuardedRhs, check_bounds, drive_stepwise
 from lagrange.trajectory.integrator import Claims, Problem, Tolerances
 from lagrange.trajectory.paths.sampled import StepInterpolant
 from lagrange.trajectory.sizes import slopes_of

@@ -14,8 +14,7 @@ from typing import Any, final
 import numpy as np
 
 from lagrange.errors import StatementError, shown
-from lagrange.trajectory.foreign.driver import check_bounds, drive_stepwise
-from lagrange.trajectory.foreign.guarded_rhs import Fault, GuardedRhs
+from lagrange.trajectory.foreign.driver import Fault, GuardedRhs, check_bounds, drive_stepwise
 from lagrange.trajectory.integrator import Claims, Problem, Tolerances
 from lagrange.trajectory.paths.sampled import StepInterpolant
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory

@@ -24,8 +24,7 @@ from lagrange.trajectory.integrator import Claims, Problem, Tolerances
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options
-from lagrange.trajectory.paths.series import SeriesPath
-from lagrange.trajectory.paths.step_paths import hermite_path
+from lagrange.trajectory.paths.step_paths import SeriesPath, hermite_path
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
