@@ -18,7 +18,7 @@ import pytest
 from sympy import cos
 
 import lagrange as lg
-from lagrange.machine.series.driver import SeriesDriver
+from lagrange.machine.drivers import SeriesDriver
 from lagrange.trajectory.methods.registry import find, names
 
 theta = lg.coordinate("theta")

@@ -17,7 +17,7 @@ from sympy import Abs, Max, Min, Piecewise, cos
 import lagrange as lg
 from lagrange.algorithm.step.loops import steps_of
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.machine.kernel.llvm_module import KernelCode
+from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm.called import called_ir
 from lagrange.machine.llvm_machine import loop_layout
 from lagrange.program.catalogue import QUANTITIES, program_of

@@ -53,7 +53,7 @@ def test_numpy_is_checked_without_llvm(broken: str) -> None:
 def test_a_broken_numpy_target_does_not_send_to_itself(monkeypatch: pytest.MonkeyPatch) -> None:
     gone: Any = None
     monkeypatch.delitem(sys.modules, "lagrange.machine.numpy_machine", raising=False)
-    monkeypatch.setitem(sys.modules, "lagrange.machine.printed_run", gone)
+    monkeypatch.setitem(sys.modules, "lagrange.machine.python_source", gone)
     with pytest.raises(lg.StatementError, match="target 'numpy' cannot be loaded") as refusal:
         unit_pendulum().compile("numpy")
     assert "printed_run" in str(refusal.value) and str(refusal.value).count("numpy") == 1

@@ -11,9 +11,9 @@ from tests.test_layering import ROOT, Modules, imports_of, package
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": (
         *("backend", "calls", "copies", "event_memory"),
-        *("parameters", "printed_run", "python_source", "state", "step_events"),
+        *("parameters", "python_source", "state", "step_events"),
     ),
-    "machine entries": ("llvm_machine", "model", "numpy_machine"),
+    "machine entries": ("drivers", "llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "trajectory"),
     "trajectory runs": ("endings", "messages", "outputs", "pace", "plan", "run_loop", "sizes"),
     "trajectory parts": ("parts",),
@@ -27,27 +27,25 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "machine/llvm": ("machine records",),
     "machine/kernel": ("machine records", "machine/llvm"),
     "machine/dense": ("machine records", "machine/llvm", "machine/kernel"),
-    "machine/events": ("machine records", "machine/llvm", "machine/kernel"),
-    "machine/steps": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/series": ("machine records", "machine/llvm", "machine/kernel", "machine/dense"),
     "machine entries": (
         *("machine records", "machine/llvm", "machine/kernel"),
-        *("machine/dense", "machine/events", "machine/steps", "machine/series"),
+        *("machine/dense", "machine/series"),
     ),
     "trajectory records": ("machine records", "machine entries"),
     "trajectory/tableaux": (),
     "trajectory/constraints": ("machine records", "machine/kernel", "machine entries"),
     "trajectory/paths": ("machine records", "machine entries", "trajectory records", "trajectory/tableaux"),
     "trajectory/events": (
-        *("machine records", "machine/kernel", "machine/series", "machine entries", "trajectory/constraints"),
+        *("machine records", "machine/kernel", "machine entries", "trajectory/constraints"),
         *("trajectory records", "trajectory/paths"),
     ),
     "trajectory runs": (
-        *("machine records", "machine/kernel", "machine/steps", "machine entries", "trajectory/constraints"),
+        *("machine records", "machine/kernel", "machine entries", "trajectory/constraints"),
         *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory/events"),
     ),
     "trajectory/methods": (
-        *("machine records", "machine/steps", "machine/series", "machine entries"),
+        *("machine records", "machine entries"),
         *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory/events", "trajectory runs"),
     ),
     "trajectory/foreign": (

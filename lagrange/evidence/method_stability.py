@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange.errors import StatementError
-from lagrange.machine.steps.driver import numbers_of
+from lagrange.machine.drivers import numbers_of
 from lagrange.program.step import LAWS, Combination, LawCall, Solve, StepProgram
 from lagrange.statement.expression import complex_array
 from lagrange.trajectory.methods.registry import find

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.linear.pivoted import PIVOT, PREFERENCE
+from lagrange.algorithm.linear.symmetric import PIVOT, PREFERENCE
 from lagrange.procedure.form import FLAG, REAL
 from lagrange.procedure.spelling import ATOM, Literals, Operator
 
@@ -82,7 +82,7 @@ def scaled(n: int, a: Any) -> None:
     So pivots do not depend on the user's units. Row n of `a` receives the order of rows, row n + 1 the scales, and
     row n + 2 the preferences as pivots. Diagonal entries become one in size. Rows with a zero on the diagonal belong
     to constraints and to coordinates without inertia. Their largest entry becomes one; constraints are the last rows,
-    and are scaled first. The factors are those of `lagrange.algorithm.linear.pivoted`.
+    and are scaled first. The factors are those of `lagrange.algorithm.linear.symmetric`.
     """
     for i in range(n):
         a[n, i] = float(i)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from lagrange.algorithm.linear.pivoted import PIVOT, PREFERENCE
+from lagrange.algorithm.linear.symmetric import PIVOT, PREFERENCE
 from lagrange.export.descriptions import named_places, statement_comment
 from lagrange.export.identifiers import TEXT_WIDTH, commented, distinct
 from lagrange.export.module import SourceModule

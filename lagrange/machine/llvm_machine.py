@@ -1,4 +1,4 @@
-"""The LLVM machine: programs are compiled to machine code."""
+"""The LLVM machine: programs are compiled to machine code. One loop takes steps and finds events on them."""
 
 from __future__ import annotations
 
@@ -6,26 +6,31 @@ import ctypes
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from lagrange.algorithm.dense.block import StepPolynomial
+from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.dense.block import StepPolynomial, block_size
+from lagrange.algorithm.events.event_steps import event_steps
+from lagrange.algorithm.events.step_samples import work_size
 from lagrange.algorithm.members.queue import LANE
+from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.step.loops import steps_of
 from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import RunError
 from lagrange.machine.backend import Callback, DensePath, FloatArray, SingularMassMatrix
 from lagrange.machine.dense.llvm_dense import LlvmDense, step_dense
-from lagrange.machine.events.llvm_event_steps import LlvmEventSteps
-from lagrange.machine.kernel.llvm_kernel import LlvmKernel
-from lagrange.machine.kernel.llvm_module import STORED_TOGETHER, fit
+from lagrange.machine.drivers import StepDriver
+from lagrange.machine.kernel.llvm_kernel import STORED_TOGETHER, LlvmKernel, cached_kernel, fit
+from lagrange.machine.llvm.address import workspace
 from lagrange.machine.llvm.called import CompiledProcedure, compiled
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import module
 from lagrange.machine.llvm.processor import lanes, processor
 from lagrange.machine.series.llvm_series import LlvmSeries
-from lagrange.machine.steps.driver import StepDriver
+from lagrange.machine.state import DriverState
+from lagrange.machine.step_events import StepEventMemory, StepFunction
 from lagrange.procedure.form import REAL, WHOLE, Kind, Procedure
 from lagrange.procedure.lanes import ACTIVE, MemberProcedures
 from lagrange.procedure.rewrite import Pruner
@@ -33,6 +38,112 @@ from lagrange.procedure.spread import COMMON, OWN
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import LAWS, StepProgram
+
+STANDING = (
+    *("times", "states", "sign", "near", "direction", "remaining", "stayed", "came", "which", "when", "there"),
+    *("settings", "break_rows", "break_times", "break_states", "kept_reals", "kept_counts"),
+)
+"""Arguments of the loop, by name, that are arrays of a `StepEventMemory`."""
+
+
+class SteppingDriver(Protocol):
+    """Protocol of a driver whose compiled step function is called by another compiled loop."""
+
+    def function(self, state: DriverState) -> StepFunction:
+        """Return the compiled function that takes steps of this driver, set to continue the run `state`."""
+
+    def count(self, steps: int) -> None:
+        """Report that `steps` more steps were accepted.
+
+        After many steps the code is compiled again with optimization.
+        """
+
+
+class LlvmEventSteps:
+    """Compiled loop that takes steps of a driver and finds events on them, for one set of parameters.
+
+    It implements `EventSteps`.
+    """
+
+    def __init__(
+        self,
+        driver: SteppingDriver,
+        events: Program,
+        resets: Program | None,
+        parameters: FloatArray,
+        dense: DensePath,
+        screen: DensePath | None,
+    ) -> None:
+        self._driver, self._written = driver, dense.polynomial()
+        # Implicit methods take long steps: a cubic through the ends of a step is not a safe screen for them.
+        screens = screen is not None and not self._written.both
+        self._screen = screen.polynomial() if screen is not None and screens else self._written
+        self._kernel = kernel = cached_kernel(events)
+        self._resets = kernel if resets is None else cached_kernel(resets)
+        n, count = events.states, events.shape[0]
+        written, prepared = self._written, kernel.prepare(parameters)
+        self.both = written.both
+        results = 0 if resets is None else resets.shape[0]
+        arguments: dict[str, Any] = {
+            "polynomial": written.function,
+            "given": written.context,
+            "degree": dense.degree,
+            "both": int(written.both),
+            **{name: np.zeros(block_size(n, WIDEST_VECTOR) + WIDEST_VECTOR) for name in ("own", "beside")},
+            "screen": self._screen.function,
+            "screen_given": self._screen.context,
+            # The arguments of a block polynomial begin with the law over columns and its parameters.
+            "law": int(self._screen.context[0]),
+            "law_parameters": int(self._screen.context[1]),
+            "screens": screens,
+            "path_work": workspace(max(written.work, self._screen.work)),
+            "c": workspace((dense.degree + 1) * n * WIDEST_VECTOR + WIDEST_VECTOR),
+            "kernel": kernel.columns_address,
+            "parameters": prepared,
+            "values": kernel.address,
+            "value_numbers": prepared,
+            "resets": self._resets.address,
+            "reset_numbers": self._resets.prepare(parameters),
+            "dimension": n,
+            "events": count,
+            "factors": 1 + RELATIVE_PERTURBATION * perturbation_factors(n + 1),
+            "noted": np.zeros(4 * count, dtype=np.int64),
+            "levels": np.zeros(count),
+            "work": workspace(work_size(n, count)),
+            "scratch": np.zeros(n + 2 * count + results + WIDEST_VECTOR),
+        }
+        self._call = compiled(event_steps.form()).bound()
+        self._call.give(**arguments)
+        self._memory: StepEventMemory | None = None
+        self._function: StepFunction | None = None
+        self._state: DriverState | None = None
+
+    def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
+        """Take steps of a run, and find the events on them. Return a number that says why the loop stopped.
+
+        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n). The number is an
+        outcome of the driver, or says that a step is irregular or that the arrays of `memory` are full.
+        """
+        if memory is not self._memory:
+            self._memory = memory
+            self._call.give(**_of_memory(memory))
+        function = self._driver.function(state)
+        if function is not self._function or state is not self._state:
+            self._function, self._state = function, state
+            self._call.give(drive=function.address, words=function.words, entries=function.entries)
+            self._call.give(driver_work=function.work, reals=state.reals, counts=state.counts, y=state.y)
+        self._call.give(row_times=times, row_states=rows)
+        before = state.integers[DriverState.STEPS]
+        code = self._call()
+        self._driver.count(max(0, state.integers[DriverState.STEPS] - before))
+        return int(code)
+
+
+def _of_memory(memory: StepEventMemory) -> dict[str, Any]:
+    """Return the arrays and records of `memory` that the compiled loop takes as arguments, by name."""
+    arrays = {name: getattr(memory, name) for name in STANDING}
+    return {**arrays, "review": memory.review, "event_run": memory.run}
+
 
 SCALARS: Mapping[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
 

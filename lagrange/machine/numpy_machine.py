@@ -12,7 +12,7 @@ from lagrange.algorithm.step.memory import Layout
 from lagrange.machine.backend import Callback, FloatArray, Kernel
 from lagrange.machine.dense.interpreted_dense import NumpyDense, step_dense
 from lagrange.machine.kernel.python_kernel import kernel_in_python
-from lagrange.machine.printed_run import PrintedProcedure, between_arrays, called
+from lagrange.machine.python_source import PrintedProcedure, between_arrays, called
 from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program

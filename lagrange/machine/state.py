@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.step.run import COUNTS, RUN
+from lagrange.algorithm.step.memory import COUNTS, RUN
 from lagrange.algorithm.taylor.memory import OUTPUTS, TAYLOR
 
 __all__ = ["OUTCOMES", "DriverState", "Outcome", "Outputs"]

@@ -15,7 +15,7 @@ from lagrange.algorithm.members.queue import COUNTED
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
-from lagrange.machine.printed_run import called
+from lagrange.machine.python_source import called
 from lagrange.members.reductions import REDUCTIONS
 from lagrange.statement.expression import entries, one_of, whole_number
 from lagrange.trajectory.trajectory import FloatArray, Trajectory

@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import StepPolynomial
-from lagrange.algorithm.dense.hermite import hermite_polynomial
+from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.algorithm.kernel.kernels import kernel, prepare
 from lagrange.algorithm.kernel.prepared import PreparedLayout
-from lagrange.algorithm.members.along import Sampled, table_of_points
+from lagrange.algorithm.members.along import MemberDenseOutput, Sampled, table_of_points
 from lagrange.algorithm.members.occurrences import TaylorEvents
-from lagrange.algorithm.members.paths import MemberDenseOutput
 from lagrange.algorithm.members.queue import COUNTED, MemberMethod, Observed, SystemNumbers, energy_and_momenta
-from lagrange.algorithm.members.step_occurrences import StepEvents
-from lagrange.algorithm.members.steps import StepMembers
+from lagrange.algorithm.members.steps import StepEvents, StepMembers
 from lagrange.algorithm.members.taylor import TaylorMembers
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.series.by_order import ByOrderJet

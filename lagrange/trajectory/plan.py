@@ -12,9 +12,9 @@ import numpy as np
 
 from lagrange.algorithm.step.constants import AFTER_BROKEN
 from lagrange.machine.backend import Driver, SingularMassMatrix
+from lagrange.machine.drivers import StepDriver
 from lagrange.machine.model import Model
 from lagrange.machine.state import NO_OUTPUTS, DriverState
-from lagrange.machine.steps.driver import StepDriver
 from lagrange.program.step import LAWS, StepProgram
 from lagrange.trajectory.events.event_loop import WatchedEvents
 from lagrange.trajectory.events.series_watch import SeriesWatch

@@ -22,7 +22,7 @@ from lagrange.graph.functions import CONDITIONS, FUNCTIONS
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 from lagrange.graph.share import share_sums
 from lagrange.graph.to_sympy import to_sympy
-from lagrange.machine.kernel.llvm_module import KernelCode
+from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.program.lower import lower

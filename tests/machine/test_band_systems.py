@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lagrange.algorithm.linear.gauss_jordan import UNROLLED_ORDER, inversion, row_stride
-from lagrange.algorithm.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
+from lagrange.algorithm.linear.symmetric import band_size, factor_pivoted, pivoted_size, solve_pivoted
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.engine import Module

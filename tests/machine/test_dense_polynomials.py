@@ -10,9 +10,8 @@ import sympy as sp
 
 from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.dense.collocation import collocation_polynomial
-from lagrange.algorithm.dense.hermite import hermite_polynomial
-from lagrange.algorithm.dense.runge_kutta import runge_kutta_polynomial
-from lagrange.algorithm.linear.columns import invert_columns
+from lagrange.algorithm.dense.polynomials import hermite_polynomial, runge_kutta_polynomial
+from lagrange.algorithm.linear.gauss_jordan import invert_columns
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.procedure.interpreter import run

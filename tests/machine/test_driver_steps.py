@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from lagrange.algorithm.step.run import COUNTS, RUN
+from lagrange.algorithm.step.memory import COUNTS, RUN
 from lagrange.compiler import compile_model, machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.machine.drivers import StepDriver
 from lagrange.machine.llvm_machine import loop_layout
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.machine.steps.driver import StepDriver
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.library import load

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from lagrange.algorithm.kernel.prepared import width_of
-from lagrange.algorithm.linear import inverse
-from lagrange.algorithm.linear.inverse import padded, work_size
+from lagrange.algorithm.linear import symmetric
+from lagrange.algorithm.linear.symmetric import padded, work_size
 from lagrange.compiler import machine
 from lagrange.graph.node import Binding, Graph
 from lagrange.machine.backend import Kernel, SingularMassMatrix
-from lagrange.machine.kernel.llvm_module import KernelCode
+from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.engine import calling_solver
 from lagrange.program.elimination import LARGEST_IN_LINE
@@ -304,7 +304,7 @@ def invert(a: Any) -> tuple[int, Any]:
     columns = given.T.ravel().copy()  # entry (i, j) at j*n + i
     before = columns.copy()
     out, work = np.full(stride * stride + 8, np.nan), np.full(work_size(n) + 8, np.nan)
-    function = _INVERT(calling_solver(inverse.invert.form()).address("invert"))
+    function = _INVERT(calling_solver(symmetric.invert.form()).address("invert"))
     status = function(n, stride, address(columns), address(out), address(work))
     assert np.array_equal(columns, before, equal_nan=True)
     assert np.isnan(out[stride * stride :]).all() and np.isnan(work[-8:]).all()

@@ -21,7 +21,7 @@ from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import RunError, StatementError
 from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.kernel.llvm_module import KernelCode
+from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm import engine
 from lagrange.machine.model import Model
 from lagrange.program.catalogue import QUANTITIES, program_of

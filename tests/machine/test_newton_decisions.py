@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.algorithm.newton.convergence import (
+from lagrange.algorithm.newton.corrections import (
     DIVERGENCE_GROWTH,
     DIVERGENCE_RATE,
     FEW_CORRECTIONS,

@@ -19,7 +19,7 @@ from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.errors import StatementError
 from lagrange.graph import rebuild as rebuilding
 from lagrange.graph.node import Node
-from lagrange.machine.kernel.llvm_module import KernelCode
+from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm.emitter import MOST_ACCESSES
 from lagrange.machine.llvm.procedures import INLINE_ANGLES
 from lagrange.machine.llvm.processor import lanes

@@ -19,11 +19,11 @@ from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.taylor.constants import PROBES
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine import llvm_machine
-from lagrange.machine.llvm import engine, tiers
+from lagrange.machine.drivers import SeriesDriver
+from lagrange.machine.llvm import engine
 from lagrange.machine.llvm.engine import Module, ObjectCode
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
-from lagrange.machine.series.driver import SeriesDriver
 from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.machine.series.llvm_series import CompiledJet, LlvmSeries, compiled_steps
 from lagrange.machine.state import DriverState, Outcome
@@ -259,7 +259,7 @@ def test_code_that_is_compiled_well_gives_the_same_bits(method: str, monkeypatch
     llvm_machine.compiled_loop.cache_clear()
     model = unit_pendulum().compile(check=False)
     first = ran(model, method, **RUNS[method])
-    monkeypatch.setattr(tiers, "STEPS_BEFORE_OPTIMIZING", 1)
+    monkeypatch.setattr(engine, "STEPS_BEFORE_OPTIMIZING", 1)
     compiled_steps.cache_clear()
     llvm_machine.compiled_loop.cache_clear()
     fresh = unit_pendulum().compile(check=False)
@@ -271,12 +271,12 @@ def test_a_series_is_compiled_well_behind_many_steps(made: list[str]) -> None:
     jet = LlvmSeries(program).code(9)
     quick = jet.address
     assert jet.tiers is not None
-    jet.tiers.count(tiers.STEPS_BEFORE_OPTIMIZING - 1)
+    jet.tiers.count(engine.STEPS_BEFORE_OPTIMIZING - 1)
     assert (len(made), jet.address, jet.tiers.is_final) == (1, quick, False)
     jet.tiers.count(1)
     assert made == [jet.ir] * 2
     assert jet.address != quick
-    jet.tiers.count(tiers.STEPS_BEFORE_OPTIMIZING)
+    jet.tiers.count(engine.STEPS_BEFORE_OPTIMIZING)
     assert jet.tiers.is_final
     assert len(made) == 2
 
@@ -284,7 +284,7 @@ def test_a_series_is_compiled_well_behind_many_steps(made: list[str]) -> None:
 def test_drivers_go_on_with_the_code_that_another_run_has_had_compiled(
     made: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(tiers, "STEPS_BEFORE_OPTIMIZING", 400)
+    monkeypatch.setattr(engine, "STEPS_BEFORE_OPTIMIZING", 400)
     compiled_steps.cache_clear()
     flow = lg.flow(unit_pendulum().compile(check=False), method="taylor", rtol=1e-9, atol=1e-9)
     y = np.array([1.0, 0.0])

@@ -13,7 +13,7 @@ import sympy
 
 import lagrange as lg
 from lagrange.algorithm.members.along import largest_between, lobatto
-from lagrange.machine.printed_run import called
+from lagrange.machine.python_source import called
 from lagrange.members import job
 
 METHODS: dict[str, dict[str, Any]] = {

@@ -20,7 +20,7 @@ from lagrange.algorithm.taylor.watching import TERM_SUMS
 from lagrange.machine.llvm.called import compiled
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
-from lagrange.machine.printed_run import called
+from lagrange.machine.python_source import called
 from lagrange.procedure.interpreter import run
 
 EPSILON = 2.0**-52

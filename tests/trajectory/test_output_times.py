@@ -13,7 +13,7 @@ import sympy as sp
 from sympy import exp, sqrt
 
 import lagrange as lg
-from lagrange.algorithm.dense.hermite import hermite_polynomial
+from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.trajectory.integrator import Problem

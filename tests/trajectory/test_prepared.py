@@ -17,12 +17,12 @@ import sympy as sp
 
 import lagrange as lg
 from lagrange.errors import StatementError
+from lagrange.machine.drivers import WATCHED as WATCHED_ARRAYS
 from lagrange.machine.event_memory import EventMemory
-from lagrange.machine.events.llvm_event_steps import STANDING
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
+from lagrange.machine.llvm_machine import STANDING
 from lagrange.machine.model import Model
-from lagrange.machine.series.driver import WATCHED as WATCHED_ARRAYS
 from lagrange.machine.state import Outcome
 from lagrange.machine.step_events import StepEventMemory
 from lagrange.statement import run_settings as preparation

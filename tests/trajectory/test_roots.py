@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from lagrange.algorithm.taylor.event_series import keeps_sign
-from lagrange.machine.printed_run import called
+from lagrange.machine.python_source import called
 from lagrange.trajectory.events.zeros_on_step import Root, Side, roots
 from lagrange.trajectory.trajectory import FloatArray
 from tests.covering import Share

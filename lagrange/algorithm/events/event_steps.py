@@ -27,7 +27,7 @@ from lagrange.algorithm.events.step_samples import Samples, edge_noise, samples_
 from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, CROWDED, ENDED, UNKNOWN, ReviewedEvents
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.constants import EARLIEST
-from lagrange.algorithm.step.run import COUNTS, FUNCTION, RUN
+from lagrange.algorithm.step.memory import COUNTS, FUNCTION, RUN
 from lagrange.procedure.form import WHOLE, Array, Callee
 from lagrange.procedure.front.plain import Bundle, Stated, inline, procedure
 from lagrange.procedure.front.vocabulary import (

@@ -1,21 +1,27 @@
-"""Samples of event functions on a block of steps, and the decision on which steps they may be zero."""
+"""Samples of event functions on a block of steps: on which steps they may be zero, and their polynomials there.
+
+Functions are sampled at Chebyshev points. Source: L. N. Trefethen, Approximation Theory and Approximation Practice,
+2013, chapters 2 and 3.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import COLUMNS, POLYNOMIAL, OwnStep, steps_in
 from lagrange.algorithm.dense.evaluate import gather
-from lagrange.algorithm.events.chebyshev import COARSE, DEGREE, nodes
-from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, NOISE
-from lagrange.algorithm.events.resolution import keeps_sign, largest, transform
+from lagrange.algorithm.events.constants import CERTAINTY, DENSE_ROUND_OFF, EPSILON, LARGEST_NOISE, NOISE, TAIL, TINY
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION
 from lagrange.procedure.form import Array
-from lagrange.procedure.front.plain import Bundle, Stated, inline
+from lagrange.procedure.front.plain import Bundle, Stated, inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     Out,
@@ -26,8 +32,152 @@ from lagrange.procedure.front.vocabulary import (
     magnitude,
     quotient,
     reals,
+    unlikely,
     unrolled,
 )
+
+FloatArray = NDArray[np.float64]
+
+DEGREE = 16
+"""Degree of the polynomial of an event function on a step. If it does not resolve the function, the step is halved. A
+path of at most this degree is represented exactly.
+"""
+
+COARSE = 8
+"""Degree at which many steps are sampled first. It suffices to prove that most functions keep their sign."""
+
+
+@lru_cache(maxsize=8)
+def nodes(degree: int = DEGREE) -> FloatArray:
+    """Return the sampling points (degree + 1,) in [0, 1], including both ends."""
+    return np.asarray(np.sin(np.pi * np.arange(degree + 1) / (2 * degree)) ** 2)
+
+
+@lru_cache(maxsize=8)
+def to_chebyshev(degree: int = DEGREE) -> FloatArray:
+    """Return the matrix from values at the nodes to coefficients of Chebyshev's polynomials on [0, 1]."""
+    ranks = np.arange(degree + 1)
+    halves = np.where((ranks == 0) | (ranks == degree), 0.5, 1.0)
+    signs = (-1.0) ** ranks
+    angles = np.cos(np.pi * (np.outer(ranks, ranks) % (2 * degree)) / degree)
+    return np.asarray(2 / degree * (halves * signs)[:, None] * angles * halves)
+
+
+@lru_cache(maxsize=8)
+def to_powers(degree: int = DEGREE) -> FloatArray:
+    """Return the matrix from coefficients of Chebyshev's polynomials on [0, 1] to coefficients of powers."""
+    columns: list[list[int]] = [[1], [-1, 2]]
+    while len(columns) <= degree:
+        last, before = columns[-1], [*columns[-2], 0, 0]
+        columns.append(
+            [
+                2 * (2 * low - high) - old
+                for low, high, old in zip([0, *last], [*last, 0], before[: len(last) + 1], strict=True)
+            ]
+        )
+    matrix = np.zeros((degree + 1, degree + 1))
+    for rank, column in enumerate(columns[: degree + 1]):
+        matrix[: len(column), rank] = column
+    return matrix
+
+
+Reals = tuple[float, ...]
+
+
+@inline
+def weighted(terms: Sequence[float], weights: Sequence[float]) -> float:
+    """Return the sum of products of terms and weights. Weights without a term are ignored."""
+    total = terms[0] * weights[0]
+    for term, weight in zip(terms[1:], weights[1:], strict=False):
+        total = fma(term, weight, total)
+    return total
+
+
+@inline
+def transform(values: Reals) -> Reals:
+    """Return the Chebyshev coefficients of a function from its `values` at the nodes.
+
+    Polynomials of even degree are symmetric about the middle, polynomials of odd degree antisymmetric. So half
+    of the products suffice.
+    """
+    degree = len(values) - 1
+    middle = degree // 2
+    sums = (*(values[k] + values[degree - k] for k in range(middle)), values[middle])
+    differences = tuple(values[k] - values[degree - k] for k in range(middle))
+    rows = enumerate(to_chebyshev(degree).tolist())
+    return tuple(weighted(differences if rank % 2 else sums, row) for rank, row in rows)
+
+
+@inline
+def keeps_sign(coefficients: Reals, noise: float) -> bool:
+    """Return True if the Chebyshev coefficients of a function prove that it keeps its sign.
+
+    The unresolved part is estimated as `TAIL` times the last coefficients.
+    """
+    variation = abs(coefficients[1])
+    for coefficient in coefficients[2:]:
+        variation = variation + abs(coefficient)
+    variation = variation + TAIL * magnitude(coefficients[-2], coefficients[-1]) + 4.0 * noise
+    return abs(coefficients[0]) > CERTAINTY * variation
+
+
+@inline
+def largest(values: Reals) -> float:
+    """Return the largest magnitude of the values, NaN if one of them is NaN."""
+    size = values[0]
+    for number in values[1:]:
+        size = magnitude(size, number)
+    return size
+
+
+@procedure(apart=True)
+def chebyshev(values: In, out: Out) -> float:
+    """Write the Chebyshev coefficients of a function to `out`, from its `values` at the nodes.
+
+    Return the largest magnitude of the values.
+    """
+    numbers = tuple(values[k] for k in unrolled(DEGREE + 1))
+    for k, coefficient in enumerate(transform(numbers)):
+        out[k] = coefficient
+    return largest(numbers)
+
+
+@procedure
+def local_polynomial(
+    chebyshev: In, size: float, noise: float, before: float, least: float, powers: Out
+) -> tuple[int, float, float]:
+    """Write the coefficients of the polynomial that resolves a function on a part of a step to `powers`.
+
+    Return the number of coefficients, their error, and the size of the last `chebyshev` ones. `chebyshev` are the
+    Chebyshev coefficients of the function, `size` is its largest sampled magnitude, and `noise` its rounding
+    error. The number is 0 if the function is not resolved, and 1 if only its sign is certain. Coefficients
+    below rounding, or below `least`, are omitted and counted as noise. The coefficients beyond the degree are
+    noise as well: at a kink they decrease so slowly that their sum is several times the last one. The last
+    coefficients are also noise if halving the interval did not reduce them clearly; `before` is their size
+    before that.
+    """
+    coefficients = tuple(chebyshev[k] for k in unrolled(DEGREE + 1))
+    tail = magnitude(coefficients[-2], coefficients[-1])
+    is_grain = tail > before * 0.25 and tail <= LARGEST_NOISE * size
+    error = noise + (8.0 * tail if is_grain else TINY)
+    if unlikely(not size < math.inf):
+        return 0, error, tail
+    if unlikely(not tail <= error + 8 * EPSILON * size):
+        if keeps_sign(coefficients, error):
+            powers[0] = coefficients[0]
+            return 1, error, tail
+        return 0, error, tail
+    floor = larger(EPSILON * size, least)
+    count, left = 1, 0.0
+    for k, coefficient in enumerate(coefficients):
+        count = k + 1 if abs(coefficient) > floor else count
+    for k, coefficient in enumerate(coefficients):
+        left = left + (0.0 if count > k else abs(coefficient))
+    kept = tuple(coefficient if count > k else 0.0 for k, coefficient in enumerate(coefficients))
+    for power, row in enumerate(to_powers(DEGREE).tolist()):
+        powers[power] = weighted(kept[power:], row[power:])
+    return count, error + (left + 4.0 * DEGREE * tail), tail
+
 
 SLOPE_AT = 0.5 - 12**-0.5
 """Fraction of the step at which s**2 (1 - s)**2 has its largest slope."""
@@ -40,8 +190,6 @@ SAFELY = 4.0
 
 UNRESOLVED = 0.02
 """If a cubic misses more than this fraction of the change of an entry of the state, it cannot exclude events."""
-
-Reals = tuple[float, ...]
 
 
 class Widths(NamedTuple):

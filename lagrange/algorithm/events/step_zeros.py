@@ -11,7 +11,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.events.chebyshev import COARSE, DEGREE
 from lagrange.algorithm.events.constants import (
     CLEAR_FACTOR,
     DEEPEST_HALVING,
@@ -21,9 +20,17 @@ from lagrange.algorithm.events.constants import (
     STEP_HALVINGS,
     TOGETHER,
 )
-from lagrange.algorithm.events.resolution import chebyshev, local_polynomial
 from lagrange.algorithm.events.roots import roots, sort_zeros
-from lagrange.algorithm.events.step_samples import Lines, Samples, Widths, edge_noise
+from lagrange.algorithm.events.step_samples import (
+    COARSE,
+    DEGREE,
+    Lines,
+    Samples,
+    Widths,
+    chebyshev,
+    edge_noise,
+    local_polynomial,
+)
 from lagrange.procedure.front.plain import inline
 from lagrange.procedure.front.vocabulary import (
     Out,

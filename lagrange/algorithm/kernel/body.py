@@ -11,8 +11,16 @@ from typing import Any
 from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.algorithm.kernel import elimination
 from lagrange.algorithm.kernel.prepared import LARGEST_IN_SOURCE, width_of, written_out
-from lagrange.algorithm.linear.ldl import factor_dense, factor_size, solve_columns, solve_factored
-from lagrange.algorithm.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
+from lagrange.algorithm.linear.symmetric import (
+    band_size,
+    factor_dense,
+    factor_pivoted,
+    factor_size,
+    pivoted_size,
+    solve_columns,
+    solve_factored,
+    solve_pivoted,
+)
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import ANGLES, FLAG, OPERATIONS, REAL
 from lagrange.procedure.values import Flag, Memory, Real, Variable

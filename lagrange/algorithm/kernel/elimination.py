@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from lagrange.algorithm.linear.ldl import RESIDUAL, least_pivot
-from lagrange.algorithm.linear.pivoted import band_size
+from lagrange.algorithm.linear.symmetric import RESIDUAL, band_size, least_pivot
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.values import Flag, Memory, Real
 from lagrange.program.elimination import Elimination

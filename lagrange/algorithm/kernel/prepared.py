@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from lagrange.algorithm.linear.ldl import factor_size
+from lagrange.algorithm.linear.symmetric import factor_size
 from lagrange.program.elimination import Elimination
 from lagrange.program.program import Instruction, Program
 

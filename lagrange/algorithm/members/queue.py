@@ -15,7 +15,7 @@ from typing import Any
 from lagrange.algorithm.members.along import AlongRun
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.constants import MOST_SURVEYS, SMALL_FLOOR
-from lagrange.algorithm.step.run import FUNCTION, Counts, Run
+from lagrange.algorithm.step.memory import FUNCTION, Counts, Run
 from lagrange.procedure.form import FLAG, READ, Array, Callee, Procedure
 from lagrange.procedure.front.plain import Bundle, Stated, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, WholesOut, clear, each, generated, larger, reals, unlikely

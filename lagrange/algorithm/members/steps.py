@@ -1,19 +1,41 @@
-"""Members that run by the steps of an explicit step program, with error control or with equal steps."""
+"""Members that run by the steps of an explicit step program, with error control or with equal steps, and their events.
+
+Each accepted step is searched for events before the next. The samples and decisions are those on the blocks of single
+runs, in `lagrange.algorithm.events.step_zeros`. An irregular case, such as an event that is not resolved, ends the
+member here, and the member is run again alone.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.members.along import AlongRun, Sampled, SampledStep
-from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT
-from lagrange.algorithm.members.paths import (
+from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.dense.block import OwnStep
+from lagrange.algorithm.dense.polynomials import hermite_polynomial
+from lagrange.algorithm.events.constants import NOISE_HALVES
+from lagrange.algorithm.events.step_samples import Lines, Samples, work_size
+from lagrange.algorithm.events.step_zeros import (
+    ANYHOW,
+    CHANGED,
+    ENDED,
+    IRREGULAR,
+    MOST_ZEROS,
+    Review,
+    ReviewedEvents,
+    step_zeros,
+)
+from lagrange.algorithm.members.along import (
+    AlongRun,
     MemberDenseOutput,
     MemberStepPath,
     PathMemory,
+    Sampled,
+    SampledStep,
     polynomial_path,
     states_on_step,
 )
+from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT, FirstOccurrences, OccurrenceArrays
 from lagrange.algorithm.members.queue import (
     Member,
     MemberJob,
@@ -23,18 +45,258 @@ from lagrange.algorithm.members.queue import (
     copy_state,
     move_to,
 )
-from lagrange.algorithm.members.step_occurrences import ReviewArguments, StepEvents, StepEventSearch
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.loops import steps_of
-from lagrange.algorithm.step.memory import Effort, Layout
-from lagrange.algorithm.step.run import Running
+from lagrange.algorithm.step.memory import Effort, Layout, Running
 from lagrange.algorithm.taylor.memory import OutputCounts
 from lagrange.algorithm.taylor.sums import outstanding
-from lagrange.procedure.form import Procedure
-from lagrange.procedure.front.plain import inline
-from lagrange.procedure.front.vocabulary import Out, each, generated, reals, unlikely
+from lagrange.procedure.form import Array, Procedure
+from lagrange.procedure.front.plain import Bundle, inline, procedure
+from lagrange.procedure.front.vocabulary import (
+    In,
+    Out,
+    WholesIn,
+    WholesOut,
+    clear,
+    each,
+    generated,
+    reals,
+    unlikely,
+    unrolled,
+    wholes,
+)
 from lagrange.procedure.rewrite import bound
 from lagrange.program.step import StepProgram
+
+
+@dataclass(frozen=True)
+class StepEvents:
+    """The event functions of members: `count` of them, which the procedure `values` evaluates.
+
+    If `screened`, cubics exclude events on most steps, as in single runs of methods with error control.
+    """
+
+    values: Procedure
+    count: int
+    screened: bool
+
+
+@dataclass(frozen=True, eq=False)
+class MemberFunctions:
+    """The dense output, the right-hand side and the events of members, for states of a `dimension`."""
+
+    dense: MemberDenseOutput
+    events: StepEvents
+    dimension: int
+
+    def path(self, prefix: str) -> MemberStepPath:
+        """Return the dense output of steps; `prefix` is added to the names of its procedures."""
+        return MemberStepPath.of(self.dense.kind, self.dense.column, self.dimension, prefix)
+
+    def cubic(self) -> MemberStepPath:
+        """Return the dense output by cubics through the ends of steps, which exclude events on most steps."""
+        return MemberStepPath.of(hermite_polynomial(3), self.dense.column, self.dimension, "screen_")
+
+    @inline
+    def law(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
+        """Write the right-hand side of one column to `out`. Return 0 if its mass matrix is singular, else -1.
+
+        t has the time, q the whole state, and `numbers` are the prepared numbers; v is not used.
+        """
+        failed: int = generated(self.dense.column, columns, t, q, v, numbers, out)
+        return failed
+
+    @inline
+    def kernel(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
+        """Write the event functions of each column; return the first column without an acceleration, or -1.
+
+        t has the times, q the whole states by columns, and `numbers` are the prepared numbers; v is not used.
+        """
+        return events_of_columns(columns, t, q, numbers, out, functions=self)
+
+
+@procedure
+def events_of_columns(columns: int, t: In, y: In, numbers: In, out: Out, *, functions: MemberFunctions) -> int:
+    """Write the event functions of each column; return the first column without an acceleration, or -1.
+
+    t has the times. Entry j of the state of column b is at index j * columns + b of y, and event k at k *
+    columns + b of `out`. `numbers` are the prepared numbers.
+    """
+    events, n, failed = functions.events, functions.dimension, -1
+    state, values = reals(n), reals(events.count)
+    for b in range(columns):
+        for j in unrolled(n):
+            state[j] = y[columns * j + b]
+        is_singular = generated(events.values, t[b], state, numbers, values)
+        failed = b if is_singular and failed < 0 else failed
+        for k in unrolled(events.count):
+            out[columns * k + b] = values[k]
+    return failed
+
+
+@dataclass(frozen=True)
+class StepSamples(Samples):
+    """Samples of event functions on one step of a member. The memory of the block already has the step."""
+
+    end: float
+    """Time at the end of the step."""
+
+    columns = 1
+
+    @inline
+    def gather(self, lines: Lines, step_numbers: WholesIn, with_neighbours: int) -> None:
+        """Store the end time of the step in `lines`. Its other data are in the block already."""
+        lines.t_end[0] = self.end
+
+
+@procedure(watch=lambda: Bundle(ReviewedEvents, {}), step=lambda: Array(room=WIDEST_VECTOR))
+def review_step(
+    watch: ReviewedEvents, numbers: In, table: In, factors: In, step: Out, end: float, *, functions: MemberFunctions
+) -> int:
+    """Find the zeros of event functions on a step up to time `end`. Return the reason for the search's end.
+
+    The zeros are written to `watch`. `step` is the step, `table` has the coefficients of the method, and
+    `factors` perturb a state.
+    """
+    n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
+    path, cubic, tables = functions.path("review_"), functions.cubic(), (numbers, table)
+    work = reals(max(path.size, cubic.size), room=WIDEST_VECTOR)
+    c, memory = reals((max(degree, 3) + 1) * n, room=WIDEST_VECTOR), reals(work_size(n, events, 1), room=WIDEST_VECTOR)
+    paths = path.write, tables, degree, 0, functions.events.screened, cubic.write, tables, functions.law, numbers
+    watched = functions.kernel, numbers, n, events, factors, memory
+    arguments: Any = *paths, step, step, work, c, *watched, None, None, 0, end
+    samples = StepSamples(*arguments)
+    lines, step_numbers, is_close = samples.lines(), wholes(1), watch.review.starts != 0
+    zeros = step_zeros(samples, lines, watch)
+    for e in range(events):
+        sign, near = watch.sign[e], watch.near[e]
+        is_close = is_close or sign == 0 or near != 0
+    if samples.screens and not is_close:
+        is_bad = samples.sift(lines, step_numbers)
+        is_close = samples.some_doubtful(lines, 0) or is_bad
+    if not samples.screens or is_close:
+        if unlikely(samples.follow(lines, step_numbers) or zeros.begin_at_zero(0)):
+            return IRREGULAR
+        if zeros.some_may_vanish(0):
+            return zeros.visit(0, 0, samples.sample_fully(lines))
+    return ENDED
+
+
+ZERO_ROOM = MOST_ZEROS + 1
+"""Number of zeros that can be stored until they are copied, which is done after each step."""
+
+
+@dataclass(frozen=True)
+class ReviewArguments(OccurrenceArrays):
+    """Arguments of the search for events on steps, and the arrays for the results.
+
+    `factors` perturb a state. `direction` is the direction of zeros that count, 0 for all, and `terminal` the
+    number of zeros after which an event ends the run.
+    """
+
+    factors: In
+    direction: WholesIn
+    terminal: WholesIn
+
+
+@dataclass(frozen=True)
+class ReviewMemory:
+    """Memory of the search for events on the steps of a member: the fields of `ReviewedEvents`, and two more.
+
+    `zeros` are the states at zeros. `seen` is the number of occurrences of each event so far.
+    """
+
+    review: Review
+    sign: WholesOut
+    near: WholesOut
+    remaining: WholesOut
+    stayed: Out
+    came: WholesOut
+    which: WholesOut
+    when: Out
+    zeros: Out
+    noted: WholesOut
+    levels: Out
+    there: Out
+    """The state to which the run is moved, if an event ends it."""
+
+    seen: WholesOut
+
+
+class StepEventSearch:
+    """The search for the events of members on steps."""
+
+    def __init__(self, events: StepEvents, dense: MemberDenseOutput, dimension: int) -> None:
+        self.events, self.dimension = events, dimension
+        self.functions = MemberFunctions(dense, events, dimension)
+        self.occurrences = FirstOccurrences(events.count, dimension)
+
+    @inline
+    def memory(self) -> ReviewMemory:
+        """Return memory for the search for events on the steps of one member."""
+        count, n = self.events.count, self.dimension
+        sides = wholes(count), wholes(count), wholes(count), reals(count), wholes(count)
+        zeros = wholes(ZERO_ROOM + 1), reals(ZERO_ROOM + 1), reals((ZERO_ROOM + 1) * n)
+        seen = self.occurrences.memory()
+        return ReviewMemory(Review(), *sides, *zeros, wholes(4 * count), reals(count), reals(n), seen)
+
+    @inline
+    def begin(self, memory: ReviewMemory, watched: ReviewArguments) -> None:
+        """Reset the search at the start of a member's run: no events, and unknown signs of functions."""
+        self.occurrences.begin(memory.seen)
+        clear(memory.review)
+        memory.review.end, memory.review.room = 1, ZERO_ROOM
+        for e in unrolled(self.events.count):
+            memory.sign[e], memory.near[e] = 0, 0
+            memory.remaining[e], memory.came[e] = watched.terminal[e], ANYHOW
+            memory.stayed[e] = 0.0
+
+    @inline
+    def look(
+        self, memory: ReviewMemory, job: Any, member: Any, index: int, step: OwnStep, end: float
+    ) -> tuple[int, float, float]:
+        """Search a step for events up to the time `end`. Return an outcome, and where the step ends.
+
+        The end is a time and a fraction of the step.
+
+        The outcome is PAUSED if the run continues. If an event ends the run, the state at that event is in
+        `memory.there`, and the time and the fraction are those of the event. `index` is the number of the
+        member.
+        """
+        review, steps, watched = memory.review, member.counts.steps, job.watched
+        review.found, review.starts = 0, int(steps == 1)
+        review.last = 0 if end == job.t1 else -1
+        review.rounded = float(steps - 1) * (1.0 / NOISE_HALVES)
+        sides = memory.sign, memory.near, watched.direction, memory.remaining, memory.stayed, memory.came
+        zeros = memory.which, memory.when, memory.zeros, memory.noted, memory.levels
+        watch = ReviewedEvents(review, *sides, *zeros)
+        why = review_step(watch, member.numbers, job.table, watched.factors, step.memory, end, functions=self.functions)
+        is_changed = why == CHANGED
+        is_regular = why == ENDED or is_changed
+        if unlikely(review.found > 0 and is_regular):
+            for slot in range(review.found):
+                zero = memory.zeros[slot * self.dimension :]
+                self.occurrences.keep(watched, memory.seen, index, memory.which[slot], memory.when[slot], zero)
+        t, part = end, 1.0
+        if unlikely(is_changed):
+            t, part = self.place_of_end(memory, step, end)
+            self.occurrences.keep(watched, memory.seen, index, review.event, t, memory.there)
+        return ENDED_BY_EVENT if is_changed else Outcome.PAUSED if is_regular else Outcome.WATCHED, t, part
+
+    @inline
+    def place_of_end(self, memory: ReviewMemory, step: OwnStep, end: float) -> tuple[float, float]:
+        """Write the state at the event that ends the run. Return its time and its fraction of the step.
+
+        The state is written to `memory.there`. At an end of the step it is the state there, which is not
+        interpolated.
+        """
+        part, slot = memory.review.place, memory.review.found
+        is_begin, is_end, zero = part <= 0.0, part >= 1.0, memory.zeros[slot * self.dimension :]
+        when, t = memory.when[slot], step.t[0]
+        for i in each(self.dimension, width=1):
+            before, after, between = step.y[i], step.new[i], zero[i]
+            memory.there[i] = before if is_begin else after if is_end else between
+        return t if is_begin else end if is_end else when, part
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
-from lagrange.algorithm.members.along import AlongRun, Sampled, SampledStep
+from lagrange.algorithm.members.along import AlongRun, Sampled, SampledStep, series_path
 from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT, EventSearch, SearchArguments, TaylorEvents
-from lagrange.algorithm.members.paths import series_path
 from lagrange.algorithm.members.queue import Member, MemberJob, MemberMethod, Observed, SystemNumbers
 from lagrange.algorithm.taylor.loop import begin_run, iteration
 from lagrange.algorithm.taylor.memory import JET, Held, OutputCounts, TaylorLayout, TaylorState

@@ -1,8 +1,13 @@
-"""Newton's method for the unknowns of a step.
+"""Newton's method for the unknowns of a step: initial guesses, corrections, and tests of convergence.
 
-The unknowns are predicted from previous steps and corrected with a matrix that is kept from step to step, until the
-corrections are round-off (equal steps) or far below the tolerance (error control). The matrix is rebuilt when the
-corrections shrink slowly.
+For equal steps backward differences of the unknowns are stored. The sum of the first k differences extrapolates the
+polynomial through k values. The k-th difference at the next step is the error of that guess, and selects the best k.
+
+The unknowns are corrected with a matrix that is kept from step to step, until the corrections are round-off (equal
+steps) or far below the tolerance (error control). After a correction the error is estimated as the rest of a geometric
+series, with the contraction rate of the last two corrections, or the rate of the previous step. The matrix is rebuilt
+when the corrections shrink slowly. Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed.,
+1996, IV.8.
 """
 
 from __future__ import annotations
@@ -12,16 +17,244 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.newton.convergence import MATRIX_AGE, assess_correction, request_matrix
 from lagrange.algorithm.newton.matrix import UNIT_ROUND_OFF, build_matrix
-from lagrange.algorithm.newton.prediction import predict
 from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.step.memory import Layout, SolveLayout
-from lagrange.algorithm.step.run import Running, running
-from lagrange.algorithm.step.vectors import StepVectors, plus, vectors_of
+from lagrange.algorithm.step.memory import HISTORY, ORDERS, Layout, Newton, Running, SolveLayout, running, work_array
+from lagrange.algorithm.step.vectors import StepVectors, copy_vector, plus, vectors_of
 from lagrange.graph.node import Node
 from lagrange.procedure.front.plain import inline, procedure
-from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, unrolled
+from lagrange.procedure.front.vocabulary import In, Out, Writable, each, fma, larger, smaller, unrolled
+
+MATRIX_AGE = 3
+"""A matrix may be rebuilt after this many corrections of one step, or after this many steps."""
+
+ROUND_OFF_FRACTION = 2.0**-6
+"""Largest error of an unknown after an equal step, as a fraction of its rounding error. The remainder has the same sign
+at every step and adds up: with a fraction of 1, galerkin6 drifts 15 times as much. This fraction costs up to a quarter
+more evaluations, and a second correction of very short steps. Two corrections in a row at rounding level end the
+iteration.
+"""
+
+TOLERANCE_FRACTION = 0.02
+"""Error of Newton's method in steps with error control, as a fraction of the tolerance."""
+
+SLOW_RATE = 0.25
+"""Rebuild the matrix when the contraction rate exceeds this."""
+
+DIVERGENCE_RATE = 0.9
+"""With error control, shorten the step when the contraction rate exceeds this."""
+
+RATE_INCREASE, LARGEST_RATE = 1.2, 0.9
+"""A step that converges at once does not measure the contraction rate. The stored rate is then multiplied by the first
+number per step, up to the second number.
+"""
+
+LEAST_RATE = 1e-4
+"""Lower bound of the stored contraction rate: one good correction does not predict the next one."""
+
+FRESH_RATE = 1e-3
+"""With error control, the next step begins with a new matrix when the contraction rate exceeds this.
+
+Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
+"""
+
+FEW_CORRECTIONS = 2
+"""If an equal step needs more corrections than this, the next step begins with a new matrix."""
+
+LARGEST_MATRIX_AGE = 64
+"""Rebuild the matrix of equal steps after this many steps, even if it converges.
+
+Otherwise a matrix that has become singular would not be noticed.
+"""
+
+STAGNATION_NORM, STAGNATION_RATE = 2.0**10, 0.5
+"""With a new matrix, corrections are round-off when their rate exceeds the second number and their norm is below the
+first.
+
+The norm is in units of the estimated round-off.
+"""
+
+DIVERGENCE_GROWTH = 2.0
+"""Give up when large corrections grow by this factor with a new matrix.
+
+The iteration might end at another root.
+"""
+
+NOISE_DECAY = 0.9
+"""The observed round-off level decays by this factor per step."""
+
+
+@procedure
+def assess_correction(
+    newton: Newton,
+    iteration: int,
+    norm: float,
+    previous: float,
+    since: int,
+    *,
+    adaptive: bool,
+    constrained: bool = False,
+) -> Outcome:
+    """Decide by the norms of corrections if Newton's method has converged. Return DONE, PAUSED or DIVERGED.
+
+    PAUSED means that another correction is needed. `iteration` counts corrections from 0, and `since` the corrections
+    with the current matrix. `norm` is the size of this correction, and `previous` the size of the last one. The first
+    correction measures no contraction rate: the rate of the previous step is used. For a `constrained` step with error
+    control (`adaptive`), the rate `DIVERGENCE_RATE` is used instead: there the rate depends on the turning of the
+    constraints' gradients, and does not decrease with the step.
+    """
+    first = iteration == 0
+    measured = norm / previous
+    expected = DIVERGENCE_RATE if adaptive and constrained else newton.rate
+    rate = expected if first else measured
+    if is_small(newton, norm, math.inf if first else previous, rate, adaptive):
+        aged = smaller(newton.rate * RATE_INCREASE, LARGEST_RATE)
+        newton.rate = aged if first else larger(measured, LEAST_RATE)
+        schedule_matrix(newton, iteration, measured, adaptive)
+        return Outcome.DONE
+    if not first and not rate <= SLOW_RATE:
+        if adaptive:
+            if not rate <= DIVERGENCE_RATE:
+                return Outcome.DIVERGED
+        else:
+            old = since >= MATRIX_AGE
+            fresh = since >= 1 and not old
+            # With a new matrix, small corrections that do not decrease are rounding.
+            if fresh and rate >= STAGNATION_RATE and norm < STAGNATION_NORM:
+                newton.noise = 2.0 * norm
+                return Outcome.DONE
+            if fresh and rate >= DIVERGENCE_GROWTH and norm >= STAGNATION_NORM:
+                return Outcome.DIVERGED
+            if old:
+                request_matrix(newton)
+    return Outcome.PAUSED
+
+
+@inline
+def is_small(newton: Newton, norm: float, previous: float, rate: float, adaptive: bool) -> bool:
+    """Return True if the error of Newton's iterate is small enough, or two corrections are at rounding level.
+
+    The error is estimated from the sizes `norm` and `previous` of the last two corrections, and their
+    contraction `rate`. With error control, `adaptive`, only the estimate counts.
+    """
+    bound = TOLERANCE_FRACTION if adaptive else newton.noise * ROUND_OFF_FRACTION
+    small = norm * rate <= (1.0 - rate) * bound
+    return small if adaptive else small or larger(norm, previous) <= newton.noise
+
+
+@inline
+def schedule_matrix(newton: Newton, iteration: int, rate: float, adaptive: bool) -> None:
+    """Request a new matrix for the next step if the present one is outdated. Reduce the noise estimate slowly.
+
+    With error control (`adaptive`) a matrix is outdated if the contraction `rate` of the corrections is large. For
+    equal steps it is outdated by its age, sooner if the step took many corrections (`iteration`).
+    """
+    newton.age += 1
+    if adaptive:
+        outdated = iteration > 0 and rate > FRESH_RATE
+    else:
+        aged = iteration >= FEW_CORRECTIONS and newton.age >= MATRIX_AGE
+        outdated = aged or newton.age >= LARGEST_MATRIX_AGE
+        newton.noise = larger(newton.noise * NOISE_DECAY, 1.0)
+    if outdated:
+        request_matrix(newton)
+
+
+@inline
+def request_matrix(newton: Newton) -> None:
+    """Request that the matrix and the derivative of the law are computed again when they are needed next."""
+    newton.matrix_step = 0.0
+    newton.differentiated = 0
+
+
+@inline
+def predict(arguments: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
+    """Write the initial guess of the unknowns: by the formula of the method if it has one, else by extrapolation."""
+    work, newton, predicted = arguments.work, arguments.newtons[solve.index], solve.solve.predicted
+    unknowns, residual = work[solve.first :], work[solve.residual :]
+    if not solve.adaptive:
+        extrapolate(newton.order, differences_of(work, solve), unknowns, solve.all)
+    else:
+        vectors = vectors_of(arguments, t, h, layout, (), predicted, ratio=h / newton.old_step)
+        # The predicted unknowns are combinations of those of the previous step, which have the same numbers.
+        copy_vector(work[solve.history :], unknowns, solve.all)
+        for i, combination in enumerate(predicted):
+            vectors.combine(combination, residual[i * solve.width :])
+        if predicted:
+            copy_vector(residual, unknowns, solve.all)
+
+
+@inline
+def differences_of(work: Out, solve: SolveLayout) -> tuple[Writable[float], ...]:
+    """Return the arrays of backward differences of the unknowns; the first one has the unknowns themselves."""
+    return tuple([work[solve.history + k * solve.all :] for k in unrolled(HISTORY)])
+
+
+@inline
+def extrapolate(order: int, differences: tuple[Writable[float], ...], unknowns: Out, count: int) -> None:
+    """Write the sum of the first `order` backward differences to the unknowns, added from the highest rank on."""
+    for k in reversed(ORDERS):
+        if order == k:
+            for i in each(count, spill=True, disjoint=True):
+                total = differences[k - 1][i]
+                for difference in reversed(differences[: k - 1]):
+                    total = total + difference[i]
+                unknowns[i] = total
+
+
+@procedure(work=work_array)
+def keep_unknowns(newton: Newton, work: Out, *, layout: Layout, solve: SolveLayout) -> None:
+    """Store the unknowns of an accepted step for the extrapolation."""
+    if newton.solved == 1:
+        newton.solved = 0
+        unknowns, weights = work[solve.first :], work[solve.weights :]
+        if layout.step.control is not None:
+            copy_vector(unknowns, work[solve.history :], solve.all)
+            newton.known = 1
+        else:
+            differences = differences_of(work, solve)
+            of_1, of_3, of_6, of_12 = 0.0, 0.0, 0.0, 0.0
+            for i in each(solve.all, spill=True, disjoint=True):
+                weight = weights[i]
+                errors = update_differences(differences, unknowns[i], i)
+                error_1, error_3, error_6, error_12 = [error * weight for error in errors]
+                of_1 = fma(error_1, error_1, of_1)
+                of_3 = fma(error_3, error_3, of_3)
+                of_6 = fma(error_6, error_6, of_6)
+                of_12 = fma(error_12, error_12, of_12)
+            choose_order(newton, (of_1, of_3, of_6, of_12))
+        newton.old_step = newton.tried_step
+
+
+@inline
+def update_differences(differences: tuple[Writable[float], ...], value: float, i: int) -> list[float]:
+    """Write the backward differences for a new `value` of unknown i. Return the errors of all its guesses.
+
+    There is a guess for each of the `ORDERS`, by extrapolation.
+    """
+    errors: list[float] = []
+    for k, difference in enumerate(differences, 1):
+        old = difference[i]
+        difference[i] = value
+        value = value - old
+        errors = [*errors, value] if k in ORDERS else errors
+    return errors
+
+
+@inline
+def choose_order(newton: Newton, errors: tuple[float, ...]) -> None:
+    """Set the order of the next guess to that with the least error; `errors` are those of all `ORDERS`.
+
+    An order that has just become available is taken in any case.
+    """
+    known, following = newton.known, newton.known + 1
+    best, least = ORDERS[0], errors[0]
+    for k, error in zip(ORDERS[1:], errors[1:], strict=True):
+        is_better = following >= k and (known < k or error < least)
+        best, least = k if is_better else best, error if is_better else least
+    newton.known = min(following, HISTORY)
+    newton.order = best
+
 
 MOST_CORRECTIONS = 50
 """Largest number of corrections of an equal step; then Newton's method has not converged."""

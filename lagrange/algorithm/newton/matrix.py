@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 from lagrange.algorithm.linear.gauss_jordan import invert_matrix, row_stride
 from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.step.memory import Layout, SolveLayout
-from lagrange.algorithm.step.run import Running, running
+from lagrange.algorithm.step.memory import Layout, Running, SolveLayout, running
 from lagrange.algorithm.step.vectors import StepVectors, copy_vector, vectors_of
 from lagrange.graph.node import Node
 from lagrange.procedure.front.plain import inline, procedure

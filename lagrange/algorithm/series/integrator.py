@@ -26,7 +26,7 @@ from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.algorithm.series.written_out import WrittenJet
 from lagrange.algorithm.step.constants import LEAST_FLOOR
-from lagrange.algorithm.step.run import Counts, Run
+from lagrange.algorithm.step.memory import Counts, Run
 from lagrange.algorithm.taylor.constants import LEAST_MARGIN, SMALLEST_RTOL, STEP_MARGIN, TIGHT_RTOL
 from lagrange.algorithm.taylor.loop import taylor_steps
 from lagrange.algorithm.taylor.memory import JET, Held, OutputCounts, TaylorLayout, TaylorState

@@ -10,9 +10,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 from lagrange.algorithm.kernel.elimination import factored, solved, write_band
-from lagrange.algorithm.linear.inverse import invert, padded, work_size
-from lagrange.algorithm.linear.ldl import factor_size, invert_dense
-from lagrange.algorithm.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
+from lagrange.algorithm.linear.symmetric import (
+    band_size,
+    factor_pivoted,
+    factor_size,
+    invert,
+    invert_dense,
+    padded,
+    pivoted_size,
+    solve_pivoted,
+    work_size,
+)
 from lagrange.algorithm.series.rules import Term, fma, plus
 from lagrange.algorithm.series.vectors import entries, joined, put, wide
 from lagrange.equations.solve_plan import SolvePlan

@@ -10,8 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.step.memory import Layout
-from lagrange.algorithm.step.run import Running
+from lagrange.algorithm.step.memory import Layout, Running
 from lagrange.graph.node import Node
 from lagrange.procedure.front.plain import inline
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, operation, reals, unrolled

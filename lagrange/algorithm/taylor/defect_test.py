@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
-from lagrange.algorithm.step.run import FUNCTION, Counts, Run
+from lagrange.algorithm.step.memory import FUNCTION, Counts, Run
 from lagrange.algorithm.taylor.constants import EVENT_SLACK, PROBES
 from lagrange.algorithm.taylor.event_series import event_noise
 from lagrange.algorithm.taylor.memory import (

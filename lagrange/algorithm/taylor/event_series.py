@@ -15,10 +15,9 @@ from typing import Any
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.events.constants import JUMP, MOST_COEFFICIENTS, POLYNOMIAL_NOISE, SURELY
-from lagrange.algorithm.events.halving import sign_of
-from lagrange.algorithm.events.polynomial import approach, inverse_cubic, pad
-from lagrange.algorithm.events.scaling import is_plain, is_plain_step
-from lagrange.algorithm.step.run import FUNCTION
+from lagrange.algorithm.events.polynomial import approach, inverse_cubic, is_plain, is_plain_step, pad
+from lagrange.algorithm.events.roots import sign_of
+from lagrange.algorithm.step.memory import FUNCTION
 from lagrange.algorithm.taylor.constants import EVENT_SLACK, RADIUS_FRACTION, ROW_DISTANCE
 from lagrange.algorithm.taylor.memory import TaylorLayout, row, work_type
 from lagrange.algorithm.taylor.watching import (

@@ -13,7 +13,7 @@ from lagrange.algorithm.compensated import compensated
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.projection import project
 from lagrange.algorithm.step.constants import EARLIEST, MOST_SURVEYS, SPACING, STRETCH_TO_END
-from lagrange.algorithm.step.run import Counts, Run
+from lagrange.algorithm.step.memory import Counts, Run
 from lagrange.algorithm.taylor.constants import STEP_GROWTH
 from lagrange.algorithm.taylor.defect_test import (
     defect_along_step,

@@ -11,7 +11,7 @@ from typing import Any
 
 from lagrange.algorithm.events.constants import CLOSEST, MOST_COEFFICIENTS
 from lagrange.algorithm.step.constants import EARLIEST
-from lagrange.algorithm.step.run import Counts
+from lagrange.algorithm.step.memory import Counts
 from lagrange.algorithm.taylor.constants import EVENT_SLACK
 from lagrange.algorithm.taylor.event_series import comparable_unit, copy_series, start_of_series, write_noise
 from lagrange.algorithm.taylor.memory import JET, TaylorState, layout_of, work_type

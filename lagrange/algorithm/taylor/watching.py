@@ -14,7 +14,7 @@ from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.events.constants import MOST_COEFFICIENTS
 from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.projection import CORRECTIONS
-from lagrange.algorithm.step.run import FUNCTION, Counts, Run
+from lagrange.algorithm.step.memory import FUNCTION, Counts, Run
 from lagrange.algorithm.taylor.memory import (
     JET,
     Held,

@@ -12,7 +12,7 @@ from numpy.polynomial.polynomial import polyval
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import StepPolynomial, block_size
-from lagrange.algorithm.dense.series import series_polynomial
+from lagrange.algorithm.dense.polynomials import series_polynomial
 from lagrange.machine.backend import BlockPolynomial, FloatArray, Kernel, Places, SingularMassMatrix
 from lagrange.machine.python_source import arrays_loaded, loaded
 from lagrange.procedure.form import Procedure

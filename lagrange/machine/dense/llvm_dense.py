@@ -18,8 +18,8 @@ import numpy as np
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import POLYNOMIAL, StepPolynomial, block_size
 from lagrange.algorithm.dense.evaluate import outputs, polynomials
-from lagrange.algorithm.dense.series import series_polynomial
-from lagrange.algorithm.linear.columns import invert_columns
+from lagrange.algorithm.dense.polynomials import series_polynomial
+from lagrange.algorithm.linear.gauss_jordan import invert_columns
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.machine.backend import BlockPolynomial, FloatArray, Places, SingularMassMatrix
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel

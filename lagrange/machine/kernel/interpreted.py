@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.linear.pivoted import PIVOT, PREFERENCE
+from lagrange.algorithm.linear.symmetric import PIVOT, PREFERENCE
 from lagrange.graph.evaluate import DOUBLE_FUNCTIONS
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.program.program import Program
@@ -146,7 +146,7 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
 def _scale(a: FloatArray) -> FloatArray:
     """Return the factors (n, k) by which rows and columns of k symmetric matrices are scaled before elimination.
 
-    `a` has the matrices (n, n, k). The factors are the same as in `lagrange.algorithm.linear.pivoted`. If a matrix is
+    `a` has the matrices (n, n, k). The factors are the same as in `lagrange.algorithm.linear.symmetric`. If a matrix is
     not definite they are powers of two, so that scaling does not round.
     """
     diagonal, size = np.abs(np.einsum("iik->ik", a)), np.abs(a)

@@ -15,10 +15,9 @@ import numpy as np
 from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.engine import Module
+from lagrange.machine.llvm.engine import Module, TieredModule
 from lagrange.machine.llvm.operations import argument_type, result_type, separated
 from lagrange.machine.llvm.procedures import declaration, function, joined
-from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure, transitive_callees
 
 _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lagrange.algorithm.linear.pivoted import PIVOT
+from lagrange.algorithm.linear.symmetric import PIVOT
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.kernel.interpreted import FLOATS

@@ -15,7 +15,7 @@ from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
 from lagrange.machine.copies import Shared
 from lagrange.machine.dense.interpreted_dense import NumpyDense, write_series
 from lagrange.machine.kernel.python_kernel import kernel_in_python
-from lagrange.machine.printed_run import PrintedProcedure
+from lagrange.machine.python_source import PrintedProcedure
 from lagrange.machine.series.interpreted_jet import Jet
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram

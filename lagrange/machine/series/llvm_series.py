@@ -20,7 +20,7 @@ import llvmlite.binding as llvm
 import numpy as np
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
-from lagrange.algorithm.linear.inverse import invert
+from lagrange.algorithm.linear.symmetric import invert
 from lagrange.algorithm.series.by_order import ByOrderJet, Row, by_order_scratch
 from lagrange.algorithm.series.cost import cheapest_order, is_large
 from lagrange.algorithm.series.jet import NAME as JET_NAME
@@ -38,12 +38,11 @@ from lagrange.machine.dense.llvm_dense import LlvmDense, of_series
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel, cached_kernel
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.called import CompiledProcedure
-from lagrange.machine.llvm.engine import Module, calling_solver, linear_solver
+from lagrange.machine.llvm.engine import Module, TieredModule, calling_solver, linear_solver
 from lagrange.machine.llvm.procedures import declaration
 from lagrange.machine.llvm.procedures import function as procedure_ir
 from lagrange.machine.llvm.procedures import joined as module_ir
 from lagrange.machine.llvm.processor import lanes
-from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.machine.series.constants import constants
 from lagrange.procedure.form import Procedure, transitive_callees
 from lagrange.program.program import Program

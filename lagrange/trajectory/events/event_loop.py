@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lagrange.algorithm.dense.hermite import hermite_polynomial
+from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.algorithm.events.step_zeros import ANYHOW, UNKNOWN
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.node import Binding

@@ -13,7 +13,7 @@ from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbatio
 from lagrange.algorithm.taylor import event_series
 from lagrange.algorithm.taylor.constants import EVENT_SLACK
 from lagrange.machine.backend import Series, SingularMassMatrix
-from lagrange.machine.printed_run import called
+from lagrange.machine.python_source import called
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.trajectory import FloatArray
 

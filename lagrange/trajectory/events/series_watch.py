@@ -14,8 +14,8 @@ import numpy as np
 
 from lagrange.algorithm.taylor.event_series import comparable_unit
 from lagrange.machine.backend import Series, SingularMassMatrix
+from lagrange.machine.drivers import SeriesDriver
 from lagrange.machine.event_memory import EventMemory
-from lagrange.machine.series.driver import SeriesDriver
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact, reset_state
 from lagrange.trajectory.events.end_messages import (

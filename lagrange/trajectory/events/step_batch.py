@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.events.chebyshev import COARSE, DEGREE, nodes, to_chebyshev
 from lagrange.algorithm.events.constants import CERTAINTY, DENSE_ROUND_OFF, NOISE, TAIL
+from lagrange.algorithm.events.step_samples import COARSE, DEGREE, nodes, to_chebyshev
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.machine.backend import Kernel, Places
 from lagrange.trajectory.trajectory import FloatArray

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.events.chebyshev import DEGREE, nodes, to_chebyshev, to_powers
 from lagrange.algorithm.events.constants import (
     DEEPEST_HALVING,
     EPSILON,
@@ -26,7 +25,8 @@ from lagrange.algorithm.events.constants import (
     UNFIT,
 )
 from lagrange.algorithm.events.roots import roots as procedure
-from lagrange.machine.printed_run import called
+from lagrange.algorithm.events.step_samples import DEGREE, nodes, to_chebyshev, to_powers
+from lagrange.machine.python_source import called
 from lagrange.trajectory.events.step_batch import Sample, StepBatch, certain
 from lagrange.trajectory.trajectory import FloatArray
 

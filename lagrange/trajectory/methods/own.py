@@ -18,7 +18,7 @@ from typing import Any, NoReturn, Self
 import numpy as np
 
 from lagrange.errors import StatementError, shown
-from lagrange.machine.steps.driver import numbers_of
+from lagrange.machine.drivers import numbers_of
 from lagrange.program.step import StepProgram, TracedVector, trace
 from lagrange.statement.expression import text, whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr

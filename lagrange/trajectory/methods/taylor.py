@@ -12,9 +12,9 @@ from lagrange.algorithm.taylor.constants import LEAST_MARGIN, LOWEST_ORDER, SMAL
 from lagrange.errors import StatementError, formula, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series, SingularMassMatrix
+from lagrange.machine.drivers import SeriesDriver
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
-from lagrange.machine.series.driver import SeriesDriver
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact, root_of
 from lagrange.trajectory.events.actions import impacts as impacts_of

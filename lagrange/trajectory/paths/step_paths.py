@@ -11,8 +11,7 @@ from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from lagrange.algorithm.dense.block import StepPolynomial
-from lagrange.algorithm.dense.hermite import hermite_polynomial
-from lagrange.algorithm.dense.runge_kutta import runge_kutta_polynomial
+from lagrange.algorithm.dense.polynomials import hermite_polynomial, runge_kutta_polynomial
 from lagrange.machine.backend import DensePath, FloatArray, Places, Series
 from lagrange.machine.model import Model
 from lagrange.trajectory.integrator import Problem

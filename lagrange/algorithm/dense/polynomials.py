@@ -1,9 +1,12 @@
-"""Dense output of any method: Hermite's cubic through both ends of a step, raised by Picard's iteration.
+"""Dense output of explicit steps and of Taylor steps: Hermite's cubic raised by Picard's iteration, stages, series.
 
-The integral of the right-hand side along a path of order p is a path of order p + 1. Its difference from the state at
-the end is distributed over the step by a cubic that is flat at both ends. So the path meets both ends with their
-slopes, and needs only the right-hand side. On long steps, such as those of implicit methods, the iteration may diverge.
-Then the path is the best one so far, possibly the cubic.
+Any method: the integral of the right-hand side along a path of order p is a path of order p + 1. Its difference from
+the state at the end is distributed over the step by a cubic that is flat at both ends. So the path meets both ends with
+their slopes, and needs only the right-hand side. On long steps, such as those of implicit methods, the iteration may
+diverge. Then the path is the best one so far, possibly the cubic.
+
+A Runge-Kutta method: its stages are computed again, and their weighted sums are the coefficients. A Taylor step: the
+series is computed again at the start of the step.
 
 Source: W. H. Enright, K. R. Jackson, S. P. Norsett, P. G. Thomsen, Interpolants for Runge-Kutta formulas, ACM Trans.
 Math. Softw. 12, 1986, with Chebyshev's nodes in place of theirs.
@@ -11,6 +14,8 @@ Math. Softw. 12, 1986, with Chebyshev's nodes in place of theirs.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,8 +31,9 @@ from lagrange.algorithm.dense.block import (
     steps_in,
     weighted,
 )
+from lagrange.algorithm.taylor.memory import JET
 from lagrange.procedure.front.plain import inline, procedure
-from lagrange.procedure.front.vocabulary import In, Out, fma, magnitude
+from lagrange.procedure.front.vocabulary import In, Out, exponent, fma, magnitude, mantissa, two_to
 from lagrange.procedure.shared import shared
 
 FloatArray = NDArray[np.float64]
@@ -245,3 +251,108 @@ def integrals(count: int) -> FloatArray:
     """Return the matrix from changes of slopes at the nodes to changes of states there."""
     powers = nodes(count)[:, None] ** np.arange(count + 2)
     return np.asarray(powers @ weights(count).T)
+
+
+STAGES_ROOM = Room(vectors=2, rows=1)
+
+
+def runge_kutta_polynomial(rows: FloatArray, abscissae: FloatArray, weights: FloatArray) -> StepPolynomial:
+    """Return the dense output y(t + theta h) = y + h sum_j b_j(theta) k_j, b_j = sum_m weights[j][m] theta**(m+1).
+
+    `rows` (s, s) and `abscissae` (s,) include the additional stages of the dense output. The degree is at least 2, for
+    the parabola on a step without a slope at its end.
+    """
+    stages, powers = weights.shape
+    degree = max(2, powers)
+    padded = np.zeros((stages, degree))
+    padded[:, :powers] = weights
+    table = np.concatenate([abscissae, rows.ravel(), padded.T.ravel()])
+    return StepPolynomial(runge_kutta, STAGES_ROOM, degree, stages, table, vectors=stages)
+
+
+@procedure(block=block_type)
+def runge_kutta(block: PolynomialBlock) -> None:
+    """Write the polynomials of a block of steps from the stages of a method.
+
+    The table has the abscissae, the rows, and the weights for each power of theta. The weights add up to theta, so that
+    only differences of slopes from the first slope enter: weights of some hundred then multiply less rounding. If a
+    slope has no value, the step has no path, even if its coefficients are zero.
+    """
+    step = steps_in(block.own, block.dimension, block.columns)
+    total, stages, out = block.total, block.stages, block.out
+    (h, moved), (time,), slopes = block.lay_out(STAGES_ROOM)
+    rows = block.table[stages:]
+    weights = rows[stages * stages :]
+    block.spread(step.h, h)
+    block.slopes(step.t, step.y, slopes)
+    for i in range(1, stages):
+        c, row = block.table[i], rows[i * stages :]
+        for b in block.each_column():
+            time[b] = fma(step.h[b], c, step.t[b])
+        for x in block.entries():
+            moved[x] = fma(h[x], weighted(0.0, slopes, total, x, row, 0, i), step.y[x])
+        block.slopes(time, moved, slopes[i * total :])
+    for i in range(1, stages):
+        slope = slopes[i * total :]
+        for x in block.entries():
+            slope[x] = slope[x] - slopes[x]
+    for power in range(block.degree):
+        line, coefficients = weights[power * stages :], out[(power + 1) * total :]
+        for x in block.entries():
+            coefficients[x] = h[x] * weighted(0.0, slopes, total, x, line, 1, stages)
+    linear = out[total:]
+    for x in block.entries():
+        out[x] = step.y[x]
+        first = h[x] * slopes[x]
+        moved[x] = first
+        linear[x] = linear[x] + first
+    mend(block, moved)
+
+
+HALF = 2**0.5
+"""Mantissa of a step length from which its time scale is the next larger power of two."""
+
+
+@procedure(jet=lambda: JET)
+def series_polynomial(
+    jet: Callable[..., bool],
+    prepared: In,
+    constants: In,
+    order: int,
+    width: int,
+    padded: int,
+    dimension: int,
+    columns: int,
+    own: In,
+    _beside: In,
+    work: Out,
+    out: Out,
+) -> None:
+    """Write the Taylor polynomials of a block of steps to `out`, by powers; NaN if a matrix is singular.
+
+    `own` has the steps as `OwnStep`. The procedure `jet` computes the Taylor coefficients up to `order` from
+    the numbers `prepared` and `constants`. The work memory has the state and its rounding error (zero), each of
+    `padded` doubles. A row of coefficients for each power follows; the rows are `width` doubles apart.
+    """
+    step, rows, total = steps_in(own, dimension, columns), work[padded * 2 :], dimension * columns
+    for i in range(padded * 2):
+        work[i] = 0.0
+    for b in range(columns):
+        h = step.h[b]
+        scale = nearest_scale(h)
+        for j in range(dimension):
+            work[j] = step.y[j * columns + b]
+        singular = jet(step.t[b], scale, work, prepared, constants, rows, order)
+        ratio = h / scale
+        power = math.nan if singular else 1.0
+        for k in range(order + 1):
+            for j in range(dimension):
+                out[k * total + j * columns + b] = rows[k * width + j] * power
+            power *= ratio
+
+
+@inline
+def nearest_scale(h: float) -> float:
+    """Return the power of two nearest to the length of a step, 1 for length zero."""
+    power = exponent(h)
+    return 1.0 if h == 0.0 else two_to(power + 1 if mantissa(h) > HALF else power)

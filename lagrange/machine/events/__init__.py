@@ -1,1 +1,0 @@
-"""Events along steps in machine code."""
