@@ -14,18 +14,7 @@ from numpy.typing import NDArray
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.taylor.constants import MOST_SURFACES
-from lagrange.algorithm.taylor.watching import (
-    COUNT,
-    MOST_ZEROS,
-    NEAR,
-    SETTINGS,
-    SIDES,
-    SIGN,
-    STARTING,
-    WATCH,
-    due_part,
-    scratch_sizes,
-)
+from lagrange.algorithm.taylor.watching import MOST_ZEROS, PARTS, SETTINGS, SIDES, WATCH, scratch_sizes
 from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.step_events import Reaction
 from lagrange.program.series import SeriesProgram
@@ -57,7 +46,7 @@ def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
     """
     rows = [(r.direction, r.terminal, r.first, len(r.entries), int(r.root), int(r.smooth)) for r in reactions]
     settings = [x for block in zip(*rows, strict=True) for x in block]
-    if len(settings) != SETTINGS * len(reactions):
+    if len(settings) != len(SETTINGS) * len(reactions):
         raise AssertionError("there is a block for each setting")
     return np.array([*settings, *(entry for r in reactions for entry in r.entries), 0], dtype=np.int64)
 
@@ -85,7 +74,7 @@ class EventMemory:
         room = max(TAYLOR_EVENT_ROOM, MOST_ZEROS * self.count)
         self.record: Any = WATCH.structure(surfaces=surfaces, changing=int(changing), room=room, changed=-np.inf)
         self.tilts = _tilts(dimension)
-        self.sides = np.zeros(2 * SIDES * self.count, dtype=np.int64)
+        self.sides = np.zeros(2 * len(SIDES) * self.count, dtype=np.int64)
         self.settings = _settings((*[Reaction()] * surfaces, *reactions))
         self.times = np.empty(room)
         self.states = np.empty(room * dimension + WIDEST_VECTOR)
@@ -146,39 +135,21 @@ class EventMemory:
         count, self.record.switches = self.record.switches, 0
         return list(zip(self.switch_rows[:count].tolist(), self.switch_combinations[:count].tolist(), strict=True))
 
-    def _block(self, which: int, *, before: bool = False) -> NDArray[np.int64]:
-        start = (which + SIDES * before) * self.count
-        return self.sides[start : start + self.count]
+    def __getattr__(self, name: str) -> NDArray[np.int64]:
+        """Return a part of `sides` or `whole_scratch` by its name in `PARTS`: an entry for each watched function."""
+        array, begin = PARTS.get(name, ("", 0))
+        if array not in ("sides", "whole_scratch"):
+            raise AttributeError(name)
+        block: NDArray[np.int64] = getattr(self, array)[begin * self.count :][: self.count]
+        return block
 
-    @property
-    def signs(self) -> NDArray[np.int64]:
-        """Sign of each watched function before the next step: its last sign for a value larger than rounding noise."""
-        return self._block(SIGN)
-
-    @property
-    def nears(self) -> NDArray[np.int64]:
-        """1 for each watched function that came near zero since its last clear sign, else 0."""
-        return self._block(NEAR)
-
-    @property
-    def starting(self) -> NDArray[np.int64]:
-        """1 for each watched function that starts at zero, else 0."""
-        return self._block(STARTING)
-
-    @property
-    def counts(self) -> NDArray[np.int64]:
-        """Number of events so far, for each watched function."""
-        return self._block(COUNT)
-
-    @property
-    def due(self) -> list[tuple[int, int]]:
-        """Watched functions that are zero at the present state, as pairs (index, direction).
+    def zeros_now(self) -> list[tuple[int, int]]:
+        """Return the watched functions that are zero at the present state, as pairs (index, direction).
 
         The direction is 1 or -1 for a change of sign, and 0 for a function that touches zero. The list is empty unless
         one of the functions changes the motion.
         """
-        indices, directions = (self.whole_scratch[self.count * due_part(i) :][: self.record.due] for i in (0, 1))
-        return list(zip(indices.tolist(), directions.tolist(), strict=True))
+        return list(zip(*(part[: self.record.due].tolist() for part in (self.due, self.due_directions)), strict=True))
 
     @property
     def mark(self) -> tuple[int, float, float]:

@@ -295,7 +295,7 @@ class Builder:
         """Return the part of an array from index `start` on."""
         first, ref = self.operand(start, WHOLE), self.unused()
         self.add(form.Part(ref, memory.ref, first))
-        return Memory(self, ref, Array(memory.array.kind, None, memory.array.read, memory.array.room))
+        return Memory(self, ref, Array(memory.array.kind, None, memory.array.read, memory.array.room), memory.root)
 
     def copy(
         self,

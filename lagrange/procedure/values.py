@@ -146,12 +146,18 @@ class Variable:
 
 
 class Memory:
-    """An array, read and written by index. `at` returns the part from an index on."""
+    """An array, read and written by index. `a[start:]` and `a.at(start)` are the part from an index on.
 
-    def __init__(self, builder: Builder, ref: int, array: Array) -> None:
+    `root` is the id of the whole array, for a part of an array.
+    """
+
+    def __init__(self, builder: Builder, ref: int, array: Array, root: int | None = None) -> None:
         self.builder, self.ref, self.array = builder, ref, array
+        self.root = ref if root is None else root
 
     def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return self.at(index.start) if index.start is not None else self
         index_ref, kind = self.builder.operand(index, WHOLE), self.array.kind
         return self.builder.made(kind, lambda ref: form.Load(ref, kind, self.ref, index_ref))
 

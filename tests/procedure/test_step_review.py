@@ -135,7 +135,7 @@ def test_machine_code_takes_steps_with_events_as_the_interpreter_does(
         made.append(Compared(procedure))
         return made[-1]
 
-    monkeypatch.setattr("lagrange.machine.events.llvm_event_steps.compiled", compare)
+    monkeypatch.setattr("lagrange.machine.llvm_machine.compiled", compare)
     monkeypatch.setattr("lagrange.trajectory.events.event_loop.WORTH_COMPILING", 0)
     options: dict[str, Any] = {"step": 0.25} if name in ("rk4", "gauss2") else {"rtol": 1e-5, "atol": 1e-5}
     several = [y, event(x.dot, direction=-1), Abs(x) - 0.07, sin(5 * t) - y]

@@ -13,7 +13,7 @@ from typing import Any
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.taylor.memory import Sizes, TaylorLayout, TaylorState
-from lagrange.algorithm.taylor.watching import MOST_ZEROS, SIDES, Watch, Watched, due_part, scratch_sizes
+from lagrange.algorithm.taylor.watching import MOST_ZEROS, PARTS, SIDES, Watch, Watched, scratch_sizes
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.front.plain import inline
 from lagrange.procedure.front.vocabulary import (
@@ -147,7 +147,7 @@ class EventSearch:
         events = reals(MEMBER_EVENT_ROOM), states, wholes(MEMBER_EVENT_ROOM), wholes(1)
         scratch = reals(real_count, room=WIDEST_VECTOR), wholes(whole_count)
         seen = self.occurrences.memory()
-        return SearchMemory(Watch(), wholes(2 * SIDES * count), *events, *scratch, seen, wholes(1))
+        return SearchMemory(Watch(), wholes(2 * len(SIDES) * count), *events, *scratch, seen, wholes(1))
 
     @inline
     def arguments(self, memory: SearchMemory, job: Any, numbers: In) -> Watched:
@@ -167,7 +167,7 @@ class EventSearch:
         watch.changing, watch.room = int(events.changing), MEMBER_EVENT_ROOM
         watch.hides_growth, watch.steep = int(events.hides_growth), int(events.steep)
         watch.changed = -math.inf
-        for i in each(2 * SIDES * events.count, width=1):
+        for i in each(2 * len(SIDES) * events.count, width=1):
             memory.sides[i] = 0
         self.occurrences.begin(memory.seen)
         memory.taken[0] = 0
@@ -188,7 +188,7 @@ class EventSearch:
     @inline
     def due(self, memory: SearchMemory) -> int:
         """Return the index of the watched function listed first among those that are zero at the end of the step."""
-        return memory.whole_scratch[self.events.count * due_part(0)]
+        return memory.whole_scratch[self.events.count * PARTS["due"][1]]
 
     @inline
     def is_ended(self, memory: SearchMemory, outcome: int, unproven: int, last: bool) -> bool:

@@ -11,30 +11,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.events.constants import JUMP, MOST_COEFFICIENTS, POLYNOMIAL_NOISE, SURELY
-from lagrange.algorithm.events.polynomial import approach, inverse_cubic, is_plain, is_plain_step, pad
+from lagrange.algorithm.events.polynomial import PADDED, approach, inverse_cubic, is_plain, is_plain_step, pad
 from lagrange.algorithm.events.roots import sign_of
 from lagrange.algorithm.step.memory import FUNCTION
 from lagrange.algorithm.taylor.constants import EVENT_SLACK, RADIUS_FRACTION, ROW_DISTANCE
-from lagrange.algorithm.taylor.memory import TaylorLayout, row, work_type
-from lagrange.algorithm.taylor.watching import (
-    NEAR,
-    SIDES,
-    SIGN,
-    SMOOTH,
-    STARTING,
-    TERM_SUMS,
-    Watched,
-    moved_state,
-    own_numbers,
-    real_part,
-    setting,
-    side,
-    watched_type,
-)
+from lagrange.algorithm.taylor.memory import TaylorLayout, work_type
+from lagrange.algorithm.taylor.watching import COLUMN, TERM_SUMS, Opened, Watched, watched_type
 from lagrange.procedure.form import PARTIAL, Array
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import (
@@ -51,7 +36,6 @@ from lagrange.procedure.front.vocabulary import (
     reals,
     record,
     smaller,
-    unrolled,
 )
 
 EVENT_NOISE = 4 * 2.0**-52 / 2.0**-26
@@ -103,14 +87,13 @@ def event_noise(
 
 
 @inline
-def write_noise(watched: Watched, numbers: In, t: float, state: In, layout: Any) -> None:
+def write_noise(view: Opened, numbers: In, t: float, state: In) -> None:
     """Write the noise of the watched functions to the scratch memory: their changes by rounding of the `state`.
 
     The scratch memory must contain their values at the `state`. `numbers` are their prepared parameters.
     """
-    values, noise = real_part(watched, "values", layout), real_part(watched, "noise", layout)
-    sizes, moved = (layout.dimension, layout.watched), moved_state(watched, layout)
-    event_noise(watched.values, numbers, watched.tilts, t, *sizes, state, values, noise, moved)
+    sizes = view.layout.dimension, view.layout.watched
+    event_noise(view.watched.values, numbers, view.tilts, t, *sizes, state, view.values, view.noise, view.moved)
 
 
 @procedure(apart=True)
@@ -395,6 +378,20 @@ def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> 
 
 
 @inline
+def column_of(view: Opened, i: int) -> tuple[bool, In]:
+    """Return whether the coefficients of watched function i are finite, and the coefficients, in adjacent memory."""
+    c = view.columns[i * COLUMN :]
+    is_finite = read_column(view.rows[i:], view.layout.width, view.order, c, view.coefficient_counts[i:])
+    return is_finite, c
+
+
+@inline
+def terms_of(view: Opened, i: int) -> tuple[Out, Out, Out]:
+    """Return the memory for the terms of watched function i on a step, for the terms times their orders, and sums."""
+    return view.terms[i * PADDED :], view.slopes[i * PADDED :], view.sums[i * len(TERM_SUMS) :]
+
+
+@inline
 def copy_series(rows: In, width: int, count: int, c: Out) -> bool:
     """Copy `count` coefficients of a watched function from rows to `c`. Return True if they are finite.
 
@@ -454,35 +451,31 @@ def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layou
     `length` is the length of that step in units of the time scale. Functions that may jump are excluded: their
     sign may change without a zero.
     """
-    is_doubted = False
+    view, is_doubted = Opened(watched, layout), False
     for i in range(layout.watched):
-        is_other = changes_side(watched, i, length, layout)
+        is_other = changes_side(view, i, length)
         is_doubted = is_doubted or is_other
     if likely(not is_doubted):
         return False
-    values, noise = real_part(watched, "values", layout), real_part(watched, "noise", layout)
-    first = row(watched.work, 0, layout)[layout.watched_at :]
     for i in range(layout.watched):
-        values[i] = first[i]
-    write_noise(watched, own_numbers(watched), t, watched.work, layout)
+        view.values[i] = view.rows[i]
+    write_noise(view, view.numbers, t, watched.work)
     # The error of the state is its rounding times the ratio of tolerance to rounding.
     slack = EVENT_SLACK * fma(rtol, 2.0**50, 1.0)
     is_wrong = False
     for i in range(layout.watched):
-        is_other = changes_side(watched, i, length, layout)
-        is_far = abs(values[i]) > slack * noise[i]
+        is_other = changes_side(view, i, length)
+        is_far = abs(view.values[i]) > slack * view.noise[i]
         is_wrong = is_wrong or (is_other and is_far)
     return is_wrong
 
 
 @inline
-def changes_side(watched: Watched, i: int, length: float, layout: TaylorLayout) -> bool:
+def changes_side(view: Opened, i: int, length: float) -> bool:
     """Return True if watched function i has changed its sign on the last step by more than its slope explains.
 
     Functions that may jump are excluded. `length` is the length of the step in units of the time scale.
     """
-    value, slope = [row(watched.work, k, layout)[layout.watched_at :][i] for k in unrolled(2)]
-    started, near = watched.sides[layout.watched * (SIDES + STARTING) :][i], side(watched, NEAR, layout)[i]
-    sign, smooth = side(watched, SIGN, layout)[i], setting(watched, SMOOTH, i, layout)
-    is_settled = near == 0 and smooth != 0 and started == 0
+    value, slope, sign = view.rows[i], view.rows[view.layout.width :][i], view.signs[i]
+    is_settled = view.nears[i] == 0 and view.smooth[i] != 0 and view.kept_starting[i] == 0
     return is_settled and float(sign) * value < 0.0 and abs(value) > JUMP * abs(slope) * length

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.algorithm.events.constants import JUMP, TOGETHER
-from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.events.roots import roots, sort_zeros
 from lagrange.algorithm.taylor.constants import EVENT_SLACK
 from lagrange.algorithm.taylor.defect_test import verified_step
 from lagrange.algorithm.taylor.event_series import (
     LATE,
+    column_of,
     event_terms,
     is_balanced,
     keeps_sign,
@@ -23,39 +23,14 @@ from lagrange.algorithm.taylor.event_series import (
     only_passage,
     only_zero,
     reach,
-    read_column,
     safe_step,
+    terms_of,
     vanishes,
     write_noise,
 )
-from lagrange.algorithm.taylor.memory import RecordedLayout, TaylorState, layout_of, row
+from lagrange.algorithm.taylor.memory import RecordedLayout, TaylorState, row
 from lagrange.algorithm.taylor.sums import state_on_step
-from lagrange.algorithm.taylor.watching import (
-    COLUMN,
-    COUNT,
-    DIRECTION,
-    MOST_ZEROS,
-    NEAR,
-    RESET_SIZE,
-    SIDES,
-    SIGN,
-    STARTING,
-    TERM_SUMS,
-    Watch,
-    Watched,
-    counts_as_event,
-    is_event,
-    is_last,
-    moved_state,
-    new_entries,
-    own_numbers,
-    real_part,
-    setting,
-    side,
-    watched_type,
-    whole_part,
-    write_event,
-)
+from lagrange.algorithm.taylor.watching import MOST_ZEROS, Opened, Watch, Watched, opened, watched_type
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
@@ -93,12 +68,12 @@ class Zeros:
 
 
 @inline
-def zeros_of(watched: Watched, number: int, layout: Any) -> Zeros:
+def zeros_of(view: Opened, number: int) -> Zeros:
     """Return one of the two lists of zeros in the scratch memory; `number` is 0 or 1."""
-    times = real_part(watched, "times", layout, number * MOST_ZEROS)
-    indices, directions = [whole_part(watched, "zeros", layout, (2 * number + i) * MOST_ZEROS) for i in (0, 1)]
-    signs, nears = [whole_part(watched, "ends", layout, 2 * number + i) for i in (0, 1)]
-    return Zeros(times, indices, directions, signs, nears)
+    count, ends = view.layout.watched, view.ends
+    size = count * MOST_ZEROS
+    indices, directions = [view.zeros[size * (2 * number + i) :] for i in (0, 1)]
+    return Zeros(view.times[size * number :], indices, directions, *[ends[count * (2 * number + i) :] for i in (0, 1)])
 
 
 @procedure(apart=True, watched=watched_type)
@@ -113,12 +88,9 @@ def zeros_on_step(
     There, simultaneous zeros are clearly passed. `stored_length` is that of the step whose terms are stored.
     `last` is true if the run ends at the end of the step.
     """
-    layout = layout_of(watched.sizes)
-    before, came_near = whole_part(watched, "sides", layout), whole_part(watched, "sides", layout, 1)
-    surfaces = watched.watch.surfaces
-    count, far = 0, s
-    for i in range(layout.watched):
-        zeros.signs[i], zeros.nears[i] = before[i], came_near[i]
+    view, count, far = opened(watched), 0, s
+    for i in range(view.layout.watched):
+        zeros.signs[i], zeros.nears[i] = view.start_signs[i], view.start_nears[i]
         if doubtful[i] != 0.0:
             more = find_zeros(i, count, far, s, stored_length, last, zeros, watched)
             if more < 0:
@@ -126,11 +98,11 @@ def zeros_on_step(
             for j in range(count, count + more):
                 zeros.places[j] = i
             if until:
-                size, counted = setting(watched, RESET_SIZE, i, layout), setting(watched, DIRECTION, i, layout)
+                size, counted = view.reset_sizes[i], view.directions[i]
                 for j in range(count, count + more):
                     direction, at = zeros.directions[j], zeros.times[j]
                     resets = size > 0 and (counted == 0 or counted == direction)
-                    changes = direction != 0 if i < surfaces else resets
+                    changes = resets if view.is_event(i) else direction != 0
                     end = at + larger(at, SEARCH_MARGIN * s)
                     far = end if changes and end < far else far
             count += more
@@ -149,27 +121,25 @@ def find_zeros(
     close. `step` is the length of the step, and `stored_length` that for which terms are stored. `last` is true
     if the run ends at its end.
     """
-    layout, order = layout_of(watched.sizes), watched.order
-    rows = row(watched.work, 0, layout)[layout.watched_at :]
-    sign, is_near = whole_part(watched, "sides", layout)[i], whole_part(watched, "sides", layout, 1)[i] != 0
-    begins, noise = side(watched, STARTING, layout)[i] != 0, real_part(watched, "noise", layout)[i]
-    sums = real_part(watched, "sums", layout)[i * len(TERM_SUMS) :]
-    terms, slopes = [real_part(watched, part, layout)[i * PADDED :] for part in ("terms", "slopes")]
-    c, counts = real_part(watched, "columns", layout)[i * COLUMN :], whole_part(watched, "counts", layout)
-    answer = 2
-    is_smooth = not begins and not is_near
+    view, order = opened(watched), watched.order
+    sign, is_near = view.start_signs[i], view.start_nears[i] != 0
+    begins, noise = view.starting[i] != 0, view.noise[i]
+    terms, slopes, sums = terms_of(view, i)
+    answer, is_smooth = 2, not begins and not is_near
     if likely(is_smooth and s == stored_length):
         answer = only_zero(s, order, sign, noise, terms, sums)
     else:
-        if not read_column(rows[i:], layout.width, order, c, counts[i:]):
+        is_finite, c = column_of(view, i)
+        if not is_finite:
             return -1
-        if is_smooth and keeps_sign(c, counts[i], s, noise, float(sign)):
+        if is_smooth and keeps_sign(c, view.coefficient_counts[i], s, noise, float(sign)):
             answer = 0
     if unlikely(answer == 2):
-        if not read_column(rows[i:], layout.width, order, c, counts[i:]):
+        is_finite, c = column_of(view, i)
+        if not is_finite:
             return -1
         first, allowed = int(begins), 0.0 if begins else noise
-        series, size = c[first:], counts[i] - first
+        series, size = c[first:], view.coefficient_counts[i] - first
         at_end, times, directions = last and s == step, zeros.times[to:], zeros.directions[to:]
         more, zeros.signs[i], comes_near = roots(
             series, size, s, allowed, sign, is_near, at_end, times, directions, MOST_ZEROS
@@ -223,25 +193,23 @@ def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched
     full. Only functions with a nonzero entry in `doubtful` are searched. If the step is taken, its events and
     the signs at its end are written. Otherwise nothing changes.
     """
-    layout, watch, work, s = layout_of(watched.sizes), watched.watch, watched.work, step.s
-    values, counts = real_part(watched, "values", layout), whole_part(watched, "counts", layout)
-    first = row(work, 0, layout)[layout.watched_at :]
-    for i in range(layout.watched):
-        values[i], counts[i] = first[i], 0
-    write_noise(watched, own_numbers(watched), step.t, work, layout)
-    is_polynomial = terminates(work, watched.order, layout)
+    view, watch, s = opened(watched), watched.watch, step.s
+    for i in range(view.layout.watched):
+        view.values[i], view.coefficient_counts[i] = view.rows[i], 0
+    write_noise(view, view.numbers, step.t, watched.work)
+    is_polynomial = terminates(watched.work, watched.order, view.layout)
     length = trusted_part(step, is_polynomial, doubtful, watched)
     if length < 0.0:
         return LEAVE, s
     if unlikely(watch.steep != 0):
-        length = verified_length(step, length, watched, layout)
+        length = verified_length(step, length, view)
     is_whole = length == s
     shortest = TOGETHER * abs(step.t) + LEAST_PART * abs(step.left)
     if not is_whole and abs(length * step.scale) < shortest:
         return LEAVE, s
     if not write_sides(length, doubtful, watched):
         return LEAVE, s
-    zeros, until = zeros_of(watched, 0, layout), watch.changing != 0
+    zeros, until = zeros_of(view, 0), watch.changing != 0
     count = zeros_on_step(length, s, zeros, doubtful, watched, last=is_whole and step.final, until=until)
     if count < 0:
         return LEAVE, s
@@ -252,14 +220,13 @@ def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched
 
 
 @inline
-def verified_length(step: InspectedStep, length: float, watched: Watched, layout: Any) -> float:
+def verified_length(step: InspectedStep, length: float, view: Opened) -> float:
     """Return a length of the step, at most `length`, at whose end the watched functions agree with their series."""
-    noise, end_values, end_noise = [real_part(watched, part, layout) for part in ("noise", "end_values", "end_noise")]
-    functions = watched.values, own_numbers(watched), watched.tilts
-    scratch = noise, end_values, end_noise, new_entries(watched, layout), moved_state(watched, layout)
-    series = watched.sizes, watched.work, watched.order
+    functions = view.watched.values, view.numbers, view.tilts
+    scratch = view.noise, view.end_values, view.end_noise, view.new_entries, view.moved
+    series = view.sizes, view.work, view.order
     verified, limiting = verified_step(*functions, step.t, step.scale, step.rtol, length, *scratch, *series)
-    watched.watch.limiting = limiting if verified < length else watched.watch.limiting
+    view.watch.limiting = limiting if verified < length else view.watch.limiting
     return verified
 
 
@@ -274,8 +241,8 @@ def end_at_change(
     The functions that are zero at the new end are due: their reset or crossing follows. If the change is at the
     start, no step is taken.
     """
-    layout, watch, count, s = layout_of(watched.sizes), watched.watch, number, step.s
-    shorter, at, again = zeros_of(watched, 1, layout), zeros.times[change], True
+    watch, count, s = watched.watch, number, step.s
+    shorter, at, again = zeros_of(opened(watched), 1), zeros.times[change], True
     due = add_due(zeros, count, at, simultaneous(step, at), 0, watched, proven=False)
     while again and at > 0.0:
         count = zeros_on_step(at, s, shorter, doubtful, watched, last=False, until=False)
@@ -304,29 +271,24 @@ def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched
     and `count` is the number of `zeros`. Zeros within the time `close` of the end count. Unless the zeros are
     `proven`, a function whose zero is not exactly at the end must vanish there within its noise.
     """
-    layout = layout_of(watched.sizes)
-    indices, directions = [whole_part(watched, "due", layout, i) for i in (0, 1)]
-    rows, noises = row(watched.work, 0, layout)[layout.watched_at :], real_part(watched, "noise", layout)
-    number = due
+    view, number = opened(watched), due
     for j in range(count):
         index = zeros.places[j]
-        if abs(zeros.times[j] - at) <= close and not is_due(index, number, watched, layout):
+        if abs(zeros.times[j] - at) <= close and not is_due(index, number, view):
             is_zero = proven or zeros.times[j] == at
             if not is_zero:
-                c = real_part(watched, "columns", layout)[index * COLUMN :]
-                counts = whole_part(watched, "counts", layout)[index:]
-                is_zero = read_column(rows[index:], layout.width, watched.order, c, counts)
-                is_zero = is_zero and vanishes(c, watched.order + 1, at, noises[index])
+                is_finite, c = column_of(view, index)
+                is_zero = is_finite and vanishes(c, watched.order + 1, at, view.noise[index])
             if is_zero:
-                indices[number], directions[number] = index, zeros.directions[j]
+                view.due[number], view.due_directions[number] = index, zeros.directions[j]
                 number += 1
     return number
 
 
 @inline
-def is_due(index: int, due: int, watched: Watched, layout: Any) -> Any:
+def is_due(index: int, due: int, view: Opened) -> Any:
     """Return True if watched function number `index` is in the list of due functions, which has the length `due`."""
-    indices, is_there = whole_part(watched, "due", layout), False
+    indices, is_there = view.due, False
     for j in range(due):
         is_there = is_there or indices[j] == index
     return is_there
@@ -352,37 +314,35 @@ def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched
     The result is -1 if a series is not finite. Only functions with a nonzero entry in `doubtful` count.
     `is_polynomial` is true if the series of the state terminate.
     """
-    layout, order, s = layout_of(watched.sizes), watched.order, step.s
-    rows, count, length = row(watched.work, 0, layout)[layout.watched_at :], order + 1, s
-    noises, columns = real_part(watched, "noise", layout), real_part(watched, "columns", layout)
-    counts = whole_part(watched, "counts", layout)
-    tolerance, hides_growth = larger(step.rtol, 2.0**-52) * EVENT_SLACK, watched.watch.hides_growth != 0
-    for i in range(layout.watched):
+    view, order, s, watch = opened(watched), watched.order, step.s, watched.watch
+    count, length = order + 1, s
+    tolerance, hides_growth = larger(step.rtol, 2.0**-52) * EVENT_SLACK, watch.hides_growth != 0
+    for i in range(view.layout.watched):
         if doubtful[i] != 0.0:
-            terms, slopes = [real_part(watched, part, layout)[i * PADDED :] for part in ("terms", "slopes")]
-            sums, noise = real_part(watched, "sums", layout)[i * len(TERM_SUMS) :], noises[i]
-            event_terms(rows[i:], layout.width, order, s, terms, slopes, sums)
+            (terms, slopes, sums), noise = terms_of(view, i), view.noise[i]
+            event_terms(view.rows[i:], view.layout.width, order, s, terms, slopes, sums)
             late, early = sums[LATE], magnitude(terms[0], terms[1])
-            c = columns[i * COLUMN :]
             if unlikely(not late <= fma(tolerance, early, noise)):
-                if not read_column(rows[i:], layout.width, order, c, counts[i:]):
+                is_finite, c = column_of(view, i)
+                if not is_finite:
                     return -1.0
-                length = limited_to(reach(c, count, s, tolerance, noise), length, i, watched.watch)
+                length = limited_to(reach(c, count, s, tolerance, noise), length, i, watch)
             if unlikely(hides_growth):
-                if not read_column(rows[i:], layout.width, order, c, counts[i:]):
+                is_finite, c = column_of(view, i)
+                if not is_finite:
                     return -1.0
-                length = limited_to(safe_step(c, count), length, i, watched.watch)
+                length = limited_to(safe_step(c, count), length, i, watch)
     if unlikely(is_polynomial):
         # A series that is balanced on a step is balanced on a shorter one.
         halvings = 0
-        for i in range(layout.watched):
+        for i in range(view.layout.watched):
             if doubtful[i] != 0.0:
-                c = columns[i * COLUMN :]
-                if not read_column(rows[i:], layout.width, order, c, counts[i:]):
+                is_finite, c = column_of(view, i)
+                if not is_finite:
                     return -1.0
                 is_done = False
                 while not is_done and halvings < MOST_BALANCING:
-                    is_done = is_balanced(c, counts[i], length)
+                    is_done = is_balanced(c, view.coefficient_counts[i], length)
                     halvings += int(not is_done)
                     length = length if is_done else length * 0.5
     return length
@@ -402,19 +362,16 @@ def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
     A function that jumped over zero since the last step has changed its sign. Only functions with a nonzero
     entry in `doubtful` are tested for it.
     """
-    layout = layout_of(watched.sizes)
-    signs, nears = whole_part(watched, "sides", layout), whole_part(watched, "sides", layout, 1)
-    values, counts = real_part(watched, "values", layout), whole_part(watched, "counts", layout)
-    rows = row(watched.work, 0, layout)[layout.watched_at :]
-    for i in range(layout.watched):
-        sign = side(watched, SIGN, layout)[i]
-        signs[i], nears[i] = sign, side(watched, NEAR, layout)[i]
-        if unlikely(doubtful[i] != 0.0 and float(sign) * values[i] < 0.0):
-            c = real_part(watched, "columns", layout)[i * COLUMN :]
-            if not read_column(rows[i:], layout.width, watched.order, c, counts[i:]):
+    view = opened(watched)
+    for i in range(view.layout.watched):
+        sign = view.signs[i]
+        view.start_signs[i], view.start_nears[i] = sign, view.nears[i]
+        if unlikely(doubtful[i] != 0.0 and float(sign) * view.values[i] < 0.0):
+            is_finite, c = column_of(view, i)
+            if not is_finite:
                 return False
-            if abs(c[0]) > JUMP * largest_term(c, counts[i], s):
-                signs[i], nears[i] = -sign, 0
+            if abs(c[0]) > JUMP * largest_term(c, view.coefficient_counts[i], s):
+                view.start_signs[i], view.start_nears[i] = -sign, 0
     return True
 
 
@@ -424,22 +381,21 @@ def first_change(zeros: Zeros, count: int, before: float, watched: Watched) -> i
 
     Changes of the motion are resets, crossed surfaces and the end of the run. `count` is the number of `zeros`.
     """
-    layout = layout_of(watched.sizes)
-    seen, counted = whole_part(watched, "seen", layout), side(watched, COUNT, layout)
+    view = opened(watched)
     if watched.watch.changing == 0:
         return -1
-    for i in range(layout.watched):
-        seen[i] = counted[i]
+    for i in range(view.layout.watched):
+        view.seen[i] = view.event_counts[i]
     for j in range(count):
         index, direction = zeros.places[j], zeros.directions[j]
         changes = direction != 0
-        if is_event(watched, index):
-            counts = counts_as_event(watched, index, direction, layout)
-            number = seen[index] + 1
-            ends_run = is_last(watched, index, number, layout)
-            changes = counts and (setting(watched, RESET_SIZE, index, layout) > 0 or ends_run)
+        if view.is_event(index):
+            counts = view.counts_as_event(index, direction)
+            number = view.seen[index] + 1
+            ends_run = view.is_last(index, number)
+            changes = counts and (view.reset_sizes[index] > 0 or ends_run)
             if counts:
-                seen[index] = number
+                view.seen[index] = number
         if changes and zeros.times[j] < before:
             return j
     return -1
@@ -474,29 +430,25 @@ def accept(
     step are saved. `again` forces an inspection of the next step. The result is `GO_ON`, or `LEAVE` or `WAIT`
     if the arrays have no space.
     """
-    layout, watch = layout_of(watched.sizes), watched.watch
+    view, watch = opened(watched), watched.watch
     if watch.done + count > watch.room:
         return LEAVE if watch.done == 0 else WAIT
-    size = layout.watched
-    kept = watched.sides[size * SIDES :]
-    present = [side(watched, block, layout) for block in (SIGN, NEAR, STARTING, COUNT)]
-    old = [whole_part(watched, "sides", layout, 0), whole_part(watched, "sides", layout, 1), *present[2:]]
     inspects = again or watch.hides_growth != 0 or watch.steep != 0
-    for i in range(size):
-        for block, sides in zip((SIGN, NEAR, STARTING, COUNT), old, strict=True):
-            kept[i + size * block] = sides[i]
+    for i in range(view.layout.watched):
+        view.kept_signs[i], view.kept_nears[i] = view.start_signs[i], view.start_nears[i]
+        view.kept_starting[i], view.kept_event_counts[i] = view.starting[i], view.event_counts[i]
         sign, near = zeros.signs[i], zeros.nears[i]
-        present[SIGN][i], present[NEAR][i], present[STARTING][i] = sign, near, 0
+        view.signs[i], view.nears[i], view.starting[i] = sign, near, 0
         inspects = inspects or sign == 0 or near != 0
     taylor.inspect = int(inspects)
     slot = watch.done
     for j in range(count):
         index, time = zeros.places[j], zeros.times[j]
-        counts = is_event(watched, index) and counts_as_event(watched, index, zeros.directions[j], layout)
-        distance = close * CLOSE_ROOTS if is_due(index, due, watched, layout) else close
+        counts = view.is_event(index) and view.counts_as_event(index, zeros.directions[j])
+        distance = close * CLOSE_ROOTS if is_due(index, due, view) else close
         if counts and time < end - distance:
-            present[COUNT][index] += 1
-            state = write_event(watched, slot, (step.t + step.low) + time * step.scale, index, layout)
+            view.event_counts[index] += 1
+            state = view.write_event(slot, (step.t + step.low) + time * step.scale, index)
             state_on_step(time, state, watched.sizes, watched.work, watched.order)
             slot += 1
     watch.ahead, watch.due, watch.unproven = slot, 0, 1

@@ -40,13 +40,12 @@ from lagrange.algorithm.taylor.step_size import (
 from lagrange.algorithm.taylor.sums import advance, outstanding, write_outputs
 from lagrange.algorithm.taylor.watching import (
     Arguments,
+    Opened,
     Watched,
     arguments,
-    is_event,
     numbers_of,
     restore_sides,
     watched_of,
-    whole_part,
 )
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import (
@@ -227,7 +226,8 @@ def change_motion(arguments: Arguments, t: float, watched: Watched, layout: Tayl
             arguments.taylor,
             False,
         )
-        if is_event(watched, whole_part(watched, "due", layout)[0]):
+        view = Opened(watched, layout)
+        if view.is_event(view.due[0]):
             prepared, constants = numbers_of(arguments, layout)
             is_done = reset_state(
                 jet, prepared, constants, t, rtol, counts, taylor, arguments.times, arguments.rows, watched

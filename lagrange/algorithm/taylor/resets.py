@@ -14,30 +14,8 @@ from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.algorithm.step.memory import Counts
 from lagrange.algorithm.taylor.constants import EVENT_SLACK
 from lagrange.algorithm.taylor.event_series import comparable_unit, copy_series, start_of_series, write_noise
-from lagrange.algorithm.taylor.memory import JET, TaylorState, layout_of, work_type
-from lagrange.algorithm.taylor.watching import (
-    COUNT,
-    DIRECTION,
-    NEAR,
-    RESET_AT,
-    RESET_SIZE,
-    ROOT,
-    SETTINGS,
-    SIGN,
-    STARTING,
-    Watch,
-    Watched,
-    is_event,
-    is_last,
-    new_entries,
-    own_numbers,
-    real_part,
-    setting,
-    side,
-    watched_type,
-    whole_part,
-    write_event,
-)
+from lagrange.algorithm.taylor.memory import JET, TaylorState, work_type
+from lagrange.algorithm.taylor.watching import Opened, Watch, Watched, opened, watched_type
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, larger, quotient, reals
 
@@ -57,48 +35,45 @@ def sides_at_start(
     leave zero at once; or another one starts at zero. At the start of a run `index` is -1, and an event without
     reset may start at zero.
     """
-    layout, count = layout_of(watched.sizes), watched.order + 1
-    series = start_state[layout.rows :]
-    signs, starting = whole_part(watched, "begun", layout), whole_part(watched, "begun", layout, 1)
-    values, noise = real_part(watched, "values", layout), real_part(watched, "noise", layout)
-    c, first = reals(MOST_COEFFICIENTS + 1), series[layout.watched_at :]
+    view, c = opened(watched), reals(MOST_COEFFICIENTS + 1)
+    layout, count = view.layout, watched.order + 1
+    first = start_state[layout.rows + layout.watched_at :]
     for i in range(layout.watched):
-        values[i] = first[i]
-    write_noise(watched, numbers, t, start_state, layout)
+        view.values[i] = first[i]
+    write_noise(view, numbers, t, start_state)
     unit = comparable_unit(t, scale)
     tolerance = larger(rtol, 2.0**-52) * EVENT_SLACK
     for i in range(layout.watched):
         if not copy_series(first[i:], layout.width, count, c):
             return False
-        is_own, own_noise = i == index, noise[i]
+        is_own, own_noise = i == index, view.noise[i]
         allowed = larger(own_noise, margin) if is_own else own_noise
         sign, leading = start_of_series(c, count, unit, tolerance, own_noise, allowed)
-        turns = setting(watched, RESET_SIZE, i, layout) > 0 and sign == setting(watched, DIRECTION, i, layout)
-        is_quiet = is_event(watched, i) and setting(watched, ROOT, i, layout) == 0 and not turns
+        turns = view.reset_sizes[i] > 0 and sign == view.directions[i]
+        is_quiet = view.is_event(i) and view.roots[i] == 0 and not turns
         if leading != 0 and not ((is_own and leading == 1) or (index < 0 and is_quiet)):
             return False
-        signs[i], starting[i] = sign, leading
+        view.begun_signs[i], view.begun_orders[i] = sign, leading
     return True
 
 
 @procedure(apart=True, watched=watched_type)
 def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
     """Set the signs of all watched functions at the start of a run. Return True if they are decided."""
-    layout = layout_of(watched.sizes)
-    is_done = sides_at_start(t, scale, rtol, 0.0, -1, own_numbers(watched), watched.work, watched)
+    view = opened(watched)
+    is_done = sides_at_start(t, scale, rtol, 0.0, -1, view.numbers, watched.work, watched)
     if is_done:
-        put_sides(watched, layout)
+        put_sides(view)
         watched.watch.fresh = 0
     return is_done
 
 
 @inline
-def put_sides(watched: Watched, layout: Any) -> None:
+def put_sides(view: Opened) -> None:
     """Set the signs of the watched functions to those at the start of a motion, from scratch memory."""
-    signs, starting = whole_part(watched, "begun", layout), whole_part(watched, "begun", layout, 1)
-    for i in range(layout.watched):
-        side(watched, SIGN, layout)[i], side(watched, NEAR, layout)[i] = signs[i], 0
-        side(watched, STARTING, layout)[i] = starting[i]
+    for i in range(view.layout.watched):
+        view.signs[i], view.nears[i] = view.begun_signs[i], 0
+        view.starting[i] = view.begun_orders[i]
 
 
 @inline
@@ -127,40 +102,40 @@ def reset_state(
 
     The event is written to `watched`, the new state to `rows`. Return False, with nothing changed, in other cases.
     """
-    layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
+    view, watch, work = opened(watched), watched.watch, watched.work
+    layout = view.layout
     if just_changed(t, watch):
         return False
-    index = whole_part(watched, "due", layout)[0]
-    number = side(watched, COUNT, layout)[index] + 1
-    if watch.checked != 0 or setting(watched, RESET_SIZE, index, layout) == 0:
+    index = view.due[0]
+    number = view.event_counts[index] + 1
+    if watch.checked != 0 or view.reset_sizes[index] == 0:
         return False
-    if is_last(watched, index, number, layout) or watch.done >= watch.room:
+    if view.is_last(index, number) or watch.done >= watch.room:
         return False
     new_state = work[layout.ahead(watched.order) :]
     for i in range(layout.padded):
         new_state[i], new_state[i + layout.lost] = work[i], 0.0
-    results = new_entries(watched, layout)
+    results = view.new_entries
     if watched.resets(t, work, watched.reset_numbers, results):
         return False
-    first, size = setting(watched, RESET_AT, index, layout), setting(watched, RESET_SIZE, index, layout)
-    entries = watched.settings[layout.watched * SETTINGS :]
+    first, size = view.resets_at[index], view.reset_sizes[index]
     for j in range(first, first + size):
-        new_state[entries[j]] = results[j]
+        new_state[view.reset_entries[j]] = results[j]
         if not abs(results[j]) < math.inf:
             return False
     if jet(t, taylor.scale, new_state, prepared, constants, new_state[layout.rows :], watched.order):
         return False
     if not sides_after_reset(t, taylor.scale, rtol, index, new_state, watched):
         return False
-    state = write_event(watched, watch.done, t, index, layout)
+    state = view.write_event(watch.done, t, index)
     for i in range(layout.dimension):
         state[i] = work[i]
     watch.done += 1
     watch.ahead, watch.due = watch.done, 0
     watch.changed, watch.changed_at = t, index
     watch.jumps += 1
-    side(watched, COUNT, layout)[index] = number
-    put_sides(watched, layout)
+    view.event_counts[index] = number
+    put_sides(view)
     for i in range(layout.padded * 2):
         work[i] = new_state[i]
     taylor.low, taylor.next_limit, taylor.inspect = 0.0, math.inf, 1
@@ -181,22 +156,21 @@ def sides_after_reset(t: float, scale: float, rtol: float, index: int, new_state
     zero. An event function that the reset does not change keeps its sign. If one of them came near zero before,
     it may have touched zero: then the result is False, and the caller handles the reset.
     """
-    layout, watch = layout_of(watched.sizes), watched.watch
-    new, old = [memory[layout.rows :][layout.watched_at :] for memory in (new_state, watched.work)]
+    view, watch = opened(watched), watched.watch
+    new, old = new_state[view.layout.rows + view.layout.watched_at :], view.rows
     margin = abs(old[index]) * AT_REST
-    if not sides_at_start(t, scale, rtol, margin, index, own_numbers(watched), new_state, watched):
+    if not sides_at_start(t, scale, rtol, margin, index, view.numbers, new_state, watched):
         return False
-    signs, noise = whole_part(watched, "begun", layout), real_part(watched, "noise", layout)
     for i in range(watch.surfaces):
-        if signs[i] != side(watched, SIGN, layout)[i]:
+        if view.begun_signs[i] != view.signs[i]:
             return False
-    for i in range(watch.surfaces, layout.watched):
-        sign, root = side(watched, SIGN, layout)[i], setting(watched, ROOT, i, layout)
-        stays = abs(new[i] - old[i]) <= noise[i] and sign != 0 and i != index and root == 0
+    for i in range(watch.surfaces, view.layout.watched):
+        sign, root = view.signs[i], view.roots[i]
+        stays = abs(new[i] - old[i]) <= view.noise[i] and sign != 0 and i != index and root == 0
         if stays:
-            if side(watched, NEAR, layout)[i] != 0:
+            if view.nears[i] != 0:
                 return False
-            signs[i] = sign
+            view.begun_signs[i] = sign
     return True
 
 
@@ -216,10 +190,11 @@ def cross_surface(
     `jet` computes the series beyond the surface from the arrays `prepared` and `constants`. No other surface
     may be touched. Return True if the surface was crossed. Otherwise nothing has changed.
     """
-    layout, watch, work = layout_of(watched.sizes), watched.watch, watched.work
+    view, watch, work = opened(watched), watched.watch, watched.work
+    layout = view.layout
     if just_changed(t, watch):
         return False
-    index, direction = [whole_part(watched, "due", layout, i)[0] for i in (0, 1)]
+    index, direction = view.due[0], view.due_directions[0]
     combination = watch.combination
     if combination < 0 or watch.switches >= watch.room:
         return False
@@ -241,20 +216,19 @@ def cross_surface(
         return False
     if not sides_at_start(t, scale, rtol, math.inf, index, surface_numbers, new_state, watched):
         return False
-    signs, starting = whole_part(watched, "begun", layout), whole_part(watched, "begun", layout, 1)
-    if starting[index] != 1:
+    if view.begun_orders[index] != 1:
         return False
     for i in range(watch.surfaces):
-        before = side(watched, SIGN, layout)[i]
-        if signs[i] != (direction if i == index else before):
+        before = view.signs[i]
+        if view.begun_signs[i] != (direction if i == index else before):
             return False
     watch.combination, watch.numbers = new_combination, numbers
     slot = watch.switches
     watched.switch_rows[slot], watched.switch_combinations[slot] = counts.steps + watch.jumps, new_combination
     watch.switches = slot + 1
     for i in range(layout.watched):
-        side(watched, STARTING, layout)[i] = int(i == index)
-    side(watched, SIGN, layout)[index], side(watched, NEAR, layout)[index] = direction, 0
+        view.starting[i] = int(i == index)
+    view.signs[index], view.nears[index] = direction, 0
     watch.changed, watch.changed_at, watch.due = t, index, 0
     taylor.next_limit, taylor.inspect = math.inf, 1
     return True

@@ -6,8 +6,9 @@ all other zeros the driver returns, with nothing changed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import accumulate
 from typing import Any
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
@@ -23,6 +24,7 @@ from lagrange.algorithm.taylor.memory import (
     TaylorLayout,
     TaylorState,
     floors_type,
+    layout_of,
     rows_type,
     work_type,
 )
@@ -82,21 +84,6 @@ class Watch:
 
 WATCH = form_of(Watch)
 
-SIGN, NEAR, STARTING, COUNT = range(4)
-"""Blocks of `sides`, with one entry for each watched function: its side before the present step, as in `roots`; 1 if it
-came near zero; 1 if it starts at zero there; and the number of its events. The same blocks before the unproven step
-follow.
-"""
-
-DIRECTION, TERMINAL, RESET_AT, RESET_SIZE, ROOT, SMOOTH = range(6)
-"""Blocks of `settings`, with one entry for each watched function: the direction that counts; the number of events that
-ends the run, or 0; the index of its first result among those of all resets; their number; 1 for a square root; 1 for an
-event function without jumps. The entries of the state that are reset follow.
-"""
-
-SIDES, SETTINGS = 4, 6
-"""Number of blocks of `sides`, and of `settings`."""
-
 COLUMN = MOST_COEFFICIENTS + 1
 """Number of stored coefficients of each watched function. A linear one that starts at zero has `LEAST_COUNT`."""
 
@@ -112,6 +99,18 @@ TERM_SUMS = ("rest", "rates", "end", "slope", "late")
     late   larger size of the last two terms
 """
 
+SIDES = {"signs": 1, "nears": 1, "starting": 1, "event_counts": 1}
+"""Parts of `sides`: the sign of each watched function before the present step, as in `roots`; 1 if it came near zero; 1
+if it starts at zero there; and the number of its events. The same parts before the unproven step follow, `kept_signs`
+and so on.
+"""
+
+SETTINGS = {"directions": 1, "terminals": 1, "resets_at": 1, "reset_sizes": 1, "roots": 1, "smooth": 1}
+"""Parts of `settings`: the direction that counts; the number of events that ends the run, or 0; the index of the first
+result of the function among those of all resets; their number; 1 for a square root; 1 for an event function without
+jumps. The part `reset_entries` follows: the indices of the entries of the state that are reset.
+"""
+
 REALS = {
     "columns": COLUMN,
     "terms": PADDED,
@@ -123,10 +122,38 @@ REALS = {
     "end_values": 1,
     "end_noise": 1,
 }
-WHOLES = {"zeros": 4 * MOST_ZEROS, "ends": 4, "sides": 2, "seen": 1, "counts": 1, "begun": 2, "due": 2}
-"""Scratch memory of whole numbers: number of entries of each part for each watched function. The part `due` has the
-indices of the functions that are zero at the end of the last step, and the directions.
+"""Parts of the scratch memory of reals."""
+
+WHOLES = {
+    "zeros": 4 * MOST_ZEROS,
+    "ends": 4,
+    "start_signs": 1,
+    "start_nears": 1,
+    "seen": 1,
+    "coefficient_counts": 1,
+    "begun_signs": 1,
+    "begun_orders": 1,
+    "due": 1,
+    "due_directions": 1,
+}
+"""Parts of the scratch memory of whole numbers. `due` has the indices of the functions that are zero at the end of the
+last step, and `due_directions` the directions of these zeros.
 """
+
+
+def _begins(array: str, sizes: Mapping[str, int], end: str = "") -> dict[str, tuple[str, int]]:
+    """Return {part: (array, begin)} for parts with `sizes`, entries for each watched function, and for the `end`."""
+    names = (*sizes, end or f"end of {array}")
+    return {name: (array, begin) for name, begin in zip(names, accumulate(sizes.values(), initial=0), strict=True)}
+
+
+PARTS = {
+    **_begins("sides", {**SIDES, **{f"kept_{name}": size for name, size in SIDES.items()}}),
+    **_begins("settings", SETTINGS, "reset_entries"),
+    **_begins("scratch", REALS),
+    **_begins("whole_scratch", WHOLES),
+}
+"""For each part of an array of `Watched`: the name of the array, and the entries before it per watched function."""
 
 
 def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
@@ -187,108 +214,82 @@ def watched_types() -> dict[str, Stated]:
     return {"values": FUNCTION, "resets": FUNCTION, "event_states": blocks, "scratch": blocks}
 
 
-@inline
-def real_part(watched: Watched, part: str, layout: Any, number: int = 0) -> Any:
-    """Return the part of the scratch memory of reals that has the name `part` in `REALS`.
+@dataclass(frozen=True)
+class Opened:
+    """The watched functions with the `PARTS` of their arrays as attributes, such as `noise`.
 
-    If it has several entries for each watched function, those from entry `number` on are returned.
+    A part has an entry, or several, for each watched function. Other attributes are those of `Watched`, but `values`.
     """
-    return watched.scratch[layout.watched * (_begin(REALS, part) + number) :]
+
+    watched: Watched
+    layout: Any
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in PARTS:
+            return getattr(self.watched, name)
+        name, begin = PARTS[name]
+        array = getattr(self.watched, name)
+        return array[self.layout.watched * begin :] if begin else array
+
+    @property
+    def rows(self) -> Any:
+        """The coefficients of the watched functions in the rows of the series, from order 0 on."""
+        return self.watched.work[self.layout.rows + self.layout.watched_at :]
+
+    @property
+    def moved(self) -> Any:
+        """Memory for a perturbed state, in whole blocks."""
+        return self.watched.scratch[self.layout.watched * sum(REALS.values()) + WIDEST_VECTOR :]
+
+    @property
+    def new_entries(self) -> Any:
+        """Memory for the results of all resets or, during verification, the state at the end of a step."""
+        return self.moved[self.layout.dimension + 2 * WIDEST_VECTOR :]
+
+    @property
+    def numbers(self) -> Any:
+        """The prepared numbers of the watched functions, for the present sides of the switching surfaces."""
+        return self.watched.value_numbers[self.watched.watch.numbers :]
+
+    @inline
+    def is_event(self, index: int) -> bool:
+        """Return True if watched function number `index` is an event function, not a surface."""
+        return index >= self.watched.watch.surfaces
+
+    @inline
+    def counts_as_event(self, index: int, direction: int) -> Any:
+        """Return True if a zero of event function number `index` in a direction counts as an event."""
+        counted = self.directions[index]
+        return counted == 0 or counted == direction
+
+    @inline
+    def is_last(self, index: int, count: int) -> Any:
+        """Return True if the run ends when event function number `index` has had `count` events."""
+        terminal = self.terminals[index]
+        return terminal > 0 and terminal <= count
+
+    @inline
+    def write_event(self, slot: int, t: float, index: int) -> Any:
+        """Write the time t and the function `index` of event number `slot`. Return the memory for its state."""
+        self.watched.event_times[slot] = t
+        self.watched.event_places[slot] = index
+        return self.watched.event_states[slot * self.layout.dimension :]
 
 
 @inline
-def whole_part(watched: Watched, part: str, layout: Any, number: int = 0) -> Any:
-    """Return the part of the scratch memory of whole numbers that has the name `part` in `WHOLES`.
-
-    If it has several entries for each watched function, those from entry `number` on are returned.
-    """
-    return watched.whole_scratch[layout.watched * (_begin(WHOLES, part) + number) :]
-
-
-@inline
-def moved_state(watched: Watched, layout: Any) -> Any:
-    """Return the memory for a perturbed state, in whole blocks."""
-    return watched.scratch[layout.watched * sum(REALS.values()) + WIDEST_VECTOR :]
-
-
-@inline
-def new_entries(watched: Watched, layout: Any) -> Any:
-    """Return memory that takes the results of all resets or, during verification, the state at the end of a step."""
-    return moved_state(watched, layout)[layout.dimension + 2 * WIDEST_VECTOR :]
-
-
-def due_part(number: int) -> int:
-    """Return where the list of due functions is in whole scratch memory: 0 for their indices, 1 for directions.
-
-    Due functions are zero at the end of the step. The result is a number of entries per watched function.
-    """
-    return _begin(WHOLES, "due") + number
-
-
-def _begin(parts: dict[str, int], part: str) -> int:
-    """Return the number of entries per watched function before the named `part`."""
-    names = list(parts)
-    return sum(parts[name] for name in names[: names.index(part)])
-
-
-@inline
-def own_numbers(watched: Watched) -> Any:
-    """Return the prepared numbers of the watched functions, for the present sides of the switching surfaces."""
-    return watched.value_numbers[watched.watch.numbers :]
-
-
-@inline
-def side(watched: Watched, block: int, layout: Any) -> Any:
-    """Return a block of the array `sides`, which has an entry for each watched function.
-
-    Block `SIGN` has the sign of each function before the step, 1 or -1; `NEAR` is 1 if it came near zero,
-    `STARTING` is 1 if it starts at zero, and `COUNT` is the number of its events.
-    """
-    return watched.sides[layout.watched * block :]
-
-
-@inline
-def setting(watched: Watched, block: int, index: int, layout: Any) -> Any:
-    """Return the setting in block `block` of watched function number `index`."""
-    return watched.settings[index + layout.watched * block]
-
-
-@inline
-def is_event(watched: Watched, index: int) -> bool:
-    """Return True if watched function number `index` is an event function, not a surface."""
-    return index >= watched.watch.surfaces
-
-
-@inline
-def counts_as_event(watched: Watched, index: int, direction: int, layout: Any) -> Any:
-    """Return True if a zero of event function number `index` in a direction counts as an event."""
-    counted = setting(watched, DIRECTION, index, layout)
-    return counted == 0 or counted == direction
-
-
-@inline
-def is_last(watched: Watched, index: int, count: int, layout: Any) -> Any:
-    """Return True if the run ends when event function number `index` has had `count` events."""
-    terminal = setting(watched, TERMINAL, index, layout)
-    return terminal > 0 and terminal <= count
+def opened(watched: Watched) -> Opened:
+    """Return the watched functions with the parts of their arrays, in the layout that their sizes give."""
+    return Opened(watched, layout_of(watched.sizes))
 
 
 @inline
 def restore_sides(watched: Watched, layout: Any) -> None:
     """Restore the sides before the unproven step, and drop its events."""
-    watch, size = watched.watch, layout.watched * SIDES
+    watch, size = watched.watch, layout.watched * len(SIDES)
     if watch.unproven != 0:
         for i in range(size):
             watched.sides[i] = watched.sides[i + size]
         watch.ahead, watch.due, watch.unproven = watch.done, 0, 0
-
-
-@inline
-def write_event(watched: Watched, slot: int, t: float, index: int, layout: Any) -> Any:
-    """Write the time t and the function `index` of event number `slot`. Return the memory for its state."""
-    watched.event_times[slot] = t
-    watched.event_places[slot] = index
-    return watched.event_states[slot * layout.dimension :]
 
 
 @dataclass(frozen=True)

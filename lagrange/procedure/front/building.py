@@ -269,9 +269,7 @@ class Tracer(Names):
             raise Error("a part has no end: write a[i:], or copy with b[:n] = a[:n].")
         if lower is None or (not isinstance(lower, Value) and lower == 0):
             return owner
-        made = owner.at(self.number(lower, WHOLE, "a place"))
-        self.roots[made.ref] = self.root(owner)
-        return made
+        return owner.at(self.number(lower, WHOLE, "a place"))
 
     def store(self, owner: Any, index: Any, value: Any) -> None:
         """Set the element of an array at an index."""

@@ -221,7 +221,7 @@ class EachBlock(Block):
         at_own_index = index.ref == self.index.ref
         if stored and not at_own_index:
             raise Error("an iteration of an `each` writes at its own index only: use `range`.")
-        self.visits.append((self.tracer.root(array), array.ref, at_own_index, stored))
+        self.visits.append((array.root, array.ref, at_own_index, stored))
 
     def check(self) -> None:
         """Raise Error if iterations of this `each` depend on their order.

@@ -113,8 +113,6 @@ class Names:
     def __init__(self, p: Builder, results: Sequence[Kind]) -> None:
         self.p, self.results = p, results
         self.iterations: Any = None
-        self.roots: dict[int, int] = {}
-        """For each part of an array, by number, the number of the whole array."""
         self.handed: list[Variable] = []
         """Variables of the open branches and loops. After one has ended, setting a name creates a new value."""
 
@@ -203,10 +201,6 @@ class Names:
         if not isinstance(value, Flag):
             raise Error(f"a condition is true or false; {described(value)} is given: compare it.")
         return value
-
-    def root(self, array: Memory) -> int:
-        """Return the id of the whole array that a part of an array belongs to."""
-        return self.roots.get(array.ref, array.ref)
 
     @contextmanager
     def resumed(self, body: list[Statement]) -> Iterator[None]:

@@ -429,7 +429,7 @@ class SeriesWatch(EventLog):
         self.zero_sides = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]
         self.starting = frozenset(np.flatnonzero(memory.starting).tolist())
         if record.due:
-            self.pending = [EventZero(which, Root(0.0, direction)) for which, direction in memory.due]
+            self.pending = [EventZero(which, Root(0.0, direction)) for which, direction in memory.zeros_now()]
             record.due = 0
         if record.changed != self.change_counter.last:
             self.change_counter.begin(record.changed, record.changed_at)
@@ -440,7 +440,7 @@ class SeriesWatch(EventLog):
         memory.signs[:] = [side.sign for side in self.zero_sides]
         memory.nears[:] = [side.near for side in self.zero_sides]
         memory.starting[:] = [index in self.starting for index in range(memory.count)]
-        memory.counts[self.surfaces :] = [len(occurrences) for occurrences in self.occurrences]
+        memory.event_counts[self.surfaces :] = [len(occurrences) for occurrences in self.occurrences]
         record.fresh, record.changed, record.enabled = 0, self.change_counter.last, int(not self.pending)
 
     @property
