@@ -56,4 +56,4 @@ def test_a_broken_numpy_target_does_not_send_to_itself(monkeypatch: pytest.Monke
     monkeypatch.setitem(sys.modules, "lagrange.machine.python_source", gone)
     with pytest.raises(lg.StatementError, match="target 'numpy' cannot be loaded") as refusal:
         unit_pendulum().compile("numpy")
-    assert "printed_run" in str(refusal.value) and str(refusal.value).count("numpy") == 1
+    assert "python_source" in str(refusal.value) and str(refusal.value).count("numpy") == 1
