@@ -7,8 +7,7 @@ once for each set of parameters. A program can be printed, checked, and interpre
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -72,7 +71,7 @@ class ProgramBlock(NamedTuple):
 
 @dataclass(frozen=True)
 class Program:
-    """A checked straight-line program.
+    """A straight-line program.
 
     The first `hoisted` instructions depend on parameters alone. `shape` is the shape of its result, `outputs` its
     entries in C order. `inputs` are the blocks of numbers that "state" instructions read, in order. `results` divides
@@ -91,9 +90,6 @@ class Program:
     shape: tuple[int, ...]
     returned: tuple[str, ...] = ()
     solved: bool = False
-
-    def __post_init__(self) -> None:
-        verify(self)
 
     def __str__(self) -> str:
         arguments = ["t", *map(str, self.inputs), f"p[{self.parameters}]"]
@@ -146,46 +142,6 @@ class Program:
         return tuple(
             i for i in range(self.hoisted) if i in read and self.instructions[i].op not in ("constant", "parameter")
         )
-
-
-def verify(program: Program) -> None:
-    """Raise LagrangeError unless operands are earlier results, operations are known, and their data are complete."""
-    for problem in _problems(program):
-        raise LagrangeError(f"program {program.name} is malformed: {problem}")
-
-
-def _problems(program: Program) -> Iterator[str]:
-    for i, (op, args, index, _, order, negative) in enumerate(program.instructions):
-        if op not in ARITY:
-            yield f"%{i} has the unknown operation {op}"
-        elif ARITY[op] not in (None, len(args)):
-            yield f"%{i} = {op} has {len(args)} operands"
-        if any(not 0 <= arg < i for arg in args):
-            yield f"%{i} = {op} reads a later result"
-        if i < program.hoisted and op in ("time", "state"):
-            yield f"%{i} = {op} is hoisted but depends on the state"
-        if op in ("state", "parameter") and not 0 <= index < (program.states if op == "state" else program.parameters):
-            yield f"%{i} = {op} {index} is not there"
-        if op == "factor" and len(args) != order * (order + 1) / 2:
-            yield f"%{i} factors a matrix of order {order} from {len(args)} entries"
-        if any(not 0 <= k < order * (op == "factor") for k in negative) or sorted(negative) != list(negative):
-            yield f"%{i} = {op} of order {order} has the pivots {list(negative)} below zero"
-        if op == "solve" and len(args) != order + 1:
-            yield f"%{i} solves a system of order {order} with {len(args) - 1} right-hand sides"
-    if len(program.outputs) != math.prod(program.shape):
-        yield f"{len(program.outputs)} outputs do not fill the shape {program.shape}"
-    if any(not 0 <= output < len(program.instructions) for output in program.outputs):
-        yield "an output is not a result"
-    if len(program.outputs) != sum(block.size for block in program.results):
-        yield f"{len(program.outputs)} outputs do not fill {', '.join(map(str, program.results))}"
-    names = [block.name for block in (*program.inputs, *program.results)]
-    if len(dict.fromkeys(names)) != len(names) or any(name in ("t", "p") or not name.isidentifier() for name in names):
-        yield f"{names} do not name its inputs and results"
-    if any(name not in [block.name for block in program.results] for name in program.returned):
-        yield f"{list(program.returned)} are not among its results"
-    unreturned = [block.name for block in program.results if program.returned and block.name not in program.returned]
-    if any(program.instructions[ref].op != "state" for name in unreturned for ref in program.part(name)):
-        yield f"{unreturned} are not returned, and are no inputs"
 
 
 def uses_of(program: Program) -> list[int]:

@@ -22,14 +22,12 @@ matrix of order 0 is that of implicit equations, J. D. Pryce, Numerical Algorith
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from typing import NamedTuple
 
 from lagrange.equations.solve_plan import SolvePlan
-from lagrange.errors import LagrangeError
 from lagrange.program.program import Program
 
 LARGEST_POWER = 64
@@ -153,10 +151,6 @@ class SeriesProgram:
     watched: tuple[int | None, ...]
     values: Program
     projection: Program | None = None
-
-    def __post_init__(self) -> None:
-        for problem in _problems(self):
-            raise LagrangeError(f"series program {self.name} is malformed: {problem}")
 
     @property
     def states(self) -> int:
@@ -294,7 +288,7 @@ def kept_values(rules: Sequence[SeriesRule], *, ranked: bool = False) -> frozens
 
 def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, ...]:
     """Return those of the values `rates` (dq/dt) that a rule computes; the others are unknowns of a linear system."""
-    return tuple(rate for rate in rates if not 0 <= rate < len(rules) or rules[rate].op != "unknown")
+    return tuple(rate for rate in rates if rules[rate].op != "unknown")
 
 
 def lagged_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
@@ -308,49 +302,3 @@ def _shown(rule: SeriesRule) -> str:
     if rule.op == "linear":
         return "linear " + " + ".join(f"c{c} %{arg}" for c, arg in zip(rule.coefficients, rule.args, strict=True))
     return " ".join([rule.op, *(f"%{arg}" for arg in rule.args), *(f"c{c}" for c in rule.coefficients)])
-
-
-def _problems(program: SeriesProgram) -> Iterator[str]:
-    n, solved = program.dimension, [unknown for stage in program.stages for unknown in stage.unknowns]
-    sizes = {"coordinate": n, "unknown": len(solved)}
-    for i, (op, args, coefficients) in enumerate(program.rules):
-        if op not in RULES:
-            yield f"%{i} has the unknown rule {op}"
-            return
-        arguments, constants, _ = RULES[op]
-        if arguments is not None and len(args) != arguments:
-            yield f"%{i} = {op} has {len(args)} arguments"
-        if len(coefficients) != (len(args) if constants is None else constants):
-            yield f"%{i} = {op} has {len(coefficients)} coefficients"
-        size = sizes.get(op, len(program.numbers))
-        if any(not 0 <= c < size for c in coefficients):
-            yield f"%{i} = {op} has a coefficient that is not there"
-        if any(not 0 <= arg < len(program.rules) for arg in args):
-            yield f"%{i} = {op} reads a value that is not there"
-        elif any(arg >= i for arg in program.direct(i)):
-            yield f"%{i} = {op} reads a later value at its own order"
-    output_counts = [len(program.numbers), len(program.started)]
-    for stage in program.stages:
-        output_counts[stage.plan.moving] += len(stage.plan.triangle)
-    if [len(program.constants.outputs), len(program.start.outputs)] != output_counts:
-        yield "the start does not give every value of order 0 and the mass matrix"
-    if len(program.surfaces.outputs) != max(program.sides, 1):
-        yield "there is not one side for each surface"
-    lefts = [i for stage in program.stages for i in stage.left if i is not None]
-    rights = [i for stage in program.stages for i in stage.right if i is not None]
-    outputs = [*rights, *(i for i in program.watched if i is not None), *integrated(program.rules, program.rates)]
-    if any(not 0 <= i < len(program.rules) for i in (*outputs, *lefts)):
-        yield "an output is no value"
-    velocities = [[value for value in stage.unknowns if n <= value < 2 * n] for stage in program.stages]
-    if any(part != sorted(part) for part in velocities) or sorted(chain(*velocities)) != list(range(n, 2 * n)):
-        yield "the stages do not find the velocities in their order"
-    if len(program.rates) != n:
-        yield "there is not one rate for each coordinate"
-    if not all(len(stage.left) == len(stage.right) == len(stage.unknowns) for stage in program.stages):
-        yield "there is not one momentum and one force for each coordinate"
-    missing = (program.kept | program.lagged).union(outputs).difference(program.started)
-    if missing:
-        yield f"%{min(missing)} has no value of order 0"
-    for stage in program.stages:
-        if sorted(i for block in stage.plan.blocks for i in block) != list(range(len(stage.unknowns))):
-            yield "the blocks of the mass matrix do not cover the coordinates"

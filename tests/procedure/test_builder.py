@@ -36,18 +36,11 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import (
     REAL,
     WHOLE,
-    Each,
-    Fold,
-    Leave,
-    Let,
-    Parameter,
     Procedure,
     Record,
-    Store,
 )
 from lagrange.procedure.interpreter import fused, run
 from lagrange.procedure.shared import shared
-from lagrange.procedure.verify import verify
 from lagrange.program.series import SeriesProgram
 from lagrange.program.taylor import series_program
 from lagrange.statement.statement import Statement
@@ -249,25 +242,6 @@ def loop_without_end(p: Builder) -> None:
 )
 def test_what_is_malformed_is_refused(build: Callable[[Builder], Any], said: str) -> None:
     assert said in broken(build)
-
-
-def folding(op: str, factor: int | None) -> Procedure:
-    """Return a procedure that makes one number of one in some way."""
-    iterations = Let(1, WHOLE, "constant", (), 3)
-    body = iterations, Each(2, 1, (), (Fold(3, op, 0, factor),)), Leave((3,))
-    return Procedure("folding", "One number of many.", (Parameter(0, "x", REAL),), (REAL,), body, {})
-
-
-def test_the_check_does_not_trust_the_builder() -> None:
-    good = gcd()
-    foreign = Let(99, REAL, "add", (0, 1))
-    with pytest.raises(LagrangeError, match="no way to make one number"):
-        verify(folding("dot", None))
-    for op in ("dot", "add"):
-        verify(folding(op, 0 if op == "dot" else None))
-    for body in ((foreign, *good.body), (Store(0, 1, 1), *good.body), (*good.body, good.body[-1])):
-        with pytest.raises(LagrangeError):
-            verify(Procedure(good.name, good.about, good.parameters, good.results, body, {}))
 
 
 def test_the_largest_magnitude_is_that_of_all_numbers_or_nan() -> None:

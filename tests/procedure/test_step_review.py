@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sympy import Abs, log, sin
 
-from lagrange.algorithm.events.event_steps import LOOK
+from lagrange.algorithm.events.event_steps import LOOK, event_steps
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.called import CompiledProcedure, compiled
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Procedure, Record
@@ -131,7 +131,9 @@ def test_machine_code_takes_steps_with_events_as_the_interpreter_does(
     """Crossings, a kink that is halved for, a touch, resets, a count that ends the run, and one without a value."""
     made: list[Compared] = []
 
-    def compare(procedure: Procedure) -> Compared:
+    def compare(procedure: Procedure) -> Any:
+        if procedure is not event_steps.form():
+            return compiled(procedure)
         made.append(Compared(procedure))
         return made[-1]
 

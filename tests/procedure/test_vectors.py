@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.errors import LagrangeError
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import module
 from lagrange.machine.python_source import loaded
@@ -25,7 +24,6 @@ from lagrange.procedure.form import (
     Kind,
     Procedure,
     Vector,
-    VectorLet,
     walk,
 )
 from lagrange.procedure.interpreter import run
@@ -161,22 +159,3 @@ def test_random_vectors_are_the_same_everywhere(seed: int) -> None:
         lists = [array.tolist() for array in arguments[2:]]
         loaded(procedure)(*arguments[:2], *lists)
         assert [bits(value) for one in lists for value in one] == expected
-
-
-@pytest.mark.parametrize(
-    ("vector", "op", "places", "sentence"),
-    [
-        (Vector(REAL, 3), "permute", (0, 0, 0), "a vector of 3 entries"),
-        (Vector(WHOLE, 2), "permute", (0, 0), "permute gives no vector of 2 wholes"),
-        (Vector(REAL, 2), "sin", (), "sin gives no vector of 2 reals"),
-        (Vector(REAL, 2), "permute", (0, 1), "permute gives no vector of 2 reals"),
-        (Vector(REAL, 2), "neg", (), "neg gives no vector of 2 reals"),
-    ],
-)
-def test_malformed_vectors_are_refused(vector: Vector, op: str, places: tuple[int, ...], sentence: str) -> None:
-    p = Builder("wrong", "A vector of a number.")
-    x = p.given("x", REAL)
-    p.made(vector, lambda ref: VectorLet(ref, vector, op, (x.ref,), places))
-    p.leave()
-    with pytest.raises(LagrangeError, match=sentence):
-        p.finish()

@@ -16,16 +16,14 @@ from sympy import Rational, cos, exp, sin
 
 from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.equations.solve_plan import SolvePlan
-from lagrange.errors import LagrangeError, StatementError
+from lagrange.errors import StatementError
 from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph
 from lagrange.machine.series.interpreted_jet import COEFFICIENT
 from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.program.catalogue import program_of
-from lagrange.program.program import ProgramBlock
 from lagrange.program.recurrence import FUNCTION_RULES, RecurrenceBuilder
-from lagrange.program.series import RULES, SeriesProgram, SeriesRule, convolutions
+from lagrange.program.series import RULES, SeriesProgram, convolutions
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
@@ -211,67 +209,6 @@ def sound() -> SeriesProgram:
     """Return the program of x'' = y sin(x), y'' = x."""
     statement = forced(4 * (y * sin(x)))
     return replace(series_program(euler_lagrange(statement))[0], name="sound")
-
-
-def edited(i: int, rule: SeriesRule) -> dict[str, Any]:
-    rules = list(sound().rules)
-    rules[i] = rule
-    return {"rules": tuple(rules)}
-
-
-def staged(**change: Any) -> dict[str, Any]:
-    return {"stages": (replace(sound().stages[0], **change),)}
-
-
-def unstarted() -> int:
-    return next(i for i in range(len(sound().rules)) if i not in sound().started and sound().rules[i].op != "unknown")
-
-
-def shorter(program: Any) -> Any:
-    *blocks, (name, size) = program.results
-    results = (*blocks, ProgramBlock(name, size - 1))
-    return replace(program, outputs=program.outputs[:-1], results=results, shape=(len(program.outputs) - 1,))
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda: edited(4, SeriesRule("cube", (0,))), "%4 has the unknown rule cube"),
-        (lambda: edited(4, SeriesRule("mul", (0,))), "%4 = mul has 1 arguments"),
-        (lambda: edited(4, SeriesRule("time", (0,))), "%4 = time has 1 arguments"),
-        (lambda: edited(4, SeriesRule("linear", (0, 1), (0,))), "%4 = linear has 1 coefficients"),
-        (lambda: edited(4, SeriesRule("integral", (0,))), "%4 = integral has 0 coefficients"),
-        (lambda: edited(0, SeriesRule("coordinate", (), (2,))), "%0 = coordinate has a coefficient that is not there"),
-        (lambda: edited(4, SeriesRule("linear", (0,), (99,))), "%4 = linear has a coefficient that is not there"),
-        (lambda: edited(4, SeriesRule("linear", (0,), (-1,))), "%4 = linear has a coefficient that is not there"),
-        (lambda: edited(4, SeriesRule("square", (99,))), "%4 = square reads a value that is not there"),
-        (lambda: edited(4, SeriesRule("square", (-1,))), "%4 = square reads a value that is not there"),
-        (lambda: edited(4, SeriesRule("square", (4,))), "%4 = square reads a later value at its own order"),
-        (lambda: edited(4, SeriesRule("along", (5, 0), (0,))), "%4 = along reads a later value at its own order"),
-        (lambda: edited(4, SeriesRule("against", (0, 5))), "%4 = against reads a later value at its own order"),
-        (lambda: {"start": shorter(sound().start)}, "the start does not give every value of order 0"),
-        (lambda: {"constants": shorter(sound().constants)}, "the start does not give every value of order 0"),
-        (lambda: {"started": (0, 2, *sound().started[2:])}, "%1 has no value of order 0"),
-        (lambda: {"started": (2, *sound().started[1:])}, "%0 has no value of order 0"),
-        (lambda: staged(right=(9, 99)), "an output is no value"),
-        (lambda: staged(left=(None, -1)), "an output is no value"),
-        (lambda: {"watched": (10,)}, "an output is no value"),
-        (lambda: staged(right=(9,)), "there is not one momentum and one force for each coordinate"),
-        (lambda: staged(left=()), "there is not one momentum and one force for each coordinate"),
-        (lambda: {"rates": (2,)}, "there is not one rate for each coordinate"),
-        (lambda: {"rates": (2, 99)}, "an output is no value"),
-        (lambda: {"rates": (2, unstarted())}, "has no value of order 0"),
-        (lambda: staged(unknowns=(3, 2)), "the stages do not find the velocities in their order"),
-        (
-            lambda: staged(plan=SolvePlan(((0,), (0,)), moving=False)),
-            "the blocks of the mass matrix do not cover the coordinates",
-        ),
-    ],
-)
-def test_a_malformed_program_is_refused(change: Callable[[], dict[str, Any]], message: str) -> None:
-    program = sound()
-    with pytest.raises(LagrangeError, match=f"series program sound is malformed: .*{message}"):
-        replace(program, **change())
 
 
 def test_a_program_prints_what_is_done_when() -> None:
