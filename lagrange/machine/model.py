@@ -20,15 +20,7 @@ from lagrange.errors import RunError, StatementError, abridged, counted, listing
 from lagrange.graph.branches import square_roots
 from lagrange.graph.node import Node
 from lagrange.graph.term_size import term_sizes
-from lagrange.machine.backend import (
-    FloatArray,
-    Kernel,
-    KernelProvider,
-    Machine,
-    QuickCalls,
-    Series,
-    SingularMassMatrix,
-)
+from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine, QuickCalls, Series, SingularMassMatrix
 from lagrange.machine.calls import Quick, may_vanish, nothing, scalar, surely_finite
 from lagrange.machine.kernel.python_kernel import PythonKernel, printed
 from lagrange.machine.parameters import Parameters, ParameterValues, by_parameters

@@ -22,23 +22,8 @@ import numpy as np
 from lagrange.errors import LagrangeError
 from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
 from lagrange.machine.copies import Shared
-from lagrange.procedure.form import (
-    CONSTANT,
-    PARTIAL,
-    REAL,
-    Array,
-    Call,
-    Each,
-    Kind,
-    Let,
-    Load,
-    Part,
-    Procedure,
-    Read,
-    Record,
-    Store,
-    Write,
-)
+from lagrange.procedure import form
+from lagrange.procedure.form import CONSTANT, PARTIAL, REAL, Array, Kind, Procedure, Record
 from lagrange.procedure.interpreter import OPERATIONS, Span
 from lagrange.procedure.source_printer import SourcePrinter, results_of
 from lagrange.procedure.spelling import ATOM, WORDS, Literals, Operator
@@ -142,10 +127,10 @@ class _PythonPrinter(SourcePrinter):
         zeros = ", ".join(f"{name}={'0.0' if kind is REAL else '0'}" for name, kind in record.fields)
         self.put(f"{self.name(ref)} = _record({zeros})")
 
-    def part(self, part: Part) -> None:
+    def part(self, part: form.Part) -> None:
         self.write(f"{self.name(part.ref)} = _part({self.text(part.array)}, {self.text(part.start)})")
 
-    def call(self, call: Call) -> None:
+    def call(self, call: form.Call) -> None:
         target = self.function_name(call.callee) if isinstance(call.callee, Procedure) else self.text(call.callee)
         made = f"{target}({', '.join(self.text(arg) for arg in call.args)})"
         kinds = results_of(self, call)
@@ -238,14 +223,14 @@ class _ArrayPrinter(Printer):
     Inside an `each` a value is a number, or an array with an entry for each iteration.
     """
 
-    each_of: Each | None = None
+    each_of: form.Each | None = None
     count = ""
     stored: Mapping[int, None] = {}
 
-    def each(self, each: Each) -> None:
+    def each(self, each: form.Each) -> None:
         self.settle()
         self.each_of, self.count = each, self.text(each.iterations)
-        self.stored = {statement.array: None for statement in each.body if isinstance(statement, Store)}
+        self.stored = {statement.array: None for statement in each.body if isinstance(statement, form.Store)}
         for statement in each.body:
             self.statement(statement)
         for fold in each.folds:
@@ -256,7 +241,7 @@ class _ArrayPrinter(Printer):
         self.waiting.clear()
         self.each_of = None
 
-    def let(self, let: Let) -> None:
+    def let(self, let: form.Let) -> None:
         if self.each_of is None or let.op == CONSTANT or let.op in AS_WRITTEN:
             super().let(let)
         elif let.op in AT_ONCE:
@@ -264,11 +249,11 @@ class _ArrayPrinter(Printer):
         else:
             raise LagrangeError(f"{let.op} has no form for all iterations at once.")
 
-    def memory(self, statement: Load | Store | Read | Write) -> None:
+    def memory(self, statement: form.Load | form.Store | form.Read | form.Write) -> None:
         each = self.each_of
-        if each is None or not isinstance(statement, (Load, Store)) or statement.place != each.place:
+        if each is None or not isinstance(statement, (form.Load, form.Store)) or statement.place != each.place:
             super().memory(statement)
-        elif isinstance(statement, Load):
+        elif isinstance(statement, form.Load):
             # A view would change with later stores to the same array.
             copied = ".copy()" if statement.array in self.stored else ""
             self.made(statement.ref, statement.kind, ATOM, f"{self.text(statement.array)}[:{self.count}]{copied}")

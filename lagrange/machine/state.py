@@ -92,14 +92,7 @@ class DriverState:
     STEPS, REJECTED, EVALUATIONS, SLOPE_KNOWN, ROWS, RECORD, AFTER_REJECT, KEPT, SURVEYED = COUNTS.places.values()
 
     def __init__(
-        self,
-        t: float,
-        end: float,
-        y: NDArray[np.float64],
-        rtol: float,
-        atol: float,
-        step: float,
-        share: float = 0.0,
+        self, t: float, end: float, y: NDArray[np.float64], rtol: float, atol: float, step: float, share: float = 0.0
     ) -> None:
         """Begin a run at time `t` and state `y` (2n,) towards the time `end`.
 
@@ -140,12 +133,7 @@ class DriverState:
         return {"run": run, "counts": counts, "floors": self.floors}
 
     def restart(
-        self,
-        first: NDArray[np.float64],
-        span: tuple[float, float],
-        y: NDArray[np.float64],
-        step: float,
-        longest: float,
+        self, first: NDArray[np.float64], span: tuple[float, float], y: NDArray[np.float64], step: float, longest: float
     ) -> None:
         """Begin another run by the same driver, over `span` (start, end) from the state y.
 

@@ -133,14 +133,7 @@ class _Assembly:
     """Builds the series of one form of the equations of motion: its values and their rules."""
 
     def __init__(
-        self,
-        equations: Equations,
-        form: Form,
-        parts: _Parts,
-        switched: Switched,
-        *,
-        steady: bool,
-        apart: bool,
+        self, equations: Equations, form: Form, parts: _Parts, switched: Switched, *, steady: bool, apart: bool
     ) -> None:
         self.equations = equations
         self.triangles, self.switched = parts.triangle, switched

@@ -29,16 +29,7 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.plan import StepPlan
 from tests.models import TARGETS, c, k, m, stated, x, y
-from tests.trajectory.runs import (
-    CONSTRAINED,
-    CONTROLLED,
-    FIXED,
-    IMPLICIT,
-    SLOPES,
-    SPLITTINGS,
-    STEPPED,
-    planned,
-)
+from tests.trajectory.runs import CONSTRAINED, CONTROLLED, FIXED, IMPLICIT, SLOPES, SPLITTINGS, STEPPED, planned
 
 S = DriverState
 

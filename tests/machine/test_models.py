@@ -348,27 +348,18 @@ REFUSED: dict[str, tuple[Callable[[Model], Any], str]] = {
         lambda of: of.accelerations([1.0], [1.0]),
         r"q has shape \(1,\); this system has 2 coordinates \(a0, a1\): give \(2,\), or \(2, batch\)",
     ),
-    "short v": (
-        lambda of: of.accelerations([1.0, 2.0], [1.0]),
-        r"v has shape \(1,\); this system has 2 coordinates",
-    ),
+    "short v": (lambda of: of.accelerations([1.0, 2.0], [1.0]), r"v has shape \(1,\); this system has 2 coordinates"),
     "unlike": (
         lambda of: of.accelerations(np.ones((2, 2)), np.ones((2, 3))),
         r"q has shape \(2, 2\) and v \(2, 3\): give both the same shape",
     ),
     "cube": (lambda of: of.accelerations(np.ones((2, 2, 2)), np.ones((2, 2, 2))), r"q has shape \(2, 2, 2\)"),
-    "complex": (
-        lambda of: of.accelerations([1j, 0], [0, 0]),
-        "q has entries of type complex128: give real numbers",
-    ),
+    "complex": (lambda of: of.accelerations([1j, 0], [0, 0]), "q has entries of type complex128: give real numbers"),
     "ragged": (
         lambda of: of.accelerations([[1, 2], [3]], [[1, 2], [3]]),
         r"q is not an array: .* Give rows of one length",
     ),
-    "state": (
-        lambda of: of.rhs(0.0, [1, 2, 3]),
-        r"y has shape \(3,\): give \[q, v\] of shape \(4,\), or \(4, batch\)",
-    ),
+    "state": (lambda of: of.rhs(0.0, [1, 2, 3]), r"y has shape \(3,\): give \[q, v\] of shape \(4,\), or \(4, batch\)"),
     "complex state": (lambda of: of.jacobian(0.0, np.ones(4) * 1j), "y has entries of type complex128"),
     "times": (
         lambda of: of.accelerations(np.ones((2, 2)), np.ones((2, 2)), np.zeros(3)),

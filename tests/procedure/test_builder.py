@@ -33,12 +33,7 @@ from lagrange.export.contents import ExportContents, module_of
 from lagrange.machine.python_source import loaded, source
 from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import (
-    REAL,
-    WHOLE,
-    Procedure,
-    Record,
-)
+from lagrange.procedure.form import REAL, WHOLE, Procedure, Record
 from lagrange.procedure.interpreter import fused, run
 from lagrange.procedure.shared import shared
 from lagrange.program.series import SeriesProgram

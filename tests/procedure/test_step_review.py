@@ -118,12 +118,7 @@ def foreign(callee: Callee, place: int) -> Any:
 @pytest.mark.few(1)
 @pytest.mark.parametrize(
     "name",
-    [
-        "dopri5",
-        "gauss2",
-        pytest.param("rk4", marks=pytest.mark.slow),
-        pytest.param("radau5", marks=pytest.mark.slow),
-    ],
+    ["dopri5", "gauss2", pytest.param("rk4", marks=pytest.mark.slow), pytest.param("radau5", marks=pytest.mark.slow)],
 )
 def test_machine_code_takes_steps_with_events_as_the_interpreter_does(
     name: str, monkeypatch: pytest.MonkeyPatch

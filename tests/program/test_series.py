@@ -38,12 +38,7 @@ EXACTLY = pytest.approx(ORDER, abs=1e-6)
 
 # --- rules ----------------------------------------------------------------------------------------------------
 
-INNER: dict[str, Any] = {
-    "a coordinate": x / 2,
-    "a sum": x / 2 - y + t / 4,
-    "a product": x * y,
-    "a velocity": x.dot * y,
-}
+INNER: dict[str, Any] = {"a coordinate": x / 2, "a sum": x / 2 - y + t / 4, "a product": x * y, "a velocity": x.dot * y}
 
 
 def power(exponent: Any, a: Any) -> Any:

@@ -428,14 +428,7 @@ class AlongRun:
 
 @procedure
 def follow_step(
-    step: SampledStep,
-    numbers: In,
-    points: In,
-    reduced: Reduced,
-    *,
-    sampled: Sampled,
-    path: Procedure,
-    dimension: int,
+    step: SampledStep, numbers: In, points: In, reduced: Reduced, *, sampled: Sampled, path: Procedure, dimension: int
 ) -> None:
     """Sample expressions on a step, and write the results of their reductions with this step to `reduced`.
 

@@ -191,10 +191,7 @@ def state_parts(layout: Layout) -> list[tuple[int, int, int | None]]:
 
 
 @procedure(
-    arguments=running,
-    entries=entries_array,
-    moved=lambda layout: FLAG if layout.projected else None,
-    rows=rows_array,
+    arguments=running, entries=entries_array, moved=lambda layout: FLAG if layout.projected else None, rows=rows_array
 )
 def accept_step(
     arguments: Running, entries: Out | None, moved: bool | None, t: float, times: Out, rows: Out, *, layout: Layout

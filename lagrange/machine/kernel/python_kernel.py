@@ -57,12 +57,7 @@ NO_VALUE = (ZeroDivisionError, ValueError, OverflowError)
 NO_NUMBERS = (*NO_VALUE, TypeError)
 """`NO_VALUE`, and the exception for a matrix row where a number is expected."""
 
-CHECKS: dict[str, Any] = {
-    "ndarray": np.ndarray,
-    "double": DOUBLE,
-    "isfinite": math.isfinite,
-    "NO_VALUE": NO_NUMBERS,
-}
+CHECKS: dict[str, Any] = {"ndarray": np.ndarray, "double": DOUBLE, "isfinite": math.isfinite, "NO_VALUE": NO_NUMBERS}
 """Names for the checks of one state and for creating an array of its results."""
 
 

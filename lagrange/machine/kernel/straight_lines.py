@@ -19,23 +19,8 @@ from lagrange.algorithm.kernel.kernels import kernel_by_value, prepare
 from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.machine.kernel.interpreted import OPERATIONS
 from lagrange.machine.python_source import RAISING, Printer
-from lagrange.procedure.form import (
-    ANGLES,
-    CONSTANT,
-    FLAG,
-    REAL,
-    Declare,
-    Get,
-    Let,
-    Load,
-    Procedure,
-    Read,
-    Set,
-    SineCosine,
-    Statement,
-    Store,
-    Write,
-)
+from lagrange.procedure import form
+from lagrange.procedure.form import ANGLES, CONSTANT, FLAG, REAL, Procedure, Statement
 from lagrange.procedure.spelling import ATOM
 from lagrange.procedure.visit import FIELDS, operands, visits
 from lagrange.program.program import Program
@@ -119,14 +104,14 @@ def _straight(procedure: Procedure) -> Procedure:
 
     for statement in procedure.body:
         match statement:
-            case Declare(ref=variable, value=ref) | Set(variable=variable, value=ref):
+            case form.Declare(ref=variable, value=ref) | form.Set(variable=variable, value=ref):
                 known[variable] = value(ref)
-            case Get(ref=ref, variable=variable):
+            case form.Get(ref=ref, variable=variable):
                 known[ref] = known[variable]
-            case Let(ref=ref, op="or", args=(first, second)) if value(first) in false:
+            case form.Let(ref=ref, op="or", args=(first, second)) if value(first) in false:
                 known[ref] = value(second)
             case _:
-                if isinstance(statement, Let) and statement.data is False:
+                if isinstance(statement, form.Let) and statement.data is False:
                     false.append(statement.ref)
                 names = FIELDS[type(statement)].read
                 body.append(statement._replace(**{name: value(getattr(statement, name)) for name in names}))
@@ -174,22 +159,22 @@ class _Floats(Printer):
     def function_of(self, op: str) -> str:
         return op
 
-    @visits(Load, Store, Read, Write)
-    def memory(self, statement: Load | Store | Read | Write) -> None:
+    @visits(form.Load, form.Store, form.Read, form.Write)
+    def memory(self, statement: form.Load | form.Store | form.Read | form.Write) -> None:
         """Print a read or write of the array of values that depend on parameters alone.
 
         The outer function sets each value as a variable; the inner function uses this variable.
         """
-        assert isinstance(statement, (Load, Store))
+        assert isinstance(statement, (form.Load, form.Store))
         slot = f"p{self.constants[statement.place]}"
-        if isinstance(statement, Load):
+        if isinstance(statement, form.Load):
             self.types[statement.ref], self.texts[statement.ref] = statement.kind, (ATOM, slot)
             self.fixed[statement.ref] = None
         else:
             self.once.append(f"{slot} = {self.text(statement.value)}")
 
-    @visits(Let)
-    def let(self, let: Let) -> None:
+    @visits(form.Let)
+    def let(self, let: form.Let) -> None:
         """Print an operation: in the outer function if it depends on parameters alone, else in the inner one."""
         fixed = all(arg in self.fixed for arg in let.args)
         if fixed:
@@ -333,8 +318,8 @@ class _RowPrinter(_Floats):
                 self.rows[ref] = row
         return row
 
-    @visits(Let)
-    def let(self, let: Let) -> None:
+    @visits(form.Let)
+    def let(self, let: form.Let) -> None:
         """Print an operation that writes its result to a row. A comparison returns a new array instead."""
         if all(arg in self.fixed for arg in let.args):
             super().let(let)
@@ -348,7 +333,7 @@ class _RowPrinter(_Floats):
             else:
                 self.operation_on_rows(let, texts)
 
-    def operation_on_rows(self, let: Let, texts: Sequence[str]) -> None:
+    def operation_on_rows(self, let: form.Let, texts: Sequence[str]) -> None:
         """Print an operation on rows whose result is a row of numbers. `texts` are the names of its operands."""
         a, *others = texts
         match let.op:
@@ -375,8 +360,8 @@ class _RowPrinter(_Floats):
             case op:
                 self.put(f"{self.row(let.ref)}[:] = [{op}(value) for value in {a}.tolist()]")
 
-    @visits(SineCosine)
-    def pair(self, pair: SineCosine) -> None:
+    @visits(form.SineCosine)
+    def pair(self, pair: form.SineCosine) -> None:
         """Print the sine and the cosine of an angle, as operations on rows."""
         if self.half_angles and pair.angle not in self.fixed:
             self.by_half_angle(pair.angle, sin=pair.sine, cos=pair.cosine)
@@ -384,9 +369,9 @@ class _RowPrinter(_Floats):
         # The sine must not overwrite the row of the angle, which the cosine reads next.
         last = self.last[pair.angle]
         self.last[pair.angle] = self.place + 1
-        self.let(Let(pair.sine, REAL, "sin", (pair.angle,)))
+        self.let(form.Let(pair.sine, REAL, "sin", (pair.angle,)))
         self.last[pair.angle] = last
-        self.let(Let(pair.cosine, REAL, "cos", (pair.angle,)))
+        self.let(form.Let(pair.cosine, REAL, "cos", (pair.angle,)))
 
     def by_half_angle(self, angle: int, *, sin: int | None = None, cos: int | None = None) -> None:
         """Print sine and cosine of an angle x from t = tan(x/2): 2 t/(1 + t^2) and 2/(1 + t^2) - 1.

@@ -8,28 +8,8 @@ from typing import TYPE_CHECKING
 
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.operations import largest_magnitude, spell, splat, type_of
-from lagrange.procedure.form import (
-    ANGLES,
-    FLAG,
-    PARTIAL,
-    REAL,
-    SUMS,
-    WHOLE,
-    Block,
-    Declare,
-    Each,
-    Fold,
-    Gather,
-    Let,
-    Load,
-    Part,
-    Set,
-    SineCosine,
-    Store,
-    VectorLet,
-    VectorLoad,
-    walk,
-)
+from lagrange.procedure import form
+from lagrange.procedure.form import ANGLES, FLAG, PARTIAL, REAL, SUMS, WHOLE, Block, walk
 
 if TYPE_CHECKING:
     from lagrange.machine.llvm.procedures import Printer
@@ -42,7 +22,7 @@ UNROLLED_VECTORS = 2
 class IterationBlock:
     """Iterations of an `each` that are printed as one vector: those from `offset` on for which `mask` is true."""
 
-    each: Each
+    each: form.Each
     lanes: int
     offset: str
     mask: str
@@ -53,7 +33,7 @@ class IterationBlock:
 class Lanes:
     """Prints an `each` loop as LLVM IR, with `lanes` iterations at once: one in each lane of a vector."""
 
-    def __init__(self, printer: Printer, each: Each, lanes: int) -> None:
+    def __init__(self, printer: Printer, each: form.Each, lanes: int) -> None:
         self.printer, self.e, self.each, self.lanes = printer, printer.e, each, lanes
         self.stride = max(lanes, PARTIAL) if any(fold.op in SUMS for fold in each.folds) else lanes
         """Number of iterations of the `each` in one pass of the printed loop: with a sum, at least one for each partial
@@ -91,8 +71,8 @@ class Lanes:
             return []
         refs: dict[int, None] = {}
         for statement in walk(self.each.body):
-            stored = (statement.value,) if isinstance(statement, (Store, Declare, Set)) else ()
-            for ref in statement.args if isinstance(statement, Let) else stored:
+            stored = (statement.value,) if isinstance(statement, (form.Store, form.Declare, form.Set)) else ()
+            for ref in statement.args if isinstance(statement, form.Let) else stored:
                 if ref in self.printer.values and ref in self.printer.kinds:
                     refs[ref] = None
         return list(refs)
@@ -132,7 +112,9 @@ class Lanes:
 
         It is empty, for no mask, if all iterations of a vector exist or extra ones do no harm.
         """
-        stores = not self.each.spill and any(isinstance(statement, Store) for statement in accesses(self.each.body))
+        stores = not self.each.spill and any(
+            isinstance(statement, form.Store) for statement in accesses(self.each.body)
+        )
         if self.lanes == 1 or not count.startswith("%") or not (stores or self.each.folds):
             return ""
         e, kind = self.e, type_of(WHOLE, self.lanes)
@@ -175,7 +157,7 @@ class Lanes:
                 both = f"{kind} {partials[slot]}, {kind} {before}"
                 partials[slot] = self.e.value(f"select <{self.lanes} x i1> {mask}, {both}")
 
-    def total(self, fold: Fold, partials: list[str]) -> str:
+    def total(self, fold: form.Fold, partials: list[str]) -> str:
         """Return the result of a reduction from its partial results, which are combined in a fixed order."""
         e = self.e
         if fold.op == "magnitude" and self.lanes > 1:
@@ -200,31 +182,33 @@ def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
     return spell(e, "select", (FLAG, REAL, REAL), [larger, value, total], lanes)
 
 
-def accesses(block: Block) -> Iterator[Load | Store]:
+def accesses(block: Block) -> Iterator[form.Load | form.Store]:
     """Yield the reads and writes of arrays in a block."""
-    return (statement for statement in walk(block) if isinstance(statement, (Load, Store)))
+    return (statement for statement in walk(block) if isinstance(statement, (form.Load, form.Store)))
 
 
 def number_of_angles(block: Block) -> int:
     """Return the number of angles in a block: its sines and cosines, where a pair of the same angle counts once."""
-    operations = (statement for statement in walk(block) if isinstance(statement, (Let, VectorLet)))
+    operations = (statement for statement in walk(block) if isinstance(statement, (form.Let, form.VectorLet)))
     angles = sum(operation.op in ANGLES for operation in operations)
-    return angles + sum(isinstance(statement, SineCosine) for statement in walk(block))
+    return angles + sum(isinstance(statement, form.SineCosine) for statement in walk(block))
 
 
 def widest(block: Block) -> int:
     """Return the largest vector width in a block, of vectors or of parallel iterations; at least 1."""
     vectors = (
-        statement.vector.width for statement in walk(block) if isinstance(statement, (VectorLet, VectorLoad, Gather))
+        statement.vector.width
+        for statement in walk(block)
+        if isinstance(statement, (form.VectorLet, form.VectorLoad, form.Gather))
     )
-    return max([1, *(each.width for each in walk(block) if isinstance(each, Each)), *vectors])
+    return max([1, *(each.width for each in walk(block) if isinstance(each, form.Each)), *vectors])
 
 
 def base_arrays(block: Block) -> dict[int, int]:
     """Return {id of a part: id of the whole array} for each part of an array that a block defines."""
     bases: dict[int, int] = {}
     for statement in walk(block):
-        if isinstance(statement, Part):
+        if isinstance(statement, form.Part):
             bases[statement.ref] = bases.get(statement.array, statement.array)
     return bases
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
-from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind, Let, Type, Vector
+from lagrange.procedure import form
+from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind, Type, Vector
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
@@ -68,7 +69,7 @@ def declaration(name: str, op: str, lanes: int = 1) -> str:
     return f"declare {kind} @{name}({', '.join([kind] * len(OPERATIONS[op][0][0]))})"
 
 
-def constant(let: Let) -> str:
+def constant(let: form.Let) -> str:
     """Return the IR operand of a constant, for the statement that defines it."""
     if let.kind is REAL:
         return literal(0.0 if let.data is None else float(let.data))

@@ -38,13 +38,9 @@ from lagrange.machine.llvm.operations import (
     type_of,
 )
 from lagrange.machine.llvm.processor import routines_called
-from lagrange.machine.llvm.sine_cosine import (
-    angle_function,
-    angle_name,
-    call_sine_and_cosine,
-    sine_and_cosine,
-)
+from lagrange.machine.llvm.sine_cosine import angle_function, angle_name, call_sine_and_cosine, sine_and_cosine
 from lagrange.machine.llvm.vectors import PrinterState, printed, scatter, store
+from lagrange.procedure import form
 from lagrange.procedure.form import (
     ANGLES,
     CONSTANT,
@@ -57,38 +53,13 @@ from lagrange.procedure.form import (
     WIDTHS,
     Array,
     Block,
-    Call,
     Callee,
-    Declare,
-    Each,
-    Gather,
-    Get,
     Kind,
-    Leave,
-    Let,
-    Load,
-    Loop,
-    Note,
-    Part,
     Procedure,
-    Read,
     Record,
-    Reduce,
-    Repeat,
-    Reserve,
-    ReserveRecord,
-    Scatter,
-    Set,
-    SineCosine,
     Statement,
-    Store,
     Type,
     Vector,
-    VectorLet,
-    VectorLoad,
-    VectorStore,
-    When,
-    Write,
     assigned,
     transitive_callees,
 )
@@ -184,7 +155,7 @@ class Printer(Visitor):
         self.procedure, self.outside = procedure, outside
         self.foreign = procedure in outside
         self.stores_together = (
-            self.foreign and sum(isinstance(statement, Store) for statement in procedure.body) <= FEW_RESULTS
+            self.foreign and sum(isinstance(statement, form.Store) for statement in procedure.body) <= FEW_RESULTS
         )
         self.e = Emitter() if e is None else e
         self.values: dict[int, str] = {}
@@ -300,11 +271,11 @@ class Printer(Visitor):
     def passes(self, statement: Statement) -> bool:
         """Return True if a statement cannot affect the delayed stores, so that they may be printed after it."""
         match statement:
-            case Let() | SineCosine():
+            case form.Let() | form.SineCosine():
                 return True
-            case Load(array=array):
+            case form.Load(array=array):
                 return self.array(array).read
-            case Store(array=array, place=place):
+            case form.Store(array=array, place=place):
                 before, last, _ = self.together[-1]
                 return array == before and number(self.values[place]) == last + 1
         return False
@@ -321,26 +292,26 @@ class Printer(Visitor):
                 total = e.value(f"insertelement {kind} {total}, double {value}, i64 {lane}")
             e.store(total, e.address(self.values[part[0][0]], part[0][1]), kind)
 
-    @visits(Note)
-    def note(self, note: Note) -> None:
+    @visits(form.Note)
+    def note(self, note: form.Note) -> None:
         """Print a comment."""
         self.e.lines += [f"  ; {line}" for line in note.text.splitlines()]
 
-    @visits(Reserve)
-    def array_of(self, reserve: Reserve) -> None:
+    @visits(form.Reserve)
+    def array_of(self, reserve: form.Reserve) -> None:
         """Print the allocation of memory for a local array."""
         self.define(reserve.ref, self.reserve(reserve.array), reserve.array)
 
-    @visits(SineCosine)
-    def pair(self, pair: SineCosine) -> None:
+    @visits(form.SineCosine)
+    def pair(self, pair: form.SineCosine) -> None:
         """Print a sine and a cosine of the same angle."""
         for ref, value in zip((pair.sine, pair.cosine), self.angle(pair.angle), strict=True):
             self.define(ref, value, self.types[pair.angle], wide=self.lanes(pair.angle) > 1)
 
-    @visits(ReserveRecord, Part)
-    def place(self, statement: ReserveRecord | Part) -> None:
+    @visits(form.ReserveRecord, form.Part)
+    def place(self, statement: form.ReserveRecord | form.Part) -> None:
         """Print the address of a new record of zeros, or of a part of an array."""
-        if isinstance(statement, ReserveRecord):
+        if isinstance(statement, form.ReserveRecord):
             count = len(statement.record.fields) * statement.record.lanes
             self.define(statement.ref, self.e.reserve(numbers := f"[{count} x i64]"), statement.record)
             return self.e.store("zeroinitializer", self.values[statement.ref], numbers)
@@ -348,8 +319,8 @@ class Printer(Visitor):
         address = self.e.address(self.values[statement.array], self.values[statement.start], KINDS[held.kind])
         return self.define(statement.ref, address, replace(held, size=None))
 
-    @visits(Let)
-    def let(self, let: Let) -> None:
+    @visits(form.Let)
+    def let(self, let: form.Let) -> None:
         """Print an operation, on vectors if an operand is a vector."""
         if let.op == CONSTANT:
             return self.define(let.ref, constant(let), let.kind)
@@ -364,18 +335,20 @@ class Printer(Visitor):
         return self.define(let.ref, made, let.kind, wide=lanes > 1)
 
     @visits(*VECTOR_STATEMENTS)
-    def on_vectors(self, statement: VectorLet | Reduce | VectorLoad | Gather | VectorStore | Scatter) -> None:
+    def on_vectors(
+        self, statement: form.VectorLet | form.Reduce | form.VectorLoad | form.Gather | form.VectorStore | form.Scatter
+    ) -> None:
         """Print a statement on short vectors."""
         known = PrinterState(self.e, self.values, self.types)
         match statement:
-            case VectorStore():
+            case form.VectorStore():
                 store(known, statement)
-            case Scatter():
+            case form.Scatter():
                 scatter(known, statement)
-            case VectorLet(op=op) if op in ANGLES:
+            case form.VectorLet(op=op) if op in ANGLES:
                 self.define(statement.ref, self.angle(*statement.args)[ANGLES.index(op)], statement.vector)
             case _:
-                kind = statement.kind if isinstance(statement, Reduce) else statement.vector
+                kind = statement.kind if isinstance(statement, form.Reduce) else statement.vector
                 self.define(statement.ref, printed(known, statement), kind)
 
     def angle(self, ref: int) -> tuple[str, str]:
@@ -387,21 +360,21 @@ class Printer(Visitor):
         kind = self.types[ref]
         return make(self.e, self.values[ref], kind.width if isinstance(kind, Vector) else self.lanes(ref))
 
-    @visits(Load, Store, Read, Write)
-    def memory(self, statement: Load | Store | Read | Write) -> None:
+    @visits(form.Load, form.Store, form.Read, form.Write)
+    def memory(self, statement: form.Load | form.Store | form.Read | form.Write) -> None:
         """Print the read or write of an array or record."""
         e = self.e
         match statement:
-            case Load(ref=ref, kind=kind, array=array, place=index):
+            case form.Load(ref=ref, kind=kind, array=array, place=index):
                 lanes = self.lanes(index)
                 made = e.load(e.address(self.values[array], self.values[index], KINDS[kind]), type_of(kind, lanes))
                 self.define(ref, made, kind, wide=lanes > 1)
-            case Store():
+            case form.Store():
                 self.store(statement)
-            case Read(ref=ref, kind=kind, record=record, field=field):
+            case form.Read(ref=ref, kind=kind, record=record, field=field):
                 entry = e.load(self.field(record, field), type_of(kind, self.record(record).lanes))
                 self.define(ref, entry, self.record(record).type_of(field))
-            case Write(record=record, field=field, value=value):
+            case form.Write(record=record, field=field, value=value):
                 e.store(
                     self.values[value], self.field(record, field), argument_type(self.record(record).type_of(field))
                 )
@@ -417,7 +390,7 @@ class Printer(Visitor):
         held = self.record(ref)
         return self.e.address(self.values[ref], held.places[field] * held.lanes, KINDS[held.kind(field)])
 
-    def store(self, store: Store) -> None:
+    def store(self, store: form.Store) -> None:
         """Print the store of a number to an array, or of those entries of a vector whose iterations exist."""
         e, lanes, array = self.e, self.lanes(store.place), self.array(store.array)
         where = number(self.values[store.place]) if lanes == 1 and array.kind is REAL else None
@@ -437,21 +410,21 @@ class Printer(Visitor):
             f"<{lanes} x i1> {current.mask})"
         )
 
-    @visits(Declare, Get, Set)
-    def variable(self, statement: Declare | Get | Set) -> None:
+    @visits(form.Declare, form.Get, form.Set)
+    def variable(self, statement: form.Declare | form.Get | form.Set) -> None:
         """Print the declaration, read or assignment of a variable. A variable declared in an `each` is a vector."""
         lanes = 1 if self.current is None else self.current.lanes
         match statement:
-            case Declare(ref=ref, kind=kind, value=value):
+            case form.Declare(ref=ref, kind=kind, value=value):
                 self.define(ref, "", kind, wide=lanes > 1)
                 self.held[ref] = self.operand(value, lanes)
-            case Get(ref=ref, kind=kind, variable=variable):
+            case form.Get(ref=ref, kind=kind, variable=variable):
                 self.define(ref, self.held[variable], kind, wide=variable in self.wide)
-            case Set(variable=variable, value=value):
+            case form.Set(variable=variable, value=value):
                 self.held[variable] = self.operand(value, lanes)
 
-    @visits(Call)
-    def call(self, call: Call) -> None:
+    @visits(form.Call)
+    def call(self, call: form.Call) -> None:
         """Print a call and define its results."""
         if isinstance(call.callee, Procedure):
             types = tuple(parameter.type for parameter in call.callee.parameters)
@@ -475,7 +448,7 @@ class Printer(Visitor):
             return f"i32 {self.e.value(f'zext i1 {self.values[arg]} to i32')}"
         return f"{argument_type(kind)} {self.values[arg]}"
 
-    def called(self, call: Call, what: str, results: Sequence[Kind | Vector], *, foreign: bool = False) -> None:
+    def called(self, call: form.Call, what: str, results: Sequence[Kind | Vector], *, foreign: bool = False) -> None:
         """Print a call of `what` and define its results. Flags that a `foreign` function returns are C's ints.
 
         `what` is the IR of the callee with its arguments. `results` are the types of the results.
@@ -493,8 +466,8 @@ class Printer(Visitor):
             flag = f"trunc i32 {result} to i1" if isinstance(call.callee, Procedure) else f"icmp ne i32 {result}, 0"
             self.define(ref, e.value(flag) if type_name == "i32" else result, kind)
 
-    @visits(Leave)
-    def leave(self, leave: Leave) -> None:
+    @visits(form.Leave)
+    def leave(self, leave: form.Leave) -> None:
         """Print the return from the procedure."""
         self.release()
         pairs = zip(leave.values, self.procedure.results, strict=True)
@@ -507,25 +480,25 @@ class Printer(Visitor):
 
     # --- control
 
-    @visits(When, Loop, Repeat, Each)
-    def control(self, statement: When | Loop | Repeat | Each) -> None:
+    @visits(form.When, form.Loop, form.Repeat, form.Each)
+    def control(self, statement: form.When | form.Loop | form.Repeat | form.Each) -> None:
         """Print a branch or a loop."""
         match statement:
-            case When():
+            case form.When():
                 self.when(statement)
-            case Loop(place=index, start=start, stop=stop, step=step, body=body):
+            case form.Loop(place=index, start=start, stop=stop, step=step, body=body):
                 with self.repeated(body, index, self.values[start], step) as name:
                     self.define(index, f"%{name}.i", WHOLE)
                     test = self.e.value(f"icmp slt i64 %{name}.i, {self.values[stop]}")
                     self.e.do(f"br i1 {test}, label %{name}.body, label %{name}.end")
-            case Repeat(test=test_block, condition=condition, body=body):
+            case form.Repeat(test=test_block, condition=condition, body=body):
                 with self.repeated((*test_block, *body), None, "", 1, body) as name:
                     self.block(test_block)
                     self.e.do(f"br i1 {self.values[condition]}, label %{name}.body, label %{name}.end")
-            case Each():
+            case form.Each():
                 self.each(statement)
 
-    def when(self, when: When) -> None:
+    def when(self, when: form.When) -> None:
         """Print a branch."""
         e, name, before = self.e, self.e.fresh("if"), dict(self.held)
         other = f"{name}.else" if when.otherwise else f"{name}.end"
@@ -585,7 +558,7 @@ class Printer(Visitor):
 
     # --- vectors of iterations
 
-    def each(self, each: Each) -> None:
+    def each(self, each: form.Each) -> None:
         """Print an `each` loop, by vectors of iterations if its arrays have room for whole vectors."""
         width = PARTIAL if any(fold.op in SUMS for fold in each.folds) else each.width
         whole = base_arrays(each.body)

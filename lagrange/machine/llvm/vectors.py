@@ -8,18 +8,8 @@ from dataclasses import dataclass
 from lagrange.machine.llvm.emitter import Emitter, suffix
 from lagrange.machine.llvm.operations import KINDS, LIBRARY, spell, splat, type_of
 from lagrange.machine.llvm.processor import call_library
-from lagrange.procedure.form import (
-    WHOLE,
-    Gather,
-    Kind,
-    Reduce,
-    Scatter,
-    Type,
-    Vector,
-    VectorLet,
-    VectorLoad,
-    VectorStore,
-)
+from lagrange.procedure import form
+from lagrange.procedure.form import WHOLE, Kind, Type, Vector
 
 
 @dataclass(frozen=True)
@@ -31,16 +21,16 @@ class PrinterState:
     types: Mapping[int, Type]
 
 
-def printed(known: PrinterState, statement: VectorLet | Reduce | VectorLoad | Gather) -> str:
+def printed(known: PrinterState, statement: form.VectorLet | form.Reduce | form.VectorLoad | form.Gather) -> str:
     """Print a statement that defines a vector, or a single value from a vector, and return its operand."""
     match statement:
-        case VectorLet():
+        case form.VectorLet():
             return _operation(known, statement)
-        case Reduce():
+        case form.Reduce():
             return _reduced(known, statement)
-        case Gather():
+        case form.Gather():
             return _gathered(known, statement)
-        case VectorLoad():
+        case form.VectorLoad():
             return _loaded(known, statement)
 
 
@@ -51,7 +41,7 @@ def _vector(known: PrinterState, ref: int) -> Vector:
     return vector
 
 
-def _operation(known: PrinterState, let: VectorLet) -> str:
+def _operation(known: PrinterState, let: form.VectorLet) -> str:
     """Print an operation on vectors and return its operand."""
     e, (_, width) = known.e, let.vector
     if let.op == "permute":
@@ -60,7 +50,7 @@ def _operation(known: PrinterState, let: VectorLet) -> str:
     return call_library(e, let.op, args, width) if let.op in LIBRARY else spell(e, let.op, kinds, args, width)
 
 
-def _permuted(known: PrinterState, let: VectorLet) -> str:
+def _permuted(known: PrinterState, let: form.VectorLet) -> str:
     """Emit a vector made of entries of other vectors and of single values, and return its operand.
 
     The operation `permute` says which ones. Entries of each vector are moved and merged; single values are inserted.
@@ -122,7 +112,7 @@ def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single:
     return made
 
 
-def _reduced(known: PrinterState, reduce: Reduce) -> str:
+def _reduced(known: PrinterState, reduce: form.Reduce) -> str:
     """Emit what a `Reduce` statement takes from a vector, and return its operand.
 
     It is the sum of the entries, one entry, or the flag that is true if any entry is true.
@@ -155,7 +145,7 @@ def _listed(indices: Sequence[int]) -> str:
     return f"<{len(indices)} x i32> <{', '.join(f'i32 {index}' for index in indices)}>"
 
 
-def _gathered(known: PrinterState, gather: Gather) -> str:
+def _gathered(known: PrinterState, gather: form.Gather) -> str:
     """Emit the read of the entries of an array at the indices in a vector, and return the operand of the result."""
     e, (kind, width), made = known.e, gather.vector, "poison"
     if gather.mask is not None:
@@ -170,13 +160,13 @@ def _gathered(known: PrinterState, gather: Gather) -> str:
     return made
 
 
-def _pointers(known: PrinterState, statement: Gather | Scatter, kind: Kind, width: int) -> str:
+def _pointers(known: PrinterState, statement: form.Gather | form.Scatter, kind: Kind, width: int) -> str:
     """Emit the addresses of the array entries that a gather reads or a scatter writes, as a vector of pointers."""
     indices = f"{type_of(WHOLE, width)} {known.values[statement.places]}"
     return known.e.value(f"getelementptr {KINDS[kind]}, ptr {known.values[statement.array]}, {indices}")
 
 
-def _place(known: PrinterState, access: VectorLoad | VectorStore, vector: Vector) -> tuple[str, str]:
+def _place(known: PrinterState, access: form.VectorLoad | form.VectorStore, vector: Vector) -> tuple[str, str]:
     """Return the address of the first entry that is read or written, and the mask as an operand.
 
     Without a mask the operand is an empty string.
@@ -185,7 +175,7 @@ def _place(known: PrinterState, access: VectorLoad | VectorStore, vector: Vector
     return address, "" if access.mask is None else f"<{vector.width} x i1> {known.values[access.mask]}"
 
 
-def _loaded(known: PrinterState, load: VectorLoad) -> str:
+def _loaded(known: PrinterState, load: form.VectorLoad) -> str:
     """Emit the read of adjacent entries of an array as a vector, and return the operand of the result."""
     address, mask = _place(known, load, load.vector)
     vector = type_of(*load.vector)
@@ -195,7 +185,7 @@ def _loaded(known: PrinterState, load: VectorLoad) -> str:
     return known.e.value(f"call {vector} @llvm.masked.load.{suffix(vector)}.p0({arguments})")
 
 
-def scatter(known: PrinterState, scatter: Scatter) -> None:
+def scatter(known: PrinterState, scatter: form.Scatter) -> None:
     """Print the store of a vector to the entries of an array at the indices in another vector."""
     kind, width = _vector(known, scatter.value)
     vector, mask = type_of(kind, width), f"<{width} x i1> {known.values[scatter.mask]}"
@@ -203,7 +193,7 @@ def scatter(known: PrinterState, scatter: Scatter) -> None:
     known.e.do(f"call void @llvm.masked.scatter.{suffix(vector)}.v{width}p0({arguments}, i32 8, {mask})")
 
 
-def store(known: PrinterState, store: VectorStore) -> None:
+def store(known: PrinterState, store: form.VectorStore) -> None:
     """Print the store of a vector to adjacent entries of an array."""
     kind, value = _vector(known, store.value), known.values[store.value]
     address, mask = _place(known, store, kind)

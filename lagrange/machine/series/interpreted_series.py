@@ -97,13 +97,7 @@ class NumpySeries(Shared):
         return NumpyDense(n, order, both=False, size=size, write=write)
 
     def rows(
-        self,
-        order: int,
-        t: float,
-        y: FloatArray,
-        scale: float,
-        parameters: FloatArray,
-        low: FloatArray | None = None,
+        self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray, low: FloatArray | None = None
     ) -> FloatArray:
         """Return the Taylor coefficients of the motion at the state y + `low`, with order k in row k, times scale**k.
 

@@ -90,12 +90,7 @@ class Rewriter:
     """
 
     def __init__(
-        self,
-        tree: ast.FunctionDef,
-        comments: Mapping[int, str],
-        *,
-        inlined: bool,
-        outer: frozenset[str] | None = None,
+        self, tree: ast.FunctionDef, comments: Mapping[int, str], *, inlined: bool, outer: frozenset[str] | None = None
     ) -> None:
         self.tree, self.comments, self.is_inner = tree, comments, outer is not None
         self.body = [delegated(statement) for statement in single_exit(self.tree)] if inlined else self.tree.body
