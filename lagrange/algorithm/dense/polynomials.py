@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,14 +35,13 @@ from lagrange.algorithm.dense.block import (
 from lagrange.algorithm.taylor.memory import JET
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, exponent, fma, magnitude, mantissa, two_to
-from lagrange.procedure.shared import shared
 
 FloatArray = NDArray[np.float64]
 
 ROOM = Room(vectors=5, rows=4)
 
 
-@shared
+@cache
 def hermite_polynomial(order: int) -> StepPolynomial:
     """Return the dense output of an `order` by Hermite's cubic, of order 3, and Picard's iteration.
 
@@ -223,13 +223,13 @@ def write(block: PolynomialBlock, cubic: Cubic, changes: In) -> None:
                 coefficients[x] = weighted(coefficients[x], changes, total, x, line, 0, stages)
 
 
-@shared
+@cache
 def nodes(count: int) -> FloatArray:
     """Return the `count` extrema of Chebyshev's polynomial on [0, 1], including both ends."""
     return np.asarray(np.sin(np.pi * np.arange(count) / (2 * (count - 1))) ** 2)
 
 
-@shared
+@cache
 def weights(count: int) -> FloatArray:
     """Return the path due to a unit slope at each of `count` nodes, by powers of theta, (count, count + 2).
 
@@ -246,7 +246,7 @@ def weights(count: int) -> FloatArray:
     return shares
 
 
-@shared
+@cache
 def integrals(count: int) -> FloatArray:
     """Return the matrix from changes of slopes at the nodes to changes of states there."""
     powers = nodes(count)[:, None] ** np.arange(count + 2)

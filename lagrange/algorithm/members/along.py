@@ -30,7 +30,6 @@ from lagrange.procedure.form import READ, REAL, WHOLE, Array, Callee, Procedure
 from lagrange.procedure.front.plain import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, fma, generated, larger, magnitude, reals, unlikely, unrolled
 from lagrange.procedure.rewrite import bound
-from lagrange.procedure.shared import shared
 
 PATH = Callee((REAL, REAL, READ, Array(), WHOLE), ())
 """A callback that writes the state at a fraction of a step, or some entries of it. Arguments: the fraction, the length
@@ -292,7 +291,7 @@ SIGNS = {"max": 1.0, "min": -1.0}
 """Factors that turn a search for the least value into one for the largest."""
 
 
-@shared
+@cache
 def lobatto() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the points of Gauss-Lobatto's rule on [0, 1] and their weights, symmetric to the last bit."""
     highest = Legendre.basis(SAMPLE_POINTS - 1)
@@ -304,7 +303,7 @@ def lobatto() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return (1.0 + x) / 2.0, (weights + weights[::-1]) / 4.0
 
 
-@shared
+@cache
 def table_of_points() -> NDArray[np.float64]:
     """Return the points and then the weights of Gauss-Lobatto's rule on [0, 1], (2 * SAMPLE_POINTS,)."""
     return np.concatenate(lobatto())

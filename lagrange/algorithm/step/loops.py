@@ -33,7 +33,7 @@ from lagrange.algorithm.step.constants import (
     STRETCH_TO_END,
     perturbation_factors,
 )
-from lagrange.algorithm.step.memory import Layout, Newton, Running, running
+from lagrange.algorithm.step.memory import Layout, Running, running
 from lagrange.algorithm.step.trial import accept_step, project_new_state, rows_array, try_step
 from lagrange.algorithm.step.vectors import copy_vector
 from lagrange.procedure.form import Procedure
@@ -42,6 +42,7 @@ from lagrange.procedure.front.vocabulary import (
     In,
     Out,
     Readable,
+    clear,
     each,
     fma,
     larger,
@@ -390,21 +391,6 @@ def discard_history(arguments: Running, layout: Layout) -> None:
             lost = work[layout.lost :]
             for i in each(layout.step.states * layout.width if layout.step.exact else 0, spill=True):
                 lost[i] = 0.0
-
-
-@inline
-def clear(newton: Newton) -> None:
-    """Set the state of Newton's method, which is kept from step to step, to zero."""
-    newton.matrix_step = 0.0
-    newton.differentiated = 0
-    newton.rate = 0.0
-    newton.noise = 0.0
-    newton.age = 0
-    newton.solved = 0
-    newton.tried_step = 0.0
-    newton.old_step = 0.0
-    newton.known = 0
-    newton.order = 0
 
 
 @inline
