@@ -96,7 +96,7 @@ def imports_of(tree: ast.AST, modules: Modules) -> Iterator[tuple[str, int]]:
 TYPES_ALONE = {
     "lagrange.graph.functions": "lagrange.graph.node",
     "lagrange.procedure.values": "lagrange.procedure.builder",
-    "lagrange.machine.llvm.iterations": "lagrange.machine.llvm.procedures",
+    "lagrange.machine.llvm.vectors": "lagrange.machine.llvm.procedures",
     "lagrange.show.race": "lagrange.show.race",
     "lagrange.show.figures.ensemble_figure": "lagrange.show.ensemble",
 }

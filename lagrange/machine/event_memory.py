@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
-from lagrange.algorithm.taylor.constants import MOST_SURFACES
+from lagrange.algorithm.taylor.memory import MOST_SURFACES
 from lagrange.algorithm.taylor.watching import MOST_ZEROS, PARTS, SETTINGS, SIDES, WATCH, scratch_sizes
 from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.step_events import Reaction

@@ -16,16 +16,14 @@ from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.algorithm.kernel.kernels import kernel, prepare
 from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.algorithm.members.along import MemberDenseOutput, Sampled, table_of_points
-from lagrange.algorithm.members.occurrences import TaylorEvents
 from lagrange.algorithm.members.queue import COUNTED, MemberMethod, Observed, SystemNumbers, energy_and_momenta
 from lagrange.algorithm.members.steps import StepEvents, StepMembers
-from lagrange.algorithm.members.taylor import TaylorMembers
+from lagrange.algorithm.members.taylor import TaylorEvents, TaylorMembers
 from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.series.by_order import ByOrderJet
 from lagrange.algorithm.series.cost import single_operations
 from lagrange.algorithm.series.integrator import TaylorProcedures
+from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
 from lagrange.algorithm.series.packing import pack
-from lagrange.algorithm.series.written_out import WrittenJet
 from lagrange.algorithm.step.constants import LEAST_FLOOR, RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.taylor.memory import SIZES
 from lagrange.equations.euler_lagrange import node_of

@@ -100,7 +100,7 @@ LAWS = {
 their rates psi, all padded to n entries (`lagrange.program.constraints`).
 
 `local`: dQ/dt, dV/dt, q, v = g(t, Q, V, start), with a local state (Q, V) about the coordinates `start`
-(`lagrange.program.local`).
+(`lagrange.program.catalogue`).
 """
 
 

@@ -16,7 +16,7 @@ import sympy as sp
 
 import lagrange as lg
 from lagrange.algorithm.series.packing import pack
-from lagrange.algorithm.taylor.constants import PROBES
+from lagrange.algorithm.taylor.memory import PROBES
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine import llvm_machine
 from lagrange.machine.drivers import SeriesDriver

@@ -15,13 +15,12 @@ from hypothesis import HealthCheck, given, settings
 import lagrange as lg
 import lagrange.procedure
 from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.series.by_order import ByOrderJet
 from lagrange.algorithm.series.integrator import TaylorProcedures
+from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
 from lagrange.algorithm.series.looped import LoopedJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import pack
-from lagrange.algorithm.series.written_out import WrittenJet
-from lagrange.algorithm.taylor.constants import SMALLEST_RTOL
+from lagrange.algorithm.taylor.memory import SMALLEST_RTOL
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.export.contents import ExportContents, module_of

@@ -22,9 +22,8 @@ from lagrange.algorithm.events.constants import (
     RESTART_FACTOR,
     SHORTEST_RESTART,
 )
-from lagrange.algorithm.events.step_review import review
 from lagrange.algorithm.events.step_samples import Samples, edge_noise, samples_type
-from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, CROWDED, ENDED, UNKNOWN, ReviewedEvents
+from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, CROWDED, ENDED, UNKNOWN, ReviewedEvents, review
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.algorithm.step.memory import COUNTS, FUNCTION, RUN

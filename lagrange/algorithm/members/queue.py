@@ -18,8 +18,23 @@ from lagrange.algorithm.step.constants import MOST_SURVEYS, SMALL_FLOOR
 from lagrange.algorithm.step.memory import FUNCTION, Counts, Run
 from lagrange.procedure.form import FLAG, READ, Array, Callee, Procedure
 from lagrange.procedure.front.plain import Bundle, Stated, inline, procedure
-from lagrange.procedure.front.vocabulary import In, Out, WholesOut, clear, each, generated, larger, reals, unlikely
+from lagrange.procedure.front.vocabulary import (
+    In,
+    Out,
+    WholesOut,
+    clear,
+    each,
+    generated,
+    larger,
+    reals,
+    unlikely,
+    unrolled,
+    wholes,
+)
 from lagrange.procedure.rewrite import bound
+
+ENDED_BY_EVENT = len(Outcome)
+"""Code in addition to the outcomes: an event ended the member."""
 
 LANE = "lane"
 """The argument that differs from lane to lane; all others are common."""
@@ -53,6 +68,49 @@ class Observed:
 
     kernel: Procedure
     size: int
+
+
+@dataclass(frozen=True)
+class OccurrenceArrays:
+    """Results of the search for events: the times and states of the first `most` occurrences of each event."""
+
+    most: int
+    occurrence_times: Out
+    occurrence_states: Out
+
+
+@dataclass(frozen=True)
+class FirstOccurrences:
+    """The first occurrences of `kept` events of each member, for states of a `dimension`."""
+
+    kept: int
+    dimension: int
+
+    @inline
+    def memory(self) -> WholesOut:
+        """Return memory for the number of occurrences of each event."""
+        return wholes(max(self.kept, 1))
+
+    @inline
+    def begin(self, seen: WholesOut) -> None:
+        """Reset the counts `seen` of occurrences at the start of a member's run."""
+        for event in unrolled(self.kept):
+            seen[event] = 0
+
+    @inline
+    def keep(self, arrays: Any, seen: WholesOut, index: int, event: int, t: float, state: In) -> None:
+        """Store the time and state of an event of member `index` in `arrays`, if it is among the first.
+
+        `event` is the index of the event, and `seen` has the number of stored occurrences of each event.
+        """
+        number = seen[min(event, max(self.kept - 1, 0))]
+        if event < self.kept and number < arrays.most:
+            slot = (index * self.kept + event) * arrays.most + number
+            arrays.occurrence_times[slot] = t
+            target = arrays.occurrence_states[slot * self.dimension :]
+            for i in each(self.dimension, width=1):
+                target[i] = state[i]
+            seen[event] = number + 1
 
 
 @procedure

@@ -35,12 +35,14 @@ from lagrange.algorithm.members.along import (
     polynomial_path,
     states_on_step,
 )
-from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT, FirstOccurrences, OccurrenceArrays
 from lagrange.algorithm.members.queue import (
+    ENDED_BY_EVENT,
+    FirstOccurrences,
     Member,
     MemberJob,
     MemberMethod,
     Observed,
+    OccurrenceArrays,
     SystemNumbers,
     copy_state,
     move_to,

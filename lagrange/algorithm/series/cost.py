@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 from lagrange.algorithm.series.packing import Packing
-from lagrange.algorithm.taylor.constants import LOWEST_ORDER
+from lagrange.algorithm.taylor.memory import LOWEST_ORDER
 from lagrange.program.elimination import block_eliminations, is_factored
 
 HIGHEST_ORDER = 32

@@ -21,15 +21,24 @@ from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.projection import CORRECTIONS, starts_on_constraints
 from lagrange.algorithm.series.cost import cheapest_order, single_operations
+from lagrange.algorithm.series.jets import WrittenJet
 from lagrange.algorithm.series.looped import LoopedJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import Packing, pack
-from lagrange.algorithm.series.written_out import WrittenJet
 from lagrange.algorithm.step.constants import LEAST_FLOOR
 from lagrange.algorithm.step.memory import Counts, Run
-from lagrange.algorithm.taylor.constants import LEAST_MARGIN, SMALLEST_RTOL, STEP_MARGIN, TIGHT_RTOL
 from lagrange.algorithm.taylor.loop import taylor_steps
-from lagrange.algorithm.taylor.memory import JET, Held, OutputCounts, TaylorLayout, TaylorState
+from lagrange.algorithm.taylor.memory import (
+    JET,
+    LEAST_MARGIN,
+    SMALLEST_RTOL,
+    STEP_MARGIN,
+    TIGHT_RTOL,
+    Held,
+    OutputCounts,
+    TaylorLayout,
+    TaylorState,
+)
 from lagrange.algorithm.taylor.watching import Arguments
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.procedure.form import Array, Procedure

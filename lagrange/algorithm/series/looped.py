@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from lagrange.algorithm.blocks import whole_blocks
-from lagrange.algorithm.series.jet import LoopJet
+from lagrange.algorithm.series.jets import LoopJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.algorithm.series.rules import ChunkAt, Term, coefficient, less

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from lagrange.algorithm.kernel.body import SOURCE, Body, Inputs, Style
 from lagrange.algorithm.kernel.prepared import width_of
 from lagrange.algorithm.series.packing import Packing
-from lagrange.algorithm.series.rules import Term
+from lagrange.algorithm.series.rules import Term, joined
 from lagrange.algorithm.series.systems import LinearSystem, constant_inverse, constant_size, constant_system
-from lagrange.algorithm.series.vectors import joined
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import ANGLES, FLAG, Procedure
 from lagrange.procedure.values import Memory, Real

@@ -21,8 +21,7 @@ from lagrange.algorithm.linear.symmetric import (
     solve_pivoted,
     work_size,
 )
-from lagrange.algorithm.series.rules import Term, fma, plus
-from lagrange.algorithm.series.vectors import entries, joined, put, wide
+from lagrange.algorithm.series.rules import Term, entries, fma, joined, plus, put, wide
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.values import Flag, Memory, Real

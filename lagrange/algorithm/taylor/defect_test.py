@@ -12,10 +12,11 @@ from typing import Any
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.step.memory import FUNCTION, Counts, Run
-from lagrange.algorithm.taylor.constants import EVENT_SLACK, PROBES
 from lagrange.algorithm.taylor.event_series import event_noise
 from lagrange.algorithm.taylor.memory import (
+    EVENT_SLACK,
     JET,
+    PROBES,
     Held,
     OutputCounts,
     Sizes,

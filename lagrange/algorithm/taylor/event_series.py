@@ -17,8 +17,7 @@ from lagrange.algorithm.events.constants import JUMP, MOST_COEFFICIENTS, POLYNOM
 from lagrange.algorithm.events.polynomial import PADDED, approach, inverse_cubic, is_plain, is_plain_step, pad
 from lagrange.algorithm.events.roots import sign_of
 from lagrange.algorithm.step.memory import FUNCTION
-from lagrange.algorithm.taylor.constants import EVENT_SLACK, RADIUS_FRACTION, ROW_DISTANCE
-from lagrange.algorithm.taylor.memory import TaylorLayout, work_type
+from lagrange.algorithm.taylor.memory import EVENT_SLACK, RADIUS_FRACTION, ROW_DISTANCE, TaylorLayout, work_type
 from lagrange.algorithm.taylor.watching import COLUMN, TERM_SUMS, Opened, Watched, watched_type
 from lagrange.procedure.form import PARTIAL, Array
 from lagrange.procedure.front.plain import inline, procedure

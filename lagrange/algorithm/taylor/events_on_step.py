@@ -11,7 +11,6 @@ from typing import Any
 
 from lagrange.algorithm.events.constants import JUMP, TOGETHER
 from lagrange.algorithm.events.roots import roots, sort_zeros
-from lagrange.algorithm.taylor.constants import EVENT_SLACK
 from lagrange.algorithm.taylor.defect_test import verified_step
 from lagrange.algorithm.taylor.event_series import (
     LATE,
@@ -28,7 +27,7 @@ from lagrange.algorithm.taylor.event_series import (
     vanishes,
     write_noise,
 )
-from lagrange.algorithm.taylor.memory import RecordedLayout, TaylorState, row
+from lagrange.algorithm.taylor.memory import EVENT_SLACK, RecordedLayout, TaylorState, row
 from lagrange.algorithm.taylor.sums import state_on_step
 from lagrange.algorithm.taylor.watching import MOST_ZEROS, Opened, Watch, Watched, opened, watched_type
 from lagrange.procedure.front.plain import inline, procedure

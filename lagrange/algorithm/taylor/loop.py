@@ -14,7 +14,6 @@ from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.projection import project
 from lagrange.algorithm.step.constants import EARLIEST, MOST_SURVEYS, SPACING, STRETCH_TO_END
 from lagrange.algorithm.step.memory import Counts, Run
-from lagrange.algorithm.taylor.constants import STEP_GROWTH
 from lagrange.algorithm.taylor.defect_test import (
     defect_along_step,
     defect_is_small,
@@ -25,7 +24,7 @@ from lagrange.algorithm.taylor.defect_test import (
 )
 from lagrange.algorithm.taylor.event_series import contradicts, doubtful_events
 from lagrange.algorithm.taylor.events_on_step import GO_ON, WAIT, InspectedStep, inspect_step
-from lagrange.algorithm.taylor.memory import Held, TaylorLayout, TaylorState, weights_type
+from lagrange.algorithm.taylor.memory import STEP_GROWTH, Held, TaylorLayout, TaylorState, weights_type
 from lagrange.algorithm.taylor.resets import begin_sides, cross_surface, reset_state
 from lagrange.algorithm.taylor.step_size import (
     choose_exponent,

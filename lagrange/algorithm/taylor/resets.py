@@ -12,9 +12,8 @@ from typing import Any
 from lagrange.algorithm.events.constants import CLOSEST, MOST_COEFFICIENTS
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.algorithm.step.memory import Counts
-from lagrange.algorithm.taylor.constants import EVENT_SLACK
 from lagrange.algorithm.taylor.event_series import comparable_unit, copy_series, start_of_series, write_noise
-from lagrange.algorithm.taylor.memory import JET, TaylorState, work_type
+from lagrange.algorithm.taylor.memory import EVENT_SLACK, JET, TaylorState, work_type
 from lagrange.algorithm.taylor.watching import Opened, Watch, Watched, opened, watched_type
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, larger, quotient, reals

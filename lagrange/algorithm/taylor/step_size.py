@@ -12,8 +12,10 @@ import math
 from collections.abc import Sequence
 
 from lagrange.algorithm.step.constants import LEAST_FLOOR
-from lagrange.algorithm.taylor.constants import LOWEST_ORDER, RADIUS_FRACTION, ROW_DISTANCE
 from lagrange.algorithm.taylor.memory import (
+    LOWEST_ORDER,
+    RADIUS_FRACTION,
+    ROW_DISTANCE,
     TaylorLayout,
     floors_type,
     less,

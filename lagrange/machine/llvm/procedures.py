@@ -12,15 +12,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.iterations import (
-    IterationBlock,
-    Lanes,
-    accesses,
-    base_arrays,
-    number,
-    number_of_angles,
-    widest,
-)
 from lagrange.machine.llvm.operations import (
     KINDS,
     argument_type,
@@ -39,7 +30,19 @@ from lagrange.machine.llvm.operations import (
 )
 from lagrange.machine.llvm.processor import routines_called
 from lagrange.machine.llvm.sine_cosine import angle_function, angle_name, call_sine_and_cosine, sine_and_cosine
-from lagrange.machine.llvm.vectors import PrinterState, printed, scatter, store
+from lagrange.machine.llvm.vectors import (
+    IterationBlock,
+    Lanes,
+    PrinterState,
+    accesses,
+    base_arrays,
+    number,
+    number_of_angles,
+    printed,
+    scatter,
+    store,
+    widest,
+)
 from lagrange.procedure import form
 from lagrange.procedure.form import (
     ANGLES,

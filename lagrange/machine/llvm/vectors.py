@@ -1,15 +1,222 @@
-"""Print statements on short vectors of a procedure as operations on LLVM's vectors."""
+"""Vectors of LLVM: iterations of an `each` loop, as many at once as fit into a vector, and statements on vectors."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from lagrange.machine.llvm.emitter import Emitter, suffix
-from lagrange.machine.llvm.operations import KINDS, LIBRARY, spell, splat, type_of
+from lagrange.machine.llvm.emitter import Emitter, literal, suffix
+from lagrange.machine.llvm.operations import KINDS, LIBRARY, largest_magnitude, spell, splat, type_of
 from lagrange.machine.llvm.processor import call_library
 from lagrange.procedure import form
-from lagrange.procedure.form import WHOLE, Kind, Type, Vector
+from lagrange.procedure.form import ANGLES, FLAG, PARTIAL, REAL, SUMS, WHOLE, Block, Kind, Type, Vector, walk
+
+if TYPE_CHECKING:
+    from lagrange.machine.llvm.procedures import Printer
+
+UNROLLED_VECTORS = 2
+"""Largest number of vectors for which the iterations are written out."""
+
+
+@dataclass(frozen=True)
+class IterationBlock:
+    """Iterations of an `each` that are printed as one vector: those from `offset` on for which `mask` is true."""
+
+    each: form.Each
+    lanes: int
+    offset: str
+    mask: str
+    indices: str
+    """The vector of the indices of the iterations, as an LLVM operand."""
+
+
+class Lanes:
+    """Prints an `each` loop as LLVM IR, with `lanes` iterations at once: one in each lane of a vector."""
+
+    def __init__(self, printer: Printer, each: form.Each, lanes: int) -> None:
+        self.printer, self.e, self.each, self.lanes = printer, printer.e, each, lanes
+        self.stride = max(lanes, PARTIAL) if any(fold.op in SUMS for fold in each.folds) else lanes
+        """Number of iterations of the `each` in one pass of the printed loop: with a sum, at least one for each partial
+        sum.
+        """
+
+    def run(self) -> None:
+        """Print the LLVM IR of the loop: its iterations, then the results of its reductions.
+
+        Few iterations are printed one after the other, many as a loop.
+        """
+        printer, each = self.printer, self.each
+        count = printer.values[each.iterations]
+        for ref in self.outside():
+            printer.spread[ref] = splat(self.e, printer.values[ref], printer.kinds[ref], self.lanes)
+        start = [splat(self.e, literal(fold.first), REAL, self.lanes) for fold in each.folds]
+        sums = [[value] * (self.stride // self.lanes) for value in start]
+        known = number(count)
+        if known is None:
+            self.looped(sums, count)
+        elif self.each.unrolled or -(-known // self.stride) <= UNROLLED_VECTORS:
+            self.rest(sums, 0, known)
+        else:
+            whole = known - known % self.stride
+            self.looped(sums, str(whole))
+            self.rest(sums, whole, known)
+        printer.current = None
+        printer.spread.clear()
+        for fold, partials in zip(each.folds, sums, strict=True):
+            printer.define(fold.ref, self.total(fold, partials), REAL)
+
+    def outside(self) -> list[int]:
+        """Return the ids of single values that the iterations use and that are defined outside of the loop."""
+        if self.lanes == 1:
+            return []
+        refs: dict[int, None] = {}
+        for statement in walk(self.each.body):
+            stored = (statement.value,) if isinstance(statement, (form.Store, form.Declare, form.Set)) else ()
+            for ref in statement.args if isinstance(statement, form.Let) else stored:
+                if ref in self.printer.values and ref in self.printer.kinds:
+                    refs[ref] = None
+        return list(refs)
+
+    def rest(self, sums: list[list[str]], begin: int, count: int) -> None:
+        """Print the iterations from `begin` to before `count` one after the other, and add their results to `sums`.
+
+        `sums` are the partial results of each reduction.
+        """
+        for offset in range(begin, count, self.lanes):
+            inside = [k < count - offset for k in range(self.lanes)]
+            mask = "" if all(inside) else "<" + ", ".join(f"i1 {str(flag).lower()}" for flag in inside) + ">"
+            self.take(str(offset), mask)
+            self.collect(sums, offset, mask)
+
+    def looped(self, sums: list[list[str]], count: str) -> None:
+        """Print the iterations up to `count` as a loop of `stride` iterations at a time.
+
+        `sums` are the partial results of each reduction; the loop carries them.
+        """
+        e = self.e
+        flat = [(i, k) for i, partials in enumerate(sums) for k in range(len(partials))]
+        carried = [(type_of(REAL, self.lanes), sums[i][k]) for i, k in flat]
+        with e.carry(0, count, carried, self.stride) as loop:
+            for (i, k), value in zip(flat, loop.values, strict=True):
+                sums[i][k] = value
+            for offset in range(0, self.stride, self.lanes):
+                mask = self.mask(loop.index, count)
+                self.take(e.value(f"add nsw i64 {loop.index}, {offset}") if offset else loop.index, mask)
+                self.collect(sums, offset, mask)
+            loop.following = [sums[i][k] for i, k in flat]
+        for (i, k), value in zip(flat, loop.values, strict=True):
+            sums[i][k] = value
+
+    def mask(self, index: str, count: str) -> str:
+        """Return the operand of the mask that is true for the iterations from `index` on that are below `count`.
+
+        It is empty, for no mask, if all iterations of a vector exist or extra ones do no harm.
+        """
+        stores = not self.each.spill and any(
+            isinstance(statement, form.Store) for statement in accesses(self.each.body)
+        )
+        if self.lanes == 1 or not count.startswith("%") or not (stores or self.each.folds):
+            return ""
+        e, kind = self.e, type_of(WHOLE, self.lanes)
+        return e.value(f"icmp slt {kind} {self.places(index)}, {splat(e, count, WHOLE, self.lanes)}")
+
+    def places(self, offset: str) -> str:
+        """Return the operand of the vector of iteration indices `offset`, `offset` + 1, and so on."""
+        if self.lanes == 1:
+            return offset
+        if not offset.startswith("%"):
+            return "<" + ", ".join(f"i64 {int(offset) + k}" for k in range(self.lanes)) + ">"
+        steps = "<" + ", ".join(f"i64 {k}" for k in range(self.lanes)) + ">"
+        kind = type_of(WHOLE, self.lanes)
+        return self.e.value(f"add nsw {kind} {splat(self.e, offset, WHOLE, self.lanes)}, {steps}")
+
+    def take(self, offset: str, mask: str) -> None:
+        """Print one vector of iterations from `offset` on, for which `mask` is true."""
+        printer = self.printer
+        printer.current = IterationBlock(self.each, self.lanes, offset, mask, self.places(offset))
+        printer.define(self.each.place, offset, WHOLE, wide=self.lanes > 1)
+        outside = dict(printer.held)
+        printer.block(self.each.body)
+        printer.held = {variable: printer.held[variable] for variable in outside}
+
+    def collect(self, sums: list[list[str]], begin: int, mask: str) -> None:
+        """Combine the results of one vector of iterations, from `begin` on, with the partial results `sums`.
+
+        Iterations for which the mask is false are left out.
+        """
+        kind = type_of(REAL, self.lanes)
+        for fold, partials in zip(self.each.folds, sums, strict=True):
+            slot = begin // self.lanes % len(partials)
+            value, before = self.printer.operand(fold.value, self.lanes), partials[slot]
+            if fold.factor is None:
+                partials[slot] = joined(self.e, fold.op, before, value, self.lanes)
+            else:
+                factor = self.printer.operand(fold.factor, self.lanes)
+                partials[slot] = spell(self.e, "fma", (REAL,) * 3, [value, factor, before], self.lanes)
+            if mask:
+                both = f"{kind} {partials[slot]}, {kind} {before}"
+                partials[slot] = self.e.value(f"select <{self.lanes} x i1> {mask}, {both}")
+
+    def total(self, fold: form.Fold, partials: list[str]) -> str:
+        """Return the result of a reduction from its partial results, which are combined in a fixed order."""
+        e = self.e
+        if fold.op == "magnitude" and self.lanes > 1:
+            return largest_magnitude(e, partials[0], self.lanes)
+        if self.lanes > 1:
+            kind = type_of(REAL, self.lanes)
+            partials = [e.value(f"extractelement {kind} {partials[0]}, i64 {k}") for k in range(self.lanes)]
+        op = "add" if fold.op == "dot" else fold.op
+        while len(partials) > 1:
+            partials = [joined(e, op, *pair) for pair in zip(partials[::2], partials[1::2], strict=True)]
+        return partials[0]
+
+
+def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
+    """Print the combination of a partial result `total` with one more value, and return the operand of the result.
+
+    `op` is the operation of the reduction, such as add.
+    """
+    if op != "most":
+        return spell(e, op, (REAL, REAL), [total, value], lanes)
+    larger = spell(e, "less", (REAL, REAL), [total, value], lanes)
+    return spell(e, "select", (FLAG, REAL, REAL), [larger, value, total], lanes)
+
+
+def accesses(block: Block) -> Iterator[form.Load | form.Store]:
+    """Yield the reads and writes of arrays in a block."""
+    return (statement for statement in walk(block) if isinstance(statement, (form.Load, form.Store)))
+
+
+def number_of_angles(block: Block) -> int:
+    """Return the number of angles in a block: its sines and cosines, where a pair of the same angle counts once."""
+    operations = (statement for statement in walk(block) if isinstance(statement, (form.Let, form.VectorLet)))
+    angles = sum(operation.op in ANGLES for operation in operations)
+    return angles + sum(isinstance(statement, form.SineCosine) for statement in walk(block))
+
+
+def widest(block: Block) -> int:
+    """Return the largest vector width in a block, of vectors or of parallel iterations; at least 1."""
+    vectors = (
+        statement.vector.width
+        for statement in walk(block)
+        if isinstance(statement, (form.VectorLet, form.VectorLoad, form.Gather))
+    )
+    return max([1, *(each.width for each in walk(block) if isinstance(each, form.Each)), *vectors])
+
+
+def base_arrays(block: Block) -> dict[int, int]:
+    """Return {id of a part: id of the whole array} for each part of an array that a block defines."""
+    bases: dict[int, int] = {}
+    for statement in walk(block):
+        if isinstance(statement, form.Part):
+            bases[statement.ref] = bases.get(statement.array, statement.array)
+    return bases
+
+
+def number(value: str) -> int | None:
+    """Return the integer of a constant operand, or None for a value known only at run time."""
+    return None if value.startswith("%") else int(value)
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,11 @@ import numpy as np
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.algorithm.linear.symmetric import invert
-from lagrange.algorithm.series.by_order import ByOrderJet, Row, by_order_scratch
 from lagrange.algorithm.series.cost import cheapest_order, is_large
-from lagrange.algorithm.series.jet import NAME as JET_NAME
+from lagrange.algorithm.series.jets import NAME as JET_NAME
+from lagrange.algorithm.series.jets import ByOrderJet, Row, WrittenJet, by_order_scratch
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import Packing, pack
-from lagrange.algorithm.series.written_out import WrittenJet
 from lagrange.algorithm.taylor.events_on_step import inspect_step
 from lagrange.algorithm.taylor.loop import taylor_steps
 from lagrange.algorithm.taylor.memory import TaylorLayout

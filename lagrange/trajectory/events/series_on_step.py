@@ -11,7 +11,7 @@ import numpy as np
 from lagrange.algorithm.events.constants import EPSILON, NOISE
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.taylor import event_series
-from lagrange.algorithm.taylor.constants import EVENT_SLACK
+from lagrange.algorithm.taylor.memory import EVENT_SLACK
 from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.python_source import called
 from lagrange.machine.state import DriverState

@@ -8,7 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from lagrange.algorithm.taylor.constants import LEAST_MARGIN, LOWEST_ORDER, SMALLEST_RTOL, STEP_MARGIN, TIGHT_RTOL
+from lagrange.algorithm.taylor.memory import LEAST_MARGIN, LOWEST_ORDER, SMALLEST_RTOL, STEP_MARGIN, TIGHT_RTOL
 from lagrange.errors import StatementError, formula, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series, SingularMassMatrix

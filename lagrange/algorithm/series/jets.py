@@ -1,0 +1,585 @@
+"""Builders of the procedure that computes a series: without loops, or in a loop over orders for lanes of members.
+
+A builder makes the procedure
+
+    jet(t, scale, y, prepared, constants, rows, order) -> whether a matrix is singular
+
+It writes the Taylor coefficients of q and v at the state y, times scale**k, to row k of `rows`, for k from 0 to
+the order. `prepared` are the numbers that depend on parameters alone. Like values are adjacent, in chunks of a
+length known at compile time, so that a compiler turns each chunk into vectors.
+
+`WrittenJet` is for a small system: each coefficient is a value of the procedure. In the loop of `ByOrderJet` one vector
+holds a value of all members. Vectors of the present order are values of the procedure. Each vector that later orders
+read is stored in a row of memory. Straight-line code computes the values of the present order from the sums over lower
+orders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from fractions import Fraction
+from functools import reduce
+from typing import Any
+
+from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
+from lagrange.algorithm.kernel.body import SOURCE
+from lagrange.algorithm.series.numbers import ALONE, SeriesNumbers, Start
+from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
+from lagrange.algorithm.series.rules import (
+    ChunkAt,
+    OrderSums,
+    Pair,
+    Term,
+    coefficient,
+    entries,
+    fma,
+    gathered,
+    joined,
+    less,
+    of_width,
+    plus,
+    put,
+    wide,
+    width,
+)
+from lagrange.algorithm.series.systems import ALL, Diagonal, Inverse, LinearSystem, moving_system, system_size
+from lagrange.algorithm.taylor.memory import LOWEST_ORDER, TaylorLayout
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.program.elimination import LARGEST_IN_LINE
+from lagrange.program.series import SeriesProgram
+
+NAME = "taylor_jet"
+"""Name of the procedure that computes the series, in printed code."""
+
+ANGLES_AT_ONCE = 8
+"""Number of angles whose sines and cosines are computed at once, where there are vectors."""
+
+
+class JetBuilder:
+    """Base class of builders of the procedure that computes the Taylor series at a state, order after order.
+
+    `origin` has the values at order 0, by the number of the value. Inverses of mass matrices are written out up
+    to the size `largest`.
+    """
+
+    def __init__(
+        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = LARGEST_IN_LINE
+    ) -> None:
+        self.packing, self.numbers, self.layout, self.largest = packing, numbers, layout, largest
+        self.program: SeriesProgram = packing.program
+        self.p = p = Builder(NAME, "Write the coefficients of the series, and say whether a matrix is singular.")
+        self.t, self.scale = p.given("t", REAL), p.given("scale", REAL)
+        self.y, self.prepared = p.array("y", read=True), p.array("prepared", read=True)
+        p.array("constants", read=True)
+        self.rows = p.array("rows", room=WIDEST_VECTOR)
+        self.order: Whole = p.given("order", WHOLE)
+        self.constants: list[Real] = []
+        self.origin: dict[int, Any] = {}
+        self.systems: list[LinearSystem] = []
+        self.singular: Flag = p.false
+
+    def begin(self) -> None:
+        """Add the code for constants, values of order 0, and inverses or factors of the mass matrices."""
+        program, p = self.program, self.p
+        self.constants = [self.numbers.constant(self.prepared, index) for index in range(len(program.numbers))]
+        self.joined: dict[tuple[int, ...], Term] = {}
+        """Coefficients joined to vectors, by their indices in the table."""
+        self.reciprocals: dict[Operand, Term] = {}
+        """Reciprocals of the divisors at order 0."""
+        style = ALONE if self.packing.lanes > 1 else SOURCE
+        start = Start(p, self.numbers, self.prepared, self.constants, self.t, self.y, self.layout.padded, style)
+        start.run_moving(ANGLES_AT_ONCE if self.packing.lanes > 1 else 1)
+        values = [start.value(ref) for ref in program.start.outputs]
+        self.origin = dict(zip(program.started, values, strict=False))
+        for i in range(program.states):
+            self.origin.setdefault(i, self.y[i])
+        triangles, memory = iter(values[len(program.started) :]), self.matrices()
+        flags = [p.false if start.singular is None else Flag.of(start.singular.value)]
+        for stage, known in zip(program.stages, self.numbers.systems(p, self.prepared), strict=True):
+            if known is None:
+                known, singular = moving_system(p, stage.plan, triangles, memory, self.largest)
+                memory = memory.at(size) if (size := system_size(stage.plan, self.largest)) else memory
+                flags += singular
+            self.systems.append(known)
+        self.singular = reduce(lambda a, b: a | b, flags)
+
+    def constant(self, indices: tuple[int, ...]) -> Term:
+        """Return the constants of the series program with these `indices`, as one number or vector."""
+        if indices not in self.joined:
+            self.joined[indices] = self.numbers.vector(self.prepared, indices, self.constants)
+        return self.joined[indices]
+
+    def common(self, indices: Sequence[int]) -> float | None:
+        """Return the number that all constants with these `indices` equal, if known at compile time; else None."""
+        known = dict.fromkeys(self.program.numbers[index] for index in indices)
+        return next(iter(known)) if len(known) == 1 else None
+
+    def is_known(self, operand: Operand, stage_number: int) -> bool:
+        """Return True if no value of an operand depends on a linear system after number `stage_number`."""
+        depth = self.program.depth
+        return all(value == ZERO_LANE or depth[value] <= stage_number for value in operand.values)
+
+    def at_zero(self, operand: Operand) -> Term:
+        """Return an operand at order 0, as a number or vector."""
+        zero = (None, 0)
+        return joined(self.p, [zero if value == ZERO_LANE else (self.origin.get(value), 0) for value in operand.values])
+
+    def matrices(self) -> Memory:
+        """Return the memory for matrices, which follows the rows."""
+        return self.rows.at((self.order + 1) * self.layout.width)
+
+
+class LoopJet(JetBuilder):
+    """Base class of builders whose procedure loops over orders k. It computes 1 / k and scale / k."""
+
+    def __init__(
+        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = LARGEST_IN_LINE
+    ) -> None:
+        super().__init__(packing, numbers, layout, largest)
+        self.k: Whole = self.order
+        self.rank = self.time = self.high = self.low = self.scale
+        self.shares = self.scale, self.scale
+
+    @contextmanager
+    def each_order(self) -> Iterator[Whole]:
+        """Add a loop over the orders from 1 on; the body of the `with` statement adds the code of one order.
+
+        With a mass matrix that depends on the state there is an iteration 0 as well: order 1 is computed twice.
+        """
+        p, moving = self.p, any(stage.plan.moving for stage in self.packing.stages)
+        if moving:
+            p.note("Order 1 is computed twice, the second time from the velocities found first.")
+        with p.loop(0 if moving else 1, self.order + 1) as iteration:
+            self.set_order(p.larger(iteration, 1) if moving else iteration)
+            yield iteration
+
+    def set_order(self, k: Whole) -> None:
+        """Set k as the present order, and compute its reciprocal and scale / k, in two doubles each."""
+        p = self.p
+        self.k, self.rank = k, p.real(k)
+        self.high = 1.0 / self.rank
+        p.note("What 1 - k high leaves over is exact, and its share is the part of 1 / k that rounding lost.")
+        self.low = p.fma(-self.rank, self.high, 1.0) * self.high
+        self.shares = self.high * self.scale, self.low * self.scale
+        self.time = p.choose(k.equals(1), self.scale, 0.0)
+
+    def start(self) -> Term:
+        """Return the present Taylor coefficient of the time itself: the scale of time at order 1, else 0."""
+        return self.time
+
+    def share(self, x: Term) -> Term:
+        """Return scale * x / k: the order k of a value from the order k-1 of its derivative, x."""
+        return divided(self, x, *self.shares)
+
+    def part(self, x: Term) -> Term:
+        """Return x / k, where k is the order."""
+        return divided(self, x, self.high, self.low)
+
+
+def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
+    """Return x * (high + low), rounded once; high + low is 1 / k, or scale / k, in two doubles.
+
+    The rounded reciprocal of an order k has an error of the same sign at every step, which would add up.
+    """
+    if x is None:
+        return None
+    return x * high if low is None else jet.p.fma(x, high, x * low)
+
+
+def solved(jet: Any, stage_number: int, stage: PackedStage, guesses: Sequence[Term]) -> list[Term]:
+    """Return the coefficients of the unknowns of a linear system at the present order k, by chunk.
+
+    They are guesses + M0^-1 (f[k-1] * scale / k - p^[k]), with the matrix M0 at order 0, the forces f, and the
+    momenta p^ computed with the guesses as unknowns. `jet` is the builder, `stage` the system and `stage_number` its
+    number.
+    """
+    right = []
+    for force, momentum in zip(stage.right, stage.left, strict=True):
+        rate = None if force is None else jet.share(jet.before(force))
+        right.append(less(rate, None if momentum is None else jet.now(momentum)))
+    solution = jet.systems[stage_number].solve(stage.rows, right)
+    return [plus(x, guess) for x, guess in zip(solution, guesses, strict=True)]
+
+
+HIGHEST_EXACT_ORDER = 10
+"""Highest order at which division by the order is rounded once. A later coefficient contributes so little to a step
+that the bias of its rounding is negligible.
+"""
+
+PART, LATEST = 4, 2
+"""Number of products in each part of a sum, and number of latest products, which are added last. The products of a part
+wait for one another. In one chain, a sum of order 26 waits longer than all other operations of that order take: eight
+members of a pendulum took 154 ns, in parts 128 ns. The latest products wait for the previous order.
+"""
+
+
+class WrittenJet(JetBuilder):
+    """Builder of a procedure without loops that computes a series up to an order from `lowest` to `highest`.
+
+    `x` has the coefficients of each chunk by order.
+    """
+
+    def __init__(
+        self,
+        packing: Packing,
+        numbers: SeriesNumbers,
+        highest: int,
+        *,
+        lowest: int = LOWEST_ORDER,
+        layout: TaylorLayout | None = None,
+    ) -> None:
+        largest = ALL if packing.lanes > 1 else LARGEST_IN_LINE
+        if layout is None:
+            program, scratch = packing.program, sum(system_size(stage.plan) for stage in packing.program.stages)
+            layout = TaylorLayout.of(program, scratch=scratch, chains=True, observes=len(program.watched) > 0)
+        super().__init__(packing, numbers, layout, largest)
+        self.lowest, self.highest, self.k = lowest, highest, 0
+        self.x: dict[tuple[Chunk, int], Term] = {}
+        self.operands: dict[tuple[Operand, int], Term] = {}
+        self.totals: dict[tuple[Chunk, int, int], Term] = {}
+        self.shares: dict[tuple[float, int], Term] = {}
+
+    def build(self) -> Procedure:
+        """Return the procedure that computes the series without a loop."""
+        self.begin()
+        self.write()
+        for k in range(1, self.highest + 1):
+            self.add_order(k)
+        self.p.leave(self.singular)
+        return self.p.finish(FLAG)
+
+    def add_order(self, k: int) -> None:
+        """Add the code of order k: coefficients of all values, and the row that is written.
+
+        After the last linear system of the highest order only event functions need further values.
+        """
+        packing, self.k = self.packing, k
+        for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
+            self.x[chunk, k] = self.share(self.before(rate))
+        self.fill(packing.before)
+        for stage_number, stage in enumerate(packing.stages):
+            guesses: list[Term] = [None] * len(stage.unknowns)
+            # The unknowns of order 1 are corrected by the residual of dp/dt = f: they carry most of a step's rounding
+            # error. Corrected accelerations of chains of 10 and 20 links are two to three times as accurate.
+            for _ in range(2 if k == 1 and stage.plan.moving else 1):
+                self.know(stage_number, guesses)
+                self.fill(stage.trial)
+                guesses = solved(self, stage_number, stage, guesses)
+            self.know(stage_number, guesses)
+            last = stage is packing.stages[-1]
+            if last and not self.program.watched:
+                self.end_order()
+            if k < self.highest or self.program.watched or not last:
+                self.fill(stage.found)
+        if self.program.watched:
+            self.end_order()
+
+    def end_order(self) -> None:
+        """Write the row of the present order, and return if it is the last order that is asked for."""
+        self.write()
+        if self.lowest <= self.k < self.highest:
+            self.p.leave_if(self.order.equals(self.k), self.singular)
+
+    def know(self, stage_number: int, values: Sequence[Term]) -> None:
+        """Set the present coefficients of the unknowns of linear system `stage_number` to `values`.
+
+        Operands that were gathered with earlier values of the unknowns are dropped.
+        """
+        for key in [key for key in self.operands if key[1] == self.k and not self.is_known(key[0], stage_number)]:
+            del self.operands[key]
+        for chunk, value in zip(self.packing.stages[stage_number].unknowns, values, strict=True):
+            self.x[chunk, self.k] = value
+
+    def fill(self, chunks: Sequence[Chunk]) -> None:
+        """Compute the Taylor coefficients of `chunks` at the present order, each by the rule of its chunk."""
+        for chunk in chunks:
+            self.x[chunk, self.k] = of_width(self.p, coefficient(ChunkAt(self, chunk)), len(chunk.values))
+
+    def write(self) -> None:
+        """Write the row of the present order. Zeros are written too, because other runs use the same memory."""
+        index = self.k * self.layout.width
+        watched_at = index + self.layout.watched_at
+        for chunk in self.packing.state:
+            put(self.p, self.rows, index, self.now(chunk.whole), len(chunk.values), chunk.count)
+            index += chunk.count
+        for i, watched in enumerate(self.program.watched, watched_at):
+            put(self.p, self.rows, i, None if watched is None else self.now(Operand((watched,))), 1, 1)
+
+    def now(self, operand: Operand) -> Term:
+        """Return the coefficient of an operand at the present order."""
+        return self.at(operand, self.k)
+
+    def before(self, operand: Operand) -> Term:
+        """Return the coefficient of an operand at the previous order."""
+        return self.at(operand, self.k - 1)
+
+    def first(self, operand: Operand) -> Term:
+        """Return the value of an operand at order 0."""
+        return self.at(operand, 0)
+
+    def at(self, operand: Operand, k: int) -> Term:
+        """Return the coefficient of an operand at order k."""
+        key = operand, k
+        if key in self.operands:
+            return self.operands[key]
+        if k == 0:
+            coefficient = self.at_zero(operand)
+        else:
+            coefficient = gathered(self.p, self.packing, operand, lambda chunk: self.x[chunk, k])
+            if operand.ranked and coefficient is not None and k > 1:
+                coefficient = coefficient * float(k)
+        self.operands[key] = coefficient
+        return coefficient
+
+    def over(self, operand: Operand) -> Term:
+        """Return the reciprocal of an operand at order 0."""
+        if operand not in self.reciprocals:
+            first = self.first(operand)
+            self.reciprocals[operand] = 1.0 / (self.p.real(0.0) if first is None else first)
+        return self.reciprocals[operand]
+
+    def share(self, x: Term) -> Term:
+        """Return scale * x / k: the order k of a value from the order k-1 of its derivative, x."""
+        if x is None:
+            return None
+        high, low = reciprocal(self.k)
+        small = self.scaled(low, width(x)) if low and self.k <= HIGHEST_EXACT_ORDER else None
+        return divided(self, x, self.scaled(high, width(x)), small)
+
+    def scaled(self, factor: float, lanes: int) -> Term:
+        """Return the scale times `factor`, in each of the lanes. It is exact, because the scale is a power of two."""
+        if (factor, lanes) not in self.shares:
+            single = self.scale if factor == 1.0 else self.scale * factor
+            if lanes > 1:
+                single = self.p.broadcast(self.scaled(factor, 1), lanes)
+            self.shares[factor, lanes] = single
+        return self.shares[factor, lanes]
+
+    def start(self) -> Term:
+        """Return the present Taylor coefficient of the time itself: the scale of time at order 1, else 0."""
+        return self.scale if self.k == 1 else None
+
+    def part(self, x: Term) -> Term:
+        """Return x / k, where k is the order."""
+        high, low = reciprocal(self.k)
+        return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= HIGHEST_EXACT_ORDER else None)
+
+    def total(self, chunk: Chunk, number: int) -> Term:
+        """Return one sum that the rule of a chunk reads: sum number `number`, of x[j] y[k-j] over 0 < j < k.
+
+        Its code is added once at each order.
+        """
+        key = chunk, number, self.k
+        if key not in self.totals:
+            self.totals[key] = self.summed(*chunk.sums[number])
+        return self.totals[key]
+
+    def summed(self, a: Operand, b: Operand) -> Term:
+        """Return the sum of a[j] b[k-j] over 0 < j < k."""
+        k, p = self.k, self.p
+        pairs = sorted(range(1, k), key=lambda j: (max(j, k - j), j))
+        if a != b:
+            return self.products(a, b, pairs)
+        total = self.products(a, b, [j for j in pairs if 2 * j < k])
+        total = plus(total, total)
+        middle = self.at(a, k // 2)
+        return fma(p, middle, middle, total) if k % 2 == 0 else total
+
+    def products(self, a: Operand, b: Operand, pairs: Sequence[int]) -> Term:
+        """Return the sum of a[j] * b[k-j] over the orders j in `pairs`, as partial sums of `PART` products."""
+        k, p = self.k, self.p
+        parts: list[Term] = [None] * max(len(pairs) // PART, 1)
+        early = len(pairs) - LATEST
+        for index, j in enumerate(pairs):
+            if index == early:
+                parts = [reduce(plus, parts)]
+            lane = index % len(parts)
+            parts[lane] = fma(p, self.at(a, j), self.at(b, k - j), parts[lane])
+        return reduce(plus, parts)
+
+
+def reciprocal(k: int) -> tuple[float, float]:
+    """Return 1 / k as a pair of doubles, whose sum is accurate to twice the digits."""
+    high = 1.0 / k
+    return high, float(Fraction(1, k) - Fraction(high))
+
+
+LARGEST_INVERSE = 12
+"""Largest inverse of a mass matrix that is written out. Lanes already hold members, so inner loops do not vectorize."""
+
+
+class Row:
+    """Layout of the memory row of one order: indices of the state, the watched functions and stored operands.
+
+    `places` has the index of each operand that later orders read, and `size` is the length of a row.
+    """
+
+    def __init__(self, packing: Packing, watched_at: int) -> None:
+        self.places: dict[Operand, int] = {}
+        begin = 0
+        for chunk in packing.state:
+            if chunk.count == len(chunk.values):
+                self.places[chunk.whole] = begin
+            begin += chunk.count
+        self.size = watched_at + len(packing.program.watched)
+        # Later orders read the factors of sums, the operands of the next order and dq/dt. With several lanes operands
+        # that are read at order 0 are stored, too.
+        initial = packing.initial if packing.lanes > 1 else ()
+        for operand in (*packing.summed, *packing.delayed, *packing.rates, *initial):
+            if operand not in self.places:
+                lanes = len(operand.values)
+                self.places[operand] = whole_blocks(self.size, lanes)
+                self.size = self.places[operand] + lanes
+        self.size = whole_blocks(self.size, packing.lanes)
+
+
+def by_order_scratch(packing: Packing) -> int:
+    """Return how many doubles of work memory the matrices of a series need, after its rows of coefficients."""
+    return sum(system_size(stage.plan, LARGEST_INVERSE) for stage in packing.program.stages)
+
+
+class ByOrderJet(LoopJet):
+    """Builder of the procedure that computes the Taylor coefficients of all lanes in a loop over orders.
+
+    `x` has the coefficients of each chunk of values at the present order.
+    """
+
+    def __init__(self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout | None = None) -> None:
+        if layout is None:
+            program, width = packing.program, Row(packing, packing.program.states).size
+            ways = {"by_rows": True, "observes": len(program.watched) > 0}
+            layout = TaylorLayout.of(program, width, scratch=by_order_scratch(packing), **ways)
+        super().__init__(packing, numbers, layout, LARGEST_INVERSE)
+        self.places = Row(packing, self.layout.watched_at).places
+        self.x: dict[Chunk, Term] = {}
+        self.operands: dict[Operand, Term] = {}
+        """Operands that are gathered to vectors at the present order."""
+        self.sums: dict[Pair, Term] = {}
+        """Sums over lower orders at the present order."""
+        self.row = self.previous = self.rows
+
+    def build(self) -> Procedure:
+        """Return the procedure that computes the series for all lanes."""
+        p, packing = self.p, self.packing
+        self.begin()
+        for operand in dict.fromkeys(chunk.divisor for chunk in packing.computed):
+            if operand is not None:
+                self.reciprocals[operand] = 1.0 / self.at_zero(operand)
+        for system, stage in zip(self.systems, packing.stages, strict=True):
+            if isinstance(system, (Diagonal, Inverse)):
+                # The entries are gathered to vectors before the loop over orders.
+                system.read(stage.rows)
+        pairs = (pair for chunk in packing.computed for pair in chunk.sums)
+        sums = OrderSums(p, pairs, self.places, self.rows, self.layout.width)
+        self.write_first()
+        guesses = [
+            [p.variable(wide(p, None, len(chunk.values))) for chunk in stage.unknowns] if stage.plan.moving else None
+            for stage in packing.stages
+        ]
+        with self.each_order() as iteration:
+            self.sums = sums.at(self.k)
+            for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
+                self.x[chunk] = self.share(self.before(rate))
+            self.fill(packing.before)
+            for stage_number, (stage, guess) in enumerate(zip(packing.stages, guesses, strict=True)):
+                self.solve(stage_number, stage, guess, iteration)
+            self.write()
+        p.leave(self.singular)
+        return p.finish(FLAG)
+
+    def set_order(self, k: Whole) -> None:
+        """Set k as the present order: compute 1 / k, and find the rows of this and the previous order."""
+        width = self.layout.width
+        self.row, self.previous = self.rows.at(k * width), self.rows.at((k - 1) * width)
+        super().set_order(k)
+
+    def fill(self, chunks: Sequence[Chunk]) -> None:
+        """Compute the Taylor coefficients of `chunks` at the present order, each by the rule of its chunk."""
+        for chunk in chunks:
+            self.x[chunk] = of_width(self.p, coefficient(ChunkAt(self, chunk)), len(chunk.values))
+
+    def know(self, stage_number: int, values: Sequence[Term]) -> None:
+        """Set the present coefficients of the unknowns of linear system `stage_number` to `values`.
+
+        Operands that were gathered with earlier values of the unknowns are dropped.
+        """
+        self.operands = {operand: x for operand, x in self.operands.items() if self.is_known(operand, stage_number)}
+        self.x |= zip(self.packing.stages[stage_number].unknowns, values, strict=True)
+
+    def solve(self, stage_number: int, stage: PackedStage, guess: Sequence[Any] | None, iteration: Whole) -> None:
+        """Compute the present unknowns of linear system `stage_number`, then the values that depend on them.
+
+        Order 1 may be computed in two iterations. Then `guess` are variables with the unknowns that the first
+        one found; otherwise it is None. `iteration` is the number of the present iteration.
+        """
+        p = self.p
+        guesses = [None if guess is None else variable.value for variable in guess or [None] * len(stage.unknowns)]
+        self.know(stage_number, guesses)
+        self.fill(stage.trial)
+        solution = solved(self, stage_number, stage, guesses)
+        values = [wide(p, x, len(chunk.values)) for chunk, x in zip(stage.unknowns, solution, strict=True)]
+        if guess is not None:
+            weight = p.choose(iteration.equals(0), p.real(1.0), 0.0)
+            for variable, x in zip(guess, values, strict=True):
+                variable.value = x * weight
+        self.know(stage_number, values)
+        self.fill(stage.found)
+
+    def write_first(self) -> None:
+        """Write the row of order 0: state, event functions and stored operands.
+
+        Operands that are multiplied by their order are zero there.
+        """
+        self.write_state(self.at_zero)
+        for operand, index in self.places.items():
+            lanes = len(operand.values)
+            put(self.p, self.rows, index, None if operand.ranked else self.at_zero(operand), lanes, lanes)
+
+    def write(self) -> None:
+        """Write the row of the present order to memory."""
+        self.write_state(self.now)
+        for operand, index in self.places.items():
+            lanes = len(operand.values)
+            put(self.p, self.row, index, self.now(operand), lanes, lanes)
+
+    def write_state(self, x: Any) -> None:
+        """Write coefficients of the state and of the event functions to a row; `x` returns those of an operand.
+
+        `x` is `at_zero` for the row of order 0, or `now` for the row of the present order. Parts of the state
+        that are stored as operands are left out.
+        """
+        begin, row = 0, self.rows if x == self.at_zero else self.row
+        for chunk in self.packing.state:
+            if self.places.get(chunk.whole) != begin:
+                put(self.p, row, begin, x(chunk.whole), len(chunk.values), chunk.count)
+            begin += chunk.count
+        for index, number in enumerate(self.program.watched, self.layout.watched_at):
+            put(self.p, row, index, None if number is None else x(Operand((number,))), 1, 1)
+
+    def now(self, operand: Operand) -> Term:
+        """Return the coefficient of an operand at the present order."""
+        if operand not in self.operands:
+            x = gathered(self.p, self.packing, operand, self.x.__getitem__)
+            self.operands[operand] = x * self.rank if operand.ranked and x is not None else x
+        return self.operands[operand]
+
+    def before(self, operand: Operand) -> Term:
+        """Return the coefficient of an operand at the previous order."""
+        return entries(self.previous, self.places[operand], len(operand.values))
+
+    def first(self, operand: Operand) -> Term:
+        """Return the value of an operand at order 0."""
+        if self.packing.lanes > 1 and operand in self.places:
+            return entries(self.rows, self.places[operand], len(operand.values))
+        return self.at_zero(operand)
+
+    def over(self, operand: Operand) -> Term:
+        """Return the reciprocal of an operand at order 0."""
+        return self.reciprocals[operand]
+
+    def total(self, chunk: Chunk, number: int) -> Term:
+        """Return one sum that the rule of a chunk reads: sum number `number`, of x[j] y[k-j] over 0 < j < k."""
+        return self.sums[chunk.sums[number]]
