@@ -251,21 +251,6 @@ class SeriesProgram:
                 marked.update(self.direct(i))
         return sorted(marked)
 
-    def __str__(self) -> str:
-        blocks = [len(block) for stage in self.stages for block in stage.plan.blocks]
-        lines = [f"{self.name}: {self.dimension} coordinates, mass matrix of blocks {blocks}"]
-        lines += [f"  c{i} = {number:.17g}" for i, number in enumerate(self.numbers) if number is not None]
-        parts = [("before", self.before)]
-        for trial, after in zip(self.trials, self.found, strict=True):
-            parts += [("trial", trial), ("after", after)]
-        for title, members in parts:
-            lines.append(f"{title}:")
-            lines += [f"  %{i} = {_shown(self.rules[i])}" for i in members]
-        outputs = [pair for stage in self.stages for pair in (("p", stage.left), ("f", stage.right))]
-        for title, values in (*outputs, ("watched", self.watched)):
-            lines.append(f"{title}: " + " ".join("0" if value is None else f"%{value}" for value in values))
-        return "\n".join(lines)
-
 
 def convolutions(rules: Sequence[SeriesRule]) -> int:
     """Return a measure of the cost of one order of the series: twice the number of sums over lower orders.
@@ -294,11 +279,3 @@ def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, 
 def lagged_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
     """Return the values that rules of integrals read at the previous order only."""
     return frozenset(rule.args[0] for rule in rules if rule.op == "integral")
-
-
-def _shown(rule: SeriesRule) -> str:
-    if rule.op in ("coordinate", "unknown"):
-        return f"{rule.op} {rule.coefficients[0]}"
-    if rule.op == "linear":
-        return "linear " + " + ".join(f"c{c} %{arg}" for c, arg in zip(rule.coefficients, rule.args, strict=True))
-    return " ".join([rule.op, *(f"%{arg}" for arg in rule.args), *(f"c{c}" for c in rule.coefficients)])

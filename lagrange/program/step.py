@@ -15,7 +15,7 @@ combination of unknowns and of calls at combinations of unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -290,31 +290,6 @@ class StepProgram:
         last = self.calls[-1]
         return last.time is self.time + self.h and last.argument == self.results[0]
 
-    def __str__(self) -> str:
-        names = ["q", "v"] if self.partitioned else ["y"]
-        names += [] if self.starter is None else [f"{name} before" for name in names]
-        lines = [f"{self.name}: {', '.join(names)}, t, h"]
-        names += [f"k{i - len(names)}" for i in range(len(names), self.vectors)]
-        for action in self.actions:
-            lines += (f"  {line}" for line in _lines(action, names, LAWS[self.law].results))
-        lines += [f"  new = {_shown(result, names)}" for result in self.results]
-        lines += [f"  error = {_shown(error, names)}" for error in self.errors]
-        return "\n".join(lines)
-
-
-def _lines(action: Action, names: Sequence[str], results: int) -> Iterator[str]:
-    """Yield the lines that print an action; `names` are those of vectors, and a call has `results` results."""
-    if isinstance(action, LawCall):
-        made = ", ".join(names[action.first : action.first + results])
-        yield f"{made} = f({action.time!r}, {', '.join(_shown(argument, names) for argument in action.arguments)})"
-    elif isinstance(action, Damp):
-        yield f"{names[action.result]} = (I - {action.factor!r} J)^-1 ({_shown(action.vector, names)})"
-    else:
-        yield f"solve for {', '.join(names[action.first : action.first + action.count])}:"
-        for call in action.calls:
-            yield from (f"  {line}" for line in _lines(call, names, results))
-        yield from (f"  0 = {_shown(residual, names)}" for residual in action.residuals)
-
 
 def trace(
     name: str,
@@ -385,10 +360,6 @@ def _check_results(name: str, vectors: Sequence[Any], states: int, control: Cont
             f"step function {name} returns {len(vectors)} values; it must return {states} new state vector(s)"
             + (f" and {errors} error vector(s)." if errors else ".")
         )
-
-
-def _shown(combination: Combination, names: Sequence[str]) -> str:
-    return " + ".join(f"{c!r} {names[i]}" for i, c in combination) or "0"
 
 
 class TracedVector:

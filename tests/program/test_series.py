@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache, partial
 from itertools import permutations
 from typing import Any
@@ -195,38 +194,6 @@ def test_watched_values_have_their_series_too(name: str) -> None:
     n = len(statement.coordinates)
     product = [sum(x[j, n] * x[i - j, n - 1] for j in range(i + 1)) for i in range(ORDER + 1)]
     assert max(abs(x[:, program.watched[-1]] - product)) < 1e-150 * max(map(abs, product))
-
-
-# --- the record -----------------------------------------------------------------------------------------------
-
-
-def sound() -> SeriesProgram:
-    """Return the program of x'' = y sin(x), y'' = x."""
-    statement = forced(4 * (y * sin(x)))
-    return replace(series_program(euler_lagrange(statement))[0], name="sound")
-
-
-def test_a_program_prints_what_is_done_when() -> None:
-    assert str(sound()).splitlines() == [
-        "sound: 2 coordinates, mass matrix of blocks [1, 1]",
-        "  c0 = 1",
-        "  c1 = -1",
-        "before:",
-        "  %0 = coordinate 0",
-        "  %1 = coordinate 1",
-        "  %5 = integral %7 c0",
-        "  %6 = integral %8 c1",
-        "  %9 = mul %1 %5",
-        "trial:",
-        "after:",
-        "  %7 = mul %2 %6",
-        "  %8 = mul %2 %5",
-        "p: 0 0",
-        "f: %9 %0",
-        "watched: ",
-    ]
-    trial = str(series_program(euler_lagrange(textbook()))[0]).split("trial:")[1].split("after:")[0]
-    assert " = mul " in trial and " = linear c" in trial
 
 
 # --- forms ----------------------------------------------------------------------------------------------------
