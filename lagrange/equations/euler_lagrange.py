@@ -167,11 +167,17 @@ def first_order_coordinates(
         chosen = [i for i in chosen if i not in alone]
 
 
-def without(first_order: Sequence[int], motion: MotionForm) -> MotionForm:
-    """Return the motion with p, f and h zero for coordinates whose equations are relations between velocities."""
+def without(first_order: Sequence[int], motion: MotionForm, rates: Mapping[Node, Node]) -> MotionForm:
+    """Return the motion with p, f and h zero for coordinates whose equations are relations between velocities.
+
+    In the other entries `rates` replace velocities.
+    """
+    if not first_order:
+        return motion
 
     def cleared(entries: Sequence[Node]) -> tuple[Node, ...]:
-        return tuple(entry.graph.zero if i in first_order else entry for i, entry in enumerate(entries))
+        settled = enumerate(substitute(entries, rates))
+        return tuple(entry.graph.zero if i in first_order else entry for i, entry in settled)
 
     return MotionForm(cleared(motion.momenta), cleared(motion.forces), cleared(motion.bias))
 
@@ -184,15 +190,18 @@ def with_relations(
     q: Sequence[Node],
     v: Sequence[Node],
     time: Node,
-) -> ConstraintEquations:
-    """Return the constraints, followed by the first-order equations 0 = h as relations between velocities."""
+) -> tuple[ConstraintEquations, dict[Node, Node]]:
+    """Return the constraints, followed by the first-order equations 0 = h as relations between velocities.
+
+    The second result has the velocities of coordinates of first order with their values; see `first_order_rates`.
+    """
     if not first_order:
-        return constraints
+        return constraints, {}
     graph = time.graph
     relations = tuple(bias[i] for i in first_order)
     columns = [tangents(relations, {symbol: graph.one}) for symbol in v]
     rate = tangents(relations, {**dict(zip(q, v, strict=True)), **graph.rates})
-    return constraints.joined(
+    solved = constraints.joined(
         ConstraintEquations(
             names=tuple(f"{RELATION}{names[i]}" for i in first_order),
             positions=tuple(None for _ in first_order),
@@ -202,30 +211,35 @@ def with_relations(
             rest=tuple(substitute(relations, dict.fromkeys(v, graph.zero))),
         )
     )
+    rates = first_order_rates(solved, first_order, v)
+    return replace(solved, bias=tuple(substitute(solved.bias, rates))), rates
 
 
-def rates_of(
-    statement: Statement, solved: ConstraintEquations, chosen: Sequence[int], v: tuple[Node, ...]
-) -> tuple[Node, ...]:
-    """Return dq/dt, one node for each coordinate: usually the velocities `v` of the state.
+MOST_SETTLED = 12
+"""Largest number of coupled equations of first order that are solved as formulas: n of them take n**3/3 operations."""
 
-    If the statement has inputs, a velocity of a coordinate of first order (indices `chosen`) may jump with an input.
-    The velocity in the state does not. So it is replaced by the solution of the last of the constraints `solved`, if
-    they are linear in these velocities.
+
+def first_order_rates(solved: ConstraintEquations, first_order: Sequence[int], v: Sequence[Node]) -> dict[Node, Node]:
+    """Return the velocities of coordinates of first order, each with its value from the equations of first order.
+
+    The equations are the last of the constraints `solved`, one for each index in `first_order`. The motion follows
+    these values: the velocities in a state may be others, after a jump of a force or if a start leaves them at zero.
+    The result is {} for equations that are not linear in these velocities, that do not determine them, or that are
+    coupled and too many.
     """
-    if not chosen or not statement.inputs:
-        return v
-    count = len(chosen)
-    square = [[row[i] for i in chosen] for row in solved.gradient[-count:]]
-    at_zero = dict.fromkeys((v[i] for i in chosen), v[0].graph.zero)
+    count = len(first_order)
+    square = [[row[i] for i in first_order] for row in solved.gradient[-count:]]
+    coupled = any(entry is not entry.graph.zero for i, row in enumerate(square) for entry in (*row[:i], *row[i + 1 :]))
+    if (coupled and count > MOST_SETTLED) or generic_rank(square) < count:
+        return {}
+    at_zero = dict.fromkeys((v[i] for i in first_order), v[0].graph.zero)
     entries = [entry for row in square for entry in row]
     if any(
         entry is not entry_at_zero for entry, entry_at_zero in zip(entries, substitute(entries, at_zero), strict=True)
     ):
-        return v
+        return {}
     rest = [-relation for relation in substitute(solved.velocities[-count:], at_zero)]
-    solution = dict(zip((v[i] for i in chosen), eliminated(square, rest, range(count)), strict=True))
-    return tuple(solution.get(symbol, symbol) for symbol in v)
+    return dict(zip((v[i] for i in first_order), eliminated(square, rest, range(count)), strict=True))
 
 
 def least_norm(stated: ConstraintEquations, kept: Sequence[int], multipliers: Sequence[Node]) -> list[Node]:
@@ -308,6 +322,19 @@ class Equations:
         return {"q": self.q, "v": self.v}
 
     @property
+    def settled(self) -> tuple[int, ...]:
+        """Indices of the coordinates of first order whose dq/dt is solved for, and not the velocity in the state.
+
+        They are all coordinates of first order, or none if their equations are nonlinear in these velocities.
+        """
+        return tuple(i for i, (rate, v) in enumerate(zip(self.rate, self.v, strict=True)) if rate is not v)
+
+    @property
+    def unsettled(self) -> tuple[int, ...]:
+        """Indices of the coordinates of first order whose velocities must be right in a state."""
+        return () if self.settled else self.first_order
+
+    @property
     def solution(self) -> tuple[Node, ...]:
         """Nodes of the unknowns that `plan` solves for: the accelerations, then `impulses` with the opposite sign."""
         return (*self.accelerations, *(-impulse for impulse in self.impulses))
@@ -352,8 +379,8 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
     first_order = first_order_coordinates(mass, bias, v, constraints)
     check_inertia(statement.names, mass, constraints, first_order)
     kept = range(len(constraints)) if kept is None else kept
-    solved = with_relations(constraints.part(kept), first_order, statement.names, bias, q, v, time)
-    motion = without(first_order, MotionForm(tuple(momenta), tuple(forces), tuple(bias)))
+    solved, rates = with_relations(constraints.part(kept), first_order, statement.names, bias, q, v, time)
+    motion = without(first_order, MotionForm(tuple(momenta), tuple(forces), tuple(bias)), rates)
     motion, inertia = with_inertia(motion, mass, first_order, constraints.part(kept), q, v, time)
     matrix = system_matrix(inertia, solved)
     plan = plan_of(matrix, tuple(range(len(q), len(matrix))))
@@ -368,7 +395,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
         graph=graph,
         q=q,
         v=v,
-        rate=rates_of(statement, solved, first_order, v),
+        rate=tuple(rates.get(velocity, velocity) for velocity in v),
         time=time,
         parameters=parameters,
         leaves=leaves | prescribed,

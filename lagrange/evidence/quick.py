@@ -116,7 +116,8 @@ def _allowed(model: Model, point: SamplePoint, direction: Sequence[float]) -> li
 def _confirm(model: Model, statement: Statement, point: SamplePoint, a: Sequence[float]) -> bool:
     """Return True if the accelerations are right, False if the point cannot be used. Raises RunError if wrong."""
     try:
-        part = Reference(statement, model.equations.first_order).at(point, [])["accelerations"]
+        reference = Reference(statement, model.equations.first_order, bool(model.equations.settled))
+        part = reference.at(point, [])["accelerations"]
     except OutsideDomain:
         return False
     for name, value, expected, error, size in zip(statement.names, a, part.value, part.error, part.size, strict=True):

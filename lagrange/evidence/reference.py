@@ -11,6 +11,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -73,11 +74,12 @@ class Reference:
     """The quantities of a statement by numerical differentiation, without compiled code.
 
     `first_order` are the indices of coordinates without inertia. Their equations of motion contain no accelerations, so
-    the time derivatives of these equations are solved.
+    the time derivatives of these equations are solved. If `settled`, the equations are linear in the velocities of
+    these coordinates, and the right-hand side has their solutions in place of the velocities of the state.
     """
 
-    def __init__(self, statement: Statement, first_order: Sequence[int] = ()) -> None:
-        self.statement, self.first_order = statement, tuple(first_order)
+    def __init__(self, statement: Statement, first_order: Sequence[int] = (), settled: bool = False) -> None:
+        self.statement, self.first_order, self.settled = statement, tuple(first_order), settled
         self.lagrangian = Precise([statement.lagrangian], statement, REFERENCE_DIGITS)
         self.loads = Precise([*statement.forces, statement.dissipation], statement, REFERENCE_DIGITS)
         self.held = Precise(
@@ -114,7 +116,7 @@ class Reference:
             return max(abs(value), *changes, 0) if value or any(samples) else 0
 
         n = len(point.q)
-        lengths = {"mass_matrix": n * n, "jacobian": n * len(columns)}
+        lengths = {"mass_matrix": n * n, "jacobian": n * len(columns), "velocity_jacobian": n * len(columns)}
         entries = {}
         for name in results[0]:
             # A perturbed copy may exchange other rows, which fills other entries.
@@ -126,11 +128,10 @@ class Reference:
             entries[name] = ReferenceEntries(*(_spread(x, indices, length) for x in (value, error, sizes)))
             entries[name].check_smooth()
         entries["jacobian"] = self._with_floor(entries["jacobian"], entries["accelerations"], point)
-        n = len(point.q)
-        velocities = ReferenceEntries.exactly([self.number(x) for x in point.v])
-        slopes, jacobian = entries.pop("jacobian"), ReferenceEntries([], [], [])
-        for k, j in enumerate(columns):
-            jacobian = jacobian + ReferenceEntries.exactly([int(j == n + i) for i in range(n)]) + slopes.part(k * n, n)
+        velocities, slopes, rates = (entries.pop(name) for name in ("velocities", "jacobian", "velocity_jacobian"))
+        jacobian = ReferenceEntries([], [], [])
+        for k in range(len(columns)):
+            jacobian = jacobian + rates.part(k * n, n) + slopes.part(k * n, n)
         return {**entries, "rhs": velocities + entries["accelerations"], "jacobian": jacobian}
 
     def _with_floor(
@@ -282,19 +283,59 @@ class Reference:
         energy = abs(lagrangian) + sum(abs(x * y) for x, y in zip(p, v, strict=True))
         matrix, right = bordered(self._without_noise(mass, energy, steps), slopes), [*bias, *(-x for x in held_bias)]
         relations = self._relations(source, steps)
-        if self.first_order:
-            rates = acceleration_level(relations, q, v, still, t, steps)
-            for i, row, rate in zip(self.first_order, gradient(relations, q, v, t, steps), rates, strict=True):
-                matrix[i], right[i] = dict(enumerate(row)), -rate
+
+        velocities = self._settled(relations, t, steps, q, v)
+        if self.settled:
+            right[:n] = [-x for x in laws.residual(source, q, velocities, still, t, steps)]
+        for i, (row, change) in self._first_order_rows(relations, q, velocities, t, steps).items():
+            matrix[i], right[i] = row, -change
         solve = self._solver(matrix, nudge)
         (solved,) = solve([dict(enumerate(right))])
         a, multipliers = [solved.get(i, zero) for i in range(n)], [-solved.get(i, zero) for i in range(n, len(matrix))]
 
+        jacobians = self._slopes(source, constraints, relations, (q, v, t), (a, multipliers), steps, columns, solve)
+        entries = {
+            "lagrangian": [lagrangian],
+            "momenta": p,
+            "forces": f,
+            "mass_matrix": {i * n + j: x for i, row in enumerate(mass) for j, x in row.items()},
+            "bias": bias,
+            "energy": [laws.energy(source, v, p, lagrangian)],
+            "accelerations": a,
+            "velocities": velocities,
+            **jacobians,
+        }
+        if self.holonomic:
+            positions = constraints.chosen(constraints.for_rates(q, v, t), [0] * len(self.holonomic))
+            entries["constraints"] = [*positions, *velocity_level(constraints, q, v, t, steps)]
+            entries |= _of_gradient(slopes, multipliers, nudge) | {"constraint_bias": held_bias}
+        return {name: part if isinstance(part, dict) else dict(enumerate(part)) for name, part in entries.items()}
+
+    def _slopes(
+        self,
+        source: Sources,
+        constraints: StatedConstraints,
+        relations: StatedConstraints,
+        state: tuple[Numbers, Numbers, Any],
+        motion: tuple[Numbers, Numbers],
+        steps: DifferenceSteps,
+        columns: Sequence[int],
+        solve: Callable[[Sequence[Row]], list[Row]],
+    ) -> dict[str, Row]:
+        """Return the derivatives of dq/dt and of the accelerations by entries of the state, by name.
+
+        `columns` has the indices of these entries in (q, v). `state` is (q, v, t), `motion` has the accelerations and
+        the multipliers there. `solve` solves the linear systems for accelerations.
+        """
+        (q, v, t), (a, multipliers), n = state, motion, len(state[0])
+        settled = partial(self._settled, relations, t, steps)
+
         def rows(j: int) -> Sequence[int]:
-            return range(len(matrix)) if self.first_order or self.holonomic else source.touched(j)
+            return range(n + len(multipliers)) if self.first_order or self.holonomic else source.touched(j)
 
         def residual(q: Numbers, v: Numbers, j: int) -> Numbers:
-            free = laws.residual(source, q, v, a, t, steps, rows(j)[:n], j)
+            v = settled(q, v)
+            free = laws.residual(source, q, v, a, t, steps, rows(j)[:n], None if self.settled else j)
             rates = acceleration_level(relations, q, v, a, t, steps) if self.first_order else ()
             for i, rate in zip(self.first_order, rates, strict=True):
                 free[i] = rate
@@ -305,22 +346,12 @@ class Reference:
             return [*balance, *acceleration_level(constraints, q, v, a, t, steps)]
 
         changes = laws.residual_slopes(residual, q, v, steps, columns)
+        moving = laws.residual_slopes(lambda q, v, j: settled(q, v), q, v, steps, columns)
         jacobian = solve([dict(zip(rows(j), change, strict=True)) for j, change in zip(columns, changes, strict=True)])
-        entries = {
-            "lagrangian": [lagrangian],
-            "momenta": p,
-            "forces": f,
-            "mass_matrix": {i * n + j: x for i, row in enumerate(mass) for j, x in row.items()},
-            "bias": bias,
-            "energy": [laws.energy(source, v, p, lagrangian)],
-            "accelerations": a,
+        return {
+            "velocity_jacobian": {k * n + i: x for k, column in enumerate(moving) for i, x in enumerate(column) if x},
             "jacobian": {k * n + i: -x for k, column in enumerate(jacobian) for i, x in column.items() if i < n},
         }
-        if self.holonomic:
-            entries |= _of_gradient(slopes, multipliers, nudge) | {"constraint_bias": held_bias}
-            positions = constraints.chosen(constraints.for_rates(q, v, t), [0] * len(self.holonomic))
-            entries["constraints"] = [*positions, *velocity_level(constraints, q, v, t, steps)]
-        return {name: part if isinstance(part, dict) else dict(enumerate(part)) for name, part in entries.items()}
 
     def _relations(self, source: Sources, steps: DifferenceSteps) -> StatedConstraints:
         """Return the equations dp/dt - f = 0 of the coordinates without inertia, as constraints on velocities."""
@@ -331,6 +362,28 @@ class Reference:
             return [residuals[i] for i in self.first_order]
 
         return StatedConstraints(values, values, (False,) * len(self.first_order), source.nudge)
+
+    def _first_order_rows(
+        self, relations: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps
+    ) -> dict[int, tuple[Row, Any]]:
+        """Return for each coordinate without inertia the rate of change of its equation: its row of G, and the rest.
+
+        The rest does not depend on the accelerations.
+        """
+        if not self.first_order:
+            return {}
+        rates = acceleration_level(relations, q, v, [self.number(0)] * len(q), t, steps)
+        rows = map(dict, map(enumerate, gradient(relations, q, v, t, steps)))
+        return dict(zip(self.first_order, zip(rows, rates, strict=True), strict=True))
+
+    def _settled(self, relations: StatedConstraints, t: Any, steps: DifferenceSteps, q: Numbers, v: Numbers) -> Numbers:
+        """Return v, if `settled` with velocities of coordinates without inertia from their equations `relations`."""
+        if not self.settled:
+            return v
+        rows = [[row[i] for i in self.first_order] for row in gradient(relations, q, v, t, steps)]
+        off = velocity_level(relations, q, v, t, steps)
+        corrections = dict(zip(self.first_order, laws.solve_dense(rows, off, SINGULAR), strict=True))
+        return [x - corrections.get(i, 0) for i, x in enumerate(v)]
 
     def _solver(self, matrix: Sequence[Row], nudge: laws.Nudge) -> Callable[[Sequence[Row]], list[Row]]:
         """Return a function from right-hand sides to solutions of the system for the accelerations, in scaled units."""

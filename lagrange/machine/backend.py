@@ -272,10 +272,11 @@ class Machine(Protocol):
     def called(self, procedure: Procedure) -> LoadedProcedure:
         """Load a procedure, once per process."""
 
-    def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[LoadedProcedure, Layout]:
-        """Return the loop over the steps of a method for states with `states` entries, and its layout in memory.
+    def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[LoadedProcedure, Layout]:
+        """Return the loop over the steps of a method, and its layout in memory.
 
-        `step` is one step as a program. With `projected`, each state is projected onto the constraints.
+        `step` is one step as a program, `law` the program that it calls. With `projected`, each state is projected
+        onto the constraints.
         """
 
     def callback(self, kernel: Any, parameters: FloatArray, *, of_steps: bool = False) -> Callback:

@@ -37,7 +37,7 @@ class StepDriver:
         jacobian: Kernel | None = None,
         projection: Kernel | None = None,
     ) -> None:
-        loop, layout = machine.loop(step, kernel.program.states, projected=projection is not None)
+        loop, layout = machine.loop(step, kernel.program, projected=projection is not None)
         self._loop: Any = loop
         self._layout, self._work = layout, workspace(layout.size)
         self._call: Any = self._loop.bound()

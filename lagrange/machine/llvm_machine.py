@@ -170,22 +170,25 @@ class MembersCode:
         self._call(*[value.ctypes.data if isinstance(value, np.ndarray) else value for value in values])
 
 
-def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False) -> Layout:
+def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False, by_value: bool = True) -> Layout:
     """Return the layout in memory of the vectors of a step program, each padded to whole blocks of numbers.
 
-    `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints.
+    `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints. `by_value` is
+    true if the law has a kernel that takes a small state in registers.
     """
-    small = fit(dimension) and not LAWS[step.law].through_memory
+    small = by_value and fit(dimension) and not LAWS[step.law].through_memory
     return Layout(step, dimension, block=STORED_TOGETHER, in_registers=small, projected=projected)
 
 
 @lru_cache(maxsize=64)
-def compiled_loop(step: StepProgram, dimension: int, projected: bool) -> tuple[CompiledProcedure, Layout]:
+def compiled_loop(
+    step: StepProgram, dimension: int, projected: bool, by_value: bool
+) -> tuple[CompiledProcedure, Layout]:
     """Return the compiled loop over the steps of a method, and the layout of its vectors in memory.
 
-    `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints.
+    The arguments are those of `loop_layout`.
     """
-    layout = loop_layout(step, dimension, projected=projected)
+    layout = loop_layout(step, dimension, projected=projected, by_value=by_value)
     return CompiledProcedure(steps_of(layout), tiers=True, optimize=True), layout
 
 
@@ -206,13 +209,14 @@ class LlvmMachine:
         """Return a program of Taylor series as callable machine code. Each order is compiled at its first use."""
         return LlvmSeries(program)
 
-    def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[CompiledProcedure, Layout]:
+    def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[CompiledProcedure, Layout]:
         """Return the compiled loop over the steps of a method, and the layout of its vectors in memory.
 
-        `states` is the length 2n of a state. `projected` is true if steps are projected onto constraints. The code is
+        `law` is the program that steps call. `projected` is true if steps are projected onto constraints. The code is
         not optimized until it has taken many steps.
         """
-        return compiled_loop(step, LAWS[step.law].dimension(states), projected)
+        dimension = LAWS[step.law].dimension(law.states)
+        return compiled_loop(step, dimension, projected, by_value=bool(law.returned))
 
     def callback(self, kernel: LlvmKernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
         """Return the address of a kernel with the numbers that it reads, for calls from compiled code.

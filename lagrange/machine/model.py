@@ -190,8 +190,9 @@ class Model:
     def rhs(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return dy/dt = [v, a], (2n,) or (2n, batch); t is a number or (batch,).
 
-        Velocities of coordinates without inertia follow from their equations. If y has zeros instead of them, y would
-        not change: StatementError is raised, here and in `accelerations`, `jacobian` and `multipliers`.
+        Velocities of coordinates without inertia follow from their equations, whatever y has instead. If an equation is
+        nonlinear in them, y must have them: for zeros StatementError is raised, here and in `accelerations`,
+        `jacobian` and `multipliers`.
         """
         derivative = self._quick_rhs(t, y) if parameters is None else None
         return self._run("rhs", t, self._checked_state(y), parameters) if derivative is None else derivative
@@ -205,8 +206,8 @@ class Model:
         return self._quick_rhs(t, y)
 
     def _check_rates(self, t: float | ArrayLike, state: State, parameters: Parameters) -> None:
-        """Raise StatementError for zero velocities of coordinates without inertia that contradict their equations."""
-        rows = list(self.equations.first_order)
+        """Raise StatementError for zero velocities without inertia that contradict their nonlinear equations."""
+        rows = list(self.equations.unsettled)
         relations = self.equations.constraints.velocities[-len(rows) :]
         residuals = self._call(self.function("relations", (*relations, *term_sizes(relations))), t, state, parameters)
         off = (np.abs(residuals[: len(rows)]) > UNSET * residuals[len(rows) :]).any(axis=0)
@@ -338,11 +339,11 @@ class Model:
     def _quick(self) -> Quick:
         quick = Quick(self.kernel, self.parameter_array)
         # Quick calls check no velocities.
-        quick |= dict.fromkeys(RATES if self.equations.first_order else (), QuickCalls(nothing, nothing))
+        quick |= dict.fromkeys(RATES if self.equations.unsettled else (), QuickCalls(nothing, nothing))
         return quick
 
     def _run(self, name: str, t: float | ArrayLike, state: State, parameters: Parameters) -> FloatArray:
-        if self.equations.first_order and name in RATES:
+        if self.equations.unsettled and name in RATES:
             self._check_rates(t, state, parameters)
         return self._call(self.kernel(name), t, state, parameters)
 

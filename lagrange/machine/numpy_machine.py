@@ -45,13 +45,13 @@ class NumpyMachine:
         """Return a program of Taylor series as a callable object that interprets its instructions."""
         return NumpySeries(program)
 
-    def loop(self, step: StepProgram, states: int, *, projected: bool) -> tuple[PrintedProcedure, Layout]:
+    def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[PrintedProcedure, Layout]:
         """Return the loop over the steps of a method as printed Python, and the layout of its vectors in memory.
 
-        `states` is the length 2n of a state. `projected` is true if steps are projected onto constraints. A loop is
+        `law` is the program that steps call. `projected` is true if steps are projected onto constraints. A loop is
         printed once per process.
         """
-        return printed_loop(step, LAWS[step.law].dimension(states), projected)
+        return printed_loop(step, LAWS[step.law].dimension(law.states), projected)
 
     def callback(self, kernel: Kernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
         """Return a kernel as a Python function for printed procedures, with the array of parameters that it reads."""

@@ -277,13 +277,24 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
     shares = np.linalg.solve(resistance, forces[slow])
     formulas = np.linalg.solve(inertia, forces[fast] - damping[np.ix_(fast, slow)] @ shares)
     # The independent velocities are a selection of all velocities, so their rates are rows of the full Jacobian.
-    jacobian = model.jacobian(time, state, parameters)[model.layout.v][lin.speeds]
-    by_place, by_speed = jacobian[:, model.layout.q], jacobian[:, model.layout.v]
-    by_place, by_speed = by_place @ basis + by_speed @ slopes, by_speed @ speeds
+    jacobian = model.jacobian(time, state, parameters)
+
+    def slopes_of(part: slice) -> tuple[Any, Any]:
+        """Return the slopes of the rows `part` by the independent coordinates, and by the independent velocities."""
+        rows = jacobian[part][lin.speeds]
+        by_v = rows[:, model.layout.v]
+        return rows[:, model.layout.q] @ basis + by_v @ slopes, by_v @ speeds
+
+    by_place, by_speed = slopes_of(model.layout.v)
     compiled = np.hstack([by_place[fast], by_speed[np.ix_(fast, fast)]]) + by_speed[np.ix_(fast, slow)] @ shares
-    # The model also has the rates of velocities without inertia.
-    compiled_slow = by_speed[slow]
-    formulas_slow = shares[:, :count] @ speeds[lin.places] + shares[:, count:] @ by_speed[fast]
+    if model.equations.settled:
+        rates_by_place, rates_by_speed = slopes_of(model.layout.q)
+        compiled_slow = np.hstack([rates_by_place[slow], rates_by_speed[np.ix_(slow, fast)]])
+        formulas_slow = shares
+    else:
+        # The model has the rates of velocities without inertia.
+        compiled_slow = by_speed[slow]
+        formulas_slow = shares[:, :count] @ speeds[lin.places] + shares[:, count:] @ by_speed[fast]
     scale = max(1e-300, np.abs(by_speed).max(), np.abs(by_place).max())
     for k, u in enumerate(point.inputs):
         # Velocities without inertia follow the input at once.

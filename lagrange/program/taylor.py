@@ -66,7 +66,7 @@ def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Sw
     seen = substitute(watched, {node: symbol for node, symbol in unknown if node.kind is Kind.COMPONENT})
     # A constraint on positions may jump although its rate of change does not. Its surfaces belong to the motion, too.
     positions = [phi for phi in held.positions if phi is not None]
-    outputs = (*e.motion.momenta, *e.motion.forces, *held.velocities, *gradient, *matrix, *right, *positions)
+    outputs = (*e.rate, *e.motion.momenta, *e.motion.forces, *held.velocities, *gradient, *matrix, *right, *positions)
     return switch(e.graph, outputs, seen)
 
 
@@ -81,12 +81,13 @@ def motion_symbols(e: Equations) -> list[Node]:
 
 
 class _Parts(NamedTuple):
-    """The outputs of `switched_equations`: momenta, forces, constraints on velocities, G, the system matrix, and more.
+    """The outputs of `switched_equations`: dq/dt, momenta, forces, constraints on velocities, G, the system matrix.
 
     `right` is the right-hand side of the equations of motion if the watched nodes contain accelerations or multipliers,
     else empty. `watched` are the switching surfaces, then the watched nodes.
     """
 
+    rate: Sequence[Node]
     momenta: Sequence[Node]
     forces: Sequence[Node]
     velocities: Sequence[Node]
@@ -101,9 +102,10 @@ class _Parts(NamedTuple):
         n, m = len(e.motion.momenta), len(e.constraints)
         right = len(e.matrix) if solved else 0
         positions = sum(phi is not None for phi in e.constraints.positions)
-        ends = accumulate((0, n, n, m, m * n, len(e.plan.triangle), right, positions, len(switched.outputs)))
-        p, f, psi, gradient, triangle, h, _, rest = (switched.outputs[begin:end] for begin, end in pairwise(ends))
-        return cls(p, f, psi, gradient, triangle, h, (*switched.surfaces, *rest))
+        lengths = (len(e.rate), n, n, m, m * n, len(e.plan.triangle), right, positions, len(switched.outputs))
+        ends = accumulate((0, *lengths))
+        rate, p, f, psi, gradient, triangle, h, _, rest = (switched.outputs[begin:end] for begin, end in pairwise(ends))
+        return cls(rate, p, f, psi, gradient, triangle, h, (*switched.surfaces, *rest))
 
 
 def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> list[_Assembly]:
@@ -115,7 +117,7 @@ def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> lis
     parts = _Parts.of(e, switched, solved=solved)
     p, f = list(parts.momenta), list(parts.forces)
     n = len(p)
-    derivatives = dict(zip(e.q, e.rate, strict=True)) if e.turning is None else e.turning.derivatives
+    derivatives = dict(zip(e.q, parts.rate, strict=True)) if e.turning is None else e.turning.derivatives
     q, rate = list(derivatives), list(derivatives.values())
     steady = _constant([entry for (i, _), entry in zip(e.plan.triangle, parts.triangle, strict=True) if i < n])
     if steady:
@@ -154,6 +156,7 @@ class _Assembly:
             *parts.gradient,
             *balance,
             *parts.watched,
+            *parts.rate,
             *(rate for rate, _, _ in spun.values()),
         ]
         solved_for = [*(v for v in velocities if v not in equations.v), *self.motion]
@@ -163,7 +166,7 @@ class _Assembly:
             equations.v,
             equations.time,
             nodes,
-            rate=equations.rate,
+            rate=parts.rate,
             apart=apart,
             unknowns={symbol: n + m + i for i, symbol in enumerate(solved_for)},
             integrals={} if turning is None else turning.integrals,
@@ -182,7 +185,7 @@ class _Assembly:
         self.balances = [self.builder.value(node) for node in balance]
         self.seen = tuple(substitute(parts.watched, dict(zip(self.motion, solution, strict=True))))
         self.watched = [self.builder.value(node) for node in parts.watched]
-        self.rates = tuple(self.builder.value(rate) for rate in equations.rate)
+        self.rates = tuple(self.builder.value(rate) for rate in parts.rate)
 
     @property
     def matrix(self) -> list[list[Node]]:

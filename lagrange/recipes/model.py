@@ -38,9 +38,7 @@ class Model(compiled.Model):
     def as_numba(self, quantity: str = "rhs") -> NumbaFunction:
         """Return a quantity for Numba's compiled functions: `prepare(p)`, `rhs(t, y, prepared)` and `fill`.
 
-        They call the machine code of this model. Velocities of coordinates without inertia are taken from y as they
-        are; `as_scipy().y0(initial)` computes them from the others. Raises StatementError without Numba, and on the
-        numpy target.
+        They call the machine code of this model. Raises StatementError without Numba, and on the numpy target.
         """
         return numba_function(self, quantity)
 
@@ -49,9 +47,7 @@ class Model(compiled.Model):
 
         y has shape (2n,), p is `parameter_array()`, whose last entries are the inputs. The result is NaN throughout
         where a mass matrix is singular. `.checked(t, y, p)` returns the result, and True if a mass matrix is singular.
-        `.source` is the code. Velocities of coordinates without inertia are taken from y as they are;
-        `as_scipy().y0(initial)` computes them from the others. Raises StatementError without JAX, and where JAX
-        computes in single precision.
+        `.source` is the code. Raises StatementError without JAX, and where JAX computes in single precision.
         """
         return jax_function(self, quantity)
 
@@ -60,8 +56,7 @@ class Model(compiled.Model):
 
         y has 2n entries, p is `parameter_array()`, whose last entries are the inputs. The result is NaN throughout
         where a mass matrix is singular. With `status` there is a second result, 1 where a mass matrix is singular and 0
-        elsewhere. Velocities of coordinates without inertia are taken from y as they are; `as_scipy().y0(initial)`
-        computes them from the others. Raises StatementError without CasADi.
+        elsewhere. Raises StatementError without CasADi.
         """
         return casadi_function(self, quantity, symbols, status=status)
 

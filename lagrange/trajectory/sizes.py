@@ -325,7 +325,8 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
         # The last attempt for a run whose steps keep decreasing: entries far below others of their kind are rounding.
         # For example, the value of a force 1 + tanh(u) is rounded to zero, but its slope is not. Then no displacement
         # shows that the effect of the force is below rounding.
-        kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(state.floors)])
+        bounded = np.where(np.isfinite(state.floors), state.floors, 0.0)
+        kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(bounded)])
         floors = np.maximum(floors, np.where(state.floors < SLOPE_NOISE * kinds, kinds, 0.0))
     if (floors > state.floors).any():
         # A series knows the length of its next step. The length of a rejected step came from floors that were too low.

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from sympy import Matrix, simplify
+from sympy import Heaviside, Matrix, simplify
 
 import lagrange as lg
 from lagrange.errors import StatementError
@@ -52,8 +52,53 @@ def test_scipy_starts_with_the_velocities_that_follow() -> None:
 
 
 @pytest.mark.parametrize("target", ["numpy", "llvm"])
-def test_a_velocity_of_zero_that_contradicts_its_equation_is_refused(target: str) -> None:
-    model = lowpass().compile(target, check=False)
+def test_the_motion_does_not_depend_on_velocities_that_follow(target: str) -> None:
+    """A torque that depends on the rate of the current, from zeros and from other wrong rates."""
+    system = lg.System(
+        kinetic=J * phi.dot**2 / 2,
+        coordinates=[phi, i],
+        forces={phi: k * i + i.dot / 5, i: u * lg.t - R * i - k * phi.dot},
+        dissipation=L * i.dot**2 / 2,
+        parameters={J: 0.01, L: 0.5, R: 1.0, k: 0.1, u: 12.0},
+    )
+    model = system.compile(target, check=False)
+    # L i' = u t - R i - k phi', and its rate.
+    current_rate = (12.0 * 0.5 - 0.25 - 0.1 * 2.0) / 0.5
+    spin_rate = (0.1 * 0.25 + current_rate / 5) / 0.01
+    expected = [2.0, current_rate, spin_rate, (12.0 - current_rate - 0.1 * spin_rate) / 0.5]
+    for velocity in (0.0, current_rate, 7.0):
+        assert model.rhs(0.5, [1.0, 0.25, 2.0, velocity]) == pytest.approx(expected, rel=1e-14)
+    columns = model.rhs(0.5, np.array([[1.0, 0.25, 2.0, 0.0], [1.0, 0.25, 2.0, 7.0]]).T)
+    assert columns == pytest.approx(np.column_stack([expected, expected]), rel=1e-14)
+    assert not model.jacobian(0.5, [1.0, 0.25, 2.0, 0.0])[:, 3].any()
+    assert system.check(points=2)
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5", "bs3", "verner9"])
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+def test_a_voltage_that_jumps_is_passed(method: str, target: str) -> None:
+    """The rate of the current jumps with the voltage at t = 1, and enters a torque."""
+    switched = lg.System(
+        kinetic=phi.dot**2 / 2,
+        coordinates=[phi, i],
+        forces={phi: i + i.dot / 2, i: 3 * Heaviside(lg.t - 1) - i},
+        dissipation=i.dot**2 / 2,
+    )
+    solution = switched.run(3.0, method=method, target=target)
+    assert solution.status is lg.Status.SUCCESS
+    fallen = np.exp(-2.0)
+    # With s = t - 1: i = 3(1 - exp(-s)), and the spin is the integral of i, plus i/2.
+    assert solution[i][-1] == pytest.approx(3 * (1 - fallen), abs=1e-8)
+    assert solution[i.dot][-1] == pytest.approx(3 * fallen, abs=1e-8)
+    assert solution[phi.dot][-1] == pytest.approx(3 * (2 - 1 + fallen) + 1.5 * (1 - fallen), abs=1e-8)
+
+
+@pytest.mark.parametrize("target", ["numpy", "llvm"])
+def test_a_velocity_of_zero_that_contradicts_a_nonlinear_equation_is_refused(target: str) -> None:
+    """The equation 1 - e = e.dot + e.dot**3 is not solved for the velocity."""
+    cubic = lg.System(kinetic=0, forces={e: 1 - e}, dissipation=e.dot**2 / 2 + e.dot**4 / 4)
+    model = cubic.compile(target, check=False)
     with pytest.raises(StatementError, match=r"e has no inertia, and its velocity in y is 0, which contradicts"):
         model.rhs(0.0, [0.0, 0.0])
     with pytest.raises(StatementError, match=r"Start from model.as_scipy"):
@@ -62,9 +107,9 @@ def test_a_velocity_of_zero_that_contradicts_its_equation_is_refused(target: str
         model.jacobian(0.0, [0.0, 0.0])
     with pytest.raises(StatementError, match=r"e has no inertia"):
         model.accelerations([0.0], [0.0])
-    # At rest in equilibrium, and where a velocity was given.
+    # At rest in equilibrium, and where a velocity was given: 1 - e = 2 and (1 + 3 e'**2) e'' = -e'.
     assert model.rhs(0.0, [1.0, 0.0]).tolist() == [0.0, 0.0]
-    assert model.rhs(0.0, [0.0, 1.0]).tolist() == [1.0, -1.0]
+    assert model.rhs(0.0, [-1.0, 1.0]).tolist() == [1.0, -0.25]
 
 
 def test_velocities_are_found_where_their_equation_has_no_slope_at_rest() -> None:

@@ -127,12 +127,12 @@ START_CORRECTIONS = 20
 
 
 def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return states (2n, k) with the velocities of coordinates without inertia computed from the other entries.
+    """Return states (2n, k) with velocities without inertia computed, if the equations of motion use them.
 
     `y` (2n, k) are the given states. The system has no other constraints. Columns in which such velocities do not
     exist are NaN. Raises RunError if an equation determines no velocity.
     """
-    if not model.equations.first_order:
+    if not model.equations.unsettled:
         return y
     y, corrections, size = y.copy(), model.law("projection"), model.layout.size
     for _ in range(START_CORRECTIONS):

@@ -118,6 +118,8 @@ class Discontinuities:
             over, beside = behind.change(near), np.maximum(near.change(before), far.change(behind))
             # First the constraints phi, then psi with their gradients G, one column for each step.
             jumping = over > CONTINUOUS * beside + CHANGE_NOISE
+        # The velocity of a coordinate without inertia jumps with a force in its equation, and the motion goes on.
+        jumping[len(jumping) - self.residuals.settled :] = False
         passed = np.flatnonzero(jumping.any(axis=0))
         if not len(passed):
             return None

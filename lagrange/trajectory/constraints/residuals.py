@@ -48,6 +48,11 @@ class ConstraintResiduals:
         moving = [any(entry.binding >= Binding.VELOCITY for entry in row) for row in equations.constraints.gradient]
         self.turning = np.flatnonzero(moving)
         """Indices of the constraints whose row of G depends on velocities."""
+        self.settled = len(equations.settled)
+        """Number of constraints, the last ones, that only define velocities of coordinates without inertia.
+
+        Such a velocity may jump: the motion does not use the velocity in the state.
+        """
         stated = (*positions, *constraints.velocities)
         entries = [entry for row in constraints.gradient for entry in row]
         # Nearly all entries of a long chain are zero, and are not evaluated. If all are zero, one entry is kept.
