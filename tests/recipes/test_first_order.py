@@ -44,6 +44,16 @@ def rabbits() -> lg.System:
     return lg.System(kinetic=0, coordinates=[x, y], forces=forces, dissipation=(x.dot**2 + y.dot**2) / 2)
 
 
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+@pytest.mark.parametrize("unit", [1e-18, 1e18])
+def test_a_state_has_any_unit(unit: float, target: str) -> None:
+    """The series took an equation of coefficients below 1e-14 for one without a solution."""
+    scaled = lg.System(
+        kinetic=0, forces={e: -R * e}, dissipation=L * e.dot**2 / 2, parameters={R: unit, L: unit}, initial={e: 1}
+    )
+    assert scaled.run(1.0, target=target).require()[e][-1] == pytest.approx(np.exp(-1), rel=1e-8)
+
+
 def test_scipy_starts_with_the_velocities_that_follow() -> None:
     problem = motor().compile(check=False).as_scipy()
     assert problem.y0().tolist() == pytest.approx([0.0, 0.0, 0.0, 24.0])

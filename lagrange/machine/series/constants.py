@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.linear.symmetric import PIVOT
+from lagrange.algorithm.linear.symmetric import PIVOT, scale_rows
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.kernel.interpreted import FLOATS
@@ -51,7 +52,12 @@ def inverse(matrix: FloatArray) -> FloatArray:
     if not np.isfinite(matrix).all():
         return np.full_like(matrix, np.nan)
     diagonal = np.abs(np.diag(matrix))
-    units = np.where(diagonal > 0, 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)), 1.0)
+    units: Any = np.empty_like(diagonal)
+    if diagonal.all():
+        units = 1 / np.sqrt(diagonal)
+    else:  # constraints and coordinates without inertia have units of their own
+        largest: Any = np.empty_like(diagonal)
+        scale_rows(len(matrix), len(matrix), matrix.ravel(), units, largest)
     try:
         inverse = np.linalg.inv(matrix * units[:, None] * units)
     except np.linalg.LinAlgError as error:
