@@ -6,7 +6,6 @@ import math
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -265,8 +264,10 @@ class Flow:
         """
         values = self._model.parameter_values(parameters)
         problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values, t_eval=times)
-        run = partial(run_by, self._integrator)
-        trajectory = run_through_contacts(problem, run) if self._model.statement.contacts else run(problem)
+        if self._model.statement.contacts:
+            trajectory = run_through_contacts(problem, self._integrator, run_by)
+        else:
+            trajectory = run_by(self._integrator, problem)
         if not trajectory.status.complete:
             raise RunError(trajectory.message)
         return trajectory.y

@@ -218,7 +218,7 @@ def trajectory_of(
     integrator = find(DEFAULT_METHOD if options.method is None else options.method)
     _check_events(problem, integrator)
     if statement.contacts:
-        trajectory = run_through_contacts(problem, partial(_run, integrator))
+        trajectory = run_through_contacts(problem, integrator, _run)
     elif any(event.settings for event in problem.events):
         trajectory = run_in_segments(problem, partial(_run, integrator))
     else:

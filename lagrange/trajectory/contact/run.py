@@ -6,12 +6,14 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, counted, listing
+from lagrange.statement.expression import real_number
 from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces, WrittenImpacts, in_order
 from lagrange.trajectory.contact.complementarity import OPEN, SLIDING
 from lagrange.trajectory.contact.friction import SHORT, WrittenFriction
@@ -20,7 +22,7 @@ from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics
 from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, PreparedMode, modes_of
 from lagrange.trajectory.contact.transition import Behind, Transitions
 from lagrange.trajectory.contact.undetermined import Undetermined
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.integrator import Integrator, Problem
 from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.parts import (
     before_outputs_at_end,
@@ -59,12 +61,17 @@ FAILED = (Status.UNRELIABLE, Status.NON_FINITE, Status.SINGULAR, Status.STEP_TOO
 """Statuses after which a segment is run again, with a check of each impact and each change of the mode."""
 
 
-def run_through_contacts(problem: Problem, run: Callable[[Problem], Trajectory]) -> Trajectory:
+def run_through_contacts(
+    problem: Problem, integrator: Integrator, run: Callable[[Integrator, Problem], Trajectory]
+) -> Trajectory:
     """Return the run of a problem whose statement has contacts. `run` runs a problem without contacts.
 
     Raises StatementError for a start inside a body, and for a run backwards in time.
     """
-    return _ContactRun(problem, run).trajectory()
+    # Transitions depend on the tolerance, which the method may state instead of the run.
+    rtol = getattr(integrator, "rtol", None) if problem.rtol is None else real_number(problem.rtol, "rtol")
+    problem = replace(problem, rtol=rtol)
+    return _ContactRun(problem, partial(run, integrator)).trajectory()
 
 
 class _ContactRun:
