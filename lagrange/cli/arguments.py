@@ -130,7 +130,7 @@ def load_scene(request: argparse.Namespace) -> System:
     """
     scene: str = request.scene
     # A library name has no suffix and no separator; everything else is taken as the path of a file.
-    short = len(os.fsencode(scene)) < 255
+    short = len(scene.encode(errors="replace")) < 255
     named = scene.endswith(".toml") or "/" in scene or os.sep in scene or (short and Path(scene).is_file())
     system = lg.System.from_scene(scene) if named else lg.scene(scene)
     state, parameters = system.statement.state_names, [symbol.name for symbol in system.statement.parameters]

@@ -8,9 +8,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from importlib import import_module
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from lagrange.errors import StatementError, listing
+from lagrange.errors import StatementError, UnknownKey, listing, shown
 from lagrange.export.identifiers import distinct
 from lagrange.export.languages import ALIASES, TARGETS
 from lagrange.export.module import SourceModule
@@ -115,6 +115,9 @@ class TargetTable(dict[str, str]):
 
     def __repr__(self) -> str:
         return str(self)
+
+    def __missing__(self, name: Any) -> str:
+        raise UnknownKey(f"there is no target {shown(name)}; the targets are {listing(self)}.")
 
     def _repr_html_(self) -> str:
         return table(("target", "about"), list(self.items()))

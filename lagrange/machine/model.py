@@ -435,8 +435,10 @@ class Model:
         time = float(np.broadcast_to(t, q.shape[1:])[column]) if q.ndim > 1 else float(np.asarray(t))
         state = np.zeros(self.layout.size)
         state[: len(chosen)] = chosen[: len(state)]
-        values = self.parameter_array(parameters) if len(self.equations.constraints) else state
-        return singular_sentence(self._made, self.equations, time, state, values)
+        values = self.parameter_array(parameters)
+        return singular_sentence(
+            self._made, self.equations, time, state, values if len(self.equations.constraints) else state
+        )
 
     def _state(self, q: ArrayLike, v: ArrayLike) -> State:
         coordinates = self._vector(q, "q")

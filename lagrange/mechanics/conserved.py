@@ -32,7 +32,7 @@ from lagrange.mechanics.symmetries import (
     untaken,
 )
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
-from lagrange.statement.expression import ByName, expression, in_full, refusing_deep
+from lagrange.statement.expression import ByName, check_once, expression, in_full, refusing_deep
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
 from lagrange.statement.rotation import AXES
@@ -251,8 +251,9 @@ def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> di
         )
     by_name = {**dict(zip(statement.names, statement.coordinates, strict=True)), t.name: t}
     shift: dict[Any, Any] = {}
-    for key, value in generator.items():
-        label = label_of(key)
+    labels = [label_of(key) for key in generator]
+    check_once(labels, "the generator")
+    for label, value in zip(labels, generator.values(), strict=True):
         if label not in by_name:
             raise StatementError(
                 f"{label!r} is neither t nor a coordinate of this system; they are {listing(statement.names)}."

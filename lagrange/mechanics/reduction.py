@@ -15,7 +15,7 @@ from lagrange.evidence.agreement import NEAR_INITIAL
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, simplest, vanishes
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.declare import declare
-from lagrange.statement.expression import TYPED_ROUNDING, expression, refusing_deep
+from lagrange.statement.expression import TYPED_ROUNDING, check_once, expression, refusing_deep
 from lagrange.statement.given.function import given as given_function
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
@@ -100,8 +100,9 @@ def substituted(statement: Statement, replacements: Mapping[Any, Any]) -> Statem
     by_name = {symbol.name: symbol for symbol in statement.parameters}
     functions = {name_of(function): function for function in statement.given}
     table: dict[Any, Any] = {}
-    for key, value in replacements.items():
-        name = label_of(key).removesuffix("(t)")
+    names = [label_of(key).removesuffix("(t)") for key in replacements]
+    check_once(names, "substitute")
+    for name, value in zip(names, replacements.values(), strict=True):
         if name in functions:
             table[functions[name]] = given_function(name, value)
             continue

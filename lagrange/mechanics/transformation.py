@@ -33,7 +33,7 @@ from lagrange.mechanics.reduction import read_with, rewritten, with_origin
 from lagrange.mechanics.roots import STARTS, numeric_roots
 from lagrange.statement.coordinate import COORDINATES, acceleration_of, name_of, t, velocity_of
 from lagrange.statement.declare import ORIGIN, declare
-from lagrange.statement.expression import entries, expression, refusing_deep
+from lagrange.statement.expression import check_once, entries, expression, refusing_deep
 from lagrange.statement.parameters import Survey, coordinate_name, in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 
@@ -227,8 +227,9 @@ def _transformation(statement: Statement, expressions: Mapping[Any, Any], positi
         )
     by_name = dict(zip(statement.names, statement.coordinates, strict=True))
     table: dict[Any, Any] = {}
-    for key, value in expressions.items():
-        name = coordinate_name(key, statement.names)
+    names = [coordinate_name(key, statement.names) for key in expressions]
+    check_once(names, "transform")
+    for name, value in zip(names, expressions.values(), strict=True):
         table[by_name[name]] = expression(value, f"the expression for {name}")
     survey = Survey()
     for q, value in table.items():

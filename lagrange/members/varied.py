@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.errors import StatementError, shown
-from lagrange.statement.expression import MOST_NUMBERS, one_of, real_array, real_number, whole_number
+from lagrange.statement.expression import MOST_NUMBERS, check_once, one_of, real_array, real_number, whole_number
 from lagrange.statement.parameters import label_of, table_of
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -228,8 +228,5 @@ def _named(mapping: Any, what: str, entries: str) -> Any:
     table = table_of(mapping, what, entries)
     if not table:
         raise StatementError(f"{what} is empty: give a dict from {entries}.")
-    labels = [label_of(key) for key in table]
-    twice = next((label for label in labels if labels.count(label) > 1), None)
-    if twice is not None:
-        raise StatementError(f"{what} has {twice} twice, by its symbol and by its name: give it once.")
+    check_once([label_of(key) for key in table], what)
     return table.items()

@@ -31,6 +31,7 @@ from lagrange.statement.energy import first_order_remedy, without_velocity
 from lagrange.statement.expression import (
     TEXTS,
     as_typed,
+    check_once,
     entries,
     expression,
     in_full,
@@ -202,6 +203,9 @@ def initial_state(
     if not initial:
         return base
     rows, values = state_rows(coordinates), list(base)
+    named = [rows[key] for key in initial if key in rows]
+    if len(set(named)) < len(named):
+        check_once([label_of(key) for key in initial], "initial")
     if any(key not in rows for key in initial):
         initial = in_coordinates(initial, dict(zip((*coordinates, *map(velocity_of, coordinates)), base, strict=True)))
     for key, value in initial.items():

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import numbers
 import re
-from collections.abc import Callable, Iterable, Mapping, Set, Sized
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set, Sized
 from functools import wraps
 from itertools import islice
 from typing import Any, ParamSpec, TypeVar
@@ -117,10 +117,9 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
     """
     if isinstance(value, np.ma.MaskedArray):
         raise StatementError(f"{what} is a masked array: give the values alone, such as its .compressed().")
-    for kind in set(map(type, value)) if isinstance(value, (list, tuple)) else ():
-        if issubclass(kind, _NO_NUMBERS):
-            raise StatementError(f"{what} has entries of type {kind.__name__}: give real numbers.")
-    entries = _count(value)
+    if isinstance(value, (str, bytes, bytearray)):
+        raise StatementError(f"{what} is the text {shown(value, 60)}: give {'' if 'c' in kinds else 'real '}numbers.")
+    entries = _count(value, what)
     if entries * width > MOST_NUMBERS:
         raise StatementError(
             f"{what} has {entries:.3g} entries, which takes {8 * entries * width / 2**30:.3g} GiB of memory: give "
@@ -141,13 +140,19 @@ MOST_AXES = 64
 """Largest number of axes of an array of NumPy."""
 
 
-def _count(value: Any, axes: int = 0) -> int:
-    """Return the number of entries of an array or of nested sequences, and 1 for anything else."""
+def _count(value: Any, what: str, axes: int = 0) -> int:
+    """Return the number of entries of an array or of nested sequences, and 1 for anything else.
+
+    Raises StatementError for entries, such as truth values, that NumPy would convert to numbers.
+    """
     if isinstance(value, np.ndarray):
         return value.size
     kinds = set(map(type, value)) if isinstance(value, (list, tuple)) and axes < MOST_AXES else ()
+    for kind in kinds:
+        if issubclass(kind, _NO_NUMBERS):
+            raise StatementError(f"{what} has entries of type {kind.__name__}: give real numbers.")
     if any(issubclass(kind, Sized) for kind in kinds):
-        return sum(_count(entry, axes + 1) for entry in value)
+        return sum(_count(entry, what, axes + 1) for entry in value)
     return len(value) if isinstance(value, Sized) else 1
 
 
@@ -218,6 +223,13 @@ def one_of(value: Any, known: Iterable[str], refusal: str) -> str:
         hint = suggestion(value, words) if isinstance(value, str) else ""
         raise StatementError(refusal.format(given=shown(value), known=listing(words, MOST_WORDS)) + hint)
     return value
+
+
+def check_once(names: Sequence[str], what: str) -> None:
+    """Raise StatementError if a user's table `what` has a key twice. `names` has the name of each key."""
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise StatementError(f"{what} has {twice} twice, by its symbol and by its name: give it once.")
 
 
 class ByName(dict[str, Value]):

@@ -12,9 +12,9 @@ from sympy.core.relational import Relational
 from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.logic.boolalg import ITE, And, BooleanAtom, Not, Or
 
-from lagrange.errors import StatementError, formula, listing, shown, suggestion
+from lagrange.errors import StatementError, formula, listing, shown, singular, suggestion
 from lagrange.statement.coordinate import PARAMETERS, check_name, check_symbol, constraint_of, name_of, t, velocity_of
-from lagrange.statement.expression import real_number
+from lagrange.statement.expression import check_once, real_number
 from lagrange.statement.given.motion import Motion, motion_of
 from lagrange.statement.vocabulary.words import SYMPY_CLASSES, WORDS
 
@@ -187,8 +187,10 @@ def parameter_values(
     """
     by_name = {symbol.name: symbol for symbol in parameters}
     values = dict(defaults)
-    for key, value in table_of(overrides, "parameters", "parameter to value").items():
-        label = label_of(key)
+    table = table_of(overrides, "parameters", "parameter to value")
+    labels = [label_of(key) for key in table]
+    check_once(labels, "parameters")
+    for label, value in zip(labels, table.values(), strict=True):
         if label not in by_name:
             raise StatementError(
                 f"{label!r} is not a parameter of this system; its parameters are {listing(by_name)}."
@@ -238,7 +240,7 @@ def table_of(table: Any, what: str, entries: str) -> Mapping[Any, Any]:
     In the message `what` names the table, and `entries` describes its keys and values.
     """
     if table is not None and not isinstance(table, Mapping):
-        raise StatementError(f"{what} is a {type(table).__name__}: give a dict from {entries}.")
+        raise StatementError(f"{what} is {singular(type(table).__name__)}: give a dict from {entries}.")
     return table or {}
 
 
@@ -314,10 +316,9 @@ def check_rate(name: str, by_name: Container[str], what: str) -> None:
 def default_values(table: Mapping[Any, Any], symbols: dict[str, Any]) -> dict[Any, float]:
     """Return {parameter: value} for a `table` of values in the statement. `symbols` are the parameters by name."""
     values: dict[Any, float] = {}
+    check_once([label_of(key) for key in table], "parameters")
     for key, value in table.items():
         symbol = symbols[label_of(key)]
-        if symbol in values:
-            raise StatementError(f"parameters gives {symbol.name} twice: give it once.")
         if value is not None:
             values[symbol] = _within(symbol, real_number(value, f"parameter {symbol.name}"))
     return values

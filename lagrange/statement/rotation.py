@@ -16,6 +16,7 @@ import numpy as np
 import sympy
 from numpy.typing import ArrayLike, NDArray
 from sympy.core.function import AppliedUndef
+from sympy.matrices.expressions.matexpr import MatrixElement
 
 from lagrange.errors import StatementError, listing, shown
 from lagrange.statement.coordinate import (
@@ -30,7 +31,16 @@ from lagrange.statement.coordinate import (
     t,
     velocity_of,
 )
-from lagrange.statement.expression import SHORTHAND, NonScalar, as_typed, entries, in_full, is_shorthand, real_number
+from lagrange.statement.expression import (
+    SHORTHAND,
+    NonScalar,
+    as_typed,
+    check_once,
+    entries,
+    in_full,
+    is_shorthand,
+    real_number,
+)
 from lagrange.statement.space import (
     LARGEST_DEVIATION,
     SpaceMatrix,
@@ -114,12 +124,15 @@ class Rotation(NonScalar):
 
     def __getitem__(self, index: Any) -> Any:
         try:
-            return self.matrix[index]
-        except (IndexError, TypeError):
+            entry = self.matrix[index]
+        except (IndexError, TypeError, ValueError):
+            entry = None
+        if entry is None or isinstance(entry, MatrixElement):  # SymPy's entry of a symbolic row
             raise StatementError(
                 f"{self.name} is a 3 by 3 matrix without an entry {shown(index)}: rows and columns are 0, 1 and 2, as "
                 f"in {self.name}[2, 2]."
-            ) from None
+            )
+        return entry
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Rotation):
@@ -179,9 +192,9 @@ def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: s
     Raises StatementError for a start that is not a rotation, for rates about the axes of both body and space, and for
     a rotation given both whole and by entries of its quaternion.
     """
-    names = _names_of(tuple(values))
-    plain, rates = _on_rates({names.get(key, key): value for key, value in state.items()}, values, table)
-    by_entry = {key if isinstance(key, str) else row_label(key): value for key, value in plain.items()}
+    plain, rates = _on_rates(state, values, table)
+    check_once([*map(row_label, plain)], table)
+    by_entry = {row_label(key): value for key, value in plain.items()}
     starts = {key: plain.pop(key) for key in list(plain) if isinstance(key, Rotation)}
     for each in starts:
         if each.quaternion[0] not in values:
@@ -222,15 +235,6 @@ def reset_of_coordinates(reset: Mapping[Any, Any]) -> dict[Any, Any]:
     return others | in_coordinates(named, state, "the reset")
 
 
-def _names_of(coordinates: tuple[Any, ...]) -> dict[Any, Any]:
-    """Return {"R": rotation, "R.body": its rates, "R.space": its rates} for each rotation R in `coordinates`."""
-    return {
-        name: value
-        for each in _rotations_of(coordinates)
-        for name, value in ((each.name, each), (f"{each.name}.body", each.body), (f"{each.name}.space", each.space))
-    }
-
-
 def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values: Mapping[Any, Any]) -> None:
     """Set angular velocities of rotations in the m states (q, v), an array (m, 2n), in place.
 
@@ -252,19 +256,24 @@ def _on_rates(
 ) -> tuple[dict[Any, Any], dict[Any, list[Any]]]:
     """Split a table by keys: return its entries other than rates of rotations, and {vector of rates: three values}.
 
-    Keys for rates are R.body and R.space with three values each, and single rates such as R.body[2] or "R_body_z". A
+    Keys for rates are R.body, R.space and their names with three values, and rates such as R.body[2] or "R_body_z". A
     value that is not given is None. In messages `label` names the table, and `what` precedes the name of a rate.
     Raises StatementError for other vectors, for entries of a rotation's matrix and for repeated keys.
     """
     components: dict[Any, tuple[Any, Sequence[int]]] = {}
+    wholes: dict[str, Any] = {}
     for each in _rotations_of(tuple(coordinates)):
+        wholes |= {each.name: each, f"{each.name}.body": each.body, f"{each.name}.space": each.space}
         for rates in (each.body, each.space):
             components[rates] = rates, range(3)
             for k, rate in enumerate(rates):
                 components[rate] = components[name_of(rate)] = rates, (k,)
+    names = {whole: name for name, whole in wholes.items()}
+    keys = [wholes.get(key, key) for key in table]
+    check_once([names[key] for key in keys if key in names], label)
     plain: dict[Any, Any] = {}
     values: dict[Any, list[Any]] = {}
-    for key, value in table.items():
+    for key, value in zip(keys, table.values(), strict=True):
         if key not in components:
             if isinstance(key, sympy.MatrixBase) or is_shorthand(key):
                 raise StatementError(

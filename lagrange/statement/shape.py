@@ -9,7 +9,7 @@ from itertools import combinations, pairwise, product
 from typing import Any
 
 from lagrange.errors import StatementError, shown
-from lagrange.statement.expression import entries, one_of
+from lagrange.statement.expression import as_typed, entries, one_of
 from lagrange.statement.rotation import Rotation
 from lagrange.statement.space import in_space
 
@@ -61,7 +61,7 @@ def _entries(value: Any, what: str, *, equal: bool = False) -> list[Any]:
     parts = [value] * 3 if parts is None and equal else parts
     if parts is None or len(parts) != 3:
         raise StatementError(f"{what} is {shown(value)}: give three values{', or one for all' if equal else ''}.")
-    return parts
+    return [as_typed(part, f"an entry of {what}") for part in parts]
 
 
 def _box() -> list[list[Place]]:

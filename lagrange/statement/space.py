@@ -41,6 +41,10 @@ class SpaceMatrix(sympy.ImmutableMatrix):
                 f"a vector or matrix of shape {self.shape} does not fit one of shape {second.shape}: a.dot(b) and "
                 "a.cross(b) are the products of vectors in space, and a matrix is left of the vector."
             ) from None
+        except ValueError:  # SymPy's SympifyError, and NaN
+            raise StatementError(
+                f"{shown(other)} is neither a number nor a vector: give an expression, or three entries (x, y, z)."
+            ) from None
 
 
 def in_space(value: Any) -> Any:
@@ -130,11 +134,12 @@ def turn(axis: ArrayLike, angle: float) -> Quaternion:
     """
     parts = () if isinstance(axis, TEXTS) else entries(axis, "the axis") or [axis]
     along = np.array([real_number(part, "an entry of the axis") for part in parts])
-    size = float(np.linalg.norm(along))
-    if along.shape != (3,) or size == 0:
+    if along.shape != (3,) or not along.any():
         raise StatementError(f"the axis of a turn is {shown(axis)}: give three numbers that are not all zero, or lg.x.")
     half = real_number(angle, "the angle of a turn") / 2
-    i, j, k = (float(part) for part in np.sin(half) * along / size)
+    # A power of two keeps all bits; the squares of very long and very short axes are no doubles.
+    along = np.ldexp(along, -np.frexp(np.abs(along).max())[1])
+    i, j, k = (float(part) for part in np.sin(half) * along / np.linalg.norm(along))
     return float(np.cos(half)), i, j, k
 
 
@@ -146,7 +151,7 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
     array = np.array(value, dtype=object)
     try:
         numbers = array.astype(float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = np.zeros(0)
     if numbers.shape not in ((4,), (3, 3)) or not np.isfinite(numbers).all():
         raise StatementError(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange.errors import RunError, StatementError, shown
+from lagrange.errors import RunError, StatementError, counted, shown
 from lagrange.machine.backend import Driver
 from lagrange.machine.model import Model
 from lagrange.machine.state import NO_OUTPUTS, DriverState, Outcome, Outputs
@@ -114,9 +114,16 @@ class Flow:
         if isinstance(parameters, np.ndarray):
             values = self._model.parameter_array(parameters).tolist()
             parameters = dict(zip(self._model.statement.parameters, values, strict=True))
+        elif isinstance(parameters, (list, tuple)):
+            count = counted(len(self._model.statement.parameters), "value")
+            raise StatementError(
+                f"parameters is a {type(parameters).__name__}: give a dict from parameter to value, or a NumPy array "
+                f"of {count} in the order of model.statement.parameters."
+            )
         start = real_array(y0, "y0")
         if start.shape != (self._dimension,):
-            raise StatementError(f"y0 has shape {start.shape}: give [q, v] of shape ({self._dimension},).")
+            several = " A flow takes one state; lg.ensemble runs many." if start.ndim > 1 else ""
+            raise StatementError(f"y0 has shape {start.shape}: give [q, v] of shape ({self._dimension},).{several}")
         times = None
         if type(t0) is not float or type(t1) is not float or not math.isfinite(t1 - t0):
             t0 = real_number(t0, "the first time")

@@ -18,7 +18,7 @@ from lagrange.errors import LagrangeError, RunError, StatementError, listing, su
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
 from lagrange.statement.coordinate import multiplier, row_label
-from lagrange.statement.expression import ByName, real_array
+from lagrange.statement.expression import ByName
 from lagrange.statement.rotation import Rotation, in_symbols, rotation_of, shorthands
 from lagrange.trajectory.contact.history import ContactResult, ContactRun
 from lagrange.trajectory.measures.constraint_forces import ConstraintForces
@@ -29,7 +29,7 @@ from lagrange.trajectory.measures.energy_drift import (
     energy_drift,
     since_start,
 )
-from lagrange.trajectory.measures.sampling import states_at
+from lagrange.trajectory.measures.sampling import reached_times, states_at
 from lagrange.trajectory.measures.stiffness import Stiffness, stiffness
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -146,7 +146,7 @@ class Solution:
 
         Raises StatementError for a time that the run did not reach.
         """
-        times = np.atleast_1d(real_array(t, "t"))
+        times = np.atleast_1d(reached_times(self.trajectory, t))
         return replace(self, trajectory=replace(self.trajectory, t=times, y=self.at(times)))
 
     def parameters_at(self, t: ArrayLike) -> Parameters:
@@ -154,9 +154,9 @@ class Solution:
 
         Without events that set parameters the result is `parameters` itself. Otherwise it is an array (k, K), with a
         row for each parameter in the statement's order.
-        Raises StatementError for times that are not numbers.
+        Raises StatementError for a time that the run did not reach.
         """
-        return self.trajectory.parameters_at(np.atleast_1d(real_array(t, "t")), self.parameters)
+        return self.trajectory.parameters_at(np.atleast_1d(reached_times(self.trajectory, t)), self.parameters)
 
     @property
     def parameter_changes(self) -> list[tuple[float, dict[str, float]]]:

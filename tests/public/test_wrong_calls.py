@@ -6,7 +6,7 @@ import random
 import resource
 import signal
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ import sympy
 import lagrange as lg
 from lagrange.errors import LONGEST_SENTENCE
 from lagrange.trajectory.methods import registry
-from tests.public.surface import INSTANCES, Public, arguments, classes, surface
+from tests.public.surface import INSTANCES, Public, arguments, classes, flow, surface
 from tests.public.values import KINDS, MADE, Hostile
 from tests.refusals import nested
 
@@ -150,6 +150,11 @@ def test_what_is_called_rightly_works(tmp_path: Path) -> None:
 UNTYPED: Any = lg
 """The package, for calls that a type checker would refuse."""
 
+LISTED: Any = [1.0]
+BYTES: Any = b"abcd"
+NOTHING: Any = object()
+"""Values of types that a type checker would refuse."""
+
 
 @pytest.mark.parametrize(
     ("call", "words"),
@@ -159,6 +164,23 @@ UNTYPED: Any = lg
         (lambda: INSTANCES[lg.Model]().mass_matrix([range(10**9)]), "q has 1e.09 entries"),
         (lambda: INSTANCES[lg.Model]().momenta([0.1, 0.2], [0.1, 0.2], [[range(10**9)]]), "the time t has 1e.09"),
         (lambda: INSTANCES[lg.Model]().singular_message(0.0, [[]]), "q has shape"),
+        (lambda: INSTANCES[lg.Model]().rhs(0.0, [[1.0, 2.0], [True, 0.0]]), "y has entries of type bool"),
+        (
+            lambda: INSTANCES[lg.Model]().rhs(0.0, [[0.0], [np.ma.masked], [0.0], [0.0]]),
+            "entries of type MaskedConstant",
+        ),
+        (lambda: flow()([1.0, 0.0, 0.0, 0.0], 0.0, 0.1, LISTED), "or a NumPy array of 2 values in the order"),
+        (lambda: flow()([[1.0, 0.0, 0.0, 0.0]], 0.0, 0.1), "A flow takes one state; lg.ensemble runs many"),
+        (lambda: INSTANCES[lg.Model]().rhs(0.0, BYTES), "y is the text b'abcd': give real numbers"),
+        (
+            lambda: INSTANCES[lg.Model]().singular_message(0.0, [0.0, 0.0], parameters=NOTHING),
+            "parameters is an object",
+        ),
+        (lambda: INSTANCES[lg.Solution]().parameters_at(-1.0), "t = -1 is outside the run"),
+        (lambda: INSTANCES[lg.Solution]().at(0.5 + 1e-9), "t = 0.500000001 is outside the run, which went from 0 to"),
+        (lambda: lg.shape("box", None, ({}, 1, 1)), r"an entry of the size of a shape is \{\}"),
+        (lambda: lg.targets()["C"], "there is no target 'C'; the targets are c, "),
+        (lambda: INSTANCES[lg.System]().accelerations()["x"], "the keys are the coordinates x and y themselves"),
         (lambda: INSTANCES[lg.System]().compare({"x": np.zeros(3)}), "give a number"),
         (
             lambda: lg.table(sympy.Limit(sympy.Symbol("u"), sympy.Symbol("u"), 0), [0, 1, 2, 3], [0, 1, 0, 1]),
@@ -171,6 +193,40 @@ def test_wrong_parts_are_refused(call: Any, words: str) -> None:
     """They were taken, and raised raw errors when they were used."""
     with pytest.raises(lg.StatementError, match=words):
         call()
+
+
+TWICE: dict[str, Callable[[lg.System, Any, Any], Any]] = {
+    "initial": lambda system, x, m: system.run(0.1, {x: 1.0, "x": 2.0}),
+    "velocities": lambda system, x, m: system.consistent({x.dot: 1.0, "x_dot": 2.0}),
+    "parameters": lambda system, x, m: system.run(0.1, parameters={m: 1.0, "m": 2.0}),
+    "stated": lambda system, x, m: lg.System(m * x.dot**2, initial={x: 1.0, "x": 2.0}),
+    "dimensions": lambda system, x, m: lg.System(m * x.dot**2, dimensions={m: "kg", "m": "g"}),
+    "substitute": lambda system, x, m: system.substitute({m: 1.0, "m": 2.0}),
+    "at": lambda system, x, m: system.linearize({x: 0.0, "x": 1.0}),
+    "generator": lambda system, x, m: system.noether({x: 1, "x": 2}),
+    "transform": lambda system, x, m: system.transform({x: x**3, "x": x}),
+    "rotation": lambda system, x, m: turning({lg.rotation("R"): (1, 0, 0, 0), "R": (0, 1, 0, 0)}, {}),
+    "rates": lambda system, x, m: turning({lg.rotation("R").body: (1, 0, 0), "R.body": (0, 1, 0)}, {}),
+    "torques": lambda system, x, m: turning({}, {lg.rotation("R").body: (1, 0, 0), "R.body": (0, 1, 0)}),
+}
+"""Calls with a key that is given by its symbol and by its name. Each took the last value without a word."""
+
+
+def turning(initial: dict[Any, Any], forces: dict[Any, Any]) -> lg.System:
+    """Return a free body with a rotation R."""
+    return lg.System(lg.rotational_energy([1, 1, 1], lg.rotation("R").body), initial=initial, forces=forces)
+
+
+@pytest.mark.parametrize("table", TWICE)
+def test_a_key_that_is_given_twice_is_refused(table: str) -> None:
+    system = INSTANCES[lg.System]()
+    with pytest.raises(lg.StatementError, match="twice, by its symbol and by its name: give it once"):
+        TWICE[table](system, system.coordinates[0], lg.parameters("m"))
+
+
+def test_torques_may_be_given_by_the_name_of_the_rates() -> None:
+    body = turning({}, {"R.body": (0, 0, 3)})
+    assert body.run(1.0)[lg.rotation("R").body[2]][-1] == pytest.approx(3.0)
 
 
 def test_what_is_shown_has_no_bound_of_digits() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -229,6 +230,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "entries of another length": (lambda: top(initial={"R_x": 0.5}), "a quaternion of length 1.11803"),
     "velocities that stretch": (lambda: top(initial={"R_w_dot": 0.5}), "change the length of the quaternion"),
     "modes of a spin": (lambda: top().modes({R.body: (0, 0, 1)}), "its modes are not those of a body at rest"),
+    "a large number": (lambda: top(initial={R: (10**400, 0, 0, 0)}), "the start of R is .*a whole number of about 401"),
     "a text": (lambda: top(initial={R: "up"}), r"the start of R is 'up': give lagrange.turn\(axis, angle\)"),
     "two rates": (lambda: top(initial={R.body: (1, 2)}), "give its components about the axes x, y and z"),
     "a turn and an entry": (lambda: top(initial={R: (1, 0, 0, 0), "R_w": 1}), "gives both R and R_w: give one"),
@@ -240,6 +242,10 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a torque on an entry": (lambda: top(forces={R[0, 0]: 1}), "forces names R_xx.*use R.body or R.space"),
     "a rate twice": (lambda: top(initial={R.body: (1, 2, 3), "R_body_x": 1}), "initial names R_body_x twice"),
     "an entry outside": (lambda: R[3, 0], r"without an entry \(3, 0\): rows and columns are 0, 1 and 2"),
+    "three places": (lambda: R[0, 1, 2], r"without an entry \(0, 1, 2\): rows and columns are 0, 1 and 2"),
+    "a symbolic row": (lambda: R[x, 1], r"without an entry \(x\(t\), 1\)"),
+    "a product with NaN": (lambda: R.T * np.float32(np.nan), "is neither a number nor a vector"),
+    "a turned function": (lambda: R.T * anything(len), "is neither a number nor a vector: give an expression"),
     "an axis by its letter": (lambda: lg.turn("x", 1), "the axis of a turn is 'x': give three numbers"),
     "two entries beside a vector": (lambda: (1, 2) + R * lg.x, r"a vector in space is \(1, 2\): give three entries"),
     "an unknown force": (lambda: top(forces={"R_a": 1}), "is not a coordinate of this system; they are R and R.body"),
@@ -336,6 +342,12 @@ def test_a_scene_of_constraints_on_rotations_is_written_as_typed(tmp_path: Path)
 def test_a_start_names_a_rotation_by_its_text() -> None:
     expected = top().run(0.1, {R: lg.turn((1, 2, 3), 0.4), R.space: (1, 2, 3)}).y
     assert np.array_equal(top().run(0.1, {"R": lg.turn((1, 2, 3), 0.4), "R.space": (1, 2, 3)}).y, expected)
+
+
+@pytest.mark.parametrize("length", [1e-200, 1e300])
+def test_an_axis_has_any_length(length: float) -> None:
+    """Its square is no double."""
+    assert lg.turn((0, length, 0), math.pi) == pytest.approx((0, 0, 1, 0), abs=1e-15)
 
 
 def test_a_rotation_turns_a_matrix() -> None:

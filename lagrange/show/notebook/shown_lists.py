@@ -7,11 +7,14 @@ from typing import Any
 
 from sympy import Basic
 
+from lagrange.errors import UnknownKey, listing, shown
 from lagrange.show.notation.formula import SideWriter
 from lagrange.show.notation.sections import Formula
 from lagrange.show.notation.text import Notation
 from lagrange.show.notebook.html_card import table
 from lagrange.show.notebook.page_writer import MOST_SHOWN_OPERATIONS, PageWriter, Part, joined, left_out
+from lagrange.statement.coordinate import name_of
+from lagrange.statement.expression import MOST_WORDS
 from lagrange.statement.scene.library import library
 from lagrange.statement.statement import Statement
 
@@ -43,6 +46,12 @@ class ExpressionDict(dict[Any, Any]):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return ExpressionDict, (dict(self), self.statement, self.shown)
+
+    def __missing__(self, key: Any) -> Any:
+        raise UnknownKey(
+            f"{shown(key)} is not a coordinate of this system: the keys are the coordinates "
+            f"{listing(map(name_of, self), MOST_WORDS)} themselves, not their names."
+        )
 
     def _repr_markdown_(self) -> str:
         rows = [(f"that of {key}", self.shown.get(key, key), value) for key, value in self.items()]

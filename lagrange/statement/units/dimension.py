@@ -14,6 +14,7 @@ import sympy
 
 from lagrange.errors import MANY_PARTS, SceneError, StatementError, formula, has_many_parts, listing, shown, suggestion
 from lagrange.statement.coordinate import t
+from lagrange.statement.expression import check_once
 from lagrange.statement.parameters import label_of
 from lagrange.statement.scene.expressions import read_expression
 
@@ -315,7 +316,9 @@ def read_dimensions(table: Any, known: Mapping[str, Any]) -> dict[Any, Dimension
         raise StatementError(
             f"dimensions is {shown(table)}: give a dict from symbols to dimensions, such as {{m: 'mass', l: 'length'}}."
         )
-    named_by = {label_of(key): value for key, value in table.items()}
+    names = [label_of(key) for key in table]
+    check_once(names, "dimensions")
+    named_by = dict(zip(names, table.values(), strict=True))
     dimensions = {name: read_dimension(value, f"the dimension of {name}") for name, value in named_by.items()}
     return {known[name]: dimension for name, dimension in dimensions.items() if name in known}
 

@@ -24,6 +24,17 @@ def states_at(run: Trajectory, t: ArrayLike, width: int) -> FloatArray:
 
     Raises StatementError for a time that the run did not reach: nothing is extrapolated.
     """
+    times = reached_times(run, t, width)
+    with np.errstate(all="ignore"):
+        states = run.dense(np.atleast_1d(times))
+    return states if times.ndim else states[:, 0]
+
+
+def reached_times(run: Trajectory, t: ArrayLike, width: int = 1) -> FloatArray:
+    """Return one time, (), or K times, (K,), within a run; `width` numbers are computed for each.
+
+    Raises StatementError for a time that the run did not reach.
+    """
     times = real_array(t, "t", width=width)
     if times.ndim > 1 or not np.isfinite(times).all():
         raise StatementError(f"{shown(t)} is not a time: give a finite number or a list of them.")
@@ -31,10 +42,8 @@ def states_at(run: Trajectory, t: ArrayLike, width: int) -> FloatArray:
     slack = _CLIPPED * (high - low)
     if times.size and not (low - slack <= times.min() and times.max() <= high + slack):
         outside = float(times.min() if times.min() < low - slack else times.max())
-        raise StatementError(f"t = {outside:.6g} is outside the run, which went from {low:.6g} to {high:.6g}.")
-    with np.errstate(all="ignore"):
-        states = run.dense(np.clip(np.atleast_1d(times).astype(float), low, high))
-    return states if times.ndim else states[:, 0]
+        raise StatementError(f"t = {outside:.15g} is outside the run, which went from {low:.6g} to {high:.6g}.")
+    return np.asarray(np.clip(times.astype(float), low, high))
 
 
 def times_at(run: Trajectory, rate: Any) -> FloatArray:
