@@ -321,7 +321,7 @@ class Equations:
         """Symbols of the state, by the names of its two parts in programs: q and v."""
         return {"q": self.q, "v": self.v}
 
-    @property
+    @cached_property
     def settled(self) -> tuple[int, ...]:
         """Indices of the coordinates of first order whose dq/dt is solved for, and not the velocity in the state.
 
@@ -329,7 +329,7 @@ class Equations:
         """
         return tuple(i for i, (rate, v) in enumerate(zip(self.rate, self.v, strict=True)) if rate is not v)
 
-    @property
+    @cached_property
     def unsettled(self) -> tuple[int, ...]:
         """Indices of the coordinates of first order whose velocities must be right in a state."""
         return () if self.settled else self.first_order

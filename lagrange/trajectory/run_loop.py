@@ -129,7 +129,7 @@ def _driven(problem: Problem, prepared_plan: PreparedPlan, name: str) -> Traject
     state = tolerances.begin(problem.t0, problem.t1, problem.y0) if idle is None else idle.state
     if problem.largest is not None:
         np.maximum(state.floors, state.reals[DriverState.SHARE] * problem.largest, out=state.floors)
-    if isinstance(plan, StepPlan):
+    if problem.model.equations.settled and isinstance(plan, StepPlan):
         # The motion does not depend on these velocities. They may jump within a step, whose end is projected.
         state.floors[problem.model.layout.v.start :][list(problem.model.equations.settled)] = np.inf
     alone = problem.t_eval is not None and (plan.writes_outputs or isinstance(plan, StepPlan))
