@@ -222,7 +222,7 @@ def module_of(
     prune = Pruner().pruned
     relations = bool(model.equations.first_order)
     integrators = tuple(
-        _integrator(name, step, len(state), procedures, prune, relations=relations) for name, step in asked.methods
+        _integrator(name, step, model, procedures, prune) for name, step in asked.methods
     )
     tested = fixed(alone, prepared) if alone else ()
     preparing = prepare(prepared, PREPARE, names=names.of(prepared.program), divisors=tested)
@@ -301,27 +301,26 @@ def _program(name: str, model: Model, events: Sequence[Event]) -> Program:
 def _integrator(
     name: str,
     step: StepProgram,
-    dimension: int,
+    model: Model,
     procedures: Mapping[str, Procedure],
     prune: Callable[[Procedure], Procedure],
-    *,
-    relations: bool,
 ) -> ExportedIntegrator:
     """Return the integrator of the method `name`: a procedure for one step, or for a run with error control.
 
     The procedure calls the right-hand side of the method, one of `procedures`, and the projection if it is one of
-    them. `dimension` is the length of the state, and `prune` removes values that no statement reads. `relations` is
-    true if some coordinates have no inertia.
+    them. `prune` removes values that no statement reads.
     """
     identifier, law = name.replace("-", "_"), procedures[LAWS[step.law].quantity]
     laws = {"law": law, "jacobian": law}
     if "projection" in procedures:
         laws["projection"] = procedures["projection"]
-    layout, control = Layout(step, dimension, block=1, projected="projection" in laws), step.control
+    layout, control = Layout(step, model.layout.size, block=1, projected="projection" in laws), step.control
+    relations = bool(model.equations.first_order)
     if control is None:
         form = one_step.form(layout=layout, relations=relations)
     else:
-        form = adaptive_run.form(layout=layout, control=control, relations=relations)
+        unlimited = tuple(model.layout.v.start + i for i in model.equations.settled)
+        form = adaptive_run.form(layout=layout, control=control, relations=relations, unlimited=unlimited)
     about = f"{form.about} The method is {step.name}."
     procedure = replace(bound(form, laws, prefix=f"{identifier}_"), name=identifier, about=about)
     return ExportedIntegrator(identifier, about, prune(procedure), control is not None)

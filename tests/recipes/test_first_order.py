@@ -104,6 +104,26 @@ def test_a_voltage_that_jumps_is_passed(method: str, target: str) -> None:
     assert solution[phi.dot][-1] == pytest.approx(3 * (2 - 1 + fallen) + 1.5 * (1 - fallen), abs=1e-8)
 
 
+@pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
+def test_exported_steps_with_error_control_pass_a_voltage_that_jumps(tmp_path: Path) -> None:
+    switched = lg.System(kinetic=0, forces={e: 3 * Heaviside(lg.t - 1) - e}, dissipation=e.dot**2 / 2, name="switched")
+    switched.export("c", tmp_path, ["dop853"])
+    (tmp_path / "start.c").write_text("""\
+#include <stdio.h>
+#include "switched.h"
+int main(void) {
+    double p[SWITCHED_PREPARED], t[] = {0.0}, y[] = {0.0, 0.0};
+    switched_prepare(switched_default_parameters, p);
+    int status = (int)switched_dop853(t, 3.0, y, p, 1e-10, 1e-10, 100000);
+    printf("%d %.17g %.17g", status, y[0], y[1]);
+    return 0;
+}
+""")
+    run("cc -O1 -o start start.c switched.c -lm", tmp_path)
+    numbers = [float(word) for word in run("./start", tmp_path).split()]
+    assert numbers == pytest.approx([0, 3 - 3 * np.exp(-2), 3 * np.exp(-2)], abs=1e-8)
+
+
 @pytest.mark.parametrize("target", ["numpy", "llvm"])
 def test_a_velocity_of_zero_that_contradicts_a_nonlinear_equation_is_refused(target: str) -> None:
     """The equation 1 - e = e.dot + e.dot**3 is not solved for the velocity."""

@@ -19,7 +19,7 @@ from lagrange.algorithm.step.memory import FUNCTION, Counts, Effort, Layout, Run
 from lagrange.algorithm.step.trial import take_step
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.plain import Bundle, inline, procedure
-from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, reals
+from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, reals, unrolled
 from lagrange.program.step import Control
 
 
@@ -110,12 +110,14 @@ def adaptive_run(
     layout: Layout,
     control: Control,
     relations: bool,
+    unlimited: tuple[int, ...],
 ) -> Outcome:
     """Run with error control from the state y at time t[0] to t_end, and return an outcome.
 
     The last state and its time are written to y and t[0]. `p` are the parameters of the functions `of` the
     system. The error of an entry per step is at most rtol times its size + atol. The outcome is PAUSED after
-    `max_steps` trial steps. With `relations` some velocities follow from the constraints.
+    `max_steps` trial steps. With `relations` some velocities follow from the constraints. The error of the
+    entries of y with the indices `unlimited` has no bound: the motion does not depend on them.
     """
     n = layout.dimension
     if is_off_constraints(of, t[0], y, p, n, relations):
@@ -129,6 +131,8 @@ def adaptive_run(
     run.longest = math.inf
     for i in each(n):
         floors[i] = larger(atol, LEAST_FLOOR)
+    for k in unrolled(len(unlimited)):
+        floors[unlimited[k]] = math.inf
     outcome = controlled_steps(arguments, max_steps, times, rows, layout=layout, control=control)
     t[0] = run.t
     y[:n] = arguments.work[:n]
