@@ -105,7 +105,7 @@ def test_a_name_that_has_two_values() -> None:
         ((-1e308, 1e308, 3), "give (low, high, count), or a list of finite values."),
         ((0, 1), "the axis theta is (0, 1): give (low, high, count), or a list"),
         (2.0, "the axis theta is 2.0"),
-        ("wide", "theta has entries of type"),
+        ("wide", "theta is the text 'wide': give real numbers"),
         (np.zeros((2, 2)), "the axis theta is array"),
         (np.ma.array([1.0, 2.0], mask=[False, True]), "theta is a masked array"),
     ],

@@ -70,7 +70,7 @@ def test_states_between_the_outputs() -> None:
         (5.1, "t = 5.1 is outside the run, which went from 0 to 5"),
         ([1.0, -0.5], "t = -0.5 is outside the run"),
         (np.nan, "is not a time"),
-        ("2", "t has entries of type <U1: give real numbers"),
+        ("2", "t is the text '2': give real numbers"),
         (1j, "t has entries of type complex128: give real numbers"),
         ([[1.0]], "is not a time"),
     ],
