@@ -144,7 +144,9 @@ def _steps(method: Any) -> str | None:
         if number.id not in numbers:
             numbers[number.id] = repr(number)
             waiting.extend(number.args)
-    written = f"{program}\n{program.control}\n{sorted(numbers.items())}"
+    # The text of a graph or a function has an address, which differs between processes.
+    parts = program.name, program.law, program.actions, program.results, program.errors, program.control
+    written = f"{parts}\n{sorted(numbers.items())}"
     return hashlib.sha256(written.encode()).hexdigest()
 
 
