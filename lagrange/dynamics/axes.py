@@ -129,11 +129,11 @@ def angles(statement: Statement) -> tuple[bool, ...]:
     positions = [form.read(entry) for point in statement.positions.values() for entry in point]
     circular = {f for part in (*parts, *positions) for f in part.atoms(sympy.sin, sympy.cos, sympy.tan)}
     turning = frozenset().union(*(f.free_symbols for f in circular))
-    return tuple(q in turning and _is_periodic(form, q, parts) for q in form.q)
 
+    def is_periodic(q: sympy.Symbol) -> bool:
+        return all(vanishes(form, part.xreplace({q: q + 2 * sympy.pi}) - part) for part in parts if part.has(q))
 
-def _is_periodic(form: PlainForm, q: sympy.Symbol, parts: list[sympy.Expr]) -> bool:
-    return all(vanishes(form, part.xreplace({q: q + 2 * sympy.pi}) - part) for part in parts if part.has(q))
+    return tuple(q in turning and is_periodic(q) for q in form.q)
 
 
 def is_angle(statement: Statement, row: int) -> bool:

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.dynamics.axes import Axis, Plane, angles, plane_of, row_of, wrapped
-from lagrange.dynamics.fixed_points import FixedPoint, fixed_points
-from lagrange.dynamics.nullclines import zero_lines
+from lagrange.dynamics.fixed_points import FixedPoint, fixed_points, zero_lines
 from lagrange.dynamics.orbits import PERIODS, Orbit, PlaneWindow, Separatrix, orbit, sampled, separatrices_of
 from lagrange.dynamics.runs import Report, Runs, depends_on_time, initial_of, starts_of, time_scale
 from lagrange.errors import RunError, StatementError, counted, listing, shown

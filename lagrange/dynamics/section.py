@@ -14,7 +14,7 @@ import numpy as np
 import sympy
 
 from lagrange.dynamics.axes import row_of
-from lagrange.dynamics.nullclines import zero_lines
+from lagrange.dynamics.fixed_points import zero_lines
 from lagrange.dynamics.runs import Report, Runs, initial_of, starts_of, time_scale
 from lagrange.errors import StatementError, counted
 from lagrange.machine.backend import FloatArray

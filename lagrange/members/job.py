@@ -15,9 +15,10 @@ from lagrange.errors import StatementError
 from lagrange.members.chunk import INTERRUPTED, Ends, Starts, Stopped
 from lagrange.members.keep import Column, Keep
 from lagrange.members.lanes import LaneEngine, lane_engine
-from lagrange.members.singly import Explained, FlowEngine, RunEngine, flow_engine
+from lagrange.members.singly import BY_FLOW, Explained, FlowEngine, RunEngine
 from lagrange.members.table import MemberTable
 from lagrange.statement.expression import whole_number
+from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.plan import Planned
 
@@ -53,7 +54,10 @@ class Job:
         problem, method, alone = self.problem, self.options.method, self.alone
         if not isinstance(method, Planned) or problem.t0 == problem.t1:
             return alone
-        return lane_engine(alone, method.plan(problem), problem, varying=self.varying) or flow_engine(alone) or alone
+        lanes = lane_engine(alone, method.plan(problem), problem, varying=self.varying)
+        # Events may end a run, or change its state and parameters; a flow has none.
+        flows = alone.options.events is None and BY_FLOW.issuperset(column.name for column in alone.columns)
+        return lanes or (FlowEngine(alone, Flow(alone.model, alone.options)) if flows else alone)
 
     @property
     def alone(self) -> RunEngine:

@@ -279,11 +279,5 @@ class FlowEngine:
             return np.full_like(start.states[0], np.nan)
 
 
-def flow_engine(alone: RunEngine) -> FlowEngine | None:
-    """Return the object that runs members by a flow, or None if results besides the last states are stored.
-
-    A flow has no events. Events may end a run, or change its state and parameters.
-    """
-    if alone.options.events is not None or {column.name for column in alone.columns} - {STATE, TIME, STATUS}:
-        return None
-    return FlowEngine(alone, Flow(alone.model, alone.options))
+BY_FLOW = frozenset((STATE, TIME, STATUS))
+"""Names of the results that a flow can give."""

@@ -83,8 +83,14 @@ class ExecutorRunner:
 
     @property
     def places(self) -> int:
-        """The number of chunks that are submitted at the same time: `CHUNKS_PER_WORKER` for each worker."""
-        return CHUNKS_PER_WORKER * max(workers_of(self._executor), 1)
+        """The number of chunks that are submitted at the same time: `CHUNKS_PER_WORKER` for each worker.
+
+        If the executor does not report its workers, it is taken to have one for each processor.
+        """
+        executor, workers = self._executor, getattr(self._executor, "_max_workers", None)
+        if hasattr(executor, "ncores"):
+            workers = sum(executor.ncores().values())
+        return CHUNKS_PER_WORKER * max(workers if isinstance(workers, int) else processors(), 1)
 
     def submit(self, starts: Starts) -> Any:
         """Submit a chunk of members with the initial values `starts`, and return its future."""
@@ -99,14 +105,6 @@ class ExecutorRunner:
 
 Runner = ThreadRunner | ExecutorRunner
 """Object that runs chunks: up to `places` of them at once, each for about `chunk_seconds`."""
-
-
-def workers_of(executor: Any) -> int:
-    """Return the number of workers of an executor, or of processors if the executor does not report it."""
-    if hasattr(executor, "ncores"):
-        return sum(executor.ncores().values())
-    workers = getattr(executor, "_max_workers", None)
-    return workers if isinstance(workers, int) else processors()
 
 
 FIRST_CHUNK, LARGEST_CHUNK = 8, 65536

@@ -6,7 +6,7 @@ import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.trajectory.measures.sampling import divided
-from lagrange.trajectory.paths.known import OutputPath
+from lagrange.trajectory.paths.step_paths import OutputPath
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 

@@ -13,11 +13,11 @@ from lagrange.equations.singular import Singular, dependent_rows, few, least_reg
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.statement.given.motion import ranges
+from lagrange.trajectory.constraints.dependence import dependent_passage
 from lagrange.trajectory.constraints.discontinuities import Discontinuity
-from lagrange.trajectory.constraints.passage import dependent_passage
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, number
-from lagrange.trajectory.paths.known import OutputPath
+from lagrange.trajectory.paths.step_paths import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, run_until
 
 DOMAIN_PROBE = 1e-6

@@ -19,9 +19,8 @@ from lagrange.statement.expression import real_array, real_number
 from lagrange.statement.given.function import check_span, require_values
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.constraints.consistent import consistent_start
-from lagrange.trajectory.constraints.dependence import check_independent
+from lagrange.trajectory.constraints.dependence import check_independent, dependent_passage
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
-from lagrange.trajectory.constraints.passage import dependent_passage
 from lagrange.trajectory.contact.run import run_through_contacts
 from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Problem, RunOptions, run_by
 from lagrange.trajectory.methods.registry import find

@@ -20,7 +20,7 @@ from lagrange.trajectory.events.event_log import MOST_REPEATS, ChangeCounter
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.measures.conservation import energy
 from lagrange.trajectory.messages import message, number
-from lagrange.trajectory.paths.known import OutputPath, PiecewisePath
+from lagrange.trajectory.paths.step_paths import OutputPath, PiecewisePath
 from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory
 
 

@@ -40,8 +40,7 @@ from lagrange.trajectory.messages import (
 )
 from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.pace import Pace, compiled_late, limiting_entry, memory_limit
-from lagrange.trajectory.paths.known import OutputPath
-from lagrange.trajectory.paths.step_paths import MotionsPath, StepPath
+from lagrange.trajectory.paths.step_paths import MotionsPath, OutputPath, StepPath
 from lagrange.trajectory.plan import PathFunction, Plan, Planned, PreparedPlan, StepPlan, Watcher, prepared
 from lagrange.trajectory.sizes import raise_to_noise, survey
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory

@@ -14,7 +14,7 @@ from lagrange.compiler import machine, model_of
 from lagrange.equations.singular import Singular
 from lagrange.errors import RunError
 from lagrange.trajectory import endings
-from lagrange.trajectory.constraints.passage import dependent_passage
+from lagrange.trajectory.constraints.dependence import dependent_passage
 from tests.models import shared_scene
 from tests.series_systems import ladder
 from tests.trajectory.runs import ADAPTIVE, FIXED, OUTSIDE

@@ -13,7 +13,7 @@ from lagrange.show.animation.timing import Timing
 from lagrange.show.states_between_outputs import known_alone, states_for_pictures
 from lagrange.show.units import energy_letter
 from lagrange.statement.statement import Statement
-from lagrange.trajectory.measures.points import points_at
+from lagrange.trajectory.measures.sampling import points_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 

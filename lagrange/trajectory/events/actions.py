@@ -110,7 +110,10 @@ def reset_state(
     if first.model is None or not first.constrained:
         return after, EventResult()
     hold = residuals_of(first.model).hold
-    left = _left_open(first.model, resets)
+    # Velocities without inertia that no reset sets follow from the equations.
+    named = [row for impact in resets for row in impact.rows]
+    first_order = (first.model.layout.v.start + i for i in first.model.equations.first_order)
+    left = [row for row in first_order if row not in named]
     if not left and hold(t, before, parameters) and hold(t, after, parameters):
         return after, EventResult()
     projection = Projection(first.model, t, parameters)
@@ -131,22 +134,11 @@ def reset_state(
     return after if reached is None else reached, EventResult()
 
 
-def _left_open(model: Model, resets: Iterable[Impact]) -> list[int]:
-    """Return the row indices of velocities without inertia that no reset sets, so that the equations set them."""
-    named = [row for impact in resets for row in impact.rows]
-    return [row for row in (model.layout.v.start + i for i in model.equations.first_order) if row not in named]
-
-
 def _reset(resets: Iterable[Impact], t: float, before: FloatArray, parameters: FloatArray) -> FloatArray:
     after = before.copy()
     for impact in resets:
         impact.apply(t, before, parameters, after)
     return after
-
-
-def root_of(node: Node) -> Impact:
-    """Return a square root as an event that ends the run: after its zero the series would have the wrong sign."""
-    return Impact(node, 0, 1, (), None, root=True)
 
 
 def impacts(model: Model, events: Sequence[Event]) -> tuple[Impact, ...]:

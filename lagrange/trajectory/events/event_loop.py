@@ -9,7 +9,6 @@ import numpy as np
 
 from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.algorithm.events.step_zeros import ANYHOW, UNKNOWN
-from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.node import Binding
 from lagrange.machine.backend import Driver, Kernel
 from lagrange.machine.step_events import EventSteps, StepEventMemory
@@ -34,12 +33,6 @@ CHANGE_STEPS = 8
 """Cost of one reset in the review on arrays, in units of steps."""
 
 
-def inertia_stays(equations: Equations) -> bool:
-    """Return True if the inertia of each uncoupled coordinate is constant, so that no reset can make it zero."""
-    alone = [block[0] for block in equations.plan.blocks if len(block) == 1]
-    return all(equations.mass[i][i].binding <= Binding.PARAMETER for i in alone)
-
-
 @dataclass(eq=False)
 class WatchedEvents:
     """The events of a run by a step program, kept for the next run of its driver with the same events.
@@ -62,7 +55,10 @@ class WatchedEvents:
         kernel = model.function("events", tuple(impact.node for impact in impacts))
         memory = StepEventMemory(len(problem.y0), [impact.reaction for impact in impacts])
         checked = any(impact.constrained for impact in impacts)
-        memory.run.resets = int(not checked and inertia_stays(model.equations))
+        # No reset can make the inertia of an uncoupled coordinate zero if it is constant.
+        alone = [block[0] for block in model.equations.plan.blocks if len(block) == 1]
+        constant = all(model.equations.mass[i][i].binding <= Binding.PARAMETER for i in alone)
+        memory.run.resets = int(constant and not checked)
         memory.keep_start()
         return cls(impacts, kernel, memory)
 
@@ -137,15 +133,3 @@ class WatchedEvents:
         else:
             log.keep(happened.which, happened.when, happened.event_states, log.steps)
         breaks.extend(happened.rows, happened.times, happened.states)
-
-    @property
-    def sides(self) -> list[Side]:
-        """The side of zero (the known sign) of each event function after the steps of the loop."""
-        pairs = zip(self.memory.sign.tolist(), self.memory.near.tolist(), strict=True)
-        return [Side(sign, bool(near)) for sign, near in pairs]
-
-    @property
-    def zeros(self) -> dict[int, int]:
-        """For events that are zero at the start of the motion, by index: the direction in which zero was reached."""
-        came = self.memory.came.tolist()
-        return {i: way - 2 for i, way in enumerate(came) if way not in (UNKNOWN, ANYHOW)}

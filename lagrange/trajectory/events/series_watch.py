@@ -136,7 +136,7 @@ class SeriesWatch(EventLog):
     def end(self, state: DriverState) -> EventResult:
         """Apply the pending events at the end of the run, and return the result of the run."""
         self.read_events(state)
-        if not self.is_pending:
+        if not self.pending and self.memory.record.due == 0:
             return EventResult(Status.SUCCESS)
         self.read_sides()
         result = self._finish(state)
@@ -416,11 +416,6 @@ class SeriesWatch(EventLog):
                     self._values[combination] = np.concatenate([self.parameters, memory.sides_of(combination)])
             self.epochs += [(row, self._values[combination]) for row, combination in switched]
             self.sides = memory.sides_of(switched[-1][1])
-
-    @property
-    def is_pending(self) -> bool:
-        """True if an event is pending at the present state."""
-        return bool(self.pending) or self.memory.record.due != 0
 
     def read_sides(self) -> None:
         """Read the sides of zero and the pending event from the memory of the compiled loop."""

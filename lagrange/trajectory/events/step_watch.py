@@ -19,6 +19,7 @@ import numpy as np
 from lagrange.algorithm.events.constants import CLEAR_FACTOR, FIRST_LOOK, LONGEST_LOOK, NOISE_HALVES, TOGETHER
 from lagrange.algorithm.events.event_steps import GO_ON, LOOK, MOST_WAITING, READ_EVENTS, Waiting
 from lagrange.algorithm.events.roots import roots
+from lagrange.algorithm.events.step_zeros import ANYHOW, UNKNOWN
 from lagrange.errors import formula
 from lagrange.machine.backend import Driver, Kernel
 from lagrange.machine.state import DriverState, Outcome
@@ -167,7 +168,10 @@ class EventDriver:
         other calls depends on measured times, but the digits of events must not depend on measured times.
         """
         if self._compiled is None:
-            self._compiled = self._watch.compiled(self._driver, float(t), steps)
+            watch, driver = self._watch, self._driver
+            self._compiled = watch.memory.compiled(
+                watch.problem, driver, float(t), steps, watch.jumps, fixed=self._fixed
+            )
             return self._compiled is not None
         return False
 
@@ -226,7 +230,7 @@ class EventDriver:
         sizes = np.abs(memory.states[2 : steps + 2, :count]).max(axis=0, initial=0.0)
         np.maximum(memory.kept_reals[S.FLOORS :][:count], state.reals[S.SHARE] * sizes, out=state.floors)
         run.starts, self._next_left, self._left_to_arrays = 1, 1, 0
-        self._watch.set_back(cut)
+        self._watch.whole = cut.whole
 
 
 class StepWatch(EventLog):
@@ -242,7 +246,7 @@ class StepWatch(EventLog):
         else:
             memory.memory.restart()
         self.memory, self.kernel, self.impacts = memory, memory.kernel, memory.impacts
-        self.shared, self._path_of, self._fixed = memory.memory, path_of, fixed
+        self.shared, self._path_of = memory.memory, path_of
         self.driver = EventDriver(driver, self, fixed=fixed)
         self.breaks = Breaks(len(problem.y0))
         self.change_counter = ChangeCounter()
@@ -256,7 +260,7 @@ class StepWatch(EventLog):
         self._resting: frozenset[int] = frozenset()
         self._start: MotionStart | None = MotionStart(first=True)
         self._pending: list[EventZero] = []
-        self._whole: tuple[float, FloatArray] | None = None
+        self.whole: tuple[float, FloatArray] | None = None
         self._verdict: EventResult | None = None
         self._deadline = math.inf
 
@@ -284,14 +288,15 @@ class StepWatch(EventLog):
         self.state = state
         limit = self.problem.max_wall
         self._deadline = math.inf if limit is None else time.perf_counter() + limit
-        path = self.path(np.array([state.t]), state.y[None].copy())
+        path = self.memory.path(self._path_of, np.array([state.t]), state.y[None].copy())
         self.shared.run.final = self.problem.t1
-        self.shared.run.both = int(isinstance(path, StepPath) and path.joins)
+        # The path over a step may also use a slope of the previous step, and that over the first one of the next step.
+        self.shared.run.both = int(isinstance(path, StepPath) and path.kind.derivative)
         return self._defined(state)
 
     def process(self, state: DriverState) -> EventResult:
         """Apply the pending events at the state to which the run was set back: record, reset the state, or end."""
-        self.breaks.append(state.count(S.STEPS) + self.jumps, self._whole)
+        self.breaks.append(state.count(S.STEPS) + self.jumps, self.whole)
         if self._verdict is not None:
             return self._verdict
         pending, self._pending = self._pending, []
@@ -311,21 +316,13 @@ class StepWatch(EventLog):
         """Return False: the driver reports each event at once, so no event waits where steps are impossible."""
         return False
 
-    def compiled(self, driver: Driver, t: float, steps: int) -> EventSteps | None:
-        """Return the compiled loop that takes and reviews steps; None if the run seems short after `steps` steps."""
-        return self.memory.compiled(self.problem, driver, t, steps, self.jumps, fixed=self._fixed)
-
-    def path(self, times: FloatArray, states: FloatArray) -> StepsPath:
-        """Return the path through accepted times (S+1,) and states (S+1, 2n)."""
-        return self.memory.path(self._path_of, times, states)
-
     def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, steps_before: int) -> Cut | None:
         """Return the first point with a reset or an end of the run on some steps, or None; record earlier events.
 
         The steps are `begin` to before `end` of times (S+1,) and states (S+1, 2n). The run is set back to the result,
         whose events are then pending for `process`. `steps_before` counts the steps before `times[0]`.
         """
-        path = self.path(times, states)
+        path = self.memory.path(self._path_of, times, states)
         cut = self._ahead(Window(path, begin, end), steps_before + begin)
         return None if cut is None else replace(cut, steps=cut.steps + begin)
 
@@ -350,17 +347,19 @@ class StepWatch(EventLog):
         self.collect()
         if run.jumps > self.jumps:
             self.jumps, self.changed, self._changed_at = int(run.jumps), float(run.changed), int(run.changed_at)
-            zeros = self.memory.zeros
+            # An event that is zero at the start has 2 plus the direction in which zero was reached.
+            zeros = {i: way - 2 for i, way in enumerate(memory.came.tolist()) if way not in (UNKNOWN, ANYHOW)}
             self.change_counter.begin(self.changed, next(iter(zeros), 0))
             self._intervals.begin(float(run.interval))
             self._stayed = {i: float(memory.stayed[i]) for i in zeros}
             self._start = MotionStart(stayed=self._stayed, zeros=zeros)
-        self._relay, self._levels = self.memory.sides, {}
+        pairs = zip(memory.sign.tolist(), memory.near.tolist(), strict=True)
+        self._relay, self._levels = [Side(sign, bool(near)) for sign, near in pairs], {}
         self._start = self._start if run.starts else None
         if run.due:
             self._pending, run.due = [EventZero(int(run.due) - 1, Root(0.0, int(run.way)))], 0
             end = float(memory.break_times[last])
-            self._whole = None if math.isnan(end) else (end, memory.break_states[last].copy())
+            self.whole = None if math.isnan(end) else (end, memory.break_states[last].copy())
 
     def collect(self) -> None:
         """Read only the events and resets from the memory of machine code."""
@@ -388,10 +387,6 @@ class StepWatch(EventLog):
             step += 1
             if step < len(times) - 1 and time.perf_counter() > self._deadline:
                 return replace(_cut(batch, step - 1, batch.sample(step - 1), 1.0), late=True)
-
-    def set_back(self, cut: Cut) -> None:
-        """Record that the run was set back to a cut, and the end of the step that was shortened for it."""
-        self._whole = cut.whole
 
     def _rates(self) -> Kernel:
         """Return the kernel of the time derivatives of the event functions along the motion, compiled at first use."""
@@ -421,7 +416,9 @@ class StepWatch(EventLog):
                 sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last, isolate=self._isolate
             )
             if begun is not None and i in begun.jumped:
-                traces[i] = traces[i].behind_jump(SMALL_FRACTION)
+                # An earlier jump repeats in the first fraction of the step.
+                later = (root for root in traces[i].zeros if not root.jump or root.time > SMALL_FRACTION)
+                traces[i] = replace(traces[i], zeros=tuple(later))
         if begun is not None and self._changes_at_once(begun, {i: traces[i] for i in zero if i in traces}, sample):
             return _cut(batch, step, sample, 0.0)
         resting = frozenset(i for i in zero if i in self._resting and self.impacts[i].reset)

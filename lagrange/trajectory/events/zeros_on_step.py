@@ -241,10 +241,6 @@ class StepZeros:
     until: float
     leaving: tuple[int, int]
 
-    def behind_jump(self, least: float) -> StepZeros:
-        """Return the zeros without jumps in the first fraction `least` of the step, where an earlier jump repeats."""
-        return replace(self, zeros=tuple(root for root in self.zeros if not root.jump or root.time > least))
-
 
 def trace(
     sample: Sample,
@@ -283,8 +279,11 @@ def trace(
             final = last and piece.start + piece.width == 1.0
             zeros, before = roots(piece.coefficients, 1.0, before, noise=piece.noise, last=final, isolate=isolate)
             begins = zero and piece.start == 0
+            # A change of sign at a start far from zero is a jump.
+            sizes = np.abs(piece.coefficients)
+            starts_clear = not begins and bool(sizes[0] > JUMP * sizes.sum())
             for root in zeros:
-                jump = piece.jump or (root.time == 0 and not begins and _starts_clear(piece))
+                jump = piece.jump or (root.time == 0 and starts_clear)
                 located.append(replace(root, time=piece.start + piece.width * root.time, jump=jump))
     return StepZeros(tuple(parts), _merged(located), before, math.inf, leaving)
 
@@ -318,12 +317,6 @@ def _merged(located: list[Root]) -> tuple[Root, ...]:
         else:
             merged.append(root)
     return tuple(merged)
-
-
-def _starts_clear(piece: LocalPolynomial) -> bool:
-    """Return True if a function is far from zero at the start of a part: then a change of sign there is a jump."""
-    sizes = np.abs(piece.coefficients)
-    return bool(sizes[0] > JUMP * sizes.sum())
 
 
 def _divided(piece: LocalPolynomial) -> LocalPolynomial:

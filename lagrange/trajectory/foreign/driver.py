@@ -23,8 +23,8 @@ from lagrange.trajectory.events.event_loop import WatchedEvents
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Problem, Tolerances
 from lagrange.trajectory.methods.tolerances import adaptive_settings
-from lagrange.trajectory.paths.known import PiecewisePath
 from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants
+from lagrange.trajectory.paths.step_paths import PiecewisePath
 from lagrange.trajectory.run_loop import drive
 from lagrange.trajectory.sizes import Slopes, first_floors, noise_floors, slopes_of, some_rounded
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory

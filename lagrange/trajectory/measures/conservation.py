@@ -10,7 +10,7 @@ import numpy as np
 from lagrange.machine.calls import quickly
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.paths.known import OutputPath
+from lagrange.trajectory.paths.step_paths import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 LARGEST_LOSS = 1.0

@@ -19,7 +19,7 @@ from lagrange.statement.expression import MOST_ENTRIES, entries, one_of, text, w
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options, fixed_settings
-from lagrange.trajectory.paths.step_paths import StepPath, hermite_path, runge_kutta_path
+from lagrange.trajectory.paths.step_paths import StepPath, hermite_path, stages_polynomial, step_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux import explicit as tableaux
@@ -85,7 +85,8 @@ class RungeKutta:
         dense, order = self.tableau.dense, self.tableau.order
         if dense is None or dense.order < order - 1 or self.law == "local":
             return hermite_path(order)(problem, times, states)
-        return runge_kutta_path(problem, times, states, self.tableau)
+        kind = stages_polynomial(self.tableau)
+        return step_path(problem.model, problem.parameter_array, kind, times, states, self.tableau)
 
 
 @lru_cache(maxsize=64)

@@ -16,7 +16,7 @@ from lagrange.machine.drivers import SeriesDriver
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.trajectory.events.actions import Impact, root_of
+from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.surfaces import Continuations, stated_sides
@@ -69,7 +69,9 @@ class Taylor:
             self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=partial(_margin, problem)
         )
         events = impacts_of(problem.model, problem.events)
-        impacts = (*events, *map(root_of, _square_roots(problem.model, tuple(event.node for event in events))))
+        # A square root ends the run: after its zero the series would have the wrong sign.
+        roots = _square_roots(problem.model, tuple(event.node for event in events))
+        impacts = (*events, *(Impact(root, 0, 1, (), None, root=True) for root in roots))
         series, _ = problem.model.series(tuple(impact.node for impact in impacts))
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
 

@@ -1,8 +1,8 @@
-"""Dense output between steps, computed on demand in one call for all requested times."""
+"""Dense output of runs: paths over steps, computed on demand, and the stored states at output times."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.dense.polynomials import hermite_polynomial, runge_kutta_polynomial
-from lagrange.machine.backend import DensePath, FloatArray, Places, Series
+from lagrange.errors import RunError
+from lagrange.machine.backend import DensePath, Places, Series
 from lagrange.machine.model import Model
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
+from lagrange.trajectory.trajectory import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +33,6 @@ class StepPath:
     states: FloatArray
     kind: StepPolynomial
     tableau: ButcherTableau | None = None
-
-    @property
-    def joins(self) -> bool:
-        """True if the path over a step also uses a slope of the previous step.
-
-        The path over the first step uses one of the next step.
-        """
-        return self.kind.derivative
 
     def __call__(self, times: FloatArray) -> FloatArray:
         """Return the states (2n, K) at times (K,) in any order."""
@@ -80,11 +74,7 @@ class MotionsPath:
         rows = self.breaks[0][self.breaks[0] < len(self.times) - 1]
         forward = 1.0 if self.times[-1] >= self.times[0] else -1.0
         motions = np.searchsorted(forward * self.times[rows], forward * times, side="right")
-        order = np.argsort(motions, kind="stable")
-        for group in np.split(order, np.flatnonzero(np.diff(motions[order])) + 1):
-            if len(group):
-                states[:, group] = self._motion(int(motions[group[0]]))(times[group])
-        return states
+        return _by_piece(motions, times, self._motion, states)
 
     def _motion(self, number: int) -> StepPath:
         """Return the path over the smooth piece of the run with index `number`. Resets separate the pieces."""
@@ -95,6 +85,24 @@ class MotionsPath:
         if number < len(rows) and not np.isnan(ends[number]):
             t, y = np.append(t[:-1], ends[number]), np.concatenate([y[:-1], whole[number][None]])
         return replace(self.path, times=t, states=y)
+
+
+def _by_piece(
+    numbers: NDArray[np.intp],
+    times: FloatArray,
+    path_of: Callable[[int], Callable[[FloatArray], FloatArray]],
+    states: FloatArray,
+) -> FloatArray:
+    """Write the states at times (K,) to `states` (2n, K), and return them.
+
+    `numbers` (K,) are the numbers of the pieces of the run to which the times belong. `path_of` returns the path of a
+    piece.
+    """
+    order = np.argsort(numbers, kind="stable")
+    for group in np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1):
+        if len(group):
+            states[:, group] = path_of(int(numbers[group[0]]))(times[group])
+    return states
 
 
 def sorted_along(forward: bool, times: FloatArray, at: Callable[[FloatArray], FloatArray]) -> FloatArray:
@@ -130,16 +138,8 @@ def step_path(
     return StepPath(dense, times, states, kind, tableau)
 
 
-def runge_kutta_path(problem: Problem, times: FloatArray, states: FloatArray, tableau: ButcherTableau) -> StepPath:
-    """Return the path of an explicit Runge-Kutta method, by its stages, through accepted times (S+1,).
-
-    `states` (S+1, 2n) are the accepted states at these times.
-    """
-    return step_path(problem.model, problem.parameter_array, _of_tableau(tableau), times, states, tableau)
-
-
 @lru_cache(maxsize=64)
-def _of_tableau(tableau: ButcherTableau) -> StepPolynomial:
+def stages_polynomial(tableau: ButcherTableau) -> StepPolynomial:
     """Return the formula of the dense output of an explicit Runge-Kutta method, from its tableau."""
     if tableau.dense is None:
         raise AssertionError("a method is registered with its dense output")
@@ -205,4 +205,68 @@ class SeriesPath:
             first, last = np.searchsorted(steps, [step, step + 1])
             if first < last:
                 states[:, first:last] = path(requested_times[first:last])
+        return states
+
+
+@dataclass(frozen=True, eq=False)
+class OutputPath:
+    """Output times (K,), rising or falling, the states (2n, K) at these times, and the path between them.
+
+    `path` maps times (k,) to states (2n, k). It is None for a run that stored its outputs alone; `refusal` then
+    states the cause and the remedy.
+    """
+
+    times: FloatArray
+    states: FloatArray
+    path: Callable[[FloatArray], FloatArray] | None
+    refusal: str = ""
+
+    def __call__(self, times: FloatArray) -> FloatArray:
+        """Return the states (2n, k) at times (k,) in any order.
+
+        Raises RunError for a time between output times if there is no path.
+        """
+        forward = len(self.times) < 2 or bool(self.times[-1] >= self.times[0])
+        return sorted_along(forward, times, self._sorted)
+
+    def _sorted(self, requested_times: FloatArray) -> FloatArray:
+        forward = len(self.times) < 2 or bool(self.times[-1] >= self.times[0])
+        output_times, sought = (self.times, requested_times) if forward else (-self.times, -requested_times)
+        index = np.searchsorted(output_times, sought, side="right") - 1
+        is_inside = index >= 0
+        is_inside[is_inside] = output_times[index[is_inside]] == sought[is_inside]
+        if is_inside.all():
+            return self.states[:, index]
+        between = requested_times[~is_inside]
+        if self.path is None:
+            raise RunError(f"there is no state at t = {between[0]:.16g}: {self.refusal}")
+        states = self.path(between)
+        if not is_inside.any():
+            return states
+        result = np.empty((len(states), len(requested_times)))
+        result[:, ~is_inside], result[:, is_inside] = states, self.states[:, index[is_inside]]
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class PiecewisePath:
+    """Dense output of a run with one interpolant per step: from times (K,) to states (2n, K).
+
+    `edges` (steps + 1,) are the times of the accepted states, rising or falling. `start` (2n,) is the first state.
+    `interpolants` are the functions between edges, from times (k,) to states (2n, k). At an edge the later interpolant
+    is used.
+    """
+
+    edges: FloatArray
+    start: FloatArray
+    interpolants: Sequence[Callable[[FloatArray], FloatArray]]
+
+    def __call__(self, times: FloatArray) -> FloatArray:
+        """Return the states (2n, K) at times (K,) in any order."""
+        states = np.repeat(self.start[:, None], len(times), axis=1)
+        if len(self.interpolants):
+            forward = np.sign(self.edges[-1] - self.edges[0])
+            steps = np.searchsorted(forward * self.edges, forward * times, side="right") - 1
+            steps = np.clip(steps, 0, len(self.interpolants) - 1)
+            _by_piece(steps, times, self.interpolants.__getitem__, states)
         return states
