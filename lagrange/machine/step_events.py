@@ -138,8 +138,8 @@ class StepEventMemory:
 
     def happened(self) -> Happened:
         """Return the events found since the last call, and the rows after which a reset or switch followed."""
-        count, breaks = self.review.found, self.run.breaks
-        self.review.found = self.run.breaks = self.run.proven = 0
+        count, breaks = self.review.written, self.run.breaks
+        self.review.written = self.run.breaks = self.run.proven = 0
         zeros = self.which[:count].copy(), self.when[:count].copy(), self.there[:count].copy()
         rows = self.break_rows[:breaks].copy(), self.break_times[:breaks].copy(), self.break_states[:breaks].copy()
         return Happened(*zeros, *rows)

@@ -253,7 +253,7 @@ class LaneEngine:
         counts = {name: np.zeros(m, dtype=np.int64) for name in COUNTED}
         arrays: dict[str, Any] = {"outputs": outputs, "ends": states, "times": times, "outcomes": outcomes, **counts}
         arrays |= {"first": first, "last": last, "starts": np.ascontiguousarray(starts.states)}
-        arrays |= {"numbers": self.numbers(starts), "wanted": count}
+        arrays |= {"numbers": self.numbers(starts), "output_count": count}
         reduced = np.zeros((m, len(alone.keep.reductions)))
         arrays |= {"reduced": reduced, "points": np.zeros(1), "table": np.zeros(1), **self.compiled.read}
         events, most = self.compiled.events, max(alone.keep.events, 1)

@@ -58,7 +58,7 @@ class Compared:
         found = self.call()
         assert [found] == list(expected)
         run, review = (self.given_record(name, args) for name in ("event_run", "review"))
-        sizes = {"which": review.found, "when": review.found, "there": review.found}
+        sizes = {"which": review.written, "when": review.written, "there": review.written}
         sizes |= {"break_rows": run.breaks, "break_times": run.breaks}
         for name, place in self.code.places.items():
             if name in WRITTEN:

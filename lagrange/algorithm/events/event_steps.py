@@ -351,7 +351,7 @@ def event_steps(loop: EventLoop) -> int:
     code = GO_ON
     while code == GO_ON:
         if run.begin > run.count:
-            run.proven = search.found
+            run.proven = search.written
             code = waiting.take()
         if code == GO_ON and run.begin <= run.count:
             why = review_steps(loop)
@@ -361,7 +361,7 @@ def event_steps(loop: EventLoop) -> int:
                 go_back(loop)
                 code = GO_ON if reset(loop) else Outcome.WATCHED
             else:
-                code = READ_EVENTS if why == CROWDED and search.found > 0 else LOOK
+                code = READ_EVENTS if why == CROWDED and search.written > 0 else LOOK
     return code
 
 
@@ -392,8 +392,8 @@ def go_back(loop: EventLoop) -> None:
         waiting.event_run,
         waiting.dimension,
         waiting.event_run.begin,
-        watch.review.place,
-        watch.review.found,
+        watch.review.fraction,
+        watch.review.written,
     )
     state, end = watch.there[slot * n :], times[step + 1]
     is_within, kept = s > 0.0 and s < 1.0, step - int(s == 0.0)
@@ -491,8 +491,8 @@ def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, 
     """
     waiting, watch, n = loop.waiting, loop.watch, loop.waiting.dimension
     run, counts = waiting.event_run, waiting.counts
-    watch.which[watch.review.found] = event
-    watch.review.found += 1
+    watch.which[watch.review.written] = event
+    watch.review.written += 1
     loop.setting(UNTIL_END, event)[0] -= 1
     row = counts[ROWS]
     waiting.row_times[row] = t

@@ -128,7 +128,7 @@ def halve(b: Out, count: int, left: Out) -> None:
 class Relay:
     """State of the search for zeros at a point: the last sign, and the value nearest to zero since then."""
 
-    found: int
+    count: int
     """Number of roots, including those for which the arrays have no space."""
 
     sign: int
@@ -216,11 +216,11 @@ class Search:
     @inline
     def report(self, point: float, rising: int) -> None:
         """Write the root `point` if there is room, and count it. `rising` is its direction: 1, -1, or 0 for a touch."""
-        slot = self.relay.found
+        slot = self.relay.count
         if likely(slot < self.room):
             self.times[slot] = self.h * point
             self.rising[slot] = rising
-        self.relay.found = slot + 1
+        self.relay.count = slot + 1
 
 
 @procedure
@@ -262,7 +262,7 @@ def roots(
             search.report(1.0, -relay.sign)
         else:
             search.report(search.touch(1.0), 0)
-    return TOO_MANY if relay.found > room else relay.found, relay.sign, is_near
+    return TOO_MANY if relay.count > room else relay.count, relay.sign, is_near
 
 
 @inline

@@ -90,7 +90,7 @@ class Review:
     room: int
     """Number of zeros for which the arrays have space."""
 
-    found: int
+    written: int
     """Number of zeros that count and are written, including earlier ones."""
 
     step: int
@@ -102,7 +102,7 @@ class Review:
     way: int
     """Direction of the zero of that event."""
 
-    place: float
+    fraction: float
     """Fraction of the step at which that zero is."""
 
 
@@ -213,7 +213,7 @@ class ZeroSearch:
         changes on it.
         """
         watch, review = self.watch, self.watch.review
-        if unlikely(review.found + MOST_ZEROS >= review.room):
+        if unlikely(review.written + MOST_ZEROS >= review.room):
             return CROWDED
         count, kept, change, limit, besides = 0, 0, -1, 1.0, -1
         is_searching, is_irregular = True, False
@@ -380,11 +380,11 @@ class ZeroSearch:
             is_irregular = is_irregular or (time >= early and is_other)
         if unlikely(is_irregular):
             return IRREGULAR
-        review.event, review.way, review.place = event, self.directions[change], s
-        before = review.found
+        review.event, review.way, review.fraction = event, self.directions[change], s
+        before = review.written
         self.write(b, kept, early)
         self.write_zero(b, event, s)
-        for j in range(before, review.found):
+        for j in range(before, review.written):
             e = watch.which[j]
             left = watch.remaining[e]
             watch.remaining[e] = left - 1 if left > 0 else left
@@ -413,12 +413,12 @@ class ZeroSearch:
             time = self.times[j]
             if time < before and self.counts(j):
                 self.write_zero(b, self.events[j], time)
-                self.watch.review.found += 1
+                self.watch.review.written += 1
 
     @inline
     def write_zero(self, b: int, e: int, s: float) -> None:
         """Append a zero to the written ones: event `e`, the time at the fraction `s` of the step, and the state."""
-        samples, slot = self.samples, self.watch.review.found
+        samples, slot = self.samples, self.watch.review.written
         t, total = samples.block().t[b], samples.dimension * samples.columns
         self.watch.which[slot] = e
         self.watch.when[slot] = t + s * (self.lines.t_end[b] - t)

@@ -130,9 +130,9 @@ class MemberJob:
     `ends`, `times` and `outcomes` are the last states, their times and the outcomes: a member whose outcome is not
     DONE is at the point where its run stopped.
 
-    wanted        Number of output times.
+    output_count  Number of output times.
     output_times  The output times, with NaN after the last one.
-    outputs       The states at the output times, (count, wanted, 2n).
+    outputs       The states at the output times, (count, output_count, 2n).
     first         The observed values at the start.
     last          The observed values at the end.
     points        The sample points of a step, for reductions of expressions along the run.
@@ -157,7 +157,7 @@ class MemberJob:
     longest: float
     starts: In
     numbers: In
-    wanted: int
+    output_count: int
     output_times: In
     outputs: Out
     ends: Out
@@ -195,7 +195,7 @@ class Member:
     reduced: Any
     """The reductions of expressions so far, see `Reduced`, or None."""
 
-    own: Any
+    method_memory: Any
     """Further memory of the method."""
 
 

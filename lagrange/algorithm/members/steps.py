@@ -266,7 +266,7 @@ class StepEventSearch:
         member.
         """
         review, steps, watched = memory.review, member.counts.steps, job.watched
-        review.found, review.starts = 0, int(steps == 1)
+        review.written, review.starts = 0, int(steps == 1)
         review.last = 0 if end == job.t1 else -1
         review.rounded = float(steps - 1) * (1.0 / NOISE_HALVES)
         sides = memory.sign, memory.near, watched.direction, memory.remaining, memory.stayed, memory.came
@@ -275,8 +275,8 @@ class StepEventSearch:
         why = review_step(watch, member.numbers, job.table, watched.factors, step.memory, end, functions=self.functions)
         is_changed = why == CHANGED
         is_regular = why == ENDED or is_changed
-        if unlikely(review.found > 0 and is_regular):
-            for slot in range(review.found):
+        if unlikely(review.written > 0 and is_regular):
+            for slot in range(review.written):
                 zero = memory.zeros[slot * self.dimension :]
                 self.occurrences.keep(watched, memory.seen, index, memory.which[slot], memory.when[slot], zero)
         t, part = end, 1.0
@@ -292,7 +292,7 @@ class StepEventSearch:
         The state is written to `memory.there`. At an end of the step it is the state there, which is not
         interpolated.
         """
-        part, slot = memory.review.place, memory.review.found
+        part, slot = memory.review.fraction, memory.review.written
         is_begin, is_end, zero = part <= 0.0, part >= 1.0, memory.zeros[slot * self.dimension :]
         when, t = memory.when[slot], step.t[0]
         for i in each(self.dimension, width=1):
@@ -369,7 +369,7 @@ class StepMembers(MemberMethod):
         Entries that the law reads and no step writes are cleared: velocities, if the step moves only
         coordinates.
         """
-        method_memory = member.own
+        method_memory = member.method_memory
         if self.program.law == "accelerations":
             velocities = method_memory.work[self.layout.argument + self.layout.length :]
             for i in each(self.layout.length, width=1):
@@ -392,7 +392,7 @@ class StepMembers(MemberMethod):
 
         `last` is true if the budget allows no more steps.
         """
-        run, counts, method_memory = member.run, member.counts, member.own
+        run, counts, method_memory = member.run, member.counts, member.method_memory
         trials = 0 if last else job.budget if self.takes_all else 1
         before = counts.steps
         if self.path is not None:
@@ -426,7 +426,7 @@ class StepMembers(MemberMethod):
 
         `path` is the dense output. Return PAUSED or, if an event ends the run, its outcome.
         """
-        run, method_memory = member.run, member.own
+        run, method_memory = member.run, member.method_memory
         memory: PathMemory = method_memory.path
         step, end = memory.step, run.t
         t = step.t[0]
@@ -451,7 +451,7 @@ class StepMembers(MemberMethod):
         if unlikely(is_due):
             if self.along is None:
                 path.find(memory, job.table, member.numbers)
-            states, degree = job.outputs[index * (job.wanted * self.dimension) :], path.kind.degree
+            states, degree = job.outputs[index * (job.output_count * self.dimension) :], path.kind.degree
             arrays = job.output_times, memory.c, states, self.dimension, degree, method_memory.outputs.done
             method_memory.outputs.done = generated(self.outputs, t, end, direction, *arrays)
         return outcome

@@ -215,7 +215,7 @@ class TaylorMembers(MemberMethod):
     @inline
     def begin(self, job: MemberJob, member: Member) -> None:
         """Reset the state's rounding error, the counters, the series' unit of time, and the outputs."""
-        method_memory = member.own
+        method_memory = member.method_memory
         method_memory.held.unproven = 0
         clear(method_memory.outputs)
         begin_run(member.run, member.counts, method_memory.taylor, method_memory.held, method_memory.work, self.layout)
@@ -225,7 +225,7 @@ class TaylorMembers(MemberMethod):
     @inline
     def attempts(self, job: MemberJob, member: Member) -> int:
         """Return the number of trial steps, including the last one, which the defect test has not confirmed yet."""
-        tried: int = member.counts.steps + member.counts.rejected + member.own.held.unproven
+        tried: int = member.counts.steps + member.counts.rejected + member.method_memory.held.unproven
         return tried
 
     @inline
@@ -234,8 +234,8 @@ class TaylorMembers(MemberMethod):
 
         `last` is true if the budget allows no step after this one.
         """
-        run, counts, method_memory = member.run, member.counts, member.own
-        states = job.outputs[index * (job.wanted * self.dimension) :]
+        run, counts, method_memory = member.run, member.counts, member.method_memory
+        states = job.outputs[index * (job.output_count * self.dimension) :]
         watched = None if self.search is None else self.search.arguments(method_memory.search, job, member.numbers)
         records = run, counts, method_memory.taylor, member.floors, method_memory.held, method_memory.outputs
         arrays = job.output_times, states, method_memory.unused, method_memory.unused
@@ -283,7 +283,7 @@ class TaylorMembers(MemberMethod):
 
         `index` is the number of the member, and `last` is true if the budget allows no more steps.
         """
-        method_memory = member.own
+        method_memory = member.method_memory
         search.take(method_memory.search, job, index)
         is_ended = search.is_ended(method_memory.search, outcome, method_memory.held.unproven, last)
         if unlikely(is_ended):

@@ -120,14 +120,14 @@ def evaluate_derivative(vectors: StepVectors, t: float, out: Out, point: LawCall
 
     It is evaluated at the arguments of the call `point` or, if that is None, at the start of the step.
     """
-    given, layout = vectors.given, vectors.layout
+    running, layout = vectors.running, vectors.layout
     if point is None:
-        time, arguments = t, given.work[layout.argument :]
+        time, arguments = t, running.work[layout.argument :]
         for i in unrolled(layout.step.states):
             copy_vector(vectors.at(i), arguments[i * layout.length :], layout.width)
     else:
         time, arguments = vectors.numbers[point.time], vectors.arguments(point)
-    is_singular: bool = given.jacobian(time, arguments, given.constants, out)
+    is_singular: bool = running.jacobian(time, arguments, running.constants, out)
     return is_singular
 
 
@@ -226,7 +226,7 @@ def weigh_by_rounding(
     error of the residual. The inverse of the matrix maps this error to the unknowns. `factors` has for each pair
     (residual, result of the law) the factors of that result in the residual, one for each call.
     """
-    work, rows, length, width = vectors.given.work, vectors.layout.rows, solve.length, solve.width
+    work, rows, length, width = vectors.running.work, vectors.layout.rows, solve.length, solve.width
     count, law, shares = solve.solve.count, LAWS[vectors.layout.step.law], reals(len(factors))
     sizes, argument_sizes, derivative = work[solve.sizes :], work[solve.places :], work[solve.derivative :]
     for k, residual in enumerate(solve.solve.residuals):

@@ -75,7 +75,7 @@ def damp(vectors: StepVectors, action: Damp) -> None:
 
     `vectors` are the vectors of the step, among them x and the result.
     """
-    layout, work = vectors.layout, vectors.given.work
+    layout, work = vectors.layout, vectors.running.work
     solve, result = layout.solve_of(layout.step.solves[action.of]), vectors.at(action.result)
     vectors.combine(action.vector, work[solve.residual :])
     product = product_of(work[solve.damper(action) :], work[solve.residual :], solve, 1)
@@ -86,7 +86,7 @@ def damp(vectors: StepVectors, action: Damp) -> None:
 @inline
 def add_compensated(vectors: StepVectors, state: int) -> None:
     """Write a new state vector as the compensated sum of the old state and its increment."""
-    layout, work, step = vectors.layout, vectors.given.work, vectors.layout.step
+    layout, work, step = vectors.layout, vectors.running.work, vectors.layout.step
     old_term = state, step.graph.one
     added = vectors.terms(tuple([term for term in step.results[state] if term != old_term]))
     old, new = vectors.at(state), vectors.at(layout.new + state)

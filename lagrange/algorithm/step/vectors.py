@@ -88,11 +88,11 @@ def copy_vector(source: In, target: Out, width: int) -> None:
 class StepVectors:
     """The vectors of a step in the work array, and values of the coefficients in its formulas.
 
-    `numbers` has the values by node of the formulas. `state` has the entries of the state if they are kept in
-    registers, else it is None.
+    `running` are the arguments of the loop over steps. `numbers` has the values by node of the formulas. `state`
+    has the entries of the state if they are kept in registers, else it is None.
     """
 
-    given: Running
+    running: Running
     layout: Layout
     h: float
     numbers: Mapping[Node, float]
@@ -101,7 +101,7 @@ class StepVectors:
     @inline
     def at(self, vector: int) -> Out:
         """Return the vector with the number `vector`."""
-        return self.given.work[self.layout.place(vector) :]
+        return self.running.work[self.layout.place(vector) :]
 
     @inline
     def factor(self, node: Node, *, size: bool = False) -> float | None:
@@ -135,7 +135,7 @@ class StepVectors:
     @inline
     def arguments(self, call: LawCall) -> Out:
         """Write the arguments of a call one after the other, and return the array."""
-        arguments = self.given.work[self.layout.argument :]
+        arguments = self.running.work[self.layout.argument :]
         for i, argument in enumerate(call.arguments):
             self.combine(argument, arguments[i * self.layout.length :])
         return arguments
@@ -147,19 +147,19 @@ class StepVectors:
         `registers` are results of earlier calls that are in registers, by vector. The results are returned in
         the same form if the layout keeps them in registers, otherwise there are none.
         """
-        layout, given, law = self.layout, self.given, LAWS[self.layout.step.law]
+        layout, running, law = self.layout, self.running, LAWS[self.layout.step.law]
         time, length = self.numbers[call.time], layout.length
         if layout.in_registers:
             state = [entry for argument in call.arguments for entry in self.entries(argument, registers)]
             zeros = [0.0] * (layout.dimension - len(state))
-            results = given.law(time, *state, *zeros, given.parameters)
+            results = running.law(time, *state, *zeros, running.parameters)
             values = [*(state[layout.dimension // 2 :] if law.states == 1 else ()), *results[:-1]]
             vectors = [values[i * length : (i + 1) * length] for i in unrolled(law.results)]
             for i, vector in enumerate(vectors):
                 self.store(vector, self.at(call.first + i))
             return results[-1], dict(zip(unrolled(call.first, call.first + law.results), vectors, strict=True))
-        arguments, results = self.arguments(call), given.work[layout.result :]
-        is_singular = given.law(time, arguments, given.parameters, results)
+        arguments, results = self.arguments(call), running.work[layout.result :]
+        is_singular = running.law(time, arguments, running.parameters, results)
         first = length if layout.step.law == "accelerations" else 0
         for i in unrolled(law.results):
             target = self.at(call.first + i)
@@ -175,8 +175,8 @@ class StepVectors:
         for call in calls:
             failed, _ = self.evaluate(call)
             is_singular = is_singular or failed
-        arguments = self.given
-        arguments.effort.evaluations += len(calls)
+        effort = self.running.effort
+        effort.evaluations += len(calls)
         return is_singular
 
     @inline
