@@ -39,7 +39,7 @@ from lagrange.procedure.form import Procedure
 from lagrange.procedure.interpreter import run as interpret
 from lagrange.procedure.rewrite import Pruner
 from lagrange.program.step import LAWS
-from lagrange.trajectory.endings import slope_ahead
+from lagrange.trajectory.endings import DOMAIN_PROBE, slope_ahead
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.integrator import Problem
@@ -304,7 +304,7 @@ class LaneEngine:
         stuck = codes == STUCK
         for i in np.flatnonzero(stuck):
             parameters = starts.parameters[i if len(starts.parameters) > 1 else 0]
-            if not np.isfinite(slope_ahead(model, times[i], states[i], parameters, t1 - t0)).all():
+            if not np.isfinite(slope_ahead(model, times[i], states[i], parameters, DOMAIN_PROBE * (t1 - t0))).all():
                 codes[i] = LOST
         if self.compiled.events:
             # A single run with events may continue where no series begins.

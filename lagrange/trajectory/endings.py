@@ -26,17 +26,18 @@ shows whether the equations have a value there.
 """
 
 
-def slope_ahead(model: Model, t: float, y: FloatArray, parameters: FloatArray, length: float) -> FloatArray:
-    """Return dy/dt (2n,) a little ahead of a state, to test whether the equations have a value there.
+def slope_ahead(model: Model, t: float, y: FloatArray, parameters: FloatArray, h: float) -> FloatArray:
+    """Return dy/dt (2n,) after a step h along the slope from (t, y), to test whether the equations have a value there.
 
-    The step along the slope from (t, y) is a fraction of `length`, the duration of the run. Near the edge of the
-    domain of a root or a logarithm, accepted steps become small before any value is NaN, while the value after this
-    step is NaN. The result has ones if the mass matrix is singular.
+    Near the edge of the domain of a root or a logarithm, accepted steps become small before any value is NaN, while the
+    value after a fraction `DOMAIN_PROBE` of the run is NaN. The result is dy/dt at (t, y) itself if that is not finite,
+    and ones if the mass matrix is singular.
     """
-    kernel, h = model.kernel("rhs"), DOMAIN_PROBE * length
+    kernel = model.kernel("rhs")
     with np.errstate(all="ignore"):
         try:
-            return kernel(t + h, y + h * kernel(t, y, parameters), parameters)
+            slope = kernel(t, y, parameters)
+            return kernel(t + h, y + h * slope, parameters) if np.isfinite(slope).all() else slope
         except SingularMassMatrix:
             return np.ones_like(y)
 

@@ -8,10 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-import numpy as np
-
-from lagrange.algorithm.step.constants import AFTER_BROKEN
-from lagrange.machine.backend import Driver, SingularMassMatrix
+from lagrange.machine.backend import Driver
 from lagrange.machine.drivers import StepDriver
 from lagrange.machine.model import Model
 from lagrange.machine.state import NO_OUTPUTS, DriverState
@@ -62,12 +59,6 @@ class Plan(Protocol):
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> PathFunction:
         """Return the dense output, from the accepted times (S+1,), the states (S+1, 2n), and the watcher."""
-
-    def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state (2n,) to which the failed step leads from the driver's `state`.
-
-        Entries of the result that are not finite show the cause of the failure.
-        """
 
 
 @runtime_checkable
@@ -138,45 +129,6 @@ class StepPlan:
         return (
             MotionsPath(times, states, watch.breaks.since(0), path) if watch is not None and len(watch.breaks) else path
         )
-
-    def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state (2n,) to which the failed step leads from the driver's `state`, computed in Python.
-
-        A step along the right-hand side replaces a step that is implicit or evaluates more than the right-hand side.
-        """
-        step, parameters = self.step, problem.parameter_array
-        kernel, layout = problem.model.kernel("rhs"), problem.model.layout
-        h = float(state.reals[DriverState.STEP] or state.reals[DriverState.H] / AFTER_BROKEN)
-
-        def f(t: float, y: FloatArray) -> FloatArray:
-            split = step.law == "accelerations"
-            slope = kernel(t, np.concatenate([y, np.zeros(len(layout.rates))]) if split else y, parameters)
-            return slope[layout.v] if split else slope
-
-        with np.errstate(all="ignore"):
-            try:
-                if step.solves or LAWS[step.law].results > 1:
-                    return _state_moved_by_slope(f, state, h)
-                if step.partitioned:
-                    return np.concatenate(step.function(f, state.t, *layout.split(state.y), h))
-                moved = step.function(f, state.t, state.y, h)
-            except SingularMassMatrix:
-                return state.y
-        return np.asarray(moved if step.control is None else moved[0])
-
-
-def _state_moved_by_slope(f: Callable[[float, FloatArray], FloatArray], state: DriverState, h: float) -> FloatArray:
-    """Return the state (2n,) plus h times the slope f at a point ahead of it.
-
-    The points are 1, 2, 4 and 8 steps ahead, along the slope at the state. The first slope that is not finite is
-    used, or else the last.
-    """
-    first = f(state.t, state.y)
-    for reach in (1, 2, 4, 8):
-        slope = f(state.t + reach * h, state.y + reach * h * first)
-        if not np.isfinite(slope).all():
-            break
-    return np.asarray(state.y + h * slope)
 
 
 PLANS_KEPT = 8

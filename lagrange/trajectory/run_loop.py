@@ -9,12 +9,14 @@ from functools import partial
 
 import numpy as np
 
+from lagrange.algorithm.step.constants import AFTER_BROKEN
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.statement.run_settings import PreparationTooLongError, preparation, preparation_ends
 from lagrange.trajectory.constraints.discontinuities import Discontinuities, may_be_discontinuous
 from lagrange.trajectory.endings import (
+    DOMAIN_PROBE,
     lost_inertia,
     slope_ahead,
     table_left,
@@ -302,8 +304,8 @@ class _Run:
     def slope_ahead(self) -> FloatArray:
         """Return the right-hand side (2n,) a little ahead of the state of the driver."""
         problem, state = self.problem, self.state
-        length = float(state.reals[DriverState.END]) - problem.t0
-        return slope_ahead(problem.model, state.t, state.y, problem.parameter_array, length)
+        h = DOMAIN_PROBE * (float(state.reals[DriverState.END]) - problem.t0)
+        return slope_ahead(problem.model, state.t, state.y, problem.parameter_array, h)
 
     def ended(self, status: Status, detail: str, sentence: str) -> Trajectory:
         """Return the trajectory of the run, which ended with a status, a `detail` for its message, and a `sentence`.
@@ -364,7 +366,12 @@ class _Run:
             return told(t, y, detail=cause or unsolved(state.reals[DriverState.RESIDUAL]))
         if status is not Status.NON_FINITE or cause:
             return told(t, y, cause=cause)
-        return told(t, self.plan.failed(problem, state), slope=self.slope_ahead())
+        # The equations may have no value only some steps ahead.
+        slope, h = self.slope_ahead(), float(state.reals[DriverState.STEP] or state.reals[DriverState.H] / AFTER_BROKEN)
+        for reach in (1, 2, 4, 8):
+            if np.isfinite(slope).all():
+                slope = slope_ahead(problem.model, t, y, problem.parameter_array, reach * h)
+        return told(t, y, slope=slope)
 
     def trajectory(self, times: FloatArray, states: FloatArray, status: Status, sentence: str) -> Trajectory:
         """Return the trajectory through accepted times (S+1,) and states (S+1, 2n), with a status and a message."""

@@ -298,10 +298,6 @@ class SolverPlan:
         interpolants = [_Standing(states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
         return PiecewisePath(times, states[0], StepInterpolants(interpolants))
 
-    def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the last accepted state (2n,) of a failed run. The fault is stored in the `GuardedRhs`."""
-        return state.y
-
 
 @dataclass(frozen=True, eq=False)
 class _Standing:

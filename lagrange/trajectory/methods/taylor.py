@@ -11,15 +11,14 @@ import numpy as np
 from lagrange.algorithm.taylor.memory import LEAST_MARGIN, LOWEST_ORDER, SMALLEST_RTOL, STEP_MARGIN, TIGHT_RTOL
 from lagrange.errors import StatementError, formula, shown
 from lagrange.graph.node import Node
-from lagrange.machine.backend import Series, SingularMassMatrix
+from lagrange.machine.backend import Series
 from lagrange.machine.drivers import SeriesDriver
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
-from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.series_watch import SeriesWatch
-from lagrange.trajectory.events.surfaces import Continuations, stated_sides
+from lagrange.trajectory.events.surfaces import Continuations
 from lagrange.trajectory.integrator import Claims, Problem, Tolerances
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.explicit import DOP853
@@ -131,25 +130,6 @@ class TaylorPlan:
             return SeriesPath(self.series, self.order, ((0, parameters),), times, states)
         paths = {i: hermite_path(4)(problem, times[i : i + 2], states[i : i + 2]) for i in watch.continuations.rows}
         return SeriesPath(self.series, self.order, tuple(watch.epochs), times, states, paths)
-
-    def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state (2n,) to report for a run that failed: that after the failed step.
-
-        If its series has coefficients that are not finite, the first of them replace the entries of the present
-        state.
-        """
-        parameters = problem.parameter_array
-        sides = stated_sides(self.series.program, state.t, state.y, parameters)
-        values = np.concatenate([parameters, sides])
-        try:
-            rows = self.series.rows(self.order, state.t, state.y, state.taylor.scale, values)
-        except SingularMassMatrix:
-            return state.y
-        rows = rows[:, : len(state.y)]
-        bad = ~np.isfinite(rows).all(axis=1)
-        if not bad.any():
-            return np.asarray(rows.sum(axis=0))
-        return np.where(np.isfinite(rows[np.argmax(bad)]), state.y, rows[np.argmax(bad)])
 
 
 QUATERNION_MARGIN = 0.25
