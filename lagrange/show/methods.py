@@ -19,7 +19,6 @@ from lagrange.trajectory.methods.splitting import Splitting, composition
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
 if TYPE_CHECKING:  # signatures for type checkers; at run time the built-in methods are added below
-    from lagrange.trajectory.methods.constrained import *
     from lagrange.trajectory.methods.explicit import *
     from lagrange.trajectory.methods.implicit import *
     from lagrange.trajectory.methods.radau import *

@@ -14,7 +14,7 @@ from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.expression import flag
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Claims, Integrator
-from lagrange.trajectory.methods import constrained, explicit, implicit, radau, splitting, taylor, variational
+from lagrange.trajectory.methods import explicit, implicit, radau, splitting, taylor, variational
 from lagrange.trajectory.methods.built_in import entered
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.own import StepMethod, step_method
@@ -44,7 +44,7 @@ FOREIGN_NAMES = {
 }
 """Names of methods in other packages, for the hint after an unknown name."""
 
-FAMILIES = (explicit, splitting, implicit, radau, variational, constrained, taylor)
+FAMILIES = (explicit, splitting, implicit, radau, variational, taylor)
 """The modules that define methods, in the order of the table."""
 
 BUILT_IN: dict[str, Callable[..., Integrator]] = {
