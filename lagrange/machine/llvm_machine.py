@@ -6,7 +6,7 @@ import ctypes
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -46,28 +46,15 @@ STANDING = (
 """Arguments of the loop, by name, that are arrays of a `StepEventMemory`."""
 
 
-class SteppingDriver(Protocol):
-    """Protocol of a driver whose compiled step function is called by another compiled loop."""
-
-    def function(self, state: DriverState) -> StepFunction:
-        """Return the compiled function that takes steps of this driver, set to continue the run `state`."""
-
-    def count(self, steps: int) -> None:
-        """Report that `steps` more steps were accepted.
-
-        After many steps the code is compiled again with optimization.
-        """
-
-
 class LlvmEventSteps:
     """Compiled loop that takes steps of a driver and finds events on them, for one set of parameters.
 
-    It implements `EventSteps`.
+    A call has the arguments of `EventSteps`.
     """
 
     def __init__(
         self,
-        driver: SteppingDriver,
+        driver: StepDriver,
         events: Program,
         resets: Program | None,
         parameters: FloatArray,

@@ -6,8 +6,8 @@ The loop over steps and the search for events share it.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Sequence
-from typing import Any, NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,13 +145,10 @@ class StepEventMemory:
         return Happened(*zeros, *rows)
 
 
-class EventSteps(Protocol):
-    """Protocol of a callable that takes steps of a driver and finds the events on them."""
+EventSteps = Callable[[DriverState, StepEventMemory, FloatArray, FloatArray], int]
+"""A function that takes steps of a run and finds the events on them. It returns a number that says why it stopped.
 
-    def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
-        """Take steps of a run, and find the events on them. Return a number that says why the loop stopped.
-
-        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n). The number is an
-        `Outcome`, or the code `LOOK` (a step is irregular) or `READ_EVENTS` (the arrays of `memory` are full) of
-        `event_steps`.
-        """
+Arguments: the state of the run, the memory of events, and the arrays for the times (c,) and states (c, 2n) of accepted
+steps. The number is an `Outcome`, or the code `LOOK` (a step is irregular) or `READ_EVENTS` (the arrays of the memory
+are full) of `event_steps`.
+"""

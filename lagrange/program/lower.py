@@ -13,7 +13,7 @@ from typing import Any
 
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
-from lagrange.program.program import Instruction, Program, ProgramBlock
+from lagrange.program.program import Instruction, Program, ProgramBlock, arranged
 from lagrange.statement.run_settings import CHECKED_EVERY, check_time
 
 Named = Mapping[str, Sequence[Node]]
@@ -39,7 +39,7 @@ def lower(
     outputs, state = ([node for block in named.values() for node in block] for named in (results, inputs))
     lowering = _Lowering(outputs[0].graph, outputs, state, time, parameters)
     refs = [lowering.ref(node) for node in outputs]
-    instructions, hoisted, output_refs = lowering.finish(refs)
+    instructions, hoisted, output_refs = arranged(lowering.instructions, refs, lowering.is_early)
     return Program(
         name=name,
         inputs=tuple(ProgramBlock(block, len(nodes)) for block, nodes in inputs.items()),
@@ -249,29 +249,12 @@ class _Lowering:
             value = self.emit("select", condition, chosen, value)
         return value
 
-    def finish(self, outputs: list[int]) -> tuple[tuple[Instruction, ...], int, tuple[int, ...]]:
-        """Remove instructions that no output needs, move those of parameters alone to the front, and renumber.
+    def is_early(self, ref: int) -> bool:
+        """Return True for an instruction that depends on parameters alone, or reads a parameter.
 
-        Parameters that change along a motion are read at the front too, but instructions that depend on them are not
-        hoisted. Returns the instructions, the number of hoisted ones, and the new indices of the outputs.
+        Parameters that change along a motion are read at the front too, but what depends on them is not hoisted.
         """
-        marked = bytearray(len(self.instructions))
-        for output in outputs:
-            marked[output] = 1
-        for i in range(len(self.instructions) - 1, -1, -1):
-            if marked[i]:
-                for arg in self.instructions[i].args:
-                    marked[arg] = 1
-        needed = [i for i, mark in enumerate(marked) if mark]
-        early = {i for i in needed if self.levels[i] <= Binding.PARAMETER or self.instructions[i].op == "parameter"}
-        first = [i for i in needed if i in early]
-        order = [*first, *(i for i in needed if i not in early)]
-        renumbered = {old: new for new, old in enumerate(order)}
-        instructions = tuple(
-            self.instructions[i]._replace(args=tuple(renumbered[arg] for arg in self.instructions[i].args))
-            for i in order
-        )
-        return instructions, len(first), tuple(renumbered[output] for output in outputs)
+        return self.levels[ref] <= Binding.PARAMETER or self.instructions[ref].op == "parameter"
 
 
 _CONSTANTS = {"pi": 3.141592653589793, "e": 2.718281828459045, "nan": float("nan")}

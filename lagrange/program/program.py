@@ -7,7 +7,7 @@ once for each set of parameters. A program can be printed, checked, and interpre
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -142,6 +142,28 @@ class Program:
         return tuple(
             i for i in range(self.hoisted) if i in read and self.instructions[i].op not in ("constant", "parameter")
         )
+
+
+def arranged(
+    instructions: Sequence[Instruction], outputs: Sequence[int], is_early: Callable[[int], bool]
+) -> tuple[tuple[Instruction, ...], int, tuple[int, ...]]:
+    """Return the instructions that the outputs need, those for which `is_early` is true first, renumbered.
+
+    Also return the number of early ones, and the new indices of the outputs.
+    """
+    needed = bytearray(len(instructions))
+    for ref in outputs:
+        needed[ref] = True
+    for ref in range(len(instructions) - 1, -1, -1):
+        if needed[ref]:
+            for arg in instructions[ref].args:
+                needed[arg] = True
+    kept = [ref for ref, mark in enumerate(needed) if mark]
+    first = [ref for ref in kept if is_early(ref)]
+    order = [*first, *(ref for ref in kept if not is_early(ref))]
+    renumbered = {old: new for new, old in enumerate(order)}
+    moved = (instructions[ref]._replace(args=tuple(renumbered[arg] for arg in instructions[ref].args)) for ref in order)
+    return tuple(moved), len(first), tuple(renumbered[output] for output in outputs)
 
 
 def uses_of(program: Program) -> list[int]:

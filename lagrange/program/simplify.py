@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from lagrange.program.program import GIVEN, Instruction, Program
+from lagrange.program.program import GIVEN, Instruction, Program, arranged
 
 LONGEST_PROGRAM = 4000
 """Largest number of instructions of a program that is simplified: 10 us each."""
@@ -81,27 +81,8 @@ class _Simplifier:
             if uses > 1:
                 self.sums.pop(value.ref, None)
         outputs = [self.plain(ref) for ref in self.program.outputs]
-        needed = self.needed(outputs)
-        order = [ref for hoisted in (True, False) for ref in needed if self.hoisted[ref] is hoisted]
-        renumbered = {old: new for new, old in enumerate(order)}
-        instructions = tuple(self.code[i]._replace(args=tuple(renumbered[a] for a in self.code[i].args)) for i in order)
-        return replace(
-            self.program,
-            instructions=instructions,
-            hoisted=sum(self.hoisted[ref] for ref in needed),
-            outputs=tuple(renumbered[ref] for ref in outputs),
-        )
-
-    def needed(self, outputs: Sequence[int]) -> list[int]:
-        """Return the indices of the instructions of the new program that the outputs need, in order."""
-        marked = [False] * len(self.code)
-        for ref in outputs:
-            marked[ref] = True
-        for ref in reversed(range(len(self.code))):
-            if marked[ref]:
-                for arg in self.code[ref].args:
-                    marked[arg] = True
-        return [ref for ref, mark in enumerate(marked) if mark]
+        instructions, hoisted, refs = arranged(self.code, outputs, self.hoisted.__getitem__)
+        return replace(self.program, instructions=instructions, hoisted=hoisted, outputs=refs)
 
     def emit(self, op: str, *args: int, **data: Any) -> int:
         """Return the index in the new program of an instruction; an equal instruction is reused."""

@@ -33,7 +33,6 @@ from lagrange.machine.llvm.sine_cosine import angle_function, angle_name, call_s
 from lagrange.machine.llvm.vectors import (
     IterationBlock,
     Lanes,
-    PrinterState,
     accesses,
     base_arrays,
     number,
@@ -342,17 +341,16 @@ class Printer(Visitor):
         self, statement: form.VectorLet | form.Reduce | form.VectorLoad | form.Gather | form.VectorStore | form.Scatter
     ) -> None:
         """Print a statement on short vectors."""
-        known = PrinterState(self.e, self.values, self.types)
         match statement:
             case form.VectorStore():
-                store(known, statement)
+                store(self, statement)
             case form.Scatter():
-                scatter(known, statement)
+                scatter(self, statement)
             case form.VectorLet(op=op) if op in ANGLES:
                 self.define(statement.ref, self.angle(*statement.args)[ANGLES.index(op)], statement.vector)
             case _:
                 kind = statement.kind if isinstance(statement, form.Reduce) else statement.vector
-                self.define(statement.ref, printed(known, statement), kind)
+                self.define(statement.ref, printed(self, statement), kind)
 
     def angle(self, ref: int) -> tuple[str, str]:
         """Print the sine and cosine of the angle `ref`, inline or by a function call, and return both operands."""

@@ -10,7 +10,7 @@ from lagrange.machine.llvm.emitter import Emitter, literal, suffix
 from lagrange.machine.llvm.operations import KINDS, LIBRARY, largest_magnitude, spell, splat, type_of
 from lagrange.machine.llvm.processor import call_library
 from lagrange.procedure import form
-from lagrange.procedure.form import ANGLES, FLAG, PARTIAL, REAL, SUMS, WHOLE, Block, Kind, Type, Vector, walk
+from lagrange.procedure.form import ANGLES, FLAG, PARTIAL, REAL, SUMS, WHOLE, Block, Kind, Vector, walk
 
 if TYPE_CHECKING:
     from lagrange.machine.llvm.procedures import Printer
@@ -219,16 +219,7 @@ def number(value: str) -> int | None:
     return None if value.startswith("%") else int(value)
 
 
-@dataclass(frozen=True)
-class PrinterState:
-    """What the printer of a procedure has defined: its emitter, and the operand and type of each value by id."""
-
-    e: Emitter
-    values: Mapping[int, str]
-    types: Mapping[int, Type]
-
-
-def printed(known: PrinterState, statement: form.VectorLet | form.Reduce | form.VectorLoad | form.Gather) -> str:
+def printed(known: Printer, statement: form.VectorLet | form.Reduce | form.VectorLoad | form.Gather) -> str:
     """Print a statement that defines a vector, or a single value from a vector, and return its operand."""
     match statement:
         case form.VectorLet():
@@ -241,14 +232,14 @@ def printed(known: PrinterState, statement: form.VectorLet | form.Reduce | form.
             return _loaded(known, statement)
 
 
-def _vector(known: PrinterState, ref: int) -> Vector:
+def _vector(known: Printer, ref: int) -> Vector:
     """Return the type of a vector."""
     vector = known.types[ref]
     assert isinstance(vector, Vector)
     return vector
 
 
-def _operation(known: PrinterState, let: form.VectorLet) -> str:
+def _operation(known: Printer, let: form.VectorLet) -> str:
     """Print an operation on vectors and return its operand."""
     e, (_, width) = known.e, let.vector
     if let.op == "permute":
@@ -257,7 +248,7 @@ def _operation(known: PrinterState, let: form.VectorLet) -> str:
     return call_library(e, let.op, args, width) if let.op in LIBRARY else spell(e, let.op, kinds, args, width)
 
 
-def _permuted(known: PrinterState, let: form.VectorLet) -> str:
+def _permuted(known: Printer, let: form.VectorLet) -> str:
     """Emit a vector made of entries of other vectors and of single values, and return its operand.
 
     The operation `permute` says which ones. Entries of each vector are moved and merged; single values are inserted.
@@ -319,7 +310,7 @@ def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single:
     return made
 
 
-def _reduced(known: PrinterState, reduce: form.Reduce) -> str:
+def _reduced(known: Printer, reduce: form.Reduce) -> str:
     """Emit what a `Reduce` statement takes from a vector, and return its operand.
 
     It is the sum of the entries, one entry, or the flag that is true if any entry is true.
@@ -352,7 +343,7 @@ def _listed(indices: Sequence[int]) -> str:
     return f"<{len(indices)} x i32> <{', '.join(f'i32 {index}' for index in indices)}>"
 
 
-def _gathered(known: PrinterState, gather: form.Gather) -> str:
+def _gathered(known: Printer, gather: form.Gather) -> str:
     """Emit the read of the entries of an array at the indices in a vector, and return the operand of the result."""
     e, (kind, width), made = known.e, gather.vector, "poison"
     if gather.mask is not None:
@@ -367,13 +358,13 @@ def _gathered(known: PrinterState, gather: form.Gather) -> str:
     return made
 
 
-def _pointers(known: PrinterState, statement: form.Gather | form.Scatter, kind: Kind, width: int) -> str:
+def _pointers(known: Printer, statement: form.Gather | form.Scatter, kind: Kind, width: int) -> str:
     """Emit the addresses of the array entries that a gather reads or a scatter writes, as a vector of pointers."""
     indices = f"{type_of(WHOLE, width)} {known.values[statement.places]}"
     return known.e.value(f"getelementptr {KINDS[kind]}, ptr {known.values[statement.array]}, {indices}")
 
 
-def _place(known: PrinterState, access: form.VectorLoad | form.VectorStore, vector: Vector) -> tuple[str, str]:
+def _place(known: Printer, access: form.VectorLoad | form.VectorStore, vector: Vector) -> tuple[str, str]:
     """Return the address of the first entry that is read or written, and the mask as an operand.
 
     Without a mask the operand is an empty string.
@@ -382,7 +373,7 @@ def _place(known: PrinterState, access: form.VectorLoad | form.VectorStore, vect
     return address, "" if access.mask is None else f"<{vector.width} x i1> {known.values[access.mask]}"
 
 
-def _loaded(known: PrinterState, load: form.VectorLoad) -> str:
+def _loaded(known: Printer, load: form.VectorLoad) -> str:
     """Emit the read of adjacent entries of an array as a vector, and return the operand of the result."""
     address, mask = _place(known, load, load.vector)
     vector = type_of(*load.vector)
@@ -392,7 +383,7 @@ def _loaded(known: PrinterState, load: form.VectorLoad) -> str:
     return known.e.value(f"call {vector} @llvm.masked.load.{suffix(vector)}.p0({arguments})")
 
 
-def scatter(known: PrinterState, scatter: form.Scatter) -> None:
+def scatter(known: Printer, scatter: form.Scatter) -> None:
     """Print the store of a vector to the entries of an array at the indices in another vector."""
     kind, width = _vector(known, scatter.value)
     vector, mask = type_of(kind, width), f"<{width} x i1> {known.values[scatter.mask]}"
@@ -400,7 +391,7 @@ def scatter(known: PrinterState, scatter: form.Scatter) -> None:
     known.e.do(f"call void @llvm.masked.scatter.{suffix(vector)}.v{width}p0({arguments}, i32 8, {mask})")
 
 
-def store(known: PrinterState, store: form.VectorStore) -> None:
+def store(known: Printer, store: form.VectorStore) -> None:
     """Print the store of a vector to adjacent entries of an array."""
     kind, value = _vector(known, store.value), known.values[store.value]
     address, mask = _place(known, store, kind)

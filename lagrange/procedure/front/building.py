@@ -60,7 +60,7 @@ class Tracer(Names):
     `results` are the kinds of the procedure's results.
     """
 
-    Ended = Ended
+    Ended, local = Ended, Local
 
     # --- control flow
 
@@ -307,10 +307,6 @@ class Tracer(Names):
         return upper if lower is None or (not isinstance(lower, Value) and lower == 0) else upper - lower
 
     # --- calls
-
-    def local(self, function: Callable[..., Any]) -> Local:
-        """Return a function that is defined inside another one as a `Local`, which is inlined into its callers."""
-        return Local(function)
 
     def call(self, function: Any, /, *args: Any, **options: Any) -> Any:
         """Return the result of a call. A procedure is called by a statement; an inline function is inlined."""

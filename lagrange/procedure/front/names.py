@@ -110,8 +110,10 @@ def is_varied(value: Any) -> bool:
 class Names:
     """The part of the tracer, which builds a procedure, that manages Python names and their values."""
 
+    missing = Missing
+
     def __init__(self, p: Builder, results: Sequence[Kind]) -> None:
-        self.p, self.results = p, results
+        self.p, self.results, self.note = p, results, p.note
         self.iterations: Any = None
         self.handed: list[Variable] = []
         """Variables of the open branches and loops. After one has ended, setting a name creates a new value."""
@@ -119,10 +121,6 @@ class Names:
         self.parameters = {parameter.ref for parameter in p.parameters}
 
     # --- names
-
-    def missing(self, name: str) -> Missing:
-        """Return the placeholder for a name without a value."""
-        return Missing(name)
 
     def read(self, value: Any) -> Any:
         """Return the value of a name; if it is a variable, its present value. Raises Error if the name has no value."""
@@ -191,10 +189,6 @@ class Names:
         if isinstance(value, tuple) and value and all(kind_of(entry) is not None for entry in value):
             return tuple(self.varied(f"{name}{i}", entry) for i, entry in enumerate(value))
         return value if isinstance(value, Variable) or kind_of(value) is None else self.p.variable(value, name)
-
-    def note(self, said: str) -> None:
-        """Add a comment to the procedure."""
-        self.p.note(said)
 
     def is_flag(self, value: Any) -> Flag:
         """Return a condition as a flag. Raises Error for a value that is not a flag."""
