@@ -113,7 +113,8 @@ class LlvmEventSteps:
         """
         if memory is not self._memory:
             self._memory = memory
-            self._call.give(**_of_memory(memory))
+            self._call.give(**{name: getattr(memory, name) for name in STANDING})
+            self._call.give(review=memory.review, event_run=memory.run)
         function = self._driver.function(state)
         if function is not self._function or state is not self._state:
             self._function, self._state = function, state
@@ -124,12 +125,6 @@ class LlvmEventSteps:
         code = self._call()
         self._driver.count(max(0, state.integers[DriverState.STEPS] - before))
         return int(code)
-
-
-def _of_memory(memory: StepEventMemory) -> dict[str, Any]:
-    """Return the arrays and records of `memory` that the compiled loop takes as arguments, by name."""
-    arrays = {name: getattr(memory, name) for name in STANDING}
-    return {**arrays, "review": memory.review, "event_run": memory.run}
 
 
 SCALARS: Mapping[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
@@ -163,7 +158,8 @@ def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False, b
     `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints. `by_value` is
     true if the law has a kernel that takes a small state in registers.
     """
-    small = by_value and fit(dimension) and not LAWS[step.law].through_memory
+    # A function of three vectors has too many numbers for registers.
+    small = by_value and fit(dimension) and LAWS[step.law].inputs <= 2
     return Layout(step, dimension, block=STORED_TOGETHER, in_registers=small, projected=projected)
 
 

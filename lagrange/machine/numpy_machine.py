@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 from lagrange.algorithm.dense.block import StepPolynomial
@@ -18,17 +17,6 @@ from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import LAWS, StepProgram
-
-
-@lru_cache(maxsize=64)
-def printed_loop(step: StepProgram, dimension: int, projected: bool) -> tuple[PrintedProcedure, Layout]:
-    """Return the loop over the steps of a method as printed Python, and the layout of its vectors in memory.
-
-    The layout has no padding. `dimension` is the length 2n of a state. `projected` is true if steps are projected
-    onto constraints.
-    """
-    layout = Layout(step, dimension, block=1, projected=projected)
-    return PrintedProcedure(steps_of(layout)), layout
 
 
 @dataclass(frozen=True)
@@ -51,7 +39,8 @@ class NumpyMachine:
         `law` is the program that steps call. `projected` is true if steps are projected onto constraints. A loop is
         printed once per process.
         """
-        return printed_loop(step, LAWS[step.law].dimension(law.states), projected)
+        layout = Layout(step, LAWS[step.law].dimension(law.states), block=1, projected=projected)
+        return called(steps_of(layout)), layout
 
     def callback(self, kernel: Kernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
         """Return a kernel as a Python function for printed procedures, with the array of parameters that it reads."""

@@ -4,7 +4,7 @@ Names are generated here and literals are exact, so no text of a user is ever ru
 infinite, as in machine code: operations that would raise in Python call a function of `interpreter.OPERATIONS`. `fma`
 rounds the product and the sum separately.
 
-For procedures with loops over long vectors, `arrays_source` prints each `each` loop as operations on whole arrays.
+For procedures with loops over long vectors, `arrays_loaded` prints each `each` loop as operations on whole arrays.
 """
 
 from __future__ import annotations
@@ -195,17 +195,13 @@ AS_WRITTEN = ("add", "sub", "mul", "neg", "abs", "fma", "fnma", "less", "less_eq
 """Operations that Python writes alike for arrays and numbers."""
 
 
-def arrays_source(procedure: Procedure) -> str:
-    """Return the Python source of a procedure and of all procedures that it calls, with callees first."""
-    return "\n\n".join(_ArrayPrinter(printed).function() for printed in (*procedure.callees, procedure))
-
-
 def arrays_loaded(procedure: Procedure) -> Callable[..., Any]:
     """Return a procedure as a Python function of numbers and one-dimensional NumPy arrays."""
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items()}
     names |= {f"_all_{op}": function for op, function in AT_ONCE.items()}
     names |= {"_part": _part, "_reals": np.empty, "_largest": _largest, "nan": math.nan, "inf": math.inf}
-    return defined(arrays_source(procedure), procedure.name, names)
+    source = "\n\n".join(_ArrayPrinter(printed).function() for printed in (*procedure.callees, procedure))
+    return defined(source, procedure.name, names)
 
 
 def _part(array: Any, start: int) -> Any:

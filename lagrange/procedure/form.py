@@ -520,11 +520,6 @@ def transitive_callees(procedures: Sequence[Procedure], elsewhere: Sequence[Proc
     return list(reached)
 
 
-def assigned(block: Block) -> tuple[int, ...]:
-    """Return the ids of the variables that a block sets, in order."""
-    return tuple(dict.fromkeys(statement.variable for statement in walk(block) if isinstance(statement, Set)))
-
-
 Signature = tuple[tuple[Kind, ...], Kind]
 
 

@@ -42,7 +42,8 @@ def local(equations: Equations) -> Named:
     """
     e, graph, start = equations, equations.graph, local_inputs(equations)["start"]
     rates, coordinates, velocities, known = [*e.rate], [*e.q], [*e.v], {}
-    turned = [[e.q.index(entry) for entry in quaternion] for quaternion in _quaternions(e)]
+    names = dict.fromkeys(name for name in map(rotation_name, e.leaves) if name is not None)
+    turned = [[e.q.index(e.leaves[entry]) for entry in rotation_of(name).quaternion] for name in names]
     for rows in turned:
         q, Q, V = ([part[i] for i in rows] for part in (start, e.q, e.v))
         w = [2 * rate for rate in _quotient(V, q)]
@@ -59,12 +60,6 @@ def local(equations: Equations) -> Named:
         for i, entry in zip(rows, product(q, (graph.zero, *_quotient(pushed, Q))), strict=True):
             accelerations[i] = entry
     return {"rates": rates, "accelerations": accelerations, "coordinates": coordinates, "velocities": velocities}
-
-
-def _quaternions(equations: Equations) -> list[list[Node]]:
-    """Return for each rotation of the system the four coordinates of its quaternion."""
-    names = dict.fromkeys(name for name in map(rotation_name, equations.leaves) if name is not None)
-    return [[equations.leaves[q] for q in rotation_of(name).quaternion] for name in names]
 
 
 def _quotient(a: Sequence[Node], q: Sequence[Node]) -> list[Node]:

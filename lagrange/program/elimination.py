@@ -87,11 +87,6 @@ class Elimination:
         """Half bandwidth of the matrix that is factored with pivoting, in the order of `ranks`."""
         return max((abs(self.ranks[i] - self.ranks[j]) for i, j in self.entries), default=0)
 
-    def band_place(self, i: int, j: int) -> int:
-        """Return the index of matrix entry (i, j) in the band array of a factorization with pivoting."""
-        first, second = sorted((self.ranks[i], self.ranks[j]))
-        return first * self.band + second
-
     @property
     def operations(self) -> int:
         """Approximate number of multiplications of the factorization."""

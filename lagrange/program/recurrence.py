@@ -87,7 +87,9 @@ class RecurrenceBuilder:
         counts: Counter[tuple[Node, Node]] = Counter()
         for node in order:
             if node.kind is Kind.PRODUCT:
-                factors = _moving(node)
+                # The factors that are not constant, those of coordinates alone first.
+                moving = (a for a in node.args if a.binding > Binding.PARAMETER)
+                factors = sorted(moving, key=lambda f: (f.binding, f.id))
                 weight = len(order) if len(factors) == 2 else 1
                 pairs = combinations(factors, 2) if len(factors) <= LONGEST_SHARED else ()
                 counts.update(dict.fromkeys(pairs, weight))
@@ -338,11 +340,6 @@ def known_node(node: Node | None) -> Node:
 
 def _is_divisor(node: Node) -> bool:
     return node.kind is Kind.POWER and node.data == -1
-
-
-def _moving(product: Node) -> list[Node]:
-    """Return the factors of a product that are not constant. Factors of coordinates alone come first."""
-    return sorted((a for a in product.args if a.binding > Binding.PARAMETER), key=lambda f: (f.binding, f.id))
 
 
 FunctionRule = Callable[["RecurrenceBuilder", Node], int]

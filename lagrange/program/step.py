@@ -68,14 +68,6 @@ class Law:
     derivative: str = ""
     inputs: int = 2
 
-    @property
-    def through_memory(self) -> bool:
-        """True if calls of the function pass arrays in memory, for states of any size.
-
-        A function of three vectors has too many numbers for registers.
-        """
-        return self.inputs > 2
-
     def dimension(self, numbers: int) -> int:
         """Return the length 2n of the state, for a quantity whose inputs have `numbers` entries in total."""
         return 2 * numbers // self.inputs

@@ -51,7 +51,8 @@ def write_band(p: Builder, plan: Elimination, a: Entries, to: Memory) -> None:
         with p.each(size, width=1) as k:
             to[k] = 0.0
     for (i, j), value in a.items():
-        to[plan.band_place(i, j)] = value
+        first, second = sorted((plan.ranks[i], plan.ranks[j]))
+        to[first * plan.band + second] = value
 
 
 def _trusted(

@@ -186,12 +186,11 @@ class SeriesFunctions:
     projection: Any
 
 
-def series_functions(layout: TaylorLayout) -> Bundle:
-    """Return the type of a parameter that has the functions of a Taylor run, a `SeriesFunctions`."""
-    return Bundle(SeriesFunctions, {"jet": JET, "projection": CORRECTIONS if layout.projected else None})
-
-
-@procedure(of=series_functions, t=lambda: Array(size=1), y=lambda layout: Array(size=layout.dimension))
+@procedure(
+    of=lambda layout: Bundle(SeriesFunctions, {"jet": JET, "projection": CORRECTIONS if layout.projected else None}),
+    t=lambda: Array(size=1),
+    y=lambda layout: Array(size=layout.dimension),
+)
 def taylor_run(
     of: SeriesFunctions,
     t: Out,

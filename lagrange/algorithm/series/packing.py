@@ -230,7 +230,7 @@ def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packin
     packer = _Packer(program, lanes)
     groups = _groups(program, packer.level)
     if aligned:
-        packer.align(list(groups.values()))
+        packer.alignment = Alignment(program, list(groups.values()), lambda count: -(-count // ALIGNED_BLOCK))
     coordinates = tuple(packer.chunks("coordinate", list(range(program.dimension))))
     unknowns = [packer.unknowns(stage) for stage in program.stages]
     made = {group: packer.chunks(group.op, members) for group, members in groups.items()}
@@ -321,10 +321,6 @@ class _Packer:
         self.level = levels(program)
         self.position: dict[int, int] = {}
         self.alignment: Alignment | None = None
-
-    def align(self, groups: Sequence[list[int]]) -> None:
-        """Prepare to make values of `groups` adjacent that are read together, by an `Alignment`."""
-        self.alignment = Alignment(self.program, groups, lambda count: -(-count // ALIGNED_BLOCK))
 
     def unknowns(self, stage: Stage) -> tuple[Chunk, ...]:
         """Return the chunks of the unknowns of a linear system. Velocities have separate chunks."""

@@ -193,7 +193,9 @@ def choose_exponent(
     if not layout.crossing:
         first, second = radius(sizes, 1, order), radius(sizes, 0, order)
         least = lesser(least, (first if first > second else second) + RADIUS_FRACTION)
-    before = fma(sizes[1], minus_one_over(less(order, 1)), leeway(digits, order))
+    # With the leeway a step stays within the bound of the row before the last, taken as the last one.
+    leeway = larger(fma(digits, minus_one_over(order) - minus_one_over(less(order, 1)), -GUARD), 0.0)
+    before = fma(sizes[1], minus_one_over(less(order, 1)), leeway)
     result = lesser(smaller(before, sizes[0] * minus_one_over(order)), least)
     if unlikely(ends(order, result)):
         result = bound_by_earlier_rows(rtol, floors, result, work, order, layout=layout)
@@ -204,17 +206,6 @@ def choose_exponent(
 def lesser(a: float, b: float) -> float:
     """Return the smaller of two numbers, the first if the second is NaN."""
     return b if b < a else a
-
-
-@inline
-def leeway(digits: float, order: int) -> float:
-    """Return the factor by which a step may exceed the bound of the row before the last, as a binary logarithm.
-
-    Rows are the coefficients of one order. Up to this factor, the step stays within the bound of that row taken
-    as the last one. The logarithm is reduced by `GUARD`, and is zero if the order suits the tolerance. `digits`
-    is minus the binary logarithm of the tolerance.
-    """
-    return larger(fma(digits, minus_one_over(order) - minus_one_over(less(order, 1)), -GUARD), 0.0)
 
 
 @inline

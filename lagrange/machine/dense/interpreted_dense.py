@@ -12,7 +12,6 @@ from numpy.polynomial.polynomial import polyval
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import StepPolynomial, block_size
-from lagrange.algorithm.dense.polynomials import series_polynomial
 from lagrange.machine.backend import BlockPolynomial, FloatArray, Kernel, Places, SingularMassMatrix
 from lagrange.machine.python_source import arrays_loaded, loaded
 from lagrange.procedure.form import Procedure
@@ -30,7 +29,8 @@ NONE = np.empty(0).data
 
 
 @lru_cache(maxsize=64)
-def _loaded(procedure: Procedure, *, by_arrays: bool) -> Callable[..., Any]:
+def printed(procedure: Procedure, *, by_arrays: bool) -> Callable[..., Any]:
+    """Return a procedure as a Python function: of NumPy arrays if `by_arrays`, else of numbers and arrays."""
     return arrays_loaded(procedure) if by_arrays else loaded(procedure)
 
 
@@ -139,21 +139,8 @@ def _write_steps(
     derivative = None if jacobian is None else _by_columns(jacobian, parameters)
     few = columns * n <= SHORT_BLOCK
     table, *rest = [array.data if few else array for array in (kind.table, *arrays)]
-    write = _loaded(kind.procedure, by_arrays=not few)
+    write = printed(kind.procedure, by_arrays=not few)
     write(law, NONE, derivative, NONE, _invert, table, kind.stages, kind.degree, n, columns, *rest)
-
-
-def write_series(
-    jet: Callable[..., bool], numbers: FloatArray, dimension: int, width: int, order: int, *arrays: Any
-) -> None:
-    """Write the polynomials of a block of Taylor steps.
-
-    `jet` is the function that computes Taylor coefficients, and `numbers` are its parameters. `dimension` is 2n,
-    `order` that of the series, and `width` the length of a row of the series. `arrays` are the number of steps, the
-    steps and their neighbours, working memory, and the coefficients to write.
-    """
-    write = _loaded(series_polynomial.form(), by_arrays=True)
-    write(jet, numbers, None, order, width, dimension, dimension, *arrays)
 
 
 def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:

@@ -62,8 +62,8 @@ from lagrange.procedure.form import (
     Statement,
     Type,
     Vector,
-    assigned,
     transitive_callees,
+    walk,
 )
 from lagrange.procedure.visit import Visitor, visits
 
@@ -529,7 +529,8 @@ class Printer(Visitor):
         The condition ends with a branch to the label NAME.body or NAME.end. `index` is the id of a counter, or None.
         """
         e, name = self.e, self.e.fresh("loop")
-        carried = [variable for variable in assigned(inside) if variable in self.held]
+        variables = dict.fromkeys(s.variable for s in walk(inside) if isinstance(s, form.Set))
+        carried = [variable for variable in variables if variable in self.held]
         before, initial = e.block, dict(self.held)
         e.jump(f"{name}.head")
         e.label(f"{name}.head")

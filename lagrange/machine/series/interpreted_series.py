@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.dense.polynomials import series_polynomial
 from lagrange.algorithm.series.cost import Cost, best_order
 from lagrange.algorithm.taylor.loop import taylor_steps
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
 from lagrange.machine.copies import Shared
-from lagrange.machine.dense.interpreted_dense import NumpyDense, write_series
+from lagrange.machine.dense.interpreted_dense import NumpyDense, printed
 from lagrange.machine.kernel.python_kernel import kernel_in_python
-from lagrange.machine.python_source import PrintedProcedure
+from lagrange.machine.python_source import PrintedProcedure, called
 from lagrange.machine.series.interpreted_jet import Jet
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
-
-
-@lru_cache(maxsize=64)
-def printed_steps(layout: TaylorLayout) -> PrintedProcedure:
-    """Return the loop over Taylor steps as printed Python, for series with a given layout in memory."""
-    return PrintedProcedure(taylor_steps.form(layout=layout))
 
 
 class NumpySeries(Shared):
@@ -63,7 +58,7 @@ class NumpySeries(Shared):
     @property
     def loop(self) -> PrintedProcedure:
         """The loop over Taylor steps, printed as Python."""
-        return printed_steps(self.layout)
+        return called(taylor_steps.form(layout=self.layout))
 
     @property
     def function(self) -> Callable[..., bool]:
@@ -132,8 +127,9 @@ def _write_polynomials(series: NumpySeries, order: int, parameters: FloatArray, 
 
     `arrays` are the number of steps, the steps and their neighbours, work memory, and the coefficients to write.
     """
-    n = series.program.states
-    write_series(_between_arrays(series), parameters, n, n + len(series.program.watched), order, *arrays)
+    n, jet = series.program.states, _between_arrays(series)
+    write = printed(series_polynomial.form(), by_arrays=True)
+    write(jet, parameters, None, order, n + len(series.program.watched), n, n, *arrays)
 
 
 def _between_arrays(series: NumpySeries) -> Callable[..., bool]:
