@@ -9,8 +9,8 @@ therefore be printed as LLVM, C or Python, and `interpreter` runs it directly.
     wholes     64-bit signed integers: counts and indices
     flags      true or false
 
-A vector has 2, 4 or 8 entries of one kind. Operations on vectors work entry by entry. Printers without vectors print
-procedures from which `unpacked` has removed them.
+A vector has 2, 4 or 8 entries of one kind. Operations on vectors work entry by entry. Printers of source text have no
+vectors: for them procedures are built with single values.
 """
 
 from __future__ import annotations
@@ -463,7 +463,7 @@ class Procedure:
 
 
 VECTOR_STATEMENTS = (VectorLet, Reduce, VectorLoad, Gather, VectorStore, Scatter)
-"""Statements on vectors, which `unpacked` replaces."""
+"""Statements on vectors, which printers of source text do not have."""
 
 _BLOCKS: Mapping[type, tuple[str, ...]] = {
     When: ("then", "otherwise"),

@@ -26,7 +26,6 @@ from lagrange.procedure.form import (
     Procedure,
     Type,
 )
-from lagrange.procedure.rewrite import unpacked
 from lagrange.procedure.spelling import ATOM, Syntax
 from lagrange.procedure.visit import Visitor, loop_depth, reads, uses_of, visits
 
@@ -44,7 +43,7 @@ class SourcePrinter(Visitor, Syntax):
     """
 
     def __init__(self, procedure: Procedure, taken: Iterable[str] = ()) -> None:
-        self.procedure = procedure = unpacked(procedure)
+        self.procedure = procedure
         self.lines: list[str] = []
         self.texts: dict[int, tuple[int, str]] = {}
         """The text of each value, and its binding strength."""

@@ -84,25 +84,6 @@ def _numbers(value: Any) -> Iterator[int]:
             return
 
 
-def renamed(statement: Statement, names: Mapping[int, int]) -> Statement:
-    """Return a statement in which the ids that it reads are replaced: `names` maps old ids to new ones."""
-    if names.keys().isdisjoint(operands(statement)):
-        return statement
-    read = {name: _renamed(getattr(statement, name), names) for name in FIELDS[type(statement)].read}
-    return statement._replace(**read)
-
-
-def _renamed(value: Any, names: Mapping[int, int]) -> Any:
-    match value:
-        case int():
-            return names.get(value, value)
-        case form.Fold(value=first, factor=second):
-            return value._replace(value=names.get(first, first), factor=_renamed(second, names))
-        case tuple():
-            return tuple(_renamed(part, names) for part in value)
-    return value
-
-
 def reads(block: Block) -> frozenset[int]:
     """Return the ids that the statements of a block read, including inner blocks."""
     return frozenset(ref for statement in walk(block) for ref in operands(statement))
@@ -151,8 +132,8 @@ def visits(*kinds: type) -> Callable[[Method], Method]:
 class Visitor:
     """Base class of passes over a procedure: calls the method for the class of each statement.
 
-    A subclass has one method for each class of statements, marked by `visits`. A visitor of `unpacked` procedures needs
-    none for vectors.
+    A subclass has one method for each class of statements, marked by `visits`. It needs none for vectors if it prints
+    procedures without vectors only.
     """
 
     _methods: ClassVar[Mapping[type, str]] = {}
@@ -176,5 +157,5 @@ class Visitor:
         Raises LagrangeError for a statement on vectors without a method.
         """
         if type(statement) not in self._methods:
-            raise LagrangeError(f"{type(self).__name__} reads no vectors: hand it an unpacked procedure.")
+            raise LagrangeError(f"{type(self).__name__} prints no vectors: build the procedure with single values.")
         return getattr(self, self._methods[type(statement)])(statement)

@@ -1,4 +1,4 @@
-"""Short vectors: interpreter, machine code, numbers in their place and printed Python agree to the last bit."""
+"""Short vectors: interpreter and machine code agree to the last bit."""
 
 from __future__ import annotations
 
@@ -12,22 +12,18 @@ import pytest
 
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import module
-from lagrange.machine.python_source import loaded
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import (
     FLAG,
     OPERATIONS,
     REAL,
-    VECTOR_STATEMENTS,
     WHOLE,
     WIDTHS,
     Kind,
     Procedure,
     Vector,
-    walk,
 )
 from lagrange.procedure.interpreter import run
-from lagrange.procedure.rewrite import unpacked
 from lagrange.procedure.values import Entries
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 from tests.procedure.test_conformance import bits
@@ -150,12 +146,4 @@ def interpreted(procedure: Procedure) -> list[Any]:
 def test_random_vectors_are_the_same_everywhere(seed: int) -> None:
     procedure = RandomVectors(seed, fused=seed % 2 == 0).procedure()
     expected = interpreted(procedure)
-    plain = unpacked(procedure)
-    assert not any(isinstance(one, VECTOR_STATEMENTS) for one in walk(plain.body))
-    assert interpreted(plain) == expected
     assert in_machine_code(procedure, memory(), optimize=seed % 4 < 2) == expected
-    if seed % 2:
-        arguments = memory()
-        lists = [array.tolist() for array in arguments[2:]]
-        loaded(procedure)(*arguments[:2], *lists)
-        assert [bits(value) for one in lists for value in one] == expected
