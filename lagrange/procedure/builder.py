@@ -250,14 +250,6 @@ class Builder:
         """Return the larger of two numbers, NaN if either is NaN."""
         return self.operation("max", a, b)
 
-    def smaller(self, a: Any, b: Any) -> Any:
-        """Return the smaller of two numbers, NaN if either is NaN."""
-        return self.operation("min", a, b)
-
-    def magnitude(self, a: Any, b: Any) -> Any:
-        """Return the larger of |a| and |b|, NaN if either is NaN."""
-        return self.operation("magnitude", a, b)
-
     def choose(self, condition: Flag, a: Any, b: Any) -> Any:
         """Return `a` if the condition holds, else `b`. Both are computed."""
         return self.operation("select", condition, a, b)

@@ -171,10 +171,7 @@ class VectorLet(NamedTuple):
 
 
 class Reduce(NamedTuple):
-    """A single value from a vector: the `sum` of its numbers, whether `any` flag is true, or the `entry` at an index.
-
-    A sum adds entries k and k + width/2 for all k of the first half, and repeats this until one value is left.
-    """
+    """A single value from a vector: whether `any` flag is true, or the `entry` at an index."""
 
     ref: int
     kind: Kind
@@ -184,16 +181,12 @@ class Reduce(NamedTuple):
 
 
 class VectorLoad(NamedTuple):
-    """Adjacent entries of an array as a vector, from index `place` on.
-
-    Where the mask is false, memory is not read and the entry of the vector is zero.
-    """
+    """Adjacent entries of an array as a vector, from index `place` on."""
 
     ref: int
     vector: Vector
     array: int
     place: int
-    mask: int | None = None
 
 
 class Gather(NamedTuple):
@@ -209,15 +202,13 @@ class Gather(NamedTuple):
 class VectorStore(NamedTuple):
     """Write a vector to adjacent entries of an array, from index `place` on, where the mask is true.
 
-    `all_there` promises that all these entries exist. Then entries where the mask is false may be read and written back
-    unchanged.
+    All these entries exist: those where the mask is false may be read and written back unchanged.
     """
 
     array: int
     place: int
     value: int
     mask: int | None = None
-    all_there: bool = False
 
 
 class Scatter(NamedTuple):

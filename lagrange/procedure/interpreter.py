@@ -125,23 +125,18 @@ def _vector(let: form.VectorLet, known: Environment) -> tuple[Any, ...]:
 
 
 def _reduced(reduce: form.Reduce, known: Environment) -> Any:
-    entries = known[reduce.vector]
-    if reduce.op == "entry":
-        return entries[reduce.place]
-    if reduce.op == "any":
-        return any(entries)
-    while len(entries) > 1:
-        half = len(entries) // 2
-        entries = tuple(a + b for a, b in zip(entries[:half], entries[half:], strict=True))
-    return entries[0]
+    return any(known[reduce.vector]) if reduce.op == "any" else known[reduce.vector][reduce.place]
 
 
-def _gathered(load: form.VectorLoad | form.Gather, known: Environment) -> tuple[Any, ...]:
-    array, number, width = known[load.array], float if load.vector.kind is REAL else int, load.vector.width
-    mask: Sequence[bool] = (True,) * width if load.mask is None else known[load.mask]
-    first = 0 if isinstance(load, form.Gather) else known[load.place]
-    indices = known[load.places] if isinstance(load, form.Gather) else range(first, first + width)
-    return tuple(number(array[index] if read else 0) for index, read in zip(indices, mask, strict=True))
+def _loaded(load: form.VectorLoad, known: Environment) -> tuple[Any, ...]:
+    array, number = known[load.array], float if load.vector.kind is REAL else int
+    return tuple(number(array[known[load.place] + k]) for k in range(load.vector.width))
+
+
+def _gathered(load: form.Gather, known: Environment) -> tuple[Any, ...]:
+    array, number = known[load.array], float if load.vector.kind is REAL else int
+    mask: Sequence[bool] = (True,) * load.vector.width if load.mask is None else known[load.mask]
+    return tuple(number(array[index] if read else 0) for index, read in zip(known[load.places], mask, strict=True))
 
 
 def _scatter(array: Any, indices: Sequence[int], entries: Sequence[Any], mask: Sequence[bool] | None) -> None:
@@ -154,7 +149,7 @@ _VALUES: Mapping[type, Callable[[Any, Environment], Any]] = {
     form.Let: lambda s, known: s.data if s.op == CONSTANT else OPERATIONS[s.op](*[known[arg] for arg in s.args]),
     form.VectorLet: _vector,
     form.Reduce: _reduced,
-    form.VectorLoad: _gathered,
+    form.VectorLoad: _loaded,
     form.Gather: _gathered,
     form.Reserve: lambda s, known: Span([math.nan if s.array.kind is REAL else 0] * (s.array.size + s.array.room)),
     form.ReserveRecord: lambda s, known: s.record.structure(),

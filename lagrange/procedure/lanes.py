@@ -302,7 +302,7 @@ class _Rewriter(Visitor, MemberStatements):
                 "give each member its own element."
             )
         mask = None if held.level == self.level else self.mask
-        self.out.append(form.VectorStore(held.ref, self.index(held, index), value, mask, all_there=mask is not None))
+        self.out.append(form.VectorStore(held.ref, self.index(held, index), value, mask))
 
     @visits(form.Read, form.Write)
     def field(self, statement: form.Read | form.Write) -> None:

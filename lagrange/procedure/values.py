@@ -117,16 +117,6 @@ class Entries:
         """Return the vector of the entries at the indices. For one index, return the single entry."""
         return self.builder.permuted([self], indices)
 
-    @property
-    def sum(self) -> Any:
-        """Sum of the entries. The two halves are added entry by entry, and so on, until one value is left."""
-        return self.builder.made(self.vector.kind, lambda ref: form.Reduce(ref, self.vector.kind, "sum", self.ref))
-
-    @property
-    def any(self) -> Flag:
-        """Flag that is true if any entry is true."""
-        return Flag.of(self.builder.made(FLAG, lambda ref: form.Reduce(ref, FLAG, "any", self.ref)))
-
 
 class Variable:
     """A variable of a procedure, a number or a vector. Its attribute `value` reads and sets it."""
@@ -165,26 +155,15 @@ class Memory:
         index_ref = self.builder.operand(index, WHOLE)
         self.builder.add(form.Store(self.ref, index_ref, self.builder.operand(value, self.array.kind)))
 
-    def entries(self, index: Any, width: int, mask: Entries | None = None) -> Entries:
-        """Return `width` adjacent entries from an index on, as a vector.
-
-        Where the mask is false, the entry of the vector is zero.
-        """
+    def entries(self, index: Any, width: int) -> Entries:
+        """Return `width` adjacent entries from an index on, as a vector."""
         vector, start = Vector(self.array.kind, width), self.builder.operand(index, WHOLE)
-        held = None if mask is None else mask.ref
-        made: Entries = self.builder.made(vector, lambda ref: form.VectorLoad(ref, vector, self.ref, start, held))
+        made: Entries = self.builder.made(vector, lambda ref: form.VectorLoad(ref, vector, self.ref, start))
         return made
 
-    def gathered(self, indices: Entries) -> Entries:
-        """Return the vector of the entries at the indices in a vector."""
-        vector = Vector(self.array.kind, indices.vector.width)
-        made: Entries = self.builder.made(vector, lambda ref: form.Gather(ref, vector, self.ref, indices.ref))
-        return made
-
-    def put(self, index: Any, value: Entries, mask: Entries | None = None) -> None:
-        """Write a vector to adjacent entries from an index on, where the mask is true."""
-        start = self.builder.operand(index, WHOLE)
-        self.builder.add(form.VectorStore(self.ref, start, value.ref, None if mask is None else mask.ref))
+    def put(self, index: Any, value: Entries) -> None:
+        """Write a vector to adjacent entries from an index on."""
+        self.builder.add(form.VectorStore(self.ref, self.builder.operand(index, WHOLE), value.ref))
 
     def at(self, start: Any) -> Memory:
         """Return the part of the array from index `start` on."""

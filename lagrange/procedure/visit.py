@@ -26,7 +26,7 @@ FIELDS: Mapping[type, Fields] = {
     form.SineCosine: Fields(("angle", "angle"), ("sine", "cosine")),
     form.VectorLet: Fields(("args",), ("ref",)),
     form.Reduce: Fields(("vector",), ("ref",)),
-    form.VectorLoad: Fields(("array", "place", "mask"), ("ref",)),
+    form.VectorLoad: Fields(("array", "place"), ("ref",)),
     form.Gather: Fields(("array", "places", "mask"), ("ref",)),
     form.VectorStore: Fields(("array", "place", "value", "mask")),
     form.Scatter: Fields(("array", "places", "value", "mask")),

@@ -120,7 +120,7 @@ class RandomProcedure:
     def place(self) -> Any:
         """Return a whole number that is a place of the arrays."""
         p = self.p
-        return p.smaller(p.larger(self.pick(WHOLE), 0), SIZE - 1)
+        return p.operation("min", p.larger(self.pick(WHOLE), 0), SIZE - 1)
 
     def statements(self, count: int, depth: int) -> None:
         ways = [self.compute] * 6 + [self.memory] * 3 + [self.change] * 3 + [self.call]
@@ -163,7 +163,7 @@ class RandomProcedure:
         exponent = p.operation("exponent", x)
         self.keep(exponent)
         self.keep(p.operation("mantissa", p.choose(x.equals(x), x, 1.0)))
-        self.keep(p.operation("two_to", p.smaller(p.larger(exponent, -1022), 1023)))
+        self.keep(p.operation("two_to", p.operation("min", p.larger(exponent, -1022), 1023)))
 
     def memory(self, depth: int) -> None:
         way = self.random.randrange(4)

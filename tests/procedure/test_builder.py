@@ -237,7 +237,7 @@ def test_the_largest_magnitude_is_that_of_all_numbers_or_nan() -> None:
     n, x = p.given("n", WHOLE), p.array("x", room=4, read=True)
     with p.each(n) as i:
         size = p.fold("magnitude", x[i])
-    p.leave(size, p.magnitude(x[0], x[1]))
+    p.leave(size, p.operation("magnitude", x[0], x[1]))
     made = p.finish(REAL, REAL)
     for call in (lambda *given: run(made, *given), loaded(made)):
         assert call(3, [2.0, -3.0, 1.0]) == (3.0, 3.0)

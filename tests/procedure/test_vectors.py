@@ -12,6 +12,7 @@ import pytest
 
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import module
+from lagrange.procedure import form
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import (
     FLAG,
@@ -66,20 +67,25 @@ class RandomVectors:
             case 1:
                 places = self.pick(WHOLE, some.vector.width)
                 inside = self.p.entrywise("max", self.p.entrywise("min", places, SIZE - 1), 0)
-                self.made.append(draw.choice([self.data, self.places]).gathered(inside))
+                array, masks = draw.choice([self.data, self.places]), [None, self.pick(FLAG, some.width).ref]
+                vector, mask = Vector(array.array.kind, some.width), draw.choice(masks)
+                made = self.p.made(vector, lambda ref: form.Gather(ref, vector, array.ref, inside.ref, mask))
+                self.made.append(made)
             case 2:
-                mask = self.pick(FLAG, some.vector.width)
-                self.made.append(self.data.entries(draw.randrange(SIZE - 8), some.vector.width, mask))
+                self.made.append(self.data.entries(draw.randrange(SIZE - 8), some.width))
             case 3 if some.vector.kind is REAL:
-                self.data.put(self.n, some, self.pick(FLAG, some.vector.width))
-            case 4 if some.vector.kind is not FLAG:
-                self.made.append(self.p.broadcast(some.sum, draw.choice(WIDTHS[1:]), some.vector.kind))
+                first, mask = self.p.operand(self.n, WHOLE), self.pick(FLAG, some.width).ref
+                self.p.add(form.VectorStore(self.data.ref, first, some.ref, mask))
+            case 4 if some.vector.kind is REAL:
+                places = self.p.entrywise("max", self.p.entrywise("min", self.pick(WHOLE, some.width), SIZE - 1), 0)
+                self.p.add(form.Scatter(self.data.ref, places.ref, some.ref, self.pick(FLAG, some.width).ref))
             case 6 if some.vector.kind is REAL:
                 self.made += self.p.sine_cosine(some * 0.0)
             case 7:
                 self.keep(some)
             case 5 if some.vector.kind is FLAG:
-                self.made.append(self.p.broadcast(some.any, draw.choice(WIDTHS[1:])))
+                flag = self.p.made(FLAG, lambda ref: form.Reduce(ref, FLAG, "any", some.ref))
+                self.made.append(self.p.broadcast(flag, draw.choice(WIDTHS[1:])))
             case _:
                 kinds, _ = draw.choice(OPERATIONS[op := draw.choice(self.ops)])
                 self.made.append(self.p.entrywise(op, *(self.pick(kind, some.vector.width) for kind in kinds)))

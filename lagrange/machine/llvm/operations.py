@@ -46,7 +46,6 @@ def declarations() -> str:
             for vector in (kind, type_of(WHOLE, lanes)):
                 name = suffix(vector)
                 lines.append(f"declare void @llvm.masked.store.{name}.p0({vector}, ptr, i32, {mask})")
-                lines.append(f"declare {vector} @llvm.masked.load.{name}.p0(ptr, i32, {mask}, {vector})")
                 at = f"{name}.v{lanes}p0", f"<{lanes} x ptr>"
                 lines.append(f"declare {vector} @llvm.masked.gather.{at[0]}({at[1]}, i32, {mask}, {vector})")
                 lines.append(f"declare void @llvm.masked.scatter.{at[0]}({vector}, {at[1]}, i32, {mask})")

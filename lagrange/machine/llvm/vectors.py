@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -229,7 +229,8 @@ def printed(known: Printer, statement: form.VectorLet | form.Reduce | form.Vecto
         case form.Gather():
             return _gathered(known, statement)
         case form.VectorLoad():
-            return _loaded(known, statement)
+            array, place, kind = known.values[statement.array], known.values[statement.place], statement.vector.kind
+            return known.e.load(known.e.address(array, place, KINDS[kind]), type_of(*statement.vector))
 
 
 def _vector(known: Printer, ref: int) -> Vector:
@@ -286,8 +287,8 @@ def _moved(e: Emitter, kind: Kind, vector: str, count: int, sources: Mapping[int
 def _merged(e: Emitter, kind: Kind, a: str, b: str, chosen: frozenset[int], width: int) -> str:
     """Return vector a with the entries at the indices `chosen` replaced by those of vector b."""
     vector_type = type_of(kind, width)
-    indices = [width + k if k in chosen else k for k in range(width)]
-    return e.value(f"shufflevector {vector_type} {a}, {vector_type} {b}, {_listed(indices)}")
+    mask = ", ".join(f"i32 {width + k if k in chosen else k}" for k in range(width))
+    return e.value(f"shufflevector {vector_type} {a}, {vector_type} {b}, <{width} x i32> <{mask}>")
 
 
 def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single: Mapping[int, str], width: int) -> str:
@@ -311,36 +312,12 @@ def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single:
 
 
 def _reduced(known: Printer, reduce: form.Reduce) -> str:
-    """Emit what a `Reduce` statement takes from a vector, and return its operand.
-
-    It is the sum of the entries, one entry, or the flag that is true if any entry is true.
-    """
+    """Emit one entry of a vector, or the flag that is true if any entry is true, and return its operand."""
     e, value, (kind, width) = known.e, known.values[reduce.vector], _vector(known, reduce.vector)
     if reduce.op == "entry":
         return e.value(f"extractelement {type_of(kind, width)} {value}, i64 {reduce.place}")
-    if reduce.op == "any":
-        mask = e.value(f"bitcast <{width} x i1> {value} to i{width}")
-        return e.value(f"icmp ne i{width} {mask}, 0")
-    return _total(e, kind, value, width)
-
-
-def _total(e: Emitter, kind: Kind, vector: str, width: int) -> str:
-    """Emit the sum of the entries of a vector, in the order that `Reduce` defines, and return its operand."""
-    while width > 1:
-        whole, width = type_of(kind, width), width // 2
-        halves = [
-            e.value(f"extractelement {whole} {vector}, i64 {first}")
-            if width == 1
-            else e.value(f"shufflevector {whole} {vector}, {whole} poison, {_listed(range(first, first + width))}")
-            for first in (0, width)
-        ]
-        vector = spell(e, "add", (kind, kind), halves, width)
-    return vector
-
-
-def _listed(indices: Sequence[int]) -> str:
-    """Return indices of entries as the mask operand of LLVM's `shufflevector`."""
-    return f"<{len(indices)} x i32> <{', '.join(f'i32 {index}' for index in indices)}>"
+    mask = e.value(f"bitcast <{width} x i1> {value} to i{width}")
+    return e.value(f"icmp ne i{width} {mask}, 0")
 
 
 def _gathered(known: Printer, gather: form.Gather) -> str:
@@ -364,25 +341,6 @@ def _pointers(known: Printer, statement: form.Gather | form.Scatter, kind: Kind,
     return known.e.value(f"getelementptr {KINDS[kind]}, ptr {known.values[statement.array]}, {indices}")
 
 
-def _place(known: Printer, access: form.VectorLoad | form.VectorStore, vector: Vector) -> tuple[str, str]:
-    """Return the address of the first entry that is read or written, and the mask as an operand.
-
-    Without a mask the operand is an empty string.
-    """
-    address = known.e.address(known.values[access.array], known.values[access.place], KINDS[vector.kind])
-    return address, "" if access.mask is None else f"<{vector.width} x i1> {known.values[access.mask]}"
-
-
-def _loaded(known: Printer, load: form.VectorLoad) -> str:
-    """Emit the read of adjacent entries of an array as a vector, and return the operand of the result."""
-    address, mask = _place(known, load, load.vector)
-    vector = type_of(*load.vector)
-    if not mask:
-        return known.e.load(address, vector)
-    arguments = f"ptr {address}, i32 8, {mask}, {vector} zeroinitializer"
-    return known.e.value(f"call {vector} @llvm.masked.load.{suffix(vector)}.p0({arguments})")
-
-
 def scatter(known: Printer, scatter: form.Scatter) -> None:
     """Print the store of a vector to the entries of an array at the indices in another vector."""
     kind, width = _vector(known, scatter.value)
@@ -393,16 +351,11 @@ def scatter(known: Printer, scatter: form.Scatter) -> None:
 
 def store(known: Printer, store: form.VectorStore) -> None:
     """Print the store of a vector to adjacent entries of an array."""
-    kind, value = _vector(known, store.value), known.values[store.value]
-    address, mask = _place(known, store, kind)
-    vector = type_of(*kind)
-    if not mask:
-        known.e.store(value, address, vector)
-    elif store.all_there:
+    (kind, width), value = _vector(known, store.value), known.values[store.value]
+    vector = type_of(kind, width)
+    address = known.e.address(known.values[store.array], known.values[store.place], KINDS[kind])
+    if store.mask is not None:
         # Without `freeze` LLVM makes this a masked store, and later loads then wait until it has reached the cache.
         before = known.e.value(f"freeze {vector} {known.e.load(address, vector)}")
-        merged = known.e.value(f"select {mask}, {vector} {value}, {vector} {before}")
-        known.e.store(merged, address, vector)
-    else:
-        name = f"llvm.masked.store.{suffix(vector)}.p0"
-        known.e.do(f"call void @{name}({vector} {value}, ptr {address}, i32 8, {mask})")
+        value = known.e.value(f"select <{width} x i1> {known.values[store.mask]}, {vector} {value}, {vector} {before}")
+    known.e.store(value, address, vector)
