@@ -18,6 +18,7 @@ from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Procedure, R
 from lagrange.procedure.front.names import leaves
 from lagrange.procedure.interpreter import OPERATIONS as EXACT
 from lagrange.procedure.interpreter import run
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 Number_co = TypeVar("Number_co", float, int, covariant=True)
 Written = TypeVar("Written", float, int)
@@ -177,11 +178,6 @@ def generated(form: Procedure, *args: Any) -> Any:
     return results[0] if len(results) == 1 else results or None
 
 
-_LIBRARY = (
-    *("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "copysign", "exp", "log"),
-    *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "erf"),
-)
-
 OPERATION_OF: Mapping[Callable[..., Any], str] = {
     fma: "fma",
     larger: "max",
@@ -195,7 +191,7 @@ OPERATION_OF: Mapping[Callable[..., Any], str] = {
     mantissa: "mantissa",
     abs: "abs",
     math.pow: "power",
-    **{getattr(math, name): name for name in _LIBRARY},
+    **{getattr(math, name): name for name in (*ELEMENTARY, "sqrt", "atan2", "copysign")},
 }
 """For each function on numbers, the name of its operation in the form."""
 
