@@ -193,9 +193,12 @@ def choose_exponent(
     if not layout.crossing:
         first, second = radius(sizes, 1, order), radius(sizes, 0, order)
         least = lesser(least, (first if first > second else second) + RADIUS_FRACTION)
-    # With the leeway a step stays within the bound of the row before the last, taken as the last one.
-    leeway = larger(fma(digits, minus_one_over(order) - minus_one_over(less(order, 1)), -GUARD), 0.0)
-    before = fma(sizes[1], minus_one_over(less(order, 1)), leeway)
+    # A step stays within the bound of the row before the last, taken as the last one.
+    before = fma(
+        sizes[1],
+        minus_one_over(less(order, 1)),
+        larger(fma(digits, minus_one_over(order) - minus_one_over(less(order, 1)), -GUARD), 0.0),
+    )
     result = lesser(smaller(before, sizes[0] * minus_one_over(order)), least)
     if unlikely(ends(order, result)):
         result = bound_by_earlier_rows(rtol, floors, result, work, order, layout=layout)
