@@ -213,7 +213,9 @@ class Decisions:
             return self.power_seen
         if self._forceless and self.timeless is True:
             return True
-        return self._by_algebra(self._proven_powerless)
+        return self._by_algebra(
+            lambda stated: not stated.jumps(stated.time) and is_identity(stated.algebra, stated.power)
+        )
 
     @cached_property
     def power_seen(self) -> Verdict:
@@ -292,7 +294,7 @@ class Decisions:
         if self.constant_mass is not True:
             return self.constant_mass
         absent = not any(_depends_on(h, laws.v) for h in laws.bias)
-        return self._decided(absent, lambda point: _changes(laws.bias, point, laws.v), self._proven_position_only)
+        return self._decided(absent, lambda point: _changes(laws.bias, point, laws.v), _proven_position_only)
 
     def _decided(
         self,
@@ -406,29 +408,19 @@ class Decisions:
     def _stated(self) -> StatedAlgebra:
         return StatedAlgebra(self.statement, BUDGET)
 
-    def _proven_powerless(self, stated: StatedAlgebra) -> bool:
-        algebra, drag = stated.algebra, stated.read(self.statement.dissipation)
-        power = algebra.scale(algebra.differentiate(stated.lagrangian, stated.time), S.NegativeOne)
-        for force, v in zip(self.statement.forces, stated.v, strict=True):
-            pull = algebra.scale(algebra.differentiate(drag, v), S.NegativeOne)
-            applied = algebra.add(stated.read(force), pull)
-            power = algebra.add(power, algebra.multiply(applied, stated.symbol(v)))
-        return not stated.jumps(stated.time) and is_identity(algebra, power)
 
-    def _proven_position_only(self, stated: StatedAlgebra) -> bool:
-        algebra, drag = stated.algebra, stated.read(self.statement.dissipation)
-        sides = []
-        for i, p in enumerate(stated.momenta):
-            moved = [
-                algebra.multiply(algebra.differentiate(p, q), stated.symbol(v))
-                for q, v in zip(stated.q, stated.v, strict=True)
-            ]
-            slope = algebra.add(
-                algebra.differentiate(stated.lagrangian, stated.q[i]), stated.read(self.statement.forces[i])
-            )
-            moved += [algebra.differentiate(p, stated.time), algebra.differentiate(drag, stated.v[i])]
-            sides.append(algebra.add(algebra.scale(slope, S.NegativeOne), *moved))
-        return _still(stated, sides, stated.v)
+def _proven_position_only(stated: StatedAlgebra) -> bool:
+    """Return True if it is proven that the terms beside M a in the equations of motion do not contain velocities."""
+    algebra, minus = stated.algebra, S.NegativeOne
+    sides = [
+        algebra.add(
+            stated.at_constant_velocities(p),
+            algebra.scale(algebra.differentiate(stated.lagrangian, q), minus),
+            algebra.scale(force, minus),
+        )
+        for p, q, force in zip(stated.momenta, stated.q, stated.applied, strict=True)
+    ]
+    return _still(stated, sides, stated.v)
 
 
 def _free_of(stated: StatedAlgebra, symbol: Any) -> bool:

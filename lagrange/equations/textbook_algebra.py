@@ -38,6 +38,19 @@ JUMPING = (sympy.Piecewise, sympy.sign, sympy.Heaviside, sympy.Max, sympy.Min)
 """Functions with jumps in their values or derivatives. Their derivatives are zero beside a jump and do not show it."""
 
 
+class Turn(NamedTuple):
+    """A small turn of a body about one of its own axes: a quasi-coordinate.
+
+    `coordinate` is the index of the turn among the coordinates. `others` are the indices of turns about the next two
+    axes in cyclic order. `entries` are the nine symbols of the rotation matrix R by rows. `axis` is 0, 1 or 2.
+    """
+
+    coordinate: int
+    others: tuple[int, int]
+    entries: tuple[Any, ...]
+    axis: int
+
+
 class StatedAlgebra:
     """A statement as sums of monomials. Coordinates and velocities are real symbols; each part is computed once.
 
@@ -89,6 +102,58 @@ class StatedAlgebra:
         work = (self.algebra.multiply(p, self.symbol(v)) for p, v in zip(self.momenta, self.v, strict=True))
         return self.algebra.merge_angles(self.algebra.add(self.algebra.scale(self.lagrangian, S.NegativeOne), *work))
 
+    @cached_property
+    def drags(self) -> list[MonomialSum]:
+        """Derivatives dD/dv of the dissipation D, one for each coordinate."""
+        dissipation = self.read(self.statement.dissipation)
+        return [self.algebra.merge_angles(self.algebra.differentiate(dissipation, v)) for v in self.v]
+
+    @cached_property
+    def applied(self) -> list[MonomialSum]:
+        """The stated forces less those of the dissipation, Q - dD/dv, one for each coordinate."""
+        forces = map(self.read, self.statement.forces)
+        minus = partial(self.algebra.scale, number=S.NegativeOne)
+        return [self.algebra.add(force, minus(drag)) for force, drag in zip(forces, self.drags, strict=True)]
+
+    @cached_property
+    def power(self) -> MonomialSum:
+        """The rate of the energy without constraints, -dL/dt + (Q - dD/dv) . v."""
+        algebra = self.algebra
+        work = [algebra.multiply(force, self.symbol(v)) for force, v in zip(self.applied, self.v, strict=True)]
+        return algebra.add(algebra.scale(algebra.differentiate(self.lagrangian, self.time), S.NegativeOne), *work)
+
+    @cached_property
+    def turns(self) -> list[Turn]:
+        """The small turns that describe rotations: the last coordinates, three for each rotation."""
+        first = len(self.q) - 3 * len(self.entries)
+        return [
+            Turn(begin + k, (begin + (k + 1) % 3, begin + (k + 2) % 3), entries, k)
+            for begin, entries in zip(range(first, len(self.q), 3), self.entries, strict=True)
+            for k in range(3)
+        ]
+
+    def turned(self, terms: MonomialSum, turn: Turn) -> MonomialSum:
+        """Return the derivative of a sum along a turn: dR = R E, where E generates turns about the axis."""
+        algebra, parts = self.algebra, []
+        for row in range(3):
+            ahead, behind = (turn.entries[3 * row + (turn.axis + step) % 3] for step in (1, 2))
+            parts.append(algebra.multiply(algebra.differentiate(terms, ahead), self.symbol(behind)))
+            slope = algebra.scale(algebra.differentiate(terms, behind), S.NegativeOne)
+            parts.append(algebra.multiply(slope, self.symbol(ahead)))
+        return algebra.add({}, *parts)
+
+    def at_constant_velocities(self, terms: MonomialSum) -> MonomialSum:
+        """Return the rate of a sum along dq/dt = v, dv/dt = 0."""
+        algebra = self.algebra
+        moved = [
+            algebra.multiply(algebra.differentiate(terms, q), self.symbol(v))
+            for q, v in zip(self.q, self.v, strict=True)
+        ]
+        moved += [
+            algebra.multiply(self.turned(terms, turn), self.symbol(self.v[turn.coordinate])) for turn in self.turns
+        ]
+        return algebra.merge_angles(algebra.add({}, *moved, algebra.differentiate(terms, self.time)))
+
     def read(self, expression: Any) -> MonomialSum:
         """Return a stated expression as a sum of monomials. Decimals are exact: 0.1 is one tenth."""
         plain = expression.xreplace(self.plain)
@@ -130,19 +195,6 @@ LARGEST_FRACTION = 10**6
 """Fractions with larger numbers are shown as decimals, where the statement has decimals."""
 
 
-class Turn(NamedTuple):
-    """A small turn of a body about one of its own axes: a quasi-coordinate.
-
-    `coordinate` is the index of the turn among the coordinates. `others` are the indices of turns about the next two
-    axes in cyclic order. `entries` are the nine symbols of the rotation matrix R by rows. `axis` is 0, 1 or 2.
-    """
-
-    coordinate: int
-    others: tuple[int, int]
-    entries: tuple[Any, ...]
-    axis: int
-
-
 class TextbookAlgebra(StatedAlgebra):
     """The textbook derivation of a statement as sums of monomials. Each part is computed once."""
 
@@ -174,26 +226,6 @@ class TextbookAlgebra(StatedAlgebra):
             slopes[turn.coordinate] = self.algebra.add(slope, ahead, self.algebra.scale(behind, S.NegativeOne))
         return [self.algebra.merge_angles(slope) for slope in slopes]
 
-    @cached_property
-    def turns(self) -> list[Turn]:
-        """The small turns that describe rotations: the last coordinates, three for each rotation."""
-        first = len(self.q) - 3 * len(self.entries)
-        return [
-            Turn(begin + k, (begin + (k + 1) % 3, begin + (k + 2) % 3), entries, k)
-            for begin, entries in zip(range(first, len(self.q), 3), self.entries, strict=True)
-            for k in range(3)
-        ]
-
-    def turned(self, terms: MonomialSum, turn: Turn) -> MonomialSum:
-        """Return the derivative of a sum along a turn: dR = R E, where E generates turns about the axis."""
-        algebra, parts = self.algebra, []
-        for row in range(3):
-            ahead, behind = (turn.entries[3 * row + (turn.axis + step) % 3] for step in (1, 2))
-            parts.append(algebra.multiply(algebra.differentiate(terms, ahead), self.symbol(behind)))
-            slope = algebra.scale(algebra.differentiate(terms, behind), S.NegativeOne)
-            parts.append(algebra.multiply(slope, self.symbol(ahead)))
-        return algebra.add({}, *parts)
-
     def require_short_slopes(self) -> None:
         """Raise TooLargeError if dL/dq of all coordinates together is too long, before differentiation."""
         if self.slope_operations > LONGEST_SLOPES:
@@ -208,12 +240,6 @@ class TextbookAlgebra(StatedAlgebra):
             return len(coordinates & frozenset().union(*(algebra.free(k) for k, _ in monomial)))
 
         return sum(count(monomial) * algebra.size(monomial) for monomial in self.lagrangian)
-
-    @cached_property
-    def drags(self) -> list[MonomialSum]:
-        """Derivatives dD/dv of the dissipation D, one for each coordinate."""
-        dissipation = self.read(self.statement.dissipation)
-        return [self.algebra.merge_angles(self.algebra.differentiate(dissipation, v)) for v in self.v]
 
     @cached_property
     def drifts(self) -> list[MonomialSum]:
@@ -270,18 +296,6 @@ class TextbookAlgebra(StatedAlgebra):
             for constraint in self.statement.constraints
             for zero in [self.read(constraint.expression)]
         ]
-
-    def at_constant_velocities(self, terms: MonomialSum) -> MonomialSum:
-        """Return the rate of a sum along dq/dt = v, dv/dt = 0."""
-        algebra = self.algebra
-        moved = [
-            algebra.multiply(algebra.differentiate(terms, q), self.symbol(v))
-            for q, v in zip(self.q, self.v, strict=True)
-        ]
-        moved += [
-            algebra.multiply(self.turned(terms, turn), self.symbol(self.v[turn.coordinate])) for turn in self.turns
-        ]
-        return algebra.merge_angles(algebra.add({}, *moved, algebra.differentiate(terms, self.time)))
 
     @cached_property
     def apart_from_multipliers(self) -> tuple[list[MonomialSum], list[list[MonomialSum]]]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
 
+import mpmath
 import numpy as np
 from sympy import Symbol
 
@@ -26,8 +27,9 @@ from lagrange.evidence.laws import DifferenceSteps, Numbers, Sources
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.graph.evaluate import FUNCTIONS, precise
 from lagrange.machine.backend import FloatArray
+from lagrange.machine.kernel.interpreted import Arithmetic
 from lagrange.machine.model import Model
-from lagrange.program.program import Instruction, Program
+from lagrange.program.program import Program
 from lagrange.statement.statement import Statement
 
 
@@ -35,92 +37,61 @@ class NoValue(ArithmeticError):
     """Error: an operation has no real, finite value."""
 
 
-_context = cache(precise)
-
-
 def evaluate(program: Program, t: float, y: Sequence[float], parameters: Sequence[float], digits: int = 40) -> Numbers:
     """Return a program's outputs to `digits` digits. Raises NoValue for a value not real or finite, or no solution."""
-    return _Evaluation(program, _context(digits)).run(t, y, parameters)
-
-
-class _Evaluation:
-    """Interpreter of one evaluation of a program.
-
-    Its values are numbers, conditions, and lists of numbers for factors and solutions.
-    """
-
-    def __init__(self, program: Program, context: Any) -> None:
-        self.program, self.context = program, context
-        self.operations = _operations(context)
-
-    def run(self, t: float, y: Sequence[float], parameters: Sequence[float]) -> Numbers:
-        values: list[Any] = []
-        number = self.context.mpf
-        inputs = {"state": [number(x) for x in y], "parameter": [number(x) for x in parameters], "time": [number(t)]}
-        for instruction in self.program.instructions:
-            if instruction.op in inputs:
-                values.append(inputs[instruction.op][instruction.place])
-            elif instruction.op == "constant":
-                values.append(number(instruction.value))
-            else:
-                values.append(self.computed(instruction, [values[arg] for arg in instruction.args]))
-        outputs = [values[ref] for ref in self.program.outputs]
-        if any(not self.context.isfinite(value) for value in outputs):
-            raise NoValue("a result is not finite")
-        return outputs
-
-    def computed(self, instruction: Instruction, args: list[Any]) -> Any:
-        if instruction.op == "factor":
-            return self.factored(instruction.order, args)
-        if instruction.op == "solve":
-            return self.solved(args[0], args[1:])
-        if instruction.op == "component":
-            return args[0][instruction.place]
-        try:
-            value = self.operations[instruction.op](*args)
-        except (ZeroDivisionError, ValueError, OverflowError) as error:
-            raise NoValue(f"{instruction.op} has no value") from error
-        if isinstance(value, self.context.mpc):
-            raise NoValue(f"{instruction.op} has no real value")
-        return value
-
-    def factored(self, n: int, lower: Sequence[Any]) -> Any:
-        """Return L U of a symmetric matrix (n, n) with its row exchanges. `lower` is its lower triangle by rows."""
-        matrix, entries = self.context.zeros(n), iter(lower)
-        for i in range(n):
-            for j in range(i + 1):
-                matrix[i, j] = matrix[j, i] = next(entries)
-        try:
-            return self.context.LU_decomp(matrix)
-        except ZeroDivisionError as error:
-            raise NoValue("a matrix is singular") from error
-
-    def solved(self, factors: Any, right: Sequence[Any]) -> Numbers:
-        """Return the solution of a linear system from the result of `factored`."""
-        matrix, exchanges = factors
-        below = self.context.L_solve(matrix, self.context.matrix(right), exchanges)
-        return list(self.context.U_solve(matrix, below))
+    arithmetic = _arithmetic(digits)
+    number = arithmetic.number
+    try:
+        outputs = arithmetic.evaluate(program, number(t), list(map(number, y)), list(map(number, parameters)))
+    except (ZeroDivisionError, ValueError, OverflowError) as error:
+        raise NoValue("an operation has no value, or a matrix is singular") from error
+    if not all(map(mpmath.isfinite, outputs)):
+        raise NoValue("a result is not finite")
+    return outputs
 
 
 @cache
-def _operations(context: Any) -> dict[str, Callable[..., Any]]:
-    """Return the operations of a program by name, on numbers of an mpmath context.
+def _arithmetic(digits: int) -> Arithmetic:
+    """Return the operations of a program on mpmath numbers of `digits` digits; they raise errors for complex results.
 
     The operations are functions of the graph module, which also uses mpmath. `lagrange.evidence.precise` does not use
     graph or program: it evaluates the stated expressions.
     """
-    return {
+    context = precise(digits)
+
+    def real(function: Callable[..., Any]) -> Callable[..., Any]:
+        def value(*args: Any) -> Any:
+            result = function(*args)
+            if isinstance(result, context.mpc):
+                raise ValueError("the value is not real")
+            return result
+
+        return value
+
+    def factored(n: int, *lower: Any) -> Any:
+        """Return L U of a symmetric matrix with its row exchanges. `lower` is its lower triangle by rows."""
+        matrix, entries = context.zeros(n), iter(lower)
+        for i in range(n):
+            for j in range(i + 1):
+                matrix[i, j] = matrix[j, i] = next(entries)
+        return context.LU_decomp(matrix)
+
+    def solved(_: int, factors: Any, *right: Any) -> Numbers:
+        """Return the solution of a linear system from the result of `factored`."""
+        matrix, exchanges = factors
+        return list(context.U_solve(matrix, context.L_solve(matrix, context.matrix(right), exchanges)))
+
+    operations: dict[str, Callable[..., Any]] = {
         **{name: partial(function, context) for name, function in FUNCTIONS.items()},
+        **{name: getattr(operator, name) for name in ("neg", "add", "sub", "mul")},
         "sqrt": context.sqrt,
         "power": context.power,
-        "neg": operator.neg,
-        "add": operator.add,
-        "sub": operator.sub,
-        "mul": operator.mul,
         "div": operator.truediv,
         "fma": lambda a, b, c: a * b + c,
         "select": lambda c, a, b: a if c else b,
     }
+    systems = {"factor": factored, "solve": solved}
+    return Arithmetic({name: real(function) for name, function in operations.items()}, context.mpf, object, systems)
 
 
 GUARD = 14

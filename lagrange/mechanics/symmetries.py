@@ -224,21 +224,13 @@ class Symmetry:
 class SymmetryEquation:
     """Condition of a symmetry of a statement: it tests symmetries and finds their gauge functions.
 
-    It contains the generalized forces and their power, as sums of monomials.
+    `forces` are dL/dq + Q - dD/dv, as sums of monomials.
     """
 
     def __init__(self, stated: StatedAlgebra) -> None:
-        self.stated, algebra = stated, stated.algebra
-        drag = stated.read(stated.statement.dissipation)
-        applied = [
-            algebra.add(stated.read(force), algebra.scale(algebra.differentiate(drag, v), S.NegativeOne))
-            for force, v in zip(stated.statement.forces, stated.v, strict=True)
-        ]
-        slopes = [algebra.differentiate(stated.lagrangian, q) for q in stated.q]
-        self.forces = [algebra.add(*pair) for pair in zip(slopes, applied, strict=True)]
-        work = [algebra.multiply(q, stated.symbol(v)) for q, v in zip(applied, stated.v, strict=True)]
-        lost = algebra.scale(algebra.differentiate(stated.lagrangian, stated.time), S.NegativeOne)
-        self.power = algebra.add(lost, *work)
+        self.stated = stated
+        slopes = [stated.algebra.differentiate(stated.lagrangian, q) for q in stated.q]
+        self.forces = [stated.algebra.add(*pair) for pair in zip(slopes, stated.applied, strict=True)]
 
     def defect(self, symmetry: Symmetry) -> MonomialSum:
         """Return the time derivative of p . xi - tau E - F along the motion, which is zero for a symmetry.
@@ -252,7 +244,7 @@ class SymmetryEquation:
                 xi = algebra.read(shift)
                 parts += [algebra.multiply(xi, force), algebra.multiply(self.rate(xi), p)]
         if symmetry.tau != 0:
-            parts.append(algebra.multiply(algebra.read(-symmetry.tau), self.power))
+            parts.append(algebra.multiply(algebra.read(-symmetry.tau), stated.power))
         if symmetry.gauge != 0:
             parts.append(algebra.scale(self.rate(algebra.read(symmetry.gauge)), S.NegativeOne))
         return algebra.merge_angles(algebra.add(*parts))
