@@ -12,6 +12,7 @@ from lagrange.errors import StatementError
 
 if TYPE_CHECKING:
     from lagrange.equations.derivation import Derivation
+    from lagrange.statement.statement import Statement
 
 # SymPy is imported in functions: the command line parses its options before it needs SymPy.
 
@@ -100,7 +101,7 @@ class Section:
     symbol: Any = None
 
 
-LAGRANGIAN = ShownQuantity("L")
+LAGRANGIAN, KINETIC, POTENTIAL = (ShownQuantity(letter) for letter in "LTV")
 
 
 def sections(derivation: Derivation) -> Iterator[Section]:
@@ -139,22 +140,13 @@ def constraint_quantity(constraint: Any) -> ShownQuantity:
     return ShownQuantity("f", (constraint.name,))
 
 
-def _stated(derivation: Derivation) -> Iterator[Formula | str]:
-    statement = derivation.statement
-    if statement.about:
-        yield statement.about
-    if statement.source:
-        yield f"Source: {statement.source}"
+def stated_formulas(statement: Statement) -> Iterator[Formula | str]:
+    """Yield the stated energies, forces, given motions and constraints; a sentence describes a motion of a table."""
     if statement.lagrangian_alone:
         yield Formula((LAGRANGIAN, statement.lagrangian))
     else:
-        # Each energy as stated, and then simplified if that differs and is not too large.
-        for letter, name in (("T", "kinetic"), ("V", "potential")):
-            sides = [ShownQuantity(letter), getattr(statement, name)]
-            with suppress(StatementError):
-                if not derivation.refusal and getattr(derivation, name) != sides[1]:
-                    sides.append(getattr(derivation, name))
-            yield Formula(tuple(sides))
+        yield Formula((KINETIC, statement.kinetic))
+        yield Formula((POTENTIAL, statement.potential))
     for name, force in zip(statement.names, statement.forces, strict=True):
         if force != 0:
             yield Formula((ShownQuantity("Q", (name,)), force))
@@ -164,6 +156,23 @@ def _stated(derivation: Derivation) -> Iterator[Formula | str]:
         yield motion if isinstance(motion, str) else Formula(motion)
     for constraint in statement.constraints:
         yield Formula((constraint_quantity(constraint), constraint.expression))
+
+
+def _stated(derivation: Derivation) -> Iterator[Formula | str]:
+    """Yield what was stated; each energy as stated, and then simplified if that differs and is not too large."""
+    statement = derivation.statement
+    if statement.about:
+        yield statement.about
+    if statement.source:
+        yield f"Source: {statement.source}"
+    energies = {KINETIC: "kinetic", POTENTIAL: "potential"}
+    for row in stated_formulas(statement):
+        sides = row.sides if isinstance(row, Formula) else ()
+        if sides and sides[0] in energies and not derivation.refusal:
+            with suppress(StatementError):
+                simplified = getattr(derivation, energies[sides[0]])
+                row = row if simplified == sides[1] else Formula((*sides, simplified))
+        yield row
 
 
 def _points(derivation: Derivation) -> Iterator[Formula | str]:
@@ -191,7 +200,7 @@ def _lagrangian(derivation: Derivation) -> Iterator[Formula | str]:
         if derivation.lagrangian != statement.lagrangian:  # it was stated, a section above
             yield Formula((LAGRANGIAN, derivation.lagrangian))
         return
-    difference = SignedTerms(((False, ShownQuantity("T")), (True, ShownQuantity("V"))))
+    difference = SignedTerms(((False, KINETIC), (True, POTENTIAL)))
     yield Formula((LAGRANGIAN, difference, derivation.lagrangian))
 
 

@@ -12,7 +12,7 @@ from html import escape
 from itertools import groupby
 from typing import Any
 
-from sympy import Float
+from sympy import Basic, Float
 
 from lagrange.errors import counted
 from lagrange.show.derivation_page import MarkdownPage
@@ -77,6 +77,11 @@ def operations(statement: Statement) -> int:
     )
 
 
+def operations_of(formula: Formula) -> int:
+    """Return the number of operations in the expressions of a formula."""
+    return sum(int(side.count_ops()) for side in formula.sides if isinstance(side, Basic))
+
+
 def _plain(latex: str) -> str:
     """Return LaTeX with a command in place of <, because some Markdown renderers read < as the start of an HTML tag."""
     return latex.replace("<", r"\lt ")
@@ -119,6 +124,13 @@ class PageWriter:
         if len(lines) == 1:
             return f"$$\n{_plain(self._page.in_one_line(lines[0]))}\n$$"
         return f"$$\n{_plain(self._page.aligned(lines, 'aligned'))}\n$$"
+
+    def short(self, formula: Formula, name: str, instead: str) -> str:
+        """Return a formula, or if it is long a sentence in which it is called `name`, which ends with `instead`."""
+        size = operations_of(formula)
+        if size > MOST_SHOWN_OPERATIONS:
+            return left_out(name, f"it has {size} operations", instead)
+        return self.formulas([formula])
 
     def rows(self, rows: Sequence[Formula | str]) -> tuple[str, int]:
         """Return formulas and sentences on separate lines as Markdown, and the number of lines."""

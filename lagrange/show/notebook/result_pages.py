@@ -20,6 +20,7 @@ from lagrange.show.notation.symbols import markdown_text
 from lagrange.show.notebook.page_writer import MOST_SHOWN_OPERATIONS, PageWriter, Part, bold, folded, joined, left_out
 from lagrange.statement.notebook_page import notebook_page
 
+EXPRESSION = "`.expression` has it."
 STABILITY = {True: "stable", False: "unstable", None: "stability not decided"}
 
 
@@ -54,7 +55,7 @@ def comparison_page(comparison: EquationsComparison) -> str:
 def conserved_parts(conserved: Conserved, writer: PageWriter) -> Iterator[Part]:
     """Yield the conserved quantity as a formula, and the reason why it is conserved."""
     name = f"{bold(conserved.name)}: {markdown_text(conserved.reason)}"
-    yield conserved.name, f"{name}\n\n{_formula(writer, None, conserved.expression, conserved.name)}"
+    yield conserved.name, f"{name}\n\n{writer.short(Formula((conserved.expression,)), conserved.name, EXPRESSION)}"
 
 
 def equilibrium_parts(equilibrium: Equilibrium, writer: PageWriter) -> Iterator[Part]:
@@ -119,19 +120,15 @@ takes 1 s."""
 def _hamiltonian(hamiltonian: Hamiltonian, writer: PageWriter) -> Iterator[Part]:
     """Yield the Hamiltonian H and Hamilton's equations."""
     energy = hamiltonian.expression
-    yield "the Hamiltonian", f"{bold('Hamiltonian')}\n\n{_formula(writer, ShownQuantity('H'), energy, 'H')}"
+    yield (
+        "the Hamiltonian",
+        f"{bold('Hamiltonian')}\n\n{writer.short(Formula((ShownQuantity('H'), energy)), 'H', EXPRESSION)}",
+    )
     if (size := int(energy.count_ops())) <= MOST_SIMPLIFIED:
         yield "Hamilton's equations", writer.equations("Hamilton's equations", hamiltonian.equations())
     else:
         why = f"H has {size} operations, whose derivatives take long to simplify"
         yield "", left_out("Hamilton's equations", why, "`print(*hamiltonian.equations(), sep='\\n')` has them.")
-
-
-def _formula(writer: PageWriter, left: Any, expression: Any, name: str) -> str:
-    """Return `left` = `expression` as a formula; a sentence in which it is called `name` replaces a long one."""
-    if (size := int(expression.count_ops())) > MOST_SHOWN_OPERATIONS:
-        return left_out(name, f"it has {size} operations", "`.expression` has it.")
-    return writer.formulas([Formula((expression,) if left is None else (left, expression))])
 
 
 def _rounded(value: Any) -> Any:
@@ -154,7 +151,7 @@ def _register(kind: type, parts: Callable[[Any, PageWriter], Iterator[Part]], in
     notebook_page.register(kind, page)
 
 
-_register(Conserved, conserved_parts, "`.expression` has it.")
+_register(Conserved, conserved_parts, EXPRESSION)
 _register(Equilibrium, equilibrium_parts, "its fields have it.")
 _register(Modes, _modes, "`.frequencies` and `.shapes` have all.")
 _register(Linearization, _linearization, "its fields `.M`, `.C`, `.K`, `.A` and `.B` have all.")

@@ -10,7 +10,7 @@ from lagrange.equations.derivation import Derivation
 from lagrange.equations.textbook_algebra import TextbookAlgebra
 from lagrange.errors import StatementError, counted
 from lagrange.show.derivation_page import LEFT_OUT, Heading, render
-from lagrange.show.notation.sections import LAGRANGIAN, Formula, Section, ShownQuantity, constraint_quantity, sections
+from lagrange.show.notation.sections import Formula, Section, ShownQuantity, sections, stated_formulas
 from lagrange.show.notation.symbols import markdown_text, plain_text
 from lagrange.show.notebook.page_writer import (
     LONG,
@@ -23,6 +23,7 @@ from lagrange.show.notebook.page_writer import (
     left_out,
     listed,
     operations,
+    operations_of,
 )
 from lagrange.show.terminal import DETAILS, terminal_style
 from lagrange.show.units import unit_of
@@ -72,34 +73,17 @@ def _statement_parts(statement: Statement, writer: PageWriter) -> Iterator[Part]
 
     Short ones are lines of one block of formulas. A sentence replaces a long one.
     """
-    if statement.lagrangian_alone:
-        rows: list[tuple[Any, Any]] = [(LAGRANGIAN, statement.lagrangian)]
-    else:
-        rows = [(ShownQuantity("T"), statement.kinetic), (ShownQuantity("V"), statement.potential)]
-    rows += [
-        (ShownQuantity("Q", (name,)), force)
-        for name, force in zip(statement.names, statement.forces, strict=True)
-        if force != 0
-    ]
-    rows += [(ShownQuantity("D"), statement.dissipation)] if statement.dissipation != 0 else []
-    rows += [motion for motion in statement.known_motions if not isinstance(motion, str)]
-    rows += [(constraint_quantity(constraint), constraint.expression) for constraint in statement.constraints]
-    short = [Formula(row) for row in rows if row[1].count_ops() <= MOST_SHOWN_OPERATIONS]
+    rows = list(stated_formulas(statement))
+    formulas = [row for row in rows if isinstance(row, Formula)]
+    short = [formula for formula in formulas if operations_of(formula) <= MOST_SHOWN_OPERATIONS]
     if short:
         yield "the energies, forces and constraints", writer.under("Stated", short)
-    for name, expression in rows:
-        if (size := int(expression.count_ops())) > MOST_SHOWN_OPERATIONS:
-            yield (
-                "",
-                left_out(
-                    (" ".join((name.letter, *name.indices)) if isinstance(name, ShownQuantity) else str(name)),
-                    f"it has {size} operations",
-                    SYSTEM_INSTEAD,
-                ),
-            )
-    for motion in statement.known_motions:
-        if isinstance(motion, str):
-            yield "a given motion", markdown_text(motion)
+    for formula in formulas:
+        if formula not in short:
+            name = formula.sides[0]
+            spelled = " ".join((name.letter, *name.indices)) if isinstance(name, ShownQuantity) else str(name)
+            yield "", writer.short(formula, spelled, SYSTEM_INSTEAD)
+    yield from (("a given motion", markdown_text(row)) for row in rows if isinstance(row, str))
 
 
 def _parameters(statement: Statement, writer: PageWriter) -> str:

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from sympy import Basic
-
 from lagrange.errors import UnknownKey, listing, shown
 from lagrange.show.notation.formula import SideWriter
 from lagrange.show.notation.sections import Formula
 from lagrange.show.notation.text import Notation
 from lagrange.show.notebook.html_card import table
-from lagrange.show.notebook.page_writer import MOST_SHOWN_OPERATIONS, PageWriter, Part, joined, left_out
+from lagrange.show.notebook.page_writer import PageWriter, Part, joined
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.expression import MOST_WORDS
 from lagrange.statement.scene.library import library
@@ -98,14 +96,6 @@ def scenes() -> list[str]:
 
 
 def _formulas(rows: Iterable[tuple[str, Any, Any]], statement: Statement) -> Iterator[Part]:
-    """Yield formulas as parts of a page; `rows` has the name, the left side and the right side of each.
-
-    A sentence replaces a long formula.
-    """
+    """Yield formulas as parts of a page; `rows` has the name, the left side and the right side of each."""
     writer = PageWriter(statement)
-    for name, left, right in rows:
-        size = sum(int(side.count_ops()) for side in (left, right) if isinstance(side, Basic))
-        if size > MOST_SHOWN_OPERATIONS:
-            yield name, left_out(name, f"it has {size} operations", "`print(...)` has it.")
-        else:
-            yield name, writer.formulas([Formula((left, right))])
+    return ((name, writer.short(Formula(tuple(sides)), name, "`print(...)` has it.")) for name, *sides in rows)
