@@ -163,8 +163,8 @@ def animate(request: argparse.Namespace) -> Answer:
     data = {
         "file": str(animation.path),
         "frames": len(animation.t),
-        "seconds": animation.seconds,
-        "speed": animation.speed,
+        "seconds": animation.timing.seconds,
+        "speed": animation.timing.speed,
         "notes": list(animation.notes),
         "status": solution.status.value,
         "message": solution.message,

@@ -72,21 +72,6 @@ class Animation:
         """Times of the frames, (K,)."""
         return self.timing.t
 
-    @property
-    def fps(self) -> float:
-        """Number of frames shown in a second."""
-        return self.timing.fps
-
-    @property
-    def speed(self) -> float:
-        """Speed of the animation: time of the run per second on the screen."""
-        return self.timing.speed
-
-    @property
-    def seconds(self) -> float:
-        """Duration of the motion on the screen, in seconds."""
-        return self.timing.seconds
-
     def frame(self, number: int) -> Pixels:
         """Return a frame by its number as pixels, (height, width, 4): red, green, blue and 255."""
         return self.film.frame(whole_number(number, "the number of the frame", 0, len(self.t) - 1)).copy()
@@ -139,9 +124,10 @@ class Animation:
         return f"{still}<p>{html.escape(said)}</p>{notes}"
 
     def __repr__(self) -> str:
-        speed = "in real time" if self.speed == 1 else f"at {self.speed:g} times real time"
+        timing = self.timing
+        speed = "in real time" if timing.speed == 1 else f"at {timing.speed:g} times real time"
         lines = [
-            f"animation of {self.name}: {counted(len(self.t), 'frame')}, {self.seconds:.3g} s {speed}, "
+            f"animation of {self.name}: {counted(len(self.t), 'frame')}, {timing.seconds:.3g} s {speed}, "
             f"t = {self.t[0]:.6g} to {self.t[-1]:.6g}",
             *self.notes,
             *([f"written to {self.path}"] if self.path else []),

@@ -37,7 +37,7 @@ def test_each_frame_is_the_state_at_its_time(name: str) -> None:
     animation = solution.animate()
     np.testing.assert_array_equal(animation.states, solution.at(animation.t))
     assert animation.t[0] == 0.0 and animation.t[-1] == solution.t[-1]
-    np.testing.assert_allclose(np.diff(animation.t), animation.speed / animation.fps, rtol=1e-9)
+    np.testing.assert_allclose(np.diff(animation.t), animation.timing.speed / animation.timing.fps, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -51,10 +51,12 @@ def test_each_frame_is_the_state_at_its_time(name: str) -> None:
 )
 def test_the_motion_lasts_its_time_over_the_speed(times: Any, speed: Any, fps: float, frames: int) -> None:
     animation = oscillator(times).animate(speed=speed, fps=fps)
-    assert animation.seconds == pytest.approx(abs(times[1] - times[0]) / animation.speed, rel=1e-12)
-    assert len(animation.t) == frames and animation.fps == pytest.approx(fps, rel=0.05)
+    assert animation.timing.seconds == pytest.approx(abs(times[1] - times[0]) / animation.timing.speed, rel=1e-12)
+    assert len(animation.t) == frames and animation.timing.fps == pytest.approx(fps, rel=0.05)
     record = in_page(animation.to_html())["record"]
-    assert (record["count"] - 1) / record["detail"] / record["fps"] == pytest.approx(animation.seconds, rel=1e-12)
+    assert (record["count"] - 1) / record["detail"] / record["fps"] == pytest.approx(
+        animation.timing.seconds, rel=1e-12
+    )
     assert [record["begin"], record["end"]] == [times[0], times[1]]
 
 
@@ -63,7 +65,7 @@ def test_the_motion_lasts_its_time_over_the_speed(times: Any, speed: Any, fps: f
 )
 def test_a_run_that_is_too_long_or_too_short_is_shown_at_a_round_speed_and_says_so(end: float, speed: float) -> None:
     animation = oscillator((0.0, end)).animate()
-    assert animation.speed == pytest.approx(speed) and 1.0 <= animation.seconds <= 100.0
+    assert animation.timing.speed == pytest.approx(speed) and 1.0 <= animation.timing.seconds <= 100.0
     said = f"The run lasts {end:.6g} units of time: {speed:g} unit" in repr(animation)
     assert said == (speed > 1) or "of a unit are shown in a second. speed = 1 is real time." in repr(animation)
 
@@ -233,7 +235,7 @@ def test_many_coordinates_share_panels(count: int) -> None:
 @pytest.mark.parametrize("times", [[2.0], [3.0, 3.0]])
 def test_one_state_is_one_frame(times: Any) -> None:
     animation = oscillator(times).animate()
-    assert len(animation.t) == 1 and animation.seconds == 0.0
+    assert len(animation.t) == 1 and animation.timing.seconds == 0.0
     assert animation.frame(0).any() and in_page(animation.to_html())["record"]["count"] == 1
 
 
