@@ -18,7 +18,7 @@ from lagrange.statement.declare import declare
 from lagrange.statement.expression import TYPED_ROUNDING, check_once, expression, refusing_deep
 from lagrange.statement.given.function import given as given_function
 from lagrange.statement.given.motion import motion_of
-from lagrange.statement.parameters import Survey, in_own_parameters, label_of
+from lagrange.statement.parameters import Survey, coordinate_name, in_own_parameters, label_of
 from lagrange.statement.rotation import rotation_of
 from lagrange.statement.statement import Constraint, Statement
 
@@ -169,24 +169,11 @@ def _requests(request: Any, statement: Statement) -> list[tuple[str, Any]]:
     The expression is the one that the user gives for the coordinate.
     """
     if isinstance(request, Mapping):
-        return [(_named(key, statement), value) for key, value in request.items()]
+        return [(coordinate_name(key, statement.names), value) for key, value in request.items()]
     constraints = {constraint.name: constraint for constraint in statement.constraints}
     if isinstance(request, str) and request in constraints and request not in statement.names:
         return [(_coordinate_of(constraints[request], statement), None)]
-    return [(_named(request, statement), None)]
-
-
-def _named(key: Any, statement: Statement) -> str:
-    """Return the name of a coordinate, from its symbol or name. Raises StatementError if the system lacks it."""
-    by_key = dict(zip(statement.coordinates, statement.names, strict=True))
-    name = key if isinstance(key, str) else by_key.get(key) if isinstance(key, sympy.Basic) else None
-    if name in statement.names:
-        return str(name)
-    label = key if isinstance(key, str) else name_of(key) if getattr(key, "args", ()) == (t,) else shown(key)
-    raise StatementError(
-        f"{label[:80]!r} is not a coordinate that can be eliminated; they are {listing(statement.names)}."
-        + suggestion(label, statement.names)
-    )
+    return [(coordinate_name(request, statement.names), None)]
 
 
 def _coordinate_of(constraint: Constraint, statement: Statement) -> str:

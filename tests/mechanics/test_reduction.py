@@ -184,9 +184,9 @@ def pair(**constraints: Any) -> lg.System:
     ("constraints", "wanted", "words"),
     [
         ({"rod": ROD}, (), "nothing is to be eliminated: name a coordinate that a constraint determines."),
-        ({"rod": ROD}, (z,), "'z' is not a coordinate that can be eliminated; they are x, y and theta."),
-        ({"rod": ROD}, ("thet",), "'thet' is not a coordinate that can be eliminated; they are x, y and theta. Did yo"),
-        ({"rod": ROD}, (7,), "'7' is not a coordinate that can be eliminated; they are x, y and theta."),
+        ({"rod": ROD}, (z,), "'z' is not a coordinate of this system; they are x, y and theta."),
+        ({"rod": ROD}, ("thet",), "'thet' is not a coordinate of this system; they are x, y and theta. Did yo"),
+        ({"rod": ROD}, (7,), "'7' is not a coordinate of this system; they are x, y and theta."),
         ({"rod": ROD}, (theta,), "theta is in no constraint, so it cannot be eliminated: it moves freely."),
         (
             {"rod": ROD},
