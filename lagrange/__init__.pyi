@@ -17,9 +17,9 @@ from lagrange.show.dynamics import phase_portrait as phase_portrait
 from lagrange.show.dynamics import poincare as poincare
 from lagrange.show.ensemble import Ensemble as Ensemble
 from lagrange.show.ensemble import ensemble as ensemble
-from lagrange.show.figures.new_figure import figure as figure
 from lagrange.show.figures.run_figure import plot as plot
-from lagrange.show.notebook.shown_lists import scenes as scenes
+from lagrange.show.figures.style import figure as figure
+from lagrange.show.notebook.page_writer import scenes as scenes
 from lagrange.show.race import Race as Race
 from lagrange.show.race import race as race
 from lagrange.statement.contact import along as along

@@ -26,8 +26,7 @@ from importlib import import_module
 from os import PathLike
 
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange, with_needed_inputs
-from lagrange.equations.multiplier_forces import with_solved_multipliers
-from lagrange.equations.regularity import allowed_equations
+from lagrange.equations.regularity import allowed_equations, with_solved_multipliers
 from lagrange.evidence.quick import quick_check
 from lagrange.graph.node import Node
 from lagrange.machine.backend import FloatArray, Kernel, Machine, MissingTargetError, Series

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from lagrange.equations.regularity import equations_of, known_statement
 from lagrange.errors import StatementError, abridged, shown
 from lagrange.show.notation.sections import ShownQuantity
+from lagrange.show.notebook.page_writer import EquationList, ExpressionDict
 from lagrange.show.notebook.shown_derivation import ShownDerivation, system_page, written_derivation
-from lagrange.show.notebook.shown_lists import EquationList, ExpressionDict
 from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare
@@ -375,7 +375,7 @@ class System:
         these sliders first. Raises StatementError for a function that JavaScript lacks, and for a name that is not a
         parameter, coordinate or velocity.
         """
-        from lagrange.page.explore import explore
+        from lagrange.page.web_page import explore
 
         return explore(self.statement, lambda: self._model, ranges, sliders, t_end=t_end, play=play, style=style)
 
@@ -564,7 +564,7 @@ class System:
 
         Arguments and raised errors are those of `eigenvalues`; `style` is "light" or "dark".
         """
-        from lagrange.show.figures.modes_figure import plot_eigenvalues
+        from lagrange.show.figures.dynamics_figures import plot_eigenvalues
 
         return plot_eigenvalues(self.eigenvalues(parameter, values, at), style)
 

@@ -87,7 +87,7 @@ def speaks_of_its_making(file: str, source: str) -> Iterator[str]:
 
 # --- figures --------------------------------------------------------------------------------------------------
 
-MAKES_FIGURES = "lagrange/show/figures/new_figure.py"
+MAKES_FIGURES = "lagrange/show/figures/style.py"
 """The one file that makes Matplotlib's figures: of a class that notebooks show by itself."""
 
 

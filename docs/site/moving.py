@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.show.figures.space import spring, view_of
+from lagrange.show.figures.paths import spring, view_of
 from lagrange.show.figures.style import COLOURS, DARK_COLOURS, colours
 from lagrange.statement.statement import SPRING, Link
 from lagrange.trajectory.measures.sampling import points_at

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from lagrange.cli.arguments import DONE, FAILED, Answer, add_command, add_json, load_scene
 from lagrange.errors import StatementError
-from lagrange.show.files.atomic_file import check_place, write_atomically
-from lagrange.show.files.csv_format import write_rows
+from lagrange.show.files.atomic_file import check_place, write_atomically, write_rows
 from lagrange.show.terminal import columns_of_output, text_table
 from lagrange.statement.progress import counter
 

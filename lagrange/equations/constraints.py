@@ -16,8 +16,7 @@ from typing import Any
 from lagrange.equations.solve_plan import value_somewhere
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import tangents
-from lagrange.graph.node import Binding, Node
-from lagrange.graph.rebuild import substitute
+from lagrange.graph.node import Binding, Node, substitute
 from lagrange.statement.statement import Constraint
 
 TERM_ROUND_OFF = 1e-12

@@ -17,12 +17,10 @@ from lagrange.equations.structure import Structure, find_structure
 from lagrange.equations.turning import Turning, turning
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient, tangents
-from lagrange.graph.from_sympy import Translator
-from lagrange.graph.generic import generic_rank
-from lagrange.graph.node import Binding, Graph, Kind, Node
-from lagrange.graph.rebuild import substitute
+from lagrange.graph.evaluate import generic_rank
+from lagrange.graph.node import Binding, Graph, Kind, Node, substitute
 from lagrange.graph.share import share_sums
-from lagrange.graph.to_sympy import to_sympy
+from lagrange.graph.sympy_nodes import Translator, to_sympy
 from lagrange.statement.coordinate import acceleration_of, check_multipliers, multiplier, t
 from lagrange.statement.energy import first_order_remedy
 from lagrange.statement.expression import expression as expression_of

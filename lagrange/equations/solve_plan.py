@@ -18,7 +18,7 @@ from sympy import Add, Derivative, Integer, Mul, Rational, S
 from sympy.core.function import AppliedUndef
 
 from lagrange.equations.terms import ONE, Algebra, MonomialSum, TooLargeError, printable
-from lagrange.graph.generic import generic_rank
+from lagrange.graph.evaluate import generic_rank
 from lagrange.graph.node import Binding, Node
 from lagrange.statement.run_settings import check_time
 

@@ -15,9 +15,8 @@ from itertools import chain
 from typing import Any
 
 from lagrange.graph.differentiate import gradient, tangents
-from lagrange.graph.from_sympy import Translator
-from lagrange.graph.node import Binding, Graph, Node
-from lagrange.graph.rebuild import substitute
+from lagrange.graph.node import Binding, Graph, Node, substitute
+from lagrange.graph.sympy_nodes import Translator
 from lagrange.statement.coordinate import velocity_of
 from lagrange.statement.rotation import Rotation, rotation_of
 from lagrange.statement.space import conjugate, matrix_of, product

@@ -16,7 +16,7 @@ import mpmath
 import sympy
 
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.constraint_laws import ConstraintSurface
+from lagrange.evidence.laws import ConstraintSurface
 from lagrange.evidence.precise import BeyondDoubles, OutsideDomain, Precise, all_ways, describe_way
 from lagrange.evidence.quick import quick_check
 from lagrange.evidence.reference import REFERENCE_DIGITS, Reference

@@ -16,14 +16,16 @@ from sympy import Symbol
 
 from lagrange.errors import RunError
 from lagrange.evidence import laws
-from lagrange.evidence.constraint_laws import (
+from lagrange.evidence.laws import (
     ConstraintSurface,
+    DifferenceSteps,
+    Numbers,
+    Sources,
     StatedConstraints,
     acceleration_level,
     gradient,
     reactions,
 )
-from lagrange.evidence.laws import DifferenceSteps, Numbers, Sources
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.graph.evaluate import FUNCTIONS, precise
 from lagrange.machine.backend import FloatArray
@@ -90,7 +92,7 @@ def _arithmetic(digits: int) -> Arithmetic:
         "fma": lambda a, b, c: a * b + c,
         "select": lambda c, a, b: a if c else b,
     }
-    systems = {"factor": factored, "solve": solved}
+    systems: dict[str, Callable[..., Any]] = {"factor": factored, "solve": solved}
     return Arithmetic({name: real(function) for name, function in operations.items()}, context.mpf, object, systems)
 
 

@@ -25,13 +25,11 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import FAULT, RunError
-from lagrange.evidence.agreement import holds, random_points
-from lagrange.evidence.constraint_laws import StatedConstraints, acceleration_level
-from lagrange.evidence.laws import DifferenceSteps, along
+from lagrange.evidence.laws import DifferenceSteps, StatedConstraints, acceleration_level, along
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.report import LIMIT, TINY_ERROR, relative_error
-from lagrange.evidence.sample import SamplePoint, Sampler, sampled_statement
+from lagrange.evidence.sample import SamplePoint, Sampler, holds, random_points, sampled_statement
 from lagrange.machine.model import Model
 from lagrange.statement.statement import Statement
 

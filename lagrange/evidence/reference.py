@@ -16,15 +16,19 @@ from itertools import chain
 from typing import Any
 
 from lagrange.evidence import laws
-from lagrange.evidence.constraint_laws import (
+from lagrange.evidence.laws import (
+    DifferenceSteps,
+    Numbers,
+    Row,
+    Sources,
     StatedConstraints,
     acceleration_level,
     bordered,
     gradient,
+    local_terms,
     reactions,
     velocity_level,
 )
-from lagrange.evidence.laws import DifferenceSteps, Numbers, Row, Sources, local_terms
 from lagrange.evidence.precise import BeyondDoubles, Precise
 from lagrange.evidence.report import ReferenceEntries
 from lagrange.evidence.sample import SamplePoint

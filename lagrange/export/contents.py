@@ -221,9 +221,7 @@ def module_of(
         procedures |= {name: guarded(procedures[name], divided) for name in (*SOLVED, "local") if name in procedures}
     prune = Pruner().pruned
     relations = bool(model.equations.first_order)
-    integrators = tuple(
-        _integrator(name, step, model, procedures, prune) for name, step in asked.methods
-    )
+    integrators = tuple(_integrator(name, step, model, procedures, prune) for name, step in asked.methods)
     tested = fixed(alone, prepared) if alone else ()
     preparing = prepare(prepared, PREPARE, names=names.of(prepared.program), divisors=tested)
     size = prepared.size

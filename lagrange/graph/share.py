@@ -13,8 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from lagrange.graph.node import Exact, Graph, Kind, Node, exact, reachable
-from lagrange.graph.rebuild import rebuild
+from lagrange.graph.node import Exact, Graph, Kind, Node, exact, reachable, rebuild
 
 
 @dataclass(frozen=True)

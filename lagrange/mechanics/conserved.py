@@ -14,8 +14,7 @@ from sympy import Abs, Float, Matrix, Rational, S, sqrt
 from lagrange.equations.terms import MonomialSum, TooLargeError, differentiable, printable
 from lagrange.equations.textbook_algebra import StatedAlgebra, TextbookAlgebra, canonical
 from lagrange.errors import FAULT, RunError, StatementError, formula, listing, shown, suggestion
-from lagrange.evidence.agreement import random_points, usable
-from lagrange.evidence.sample import SamplePoint
+from lagrange.evidence.sample import SamplePoint, random_points, usable
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters, some_of
 from lagrange.mechanics.symmetries import (

@@ -12,8 +12,7 @@ import sympy
 
 from lagrange.equations.solve_plan import coupled_blocks
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.agreement import LARGEST_ERROR, compared, holds, random_points
-from lagrange.evidence.sample import SamplePoint
+from lagrange.evidence.sample import LARGEST_ERROR, SamplePoint, compared, holds, random_points
 from lagrange.machine.model import Model
 from lagrange.mechanics.plain_form import (
     FORMULA_DIGITS,

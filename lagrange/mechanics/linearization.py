@@ -23,11 +23,9 @@ import sympy
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.equations.regularity import known_statement
 from lagrange.errors import StatementError, formula, listing
-from lagrange.evidence.agreement import agrees, compared
-from lagrange.evidence.sample import SamplePoint
+from lagrange.evidence.sample import SamplePoint, agrees, compared
 from lagrange.graph.differentiate import tangents
-from lagrange.graph.node import Binding, Node
-from lagrange.graph.rebuild import substitute
+from lagrange.graph.node import Binding, Node, substitute
 from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.expansion import INPUT_REMEDY, StatedPoint, edges, stated_point, with_inputs_as_parameters
 from lagrange.mechanics.plain_form import (

@@ -15,8 +15,7 @@ from sympy.core.function import AppliedUndef
 
 from lagrange.equations.terms import Algebra, TooLargeError, differentiable, printable
 from lagrange.errors import StatementError
-from lagrange.evidence.agreement import ALL_KINDS, MOST_DRAWS, holds, random_points
-from lagrange.evidence.sample import SampleKind, SamplePoint
+from lagrange.evidence.sample import ALL_KINDS, MOST_DRAWS, SampleKind, SamplePoint, holds, random_points
 from lagrange.statement.coordinate import acceleration_of, t
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.statement import Statement

@@ -11,7 +11,7 @@ import sympy
 
 from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
-from lagrange.evidence.agreement import NEAR_INITIAL
+from lagrange.evidence.sample import NEAR_INITIAL
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, simplest, vanishes
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.declare import declare

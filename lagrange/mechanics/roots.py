@@ -16,8 +16,8 @@ import sympy
 from lagrange.equations.terms import printable
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.evaluate import doubles
-from lagrange.graph.from_sympy import Translator
 from lagrange.graph.node import Binding, Graph
+from lagrange.graph.sympy_nodes import Translator
 from lagrange.machine.backend import FloatArray
 from lagrange.mechanics.plain_form import prescribed, simplest, size
 

@@ -9,8 +9,7 @@ from fractions import Fraction
 
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.differentiate import tangents
-from lagrange.graph.node import Binding, Node
-from lagrange.graph.rebuild import substitute
+from lagrange.graph.node import Binding, Node, substitute
 from lagrange.graph.term_size import term_sizes
 from lagrange.program.constraints import (
     constrained,

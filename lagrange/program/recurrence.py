@@ -14,8 +14,7 @@ from itertools import combinations
 from types import MappingProxyType
 
 from lagrange.errors import StatementError
-from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
-from lagrange.graph.rebuild import Substitution
+from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, Substitution, reachable
 from lagrange.program.series import LARGEST_POWER, SeriesRule
 from lagrange.statement.run_settings import CHECKED_EVERY, check_time
 from lagrange.statement.vocabulary.elementary import ELEMENTARY

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 
 from lagrange.graph.branches import Domains, either, read_when, where_read
 from lagrange.graph.functions import CONDITIONS
-from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
-from lagrange.graph.rebuild import rebuild
+from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable, rebuild
 
 SWITCHES = frozenset(("abs", "sign", "min", "max", "less", "less_equal", "equal"))
 """Functions that switch. `and`, `or`, `not` and `piecewise` are not included: they only combine conditions."""

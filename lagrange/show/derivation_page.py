@@ -12,8 +12,7 @@ from typing import Any, ClassVar
 
 from lagrange.equations.derivation import Derivation
 from lagrange.show.notation.formula import FormulaLine, LineWriter
-from lagrange.show.notation.latex_notation import LatexNotation
-from lagrange.show.notation.mathml_notation import MathmlNotation
+from lagrange.show.notation.markup import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import Formula, Section, ShownQuantity, sections
 from lagrange.show.notation.symbols import GREEK, latex_text, markdown_text, plain_text
 from lagrange.show.notation.text import Notation, UnicodeNotation, width

@@ -24,13 +24,12 @@ from lagrange.dynamics.sweep import SweepData, parameter_of, sweep, values_of, w
 from lagrange.errors import StatementError, counted, listing
 from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.modes import Modes
-from lagrange.show.figures.dynamics_figures import plot_branches, plot_portrait, plot_section, plot_sweep
-from lagrange.show.figures.modes_figure import plot_modes
+from lagrange.show.figures.dynamics_figures import plot_branches, plot_modes, plot_portrait, plot_section, plot_sweep
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import pairs, pictured
-from lagrange.show.notebook.shown_lists import ExpressionTuple
+from lagrange.show.notebook.page_writer import ExpressionTuple
 from lagrange.show.terminal import text_table
 from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.expression import flag, flag_or_word, real_number, whole_number

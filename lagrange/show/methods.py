@@ -8,7 +8,7 @@ scikit-sundae`.
 from typing import TYPE_CHECKING
 
 from lagrange.evidence.method_stability import Stability, growth, stability
-from lagrange.show.figures.modes_figure import plot_stability
+from lagrange.show.figures.dynamics_figures import plot_stability
 from lagrange.trajectory.foreign import scipy_solvers
 from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.methods.explicit import RungeKutta, explicit_method, tableau

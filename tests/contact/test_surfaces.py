@@ -10,7 +10,7 @@ import sympy
 from sympy import cos, pi, sin
 
 import lagrange as lg
-from lagrange.page.script_data import description
+from lagrange.page.document import description
 from lagrange.show.animation.film import Pen
 
 X, Y = lg.coordinates("x y")

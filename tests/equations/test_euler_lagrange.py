@@ -14,7 +14,7 @@ import lagrange
 from lagrange.equations.euler_lagrange import Equations, StateLayout, euler_lagrange
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Kind, reachable
-from lagrange.graph.to_sympy import to_sympy
+from lagrange.graph.sympy_nodes import to_sympy
 from lagrange.program.catalogue import QUANTITIES, program_of
 from lagrange.statement.coordinate import acceleration_of, t
 from lagrange.statement.statement import Statement

@@ -257,6 +257,6 @@ def test_a_long_multiplier_is_no_obstacle_where_its_parts_are_shared(monkeypatch
     # Some roundings of terms of the size of the weight, 60 N, in seven equations.
     np.testing.assert_allclose(left, [-0.1 * normal, normal, *[0.0] * 5], atol=1e-11)
     assert force[1] == pytest.approx(normal)
-    monkeypatch.setattr("lagrange.equations.multiplier_forces.MOST_WRITTEN_OPERATIONS", 100)
+    monkeypatch.setattr("lagrange.equations.regularity.MOST_WRITTEN_OPERATIONS", 100)
     with pytest.raises(StatementError, match=r"multipliers in the forces of chain have .* operations when written out"):
         chain_on_a_rough_rail(2)

@@ -3,8 +3,7 @@ from __future__ import annotations
 import pytest
 
 import lagrange as lg
-from lagrange.evidence.agreement import compared, holds
-from lagrange.evidence.sample import SAMPLE_KINDS, SampleKind, SamplePoint, Sampler
+from lagrange.evidence.sample import SAMPLE_KINDS, SampleKind, SamplePoint, Sampler, compared, holds
 from lagrange.statement.coordinate import coordinate, parameters
 from lagrange.statement.declare import declare
 from tests.evidence import statements

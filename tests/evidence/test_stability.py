@@ -9,7 +9,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.evidence.method_stability import growth, stability, step_of
-from lagrange.show.figures import modes_figure
+from lagrange.show.figures import dynamics_figures
 from lagrange.trajectory.methods.registry import BUILT_IN, find
 from lagrange.trajectory.methods.splitting import Splitting
 
@@ -79,7 +79,7 @@ def test_what_has_no_stability() -> None:
 
 
 def test_the_picture_of_regions(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(modes_figure, "_POINTS", 41)
+    monkeypatch.setattr(dynamics_figures, "_POINTS", 41)
     figure = lg.methods.plot_stability("rk4", "radau5")
     (axis,) = figure.axes
     legend = axis.get_legend()

@@ -19,12 +19,11 @@ from hypothesis import strategies as st
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.evaluate import FUNCTIONS as VALUED
-from lagrange.graph.evaluate import precise, values
-from lagrange.graph.from_sympy import Translator
+from lagrange.graph.evaluate import generic_rank, precise, values
 from lagrange.graph.functions import FUNCTIONS
-from lagrange.graph.generic import generic_rank
 from lagrange.graph.node import Binding, Graph, Kind, Node, exact, reachable
 from lagrange.graph.share import share_sums
+from lagrange.graph.sympy_nodes import Translator
 from lagrange.graph.term_size import term_sizes
 from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.program.lower import lower

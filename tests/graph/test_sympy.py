@@ -17,11 +17,10 @@ from hypothesis import given
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.evaluate import values
-from lagrange.graph.from_sympy import Translator
 from lagrange.graph.functions import CONDITIONS, FUNCTIONS
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 from lagrange.graph.share import share_sums
-from lagrange.graph.to_sympy import to_sympy
+from lagrange.graph.sympy_nodes import Translator, to_sympy
 from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine

@@ -17,7 +17,7 @@ import lagrange as lg
 from lagrange.algorithm.series.packing import pack
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.errors import StatementError
-from lagrange.graph import rebuild as rebuilding
+from lagrange.graph import node as rebuilding
 from lagrange.graph.node import Node
 from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm.emitter import MOST_ACCESSES

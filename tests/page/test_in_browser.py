@@ -13,7 +13,7 @@ import pytest
 from sympy import Abs, sqrt
 
 import lagrange as lg
-from lagrange.page.script_data import TOLERANCE
+from lagrange.page.document import TOLERANCE
 from lagrange.page.sliders import rates_at
 from lagrange.show.figures.curve import around
 from lagrange.show.figures.paths import Box

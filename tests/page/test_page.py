@@ -15,11 +15,10 @@ from sympy import cos, erf, sin
 
 import lagrange as lg
 from lagrange.cli.program import main
-from lagrange.page.document import COMPUTED, PICTURES, RECORDED, TEMPLATE, as_json, in_script
-from lagrange.page.script_data import contents, rate_of
+from lagrange.page.document import COMPUTED, PICTURES, RECORDED, TEMPLATE, as_json, contents, in_script, rate_of
 from lagrange.page.sliders import nice, parameter_bounds
 from lagrange.page.web_page import FoldedFormulas
-from lagrange.show.figures.space import AZIMUTH, ELEVATION, from_side, spring
+from lagrange.show.figures.paths import AZIMUTH, ELEVATION, from_side, spring
 from lagrange.show.notation.sections import sections
 from tests.models import shared_scene
 from tests.refusals import refusal

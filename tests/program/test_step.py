@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
-from lagrange.graph.to_sympy import to_sympy
+from lagrange.graph.sympy_nodes import to_sympy
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.machine.model import Model

@@ -10,9 +10,9 @@ from sympy import Float, erf
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.page.player import LEVELS
+from lagrange.page.animation import LEVELS
 from lagrange.show.animation.film import MovingScene
-from lagrange.show.animation.timing import MOST_FRAMES
+from lagrange.show.animation.recording import MOST_FRAMES
 from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution

@@ -21,8 +21,7 @@ import lagrange as lg
 from lagrange.dynamics.axes import TURN
 from lagrange.errors import StatementError
 from lagrange.show.dynamics import Drawn
-from lagrange.show.figures.dynamics_figures import PANEL_HEIGHT, PANEL_WIDTH
-from lagrange.show.figures.modes_figure import MOST_MODES
+from lagrange.show.figures.dynamics_figures import MOST_MODES, PANEL_HEIGHT, PANEL_WIDTH
 from lagrange.show.figures.panel import colour_bar, turned_lines
 from lagrange.show.figures.style import DARK, log_ticks, style_of
 from tests.dynamics.planar import damped_pendulum, duffing, hoop, pendulum, star, theta, x, y

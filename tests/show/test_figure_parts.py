@@ -9,8 +9,8 @@ import pytest
 from matplotlib.colors import to_rgb
 
 import lagrange as lg
-from lagrange.show.figures import modes_figure
-from lagrange.show.figures.space import SPRING_TURNS, spring
+from lagrange.show.figures import dynamics_figures
+from lagrange.show.figures.paths import SPRING_TURNS, spring
 from lagrange.show.figures.style import COLOURS, DARK, LIGHT, colours
 from lagrange.show.methods import names, plot_stability
 
@@ -84,7 +84,7 @@ def test_no_colour_comes_twice(count: int) -> None:
 
 
 def test_regions_of_stability_of_more_than_eight_methods_can_be_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(modes_figure, "_POINTS", 41)
+    monkeypatch.setattr(dynamics_figures, "_POINTS", 41)
     explicit = ("euler", "heun", "midpoint", "rk4", "bs3", "dopri5", "tsit5", "verner9", "dop853", "radau5")
     assert set(explicit) <= set(names())
     legend = plot_stability(*explicit).axes[0].get_legend()

@@ -18,8 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lagrange.errors import RunError, StatementError
-from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.files.csv_format import cell, write_rows
+from lagrange.show.files.atomic_file import cell, write_atomically, write_rows
 
 
 def hello(file: BinaryIO) -> None:
@@ -81,7 +80,7 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 from lagrange.errors import RunError
 from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.files.csv_format import write_rows
+from lagrange.show.files.atomic_file import write_rows
 try:
     write_atomically(sys.argv[1], lambda file: write_rows(file, ["t"], [range(100_000)]))
 except RunError as error:

@@ -14,8 +14,7 @@ from sympy import Abs, Float, Function, Max, Piecewise, Rational, cos, exp, log,
 import lagrange as lg
 from lagrange.show.derivation_page import render
 from lagrange.show.notation.formula import LineWriter
-from lagrange.show.notation.latex_notation import LatexNotation
-from lagrange.show.notation.mathml_notation import MathmlNotation
+from lagrange.show.notation.markup import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import READABLE, Formula, ShownQuantity
 from lagrange.show.notation.text import Notation, UnicodeNotation
 from lagrange.show.terminal import terminal_style

@@ -15,8 +15,7 @@ import sympy
 
 import lagrange as lg
 from lagrange.show.notation.formula import FormulaLine, LineWriter
-from lagrange.show.notation.latex_notation import LatexNotation
-from lagrange.show.notation.mathml_notation import MathmlNotation
+from lagrange.show.notation.markup import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import (
     ExpressionRows,
     Formula,

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import lagrange as lg
-from lagrange.show.figures.new_figure import new_figure
+from lagrange.show.figures.style import new_figure
 from lagrange.show.files.picture import MOST_BYTES, bounded_png
 from tests.show.examples import oscillator
 

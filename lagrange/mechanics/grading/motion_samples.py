@@ -10,12 +10,10 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError
-from lagrange.evidence.agreement import usable
-from lagrange.evidence.constraint_laws import ConstraintSurface
-from lagrange.evidence.laws import solve_dense
+from lagrange.evidence.laws import ConstraintSurface, solve_dense
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import SAMPLE_KINDS, SamplePoint, Sampler
+from lagrange.evidence.sample import SAMPLE_KINDS, SamplePoint, Sampler, usable
 from lagrange.mechanics.plain_form import PlainForm
 from lagrange.statement.statement import Statement
 

@@ -12,13 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.errors import StatementError, shown
-from lagrange.show.animation.recording import Recording
-from lagrange.show.animation.timing import Timing
+from lagrange.show.animation.recording import Recording, Timing
 from lagrange.show.figures.curve import around
-from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.panel import label_of_entry
-from lagrange.show.figures.paths import Box, draw_floor, is_slender
-from lagrange.show.figures.space import spring, view_of
+from lagrange.show.figures.paths import Box, draw_floor, is_slender, spring, view_of
 from lagrange.show.figures.style import (
     NAMED_POINTS,
     FigureStyle,
@@ -26,6 +23,7 @@ from lagrange.show.figures.style import (
     dress,
     few_ticks,
     legend,
+    new_figure,
     of_figure,
     point_look,
 )

@@ -29,7 +29,6 @@ from lagrange.show.figures.curve import (
     times_in_sight,
     window_of,
 )
-from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.style import (
     LINES,
     FigureStyle,
@@ -38,12 +37,13 @@ from lagrange.show.figures.style import (
     few_ticks,
     legend,
     log_ticks,
+    new_figure,
     number_labels,
     of_figure,
     on_paper,
 )
 from lagrange.show.notation.formula import Typesetter
-from lagrange.show.notation.latex_notation import LatexNotation
+from lagrange.show.notation.markup import LatexNotation
 from lagrange.show.notation.symbols import letter_of, letters
 from lagrange.show.notation.text import Notation
 from lagrange.show.units import energy_letter, energy_unit, unit_of, with_unit

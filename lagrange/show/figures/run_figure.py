@@ -12,10 +12,9 @@ import numpy as np
 from lagrange.errors import StatementError, counted, listing, shown, suggestion
 from lagrange.show.figures import panel as quantities
 from lagrange.show.figures.curve import Pixels
-from lagrange.show.figures.new_figure import new_figure, size_of
 from lagrange.show.figures.panel import PanelQuantity, PhasePanel, TimePanel, figure_of
 from lagrange.show.figures.paths import PathPanel, common_view
-from lagrange.show.figures.style import FigureStyle, on_paper, style_of
+from lagrange.show.figures.style import FigureStyle, new_figure, on_paper, size_of, style_of
 from lagrange.show.files.picture import LEAST_DPI, MOST_DPI
 from lagrange.statement.coordinate import name_of, row_label
 from lagrange.statement.expression import entries, refusing_deep, whole_number

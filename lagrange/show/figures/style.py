@@ -1,4 +1,4 @@
-"""The look of figures: colours, line styles, and numbers at ticks."""
+"""The look of figures: new figures, colours, line styles, and numbers at ticks."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from lagrange.errors import StatementError
-from lagrange.statement.expression import one_of
+from lagrange.errors import StatementError, counted, shown
+from lagrange.show.files.picture import SCREEN_DPI, bounded_png
+from lagrange.statement.expression import one_of, real_array, whole_number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.ticker import Formatter
+
 
 COLOURS = ("#0b6e99", "#d1495b", "#3c7d45", "#a35c00", "#6a4c93", "#00798c", "#8d5b4c", "#4a5568")
 """Colours for up to eight lines on white, distinguishable with colour blindness."""
@@ -125,7 +126,7 @@ def dress(axis: Axes, style: FigureStyle, title: str = "") -> None:
     axis.set_title(title, loc="left", fontsize=10, color=style.ink)
     for line in (axis.xaxis, axis.yaxis):
         if line.get_scale() == "linear":
-            line.set_major_formatter(number_formatter())
+            line.set_major_formatter(_classes()["NumberFormatter"]())
 
 
 def legend(axis: Axes, style: FigureStyle, title: str = "", size: float = 9.0) -> None:
@@ -215,20 +216,33 @@ def _decimal(value: float, digits: int) -> str:
     return text.replace("-", "−")
 
 
-def number_formatter() -> Formatter:
-    """Return a Matplotlib formatter for the tick labels of one axis."""
-    return _formatter_class()()
-
-
 @cache
-def _formatter_class() -> type[Formatter]:
-    """Return the class `NumberFormatter`. It is defined at the first figure: the import of Matplotlib takes 0.2 s."""
+def _classes() -> dict[str, Any]:
+    """Return subclasses of Matplotlib's classes, by name. They are defined at the first figure: the import takes 0.2 s.
+
+    Pickle looks the classes up in this module by their names.
+    """
+    from matplotlib.figure import Figure
     from matplotlib.ticker import Formatter
+
+    class ShownFigure(Figure):
+        """A Matplotlib figure that a notebook shows, sharp on screens with two pixels per point."""
+
+        __qualname__ = "ShownFigure"
+
+        def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+            width, height = (round(SCREEN_DPI * size) for size in self.get_size_inches())
+            return bounded_png(self, 2 * SCREEN_DPI), {"width": width, "height": height}
+
+        def __repr__(self) -> str:
+            titles = [self.get_suptitle(), *(axis.get_title("left") or axis.get_title() for axis in self.axes)]
+            name = next((f" {title!r}" for title in titles if title), "")
+            return f"<figure{name}, {counted(len(self.axes), 'panel')}: .savefig(path) writes it to a file>"
 
     class NumberFormatter(Formatter):
         """Tick labels of an axis, with only the digits that distinguish them."""
 
-        __qualname__ = "NumberFormatter"  # the name under which pickle looks it up in this module
+        __qualname__ = "NumberFormatter"
 
         def __call__(self, x: float, pos: int | None = None) -> str:
             if pos is None:  # the position of the pointer, not of a tick
@@ -239,14 +253,20 @@ def _formatter_class() -> type[Formatter]:
             self.set_locs(values)
             return number_labels([float(value) for value in values])
 
-    return NumberFormatter
+    return {"ShownFigure": ShownFigure, "NumberFormatter": NumberFormatter}
 
 
 def __getattr__(name: str) -> Any:
-    """Return the class `NumberFormatter`, which pickle looks up in this module by its name (PEP 562)."""
-    if name == "NumberFormatter":
-        return _formatter_class()
+    """Return a class of `_classes`, which pickle looks up in this module by its name (PEP 562)."""
+    if name in ("ShownFigure", "NumberFormatter"):
+        return _classes()[name]
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def new_figure(**options: Any) -> Figure:
+    """Return an empty figure, which a notebook shows. The options are those of Matplotlib's `Figure`."""
+    figure: Figure = _classes()["ShownFigure"](**options)
+    return figure
 
 
 _MOST_NUMBERS = 7
@@ -297,3 +317,37 @@ def _multiple(k: int, unit: float) -> str:
     if halves % 2 == 0:
         return rf"{whole.get(halves // 2, halves // 2)}\pi"
     return rf"{whole.get(halves, halves)}\pi/2"
+
+
+_MOST = 8
+"""Largest number of rows or columns of panels: more are too small to be read."""
+
+_WIDTH, _NARROW, _HEIGHT = 7.2, 5.3, 3.4
+"""Size of a panel in inches: width of a single one, width of one beside others, and height."""
+
+_LONGEST = 40.0
+"""Longest side of a figure, in inches: at 160 dots per inch some 6,400 pixels."""
+
+
+def figure(rows: int = 1, columns: int = 1, *, size: Any = None, style: str = "light") -> Figure:
+    """Return a Matplotlib figure of empty panels, which a notebook shows: `left, right = lg.figure(columns=2).axes`.
+
+    Users draw on the panels with Matplotlib's methods, or pass them to plots as `ax`. `size` is (width, height) in
+    inches, `style` is "light" or "dark". Raises StatementError for another style, an invalid size, and too many panels.
+    """
+    look = style_of(style)
+    rows, columns = (whole_number(count, what, 1, _MOST) for count, what in ((rows, "rows"), (columns, "columns")))
+    width, height = (_WIDTH if columns == 1 else columns * _NARROW, rows * _HEIGHT) if size is None else size_of(size)
+    result = new_figure(figsize=(width, height), layout="constrained")
+    for axis in result.subplots(rows, columns, squeeze=False).flat:
+        axis.set_prop_cycle(color=look.colours)
+        dress(axis, look)
+    return on_paper(result, look)
+
+
+def size_of(size: Any) -> tuple[float, float]:
+    """Return the width and the height of a figure in inches. Raises StatementError for an invalid size."""
+    sides = real_array(size, "size")
+    if sides.shape != (2,) or not ((sides >= 1.0) & (sides <= _LONGEST)).all():
+        raise StatementError(f"size = {shown(size)}: give (width, height) in inches, each from 1 to {_LONGEST:g}.")
+    return float(sides[0]), float(sides[1])

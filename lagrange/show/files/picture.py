@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 LEAST_DPI, MOST_DPI = 10, 1200
 """Least and largest dots per inch of a picture: below, no letter can be drawn; above, drawing takes over 1 GB."""
 
+SCREEN_DPI = 80
+"""Dots per inch in a notebook: the widest figure, 10.6 in, takes 848 pixels, as wide as a column of text."""
+
 MOST_BYTES = 300_000
 """Largest picture in a notebook, in bytes. That of a double pendulum takes 90,000; thirty of them still make a notebook
 that can be mailed."""

@@ -8,8 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from lagrange.errors import StatementError, counted
-from lagrange.show.figures.new_figure import SCREEN_DPI
-from lagrange.show.files.picture import bounded_png
+from lagrange.show.files.picture import SCREEN_DPI, bounded_png
 from lagrange.show.notation.symbols import plain_text
 
 if TYPE_CHECKING:
