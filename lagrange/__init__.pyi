@@ -35,13 +35,13 @@ from lagrange.statement.coordinate import t as t
 from lagrange.statement.energy import gravity as gravity
 from lagrange.statement.energy import kinetic_energy as kinetic_energy
 from lagrange.statement.energy import rotational_energy as rotational_energy
+from lagrange.statement.energy import shape as shape
 from lagrange.statement.energy import spring as spring
 from lagrange.statement.event import Event as Event
 from lagrange.statement.event import event as event
 from lagrange.statement.given.function import given as given
 from lagrange.statement.given.motion import table as table
 from lagrange.statement.rotation import rotation as rotation
-from lagrange.statement.shape import shape as shape
 from lagrange.statement.space import turn as turn
 from lagrange.statement.space import x as x
 from lagrange.statement.space import y as y

@@ -19,7 +19,7 @@ from lagrange.evidence.precise import OutsideDomain
 from lagrange.evidence.sample import SamplePoint
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.statement.notebook_page import ShownAsPage
+from lagrange.statement.progress import ShownAsPage
 from lagrange.statement.statement import Statement
 
 

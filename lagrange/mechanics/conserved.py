@@ -32,8 +32,8 @@ from lagrange.mechanics.symmetries import (
 )
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
 from lagrange.statement.expression import ByName, check_once, expression, in_full, refusing_deep
-from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
+from lagrange.statement.progress import ShownAsPage
 from lagrange.statement.rotation import AXES
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.projection import Projection

@@ -18,7 +18,7 @@ from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simpl
 from lagrange.mechanics.roots import STARTS, numeric_roots, solved
 from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
 from lagrange.statement.coordinate import t
-from lagrange.statement.notebook_page import ShownAsPage
+from lagrange.statement.progress import ShownAsPage
 from lagrange.statement.statement import Statement
 
 FORCE_LEFT = 1e-15

@@ -29,8 +29,8 @@ from lagrange.statement.coordinate import coordinate_of, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.expression import refusing_deep
-from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.parameters import Survey, in_own_parameters
+from lagrange.statement.progress import ShownAsPage
 from lagrange.statement.statement import Statement
 
 LARGEST_COUPLED_BLOCK = 4

@@ -38,8 +38,7 @@ from lagrange.mechanics.plain_form import (
 )
 from lagrange.statement.coordinate import t
 from lagrange.statement.given.function import require_values
-from lagrange.statement.notebook_page import ShownAsPage
-from lagrange.statement.progress import deriving
+from lagrange.statement.progress import ShownAsPage, deriving
 from lagrange.statement.statement import Statement
 
 

@@ -27,7 +27,7 @@ from lagrange.statement.coordinate import (
     t,
     velocity_of,
 )
-from lagrange.statement.energy import first_order_remedy, without_velocity
+from lagrange.statement.energy import Shape, first_order_remedy, without_velocity
 from lagrange.statement.expression import (
     TEXTS,
     as_typed,
@@ -58,7 +58,6 @@ from lagrange.statement.rotation import (
     without_inertia,
 )
 from lagrange.statement.run_settings import RunSettings
-from lagrange.statement.shape import Shape
 from lagrange.statement.statement import EDGE, KINDS, REDUNDANT, REFUSE, Constraint, Link, Statement
 from lagrange.statement.units.dimension_check import with_dimensions
 from lagrange.statement.vocabulary.letters import NAME

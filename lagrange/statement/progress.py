@@ -1,4 +1,10 @@
-"""A progress bar on a terminal or in a notebook. Other outputs get nothing, or lines of text on request."""
+"""What a terminal or a notebook shows: progress of work, and the pages of results.
+
+Progress is a bar; outputs that are no terminal get nothing, or lines of text on request.
+
+The class of a result belongs to an early stage of the package. Its page needs the notation of formulas, which belongs
+to a later stage. The later module registers the pages here, and is imported when the first page is shown.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +16,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import singledispatch
 from html import escape
+from importlib import import_module
 from typing import Any
 
 SILENT_SECONDS = 2.0
@@ -258,3 +266,22 @@ def in_notebook() -> bool:
 
     shell = get_ipython()
     return shell is not None and shell.has_trait("kernel")
+
+
+PAGES = "lagrange.show.notebook.result_pages"
+"""Module that registers the pages."""
+
+
+@singledispatch
+def notebook_page(result: Any) -> str | None:
+    """Return the page of a result in Markdown, or None if its class has none. A notebook then shows the repr."""
+    del result
+    return None
+
+
+class ShownAsPage:
+    """Base of the results that a notebook shows as a page."""
+
+    def _repr_markdown_(self) -> str | None:
+        import_module(PAGES)
+        return notebook_page(self)

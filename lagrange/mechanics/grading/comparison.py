@@ -34,7 +34,7 @@ from lagrange.mechanics.grading.student_equations import (
 from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, Write
 from lagrange.mechanics.grading.wrong_term import WrongTerm, slip_of, wrong_term
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name
-from lagrange.statement.notebook_page import ShownAsPage
+from lagrange.statement.progress import ShownAsPage
 from lagrange.statement.statement import Statement
 
 DRAWS = 1000  # Random points drawn to reach other branches; most of them cost one evaluation of the switches

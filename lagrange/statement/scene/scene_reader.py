@@ -27,7 +27,7 @@ from lagrange.statement.coordinate import (
     velocity_of,
 )
 from lagrange.statement.declare import ORIGIN, check_point, check_redundant, declare, link_part
-from lagrange.statement.energy import first_order_remedy, without_velocity
+from lagrange.statement.energy import Shape, first_order_remedy, shape, without_velocity
 from lagrange.statement.event import Event, declare_events, event
 from lagrange.statement.expression import in_full, printable, real_number
 from lagrange.statement.given.function import given
@@ -39,7 +39,6 @@ from lagrange.statement.scene.expressions import MULTIPLIER, Expressions, read_n
 from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.toml_document import LARGEST_FILE, LARGEST_STORED, Document, dotted, kind_of
 from lagrange.statement.scene.unevaluated import UnevaluatedExpressions
-from lagrange.statement.shape import Shape, shape
 from lagrange.statement.statement import REFUSE, Link, Statement
 from lagrange.statement.vocabulary.letters import NAME
 
