@@ -99,6 +99,25 @@ def test_an_answer_is_judged_and_its_wrong_term_is_named(line: str) -> None:
     assert said in result.message.replace("w*t", "t*w"), result.message
 
 
+def test_mutated_answers_are_judged_or_refused() -> None:
+    """Of an answer with a part missing, doubled or replaced nothing is run, and every message is short."""
+    dice, systems = random.Random(2), ("scene:pendulum", "oscillator", "table", "pulley", "typed:damped")
+    rows = [line.split("\t") for line in ANSWERS]
+    answers = [(row[0], row[3].replace("⏎", "\n")) for row in rows if row[0] in systems]
+    for _ in range(40):
+        name, text = dice.choice(answers)
+        begin, scrap = (
+            dice.randrange(len(text)),
+            dice.choice(("", "\\dot{", "__import__('os')", "²", "=", "\n", "(", "θ")),
+        )
+        text = text[:begin] + scrap + text[begin + dice.randrange(4) :]
+        try:
+            message = answered(name).compare(text).message
+        except lg.StatementError as refusal:
+            message = str(refusal)
+        assert 0 < len(message) <= 400, text
+
+
 @pytest.mark.parametrize(
     "text",
     ["l theta'' + 2 g sin theta", "theta'' - (g/l) theta'^2 + (g/l) sin theta", "m l theta'' + m g cos(2 theta)"],

@@ -194,6 +194,12 @@ def test_constraints_are_stated_and_follow_the_equations() -> None:
     assert "\nAccelerations and multipliers\n    x_ddot = " in page and "\n    lambda[slide] = " in page
 
 
+def test_a_sum_that_a_constraint_keeps_constant_is_written_as_the_constant() -> None:
+    page = str(shared_scene("cartesian-pendulum").derivation())
+    assert "x_ddot = -x*(x_dot**2 + y_dot**2 - g*y)/l**2" in page
+    assert "/(x**2 + y**2)" not in page
+
+
 def test_multipliers_have_their_constraint_for_an_index() -> None:
     page = render(constrained(), "latex")
     assert r" f_{\mathrm{rod}} = x^2 + y^2 - l^2, \qquad " in page

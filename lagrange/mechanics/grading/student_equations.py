@@ -404,10 +404,11 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:
     """Return a program that computes expressions in plain symbols, in multiple precision.
 
-    Raises OutsideDomain if a constant in them has no value.
+    A derivative of a jump is zero in them, as it is beside the jump. Raises OutsideDomain if a constant has no value.
     """
     stated = {symbol: leaf for leaf, symbol in statement.plain.items()}
-    return Precise([expression.xreplace(stated) for expression in expressions], statement, DIGITS)
+    beside = (expression.replace(sympy.DiracDelta, lambda *_: sympy.S.Zero) for expression in expressions)
+    return Precise([expression.xreplace(stated) for expression in beside], statement, DIGITS)
 
 
 def values_at(expressions: Precise, sample: MotionSample) -> list[Any]:

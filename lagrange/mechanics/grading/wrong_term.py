@@ -336,10 +336,12 @@ def _all_hold(zeros: Sequence[Any], statement: Statement, samples: Sequence[Moti
 def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
     """Return a sentence if the equations are right after linearization about zero coordinates, else "".
 
-    `zeros` are the equations as expressions that are zero.
+    `zeros` are the equations as expressions that are zero. Those of rotations have no zero coordinates.
     """
     moving = set(statement.plain.values())
-    if any(part.has(*moving) for zero in zeros for part in zero.atoms(sympy.Function, sympy.Pow)):
+    if statement.rotations or any(
+        part.has(*moving) for zero in zeros for part in zero.atoms(sympy.Function, sympy.Pow)
+    ):
         return ""
     pairs = [(x, y) for x in moving for y in moving if x.name <= y.name]
     if any(sympy.diff(zero, x, y) != 0 for zero in zeros for x, y in pairs):

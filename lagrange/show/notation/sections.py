@@ -315,10 +315,12 @@ def _matrix(
 def _accelerations(derivation: Derivation) -> Iterator[Formula | str]:
     statement = derivation.statement
     multipliers = {constraint.name: constraint.multiplier for constraint in statement.constraints}
+    constants = _constant_sums(statement)
     solved = [
         *zip(list(statement.plain.values())[2::3], derivation.accelerations.values(), strict=True),
         *((multipliers[name], value) for name, value in derivation.multipliers.items()),
     ]
+    solved = [(symbol, value.xreplace(constants)) for symbol, value in solved]
     long = [symbol for symbol, value in solved if value.count_ops() > READABLE]
     for symbol, value in solved:
         if symbol not in long:
@@ -330,3 +332,14 @@ def _accelerations(derivation: Derivation) -> Iterator[Formula | str]:
             f"{subject} too long to be read: the longest has {longest} operations, and a page shows up to {READABLE}. "
             "accelerations() has them as expressions; compile() gives them as numbers."
         )
+
+
+def _constant_sums(statement: Statement) -> dict[Any, Any]:
+    """Return {sum of terms: its value} for sums that constraints keep constant: x**2 + y**2 is l**2 on a circle."""
+    constants: dict[Any, Any] = {}
+    for constraint in statement.constraints:
+        zero = constraint.expression.expand().as_content_primitive()[1]
+        fixed, moving = zero.as_independent(*statement.coordinates, *statement.velocities, as_Add=True)
+        if moving.is_Add and fixed != 0 and constraint.holonomic:
+            constants |= {moving: -fixed, -moving: fixed}
+    return constants
