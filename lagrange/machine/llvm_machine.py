@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from lagrange.algorithm.step.loops import steps_of
 from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import RunError
 from lagrange.machine.backend import Callback, DensePath, FloatArray, SingularMassMatrix
-from lagrange.machine.dense.llvm_dense import LlvmDense, step_dense
+from lagrange.machine.dense.llvm_dense import LlvmDense, of_steps
 from lagrange.machine.drivers import StepDriver
 from lagrange.machine.kernel.llvm_kernel import STORED_TOGETHER, LlvmKernel, cached_kernel, fit
 from lagrange.machine.llvm.address import workspace
@@ -230,7 +230,8 @@ class LlvmMachine:
         `kind` says how a method's polynomial follows from the ends of a step. `kernel` is the right-hand side and
         `jacobian` its derivative, None if the polynomial does not need it.
         """
-        return step_dense(kind, kernel, parameters, jacobian)
+        polynomial = partial(of_steps, kind, kernel, parameters, jacobian)
+        return LlvmDense(kernel.program.states, kind.degree, polynomial)
 
     def event_steps(
         self,

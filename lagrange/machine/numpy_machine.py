@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.step.loops import steps_of
 from lagrange.algorithm.step.memory import Layout
 from lagrange.machine.backend import Callback, FloatArray, Kernel
-from lagrange.machine.dense.interpreted_dense import NumpyDense, step_dense
+from lagrange.machine.dense.interpreted_dense import NumpyDense, write_steps
 from lagrange.machine.kernel.python_kernel import kernel_in_python
 from lagrange.machine.python_source import PrintedProcedure, between_arrays, called
 from lagrange.machine.series.interpreted_series import NumpySeries
@@ -66,7 +67,8 @@ class NumpyMachine:
         `kind` says how a method's polynomial follows from the ends of a step. `kernel` is the right-hand side and
         `jacobian` its derivative, None if the polynomial does not need it.
         """
-        return step_dense(kind, kernel, parameters, jacobian)
+        n, write = kernel.program.states, partial(write_steps, kind, kernel, parameters, jacobian)
+        return NumpyDense(n, kind.degree, kind.derivative, partial(kind.size, n), write)
 
     def event_steps(self, *_: Any, **__: Any) -> None:
         """Return None: this machine has no loop that also finds events.

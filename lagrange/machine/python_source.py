@@ -195,6 +195,7 @@ AS_WRITTEN = ("add", "sub", "mul", "neg", "abs", "fma", "fnma", "less", "less_eq
 """Operations that Python writes alike for arrays and numbers."""
 
 
+@lru_cache(maxsize=64)
 def arrays_loaded(procedure: Procedure) -> Callable[..., Any]:
     """Return a procedure as a Python function of numbers and one-dimensional NumPy arrays."""
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items()}

@@ -10,14 +10,7 @@ from dataclasses import replace
 
 from lagrange.errors import LagrangeError
 from lagrange.procedure import form
-from lagrange.procedure.form import (
-    Block,
-    Callee,
-    Procedure,
-    Statement,
-    rebuilt,
-    walk,
-)
+from lagrange.procedure.form import Block, Callee, Procedure, Statement, rebuilt, walk
 from lagrange.procedure.verify import verify
 from lagrange.procedure.visit import defined, operands, reads
 

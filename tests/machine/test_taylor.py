@@ -22,9 +22,8 @@ from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.llvm.address import address
-from lagrange.machine.series import interpreted_jet, interpreted_series, llvm_series
-from lagrange.machine.series.interpreted_jet import Jet
-from lagrange.machine.series.interpreted_series import NumpySeries
+from lagrange.machine.series import interpreted_series, llvm_series
+from lagrange.machine.series.interpreted_series import Jet, NumpySeries
 from lagrange.machine.series.llvm_series import CompiledJet
 from lagrange.program.catalogue import program_of
 from lagrange.program.series import RULES, SeriesProgram, Stage
@@ -424,7 +423,7 @@ def test_eliminated_rows_are_swapped_in_every_right_hand_side(exact: bool) -> No
     """Small integers, which both kinds of numbers have exactly; pivots lie below the diagonal in each column."""
     matrix = np.array([[0.0, 2.0, 1.0, 0.0], [1.0, 0.0, 0.0, 3.0], [4.0, 1.0, 0.0, 1.0], [2.0, 0.0, 8.0, 1.0]])
     given = np.array([[sp.Rational(int(entry)) for entry in row] for row in matrix]) if exact else matrix
-    eliminated = interpreted_jet.Eliminated(given)
+    eliminated = interpreted_series.Eliminated(given)
     for solution in np.array([[1.0, -2.0, 3.0, 0.5], [0.0, 1.0, 0.0, 0.0]]):
         found = eliminated.solve([sp.nsimplify(entry) for entry in matrix @ solution] if exact else matrix @ solution)
         assert np.array(found, dtype=float) == pytest.approx(solution, rel=1e-15, abs=1e-15)

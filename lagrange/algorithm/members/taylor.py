@@ -25,17 +25,7 @@ from lagrange.algorithm.taylor.step_size import logarithm
 from lagrange.algorithm.taylor.watching import MOST_ZEROS, PARTS, SIDES, Arguments, Watch, Watched, scratch_sizes
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.front.plain import inline
-from lagrange.procedure.front.vocabulary import (
-    In,
-    Out,
-    WholesIn,
-    WholesOut,
-    clear,
-    each,
-    reals,
-    unlikely,
-    wholes,
-)
+from lagrange.procedure.front.vocabulary import In, Out, WholesIn, WholesOut, clear, each, reals, unlikely, wholes
 
 MEMBER_EVENT_ROOM = 2 * MOST_ZEROS
 """Number of events that can be stored until they are copied, which is done after each step."""

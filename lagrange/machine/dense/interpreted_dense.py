@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,7 @@ from numpy.polynomial.polynomial import polyval
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import StepPolynomial, block_size
 from lagrange.machine.backend import BlockPolynomial, FloatArray, Kernel, Places, SingularMassMatrix
-from lagrange.machine.python_source import arrays_loaded, loaded
-from lagrange.procedure.form import Procedure
+from lagrange.machine.python_source import arrays_loaded, called
 
 STEPS_PER_BLOCK, TIMES_PER_BLOCK = 1024, 16384
 """Largest number of steps in a block, and of times evaluated at once: bounds on memory."""
@@ -26,12 +24,6 @@ a short array takes as long as twenty operations on numbers."""
 
 NONE = np.empty(0).data
 """Placeholder for an array that is not used."""
-
-
-@lru_cache(maxsize=64)
-def printed(procedure: Procedure, *, by_arrays: bool) -> Callable[..., Any]:
-    """Return a procedure as a Python function: of NumPy arrays if `by_arrays`, else of numbers and arrays."""
-    return arrays_loaded(procedure) if by_arrays else loaded(procedure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,19 +102,7 @@ class NumpyDense:
         return out.reshape(-1, n, count)
 
 
-def step_dense(
-    kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
-) -> NumpyDense:
-    """Return the dense output of a method's steps for one right-hand side and one set of parameters.
-
-    `kind` says how the method's polynomial follows from the ends of a step. `kernel` is the right-hand side and
-    `jacobian` its derivative, None if the polynomial does not need it.
-    """
-    n, write = kernel.program.states, partial(_write_steps, kind, kernel, parameters, jacobian)
-    return NumpyDense(n, kind.degree, kind.derivative, partial(kind.size, n), write)
-
-
-def _write_steps(
+def write_steps(
     kind: StepPolynomial,
     kernel: Kernel,
     parameters: FloatArray,
@@ -132,14 +112,15 @@ def _write_steps(
 ) -> None:
     """Write the polynomials of a block of `columns` steps by the printed procedure of their kind.
 
-    `kernel` is the right-hand side and `jacobian` its derivative or None. `arrays` are the steps of the block, their
-    neighbours, working memory, and the coefficients to write.
+    `kind` says how the polynomial follows from the ends of a step. `kernel` is the right-hand side and `jacobian` its
+    derivative or None. `arrays` are the steps of the block, their neighbours, working memory, and the coefficients to
+    write.
     """
     law, n = _by_columns(kernel, parameters), kernel.program.states
     derivative = None if jacobian is None else _by_columns(jacobian, parameters)
     few = columns * n <= SHORT_BLOCK
     table, *rest = [array.data if few else array for array in (kind.table, *arrays)]
-    write = printed(kind.procedure, by_arrays=not few)
+    write = called(kind.procedure).function if few else arrays_loaded(kind.procedure)
     write(law, NONE, derivative, NONE, _invert, table, kind.stages, kind.degree, n, columns, *rest)
 
 

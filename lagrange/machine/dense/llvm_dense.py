@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -136,24 +136,13 @@ class LlvmDense:
         run(*[values[name] for name in run.places])
 
 
-def step_dense(
-    kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
-) -> LlvmDense:
-    """Return the dense output of a method's steps for one right-hand side and one set of parameters.
-
-    `kind` says how the method's polynomial follows from the ends of a step. `kernel` is the right-hand side and
-    `jacobian` its derivative, None if the polynomial does not need it.
-    """
-    polynomial = partial(_of_steps, kind, kernel, parameters, jacobian)
-    return LlvmDense(kernel.program.states, kind.degree, polynomial)
-
-
-def _of_steps(
+def of_steps(
     kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None
 ) -> BlockPolynomial:
     """Return the callback that writes the polynomials of steps, with the addresses of the kernels that it calls.
 
-    `kernel` is the right-hand side and `jacobian` its derivative or None.
+    `kind` says how the polynomial follows from the ends of a step. `kernel` is the right-hand side and `jacobian` its
+    derivative, None if the polynomial does not need it.
     """
     code, n = compiled_polynomial(kind.procedure), kernel.program.states
     references: list[Any] = [code, kind.table]
