@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from lagrange.equations.euler_lagrange import Equations
     from lagrange.evidence.report import Report
-    from lagrange.export.write import Exported
+    from lagrange.export.contents import Exported
     from lagrange.mechanics.conserved import Conserved
     from lagrange.mechanics.equilibria import Equilibrium
     from lagrange.mechanics.grading.comparison import EquationsComparison
@@ -325,7 +325,7 @@ class System:
         The result has `.files`, and `.commands` that build and run the self-test in that folder. Raises StatementError
         for quantities that a target cannot express, and for a parameter without a value.
         """
-        from lagrange.export.write import export
+        from lagrange.export.contents import export
 
         return export(self._model, target, path, contents, events, parameters)
 

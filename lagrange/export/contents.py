@@ -1,10 +1,13 @@
-"""Choose the exported quantities, integrators and run, and build a language-independent module."""
+"""Choose the exported quantities, integrators and run, build a language-independent module, and write its files."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -14,11 +17,10 @@ from lagrange.algorithm.series.integrator import TaylorProcedures
 from lagrange.algorithm.step.integrate import adaptive_run, one_step
 from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import StatementError, listing, shown, suggestion
-from lagrange.export.descriptions import COMMENT_WIDTH, statement_lines
-from lagrange.export.identifiers import ascii_name, wrapped
+from lagrange.export.descriptions import COMMENT_WIDTH, ascii_name, statement_lines, wrapped
 from lagrange.export.module import ExportedIntegrator, ExportedQuantity, ExportedRun, SourceModule, ValueNames
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
-from lagrange.export.target import QUANTITIES, SOLVED, Target, able_targets
+from lagrange.export.target import QUANTITIES, SOLVED, Target, able_targets, check_operations, find
 from lagrange.graph import node
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
@@ -27,10 +29,11 @@ from lagrange.procedure.form import Procedure
 from lagrange.procedure.rewrite import Pruner, bound
 from lagrange.program.program import Program
 from lagrange.program.step import LAWS, StepProgram
+from lagrange.show.files.atomic_file import real_path, write_together
 from lagrange.show.units import energy_unit, length_unit, unit_of
 from lagrange.statement.coordinate import name_of
-from lagrange.statement.event import Event
-from lagrange.statement.expression import entries
+from lagrange.statement.event import Event, declare_events
+from lagrange.statement.expression import entries, refusing_deep
 from lagrange.statement.given.function import open_functions
 from lagrange.statement.parameters import label_of, table_of
 from lagrange.trajectory.constraints.consistent import complete_start
@@ -411,3 +414,69 @@ def fixed(entries: Program, prepared: PreparedLayout) -> list[int]:
         for ref in entries.outputs
         if code[ref].op == "parameter" or ref in slots
     ]
+
+
+@dataclass(frozen=True)
+class Exported:
+    """The result of an export: paths of the written files, and shell lines to run in their folder.
+
+    `commands` build and run the self-test; its exit status is 0 if all results are right. `run_commands` build and run
+    `main`, which writes its table; empty if `main` is not among the contents.
+    """
+
+    files: tuple[Path, ...]
+    commands: tuple[str, ...]
+    run_commands: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return str(self)
+
+    def __str__(self) -> str:
+        lines = [f"wrote {path}" for path in self.files]
+        return "\n".join(
+            [*lines, f"to test them, in {self.files[0].parent}:", *(f"  {command}" for command in self.commands)]
+        )
+
+
+@refusing_deep
+def export(
+    model: Model,
+    target: str,
+    path: str | os.PathLike[str],
+    contents: Sequence[str] | None,
+    events: Any,
+    parameters: Mapping[Any, Any] | None,
+) -> Exported:
+    """Write a model as source files of a target into the folder `path`, which is created if it is missing.
+
+    `contents` are the names of quantities and methods to export, None for the default ones. `events` are the events
+    to export, and `parameters` values that replace the stated ones. If this fails, folders that were created are
+    removed.
+    """
+    chosen = find(target)
+    declared = () if events is None else declare_events(events, model.statement, constant="an export")
+    folder = real_path(path)
+    try:
+        created = [ancestor for ancestor in (folder, *folder.parents) if not ancestor.exists()]
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StatementError(
+            f"the folder {shown(str(folder), 120)} cannot be made ({error.strerror}): name another folder for the "
+            "files."
+        ) from error
+    try:
+        module = module_of(model, wanted(chosen, model, contents, declared, parameters), declared, parameters)
+        check_operations(chosen, module)
+        files = chosen.files(module)
+        data = {name: text.encode("ascii") if isinstance(text, str) else text for name, text in files.items()}
+        written = write_together(folder, {name: partial(_put, content) for name, content in data.items()})
+    except BaseException:
+        for new_folder in created:
+            new_folder.rmdir()
+        raise
+    runs = [] if module.run is None else chosen.run_commands(module)
+    return Exported(tuple(written), tuple(chosen.commands(module)), tuple(runs))
+
+
+def _put(data: bytes, file: BinaryIO) -> None:
+    file.write(data)

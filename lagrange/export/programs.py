@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from lagrange.export.descriptions import TEST, columns, integrator_of, outcome_texts, run_of
-from lagrange.export.identifiers import commented, number_lines
+from lagrange.export.descriptions import TEST, columns, commented, integrator_of, number_lines, outcome_texts, run_of
 from lagrange.export.module import SourceModule, StepCheck
 from lagrange.procedure.spelling import Literals
 

@@ -11,7 +11,7 @@ from importlib import import_module
 from typing import Any, ClassVar
 
 from lagrange.errors import StatementError, UnknownKey, listing, shown
-from lagrange.export.identifiers import distinct
+from lagrange.export.descriptions import distinct
 from lagrange.export.languages import ALIASES, TARGETS
 from lagrange.export.module import SourceModule
 from lagrange.show.notebook.html_card import table

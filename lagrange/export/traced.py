@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from lagrange.algorithm.linear.symmetric import PIVOT, PREFERENCE
-from lagrange.export.descriptions import named_places, statement_comment
-from lagrange.export.identifiers import TEXT_WIDTH, commented, distinct
+from lagrange.export.descriptions import TEXT_WIDTH, commented, distinct, named_places, statement_comment
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, StraightLinePrinter

@@ -22,8 +22,7 @@ from lagrange.export.target import find, missing_operation
 from lagrange.machine.model import Model
 from lagrange.show.figures.paths import AZIMUTH, ELEVATION, spring
 from lagrange.show.figures.style import DARK, LIGHT, NAMED_POINTS, FigureStyle, colours, point_look
-from lagrange.show.notation.symbols import plain_text
-from lagrange.show.notation.text import UnicodeNotation
+from lagrange.show.notation.text import UnicodeNotation, plain_text
 from lagrange.show.units import energy_unit, length_unit, unit_of
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.statement import Statement, corners

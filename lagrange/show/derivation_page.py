@@ -14,8 +14,7 @@ from lagrange.equations.derivation import Derivation
 from lagrange.show.notation.formula import FormulaLine, LineWriter
 from lagrange.show.notation.markup import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import Formula, Section, ShownQuantity, sections
-from lagrange.show.notation.symbols import GREEK, latex_text, markdown_text, plain_text
-from lagrange.show.notation.text import Notation, UnicodeNotation, width
+from lagrange.show.notation.text import GREEK, Notation, UnicodeNotation, latex_text, markdown_text, plain_text, width
 from lagrange.show.terminal import DETAILS, FORMATS
 from lagrange.statement.expression import one_of
 from lagrange.statement.statement import Statement

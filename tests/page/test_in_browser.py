@@ -14,7 +14,7 @@ from sympy import Abs, sqrt
 
 import lagrange as lg
 from lagrange.page.document import TOLERANCE
-from lagrange.page.sliders import rates_at
+from lagrange.page.web_page import rates_at
 from lagrange.show.figures.curve import around
 from lagrange.show.figures.paths import Box
 from tests.models import shared_scene, stated_in

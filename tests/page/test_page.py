@@ -16,8 +16,7 @@ from sympy import cos, erf, sin
 import lagrange as lg
 from lagrange.cli.program import main
 from lagrange.page.document import COMPUTED, PICTURES, RECORDED, TEMPLATE, as_json, contents, in_script, rate_of
-from lagrange.page.sliders import nice, parameter_bounds
-from lagrange.page.web_page import FoldedFormulas
+from lagrange.page.web_page import FoldedFormulas, nice, parameter_bounds
 from lagrange.show.figures.paths import AZIMUTH, ELEVATION, from_side, spring
 from lagrange.show.notation.sections import sections
 from tests.models import shared_scene

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from lagrange.page.document import filled
-from lagrange.show.notation.symbols import GREEK, latex_text, letters, markdown_text, plain_text
+from lagrange.show.notation.text import GREEK, latex_text, letters, markdown_text, plain_text
 from lagrange.show.terminal import text_table
 
 

@@ -13,7 +13,7 @@ from matplotlib.mathtext import MathTextParser
 from sympy import cos, sin
 
 import lagrange as lg
-from lagrange.show.notation.symbols import GREEK
+from lagrange.show.notation.text import GREEK
 from tests.models import shared_scene
 
 PAGES = Path(__file__).parent / "pages"

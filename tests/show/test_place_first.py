@@ -11,7 +11,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.cli.program import main
-from lagrange.export import write as export_write
+from lagrange.export import contents as export_contents
 from lagrange.page import animation
 from lagrange.page import web_page as page_write
 from lagrange.trajectory.solution import Solution
@@ -31,7 +31,7 @@ def lazy(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(Solution, name, never)
     monkeypatch.setattr(animation, "recording_of", never)
     monkeypatch.setattr(page_write, "page_of", never)
-    monkeypatch.setattr(export_write, "module_of", never)
+    monkeypatch.setattr(export_contents, "module_of", never)
 
 
 WRITERS: dict[str, Callable[[Path], Any]] = {

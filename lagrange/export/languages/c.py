@@ -4,8 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.descriptions import about_of, indices, outcome_codes, places, records_of, sizes, statuses
-from lagrange.export.identifiers import continued, plain
+from lagrange.export.descriptions import (
+    about_of,
+    continued,
+    indices,
+    outcome_codes,
+    places,
+    plain,
+    records_of,
+    sizes,
+    statuses,
+)
 from lagrange.export.languages.c_printer import KINDS, LITERALS, CNames, comment, function
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, test_text

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from lagrange.errors import LagrangeError
-from lagrange.export.identifiers import TEXT_WIDTH, ascii_name, continued, unreserved, wrapped
+from lagrange.export.descriptions import TEXT_WIDTH, ascii_name, continued, unreserved, wrapped
 from lagrange.procedure.form import (
     FLAG,
     PARTIAL,

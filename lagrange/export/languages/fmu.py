@@ -20,8 +20,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from lagrange.errors import LagrangeError
-from lagrange.export.descriptions import OUTCOMES, generator, run_of
-from lagrange.export.identifiers import continued
+from lagrange.export.descriptions import OUTCOMES, continued, generator, run_of
 from lagrange.export.languages.c import header, numbers, programs, source, statement_comment
 from lagrange.export.languages.c_printer import LITERALS
 from lagrange.export.module import ExportedIntegrator, ExportedRun, SourceModule

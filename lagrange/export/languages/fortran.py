@@ -5,8 +5,18 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment
-from lagrange.export.identifiers import LONGEST_NAME, TEXT_WIDTH, commented, continued, distinct
+from lagrange.export.descriptions import (
+    LONGEST_NAME,
+    TEXT_WIDTH,
+    about_of,
+    commented,
+    continued,
+    distinct,
+    indices,
+    places,
+    sizes,
+    statement_comment,
+)
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions

@@ -11,6 +11,8 @@ from typing import NamedTuple
 from lagrange.export.descriptions import (
     about_of,
     columns,
+    commented,
+    continued,
     indices,
     lengths,
     outcome_codes,
@@ -19,7 +21,6 @@ from lagrange.export.descriptions import (
     statement_comment,
     statuses,
 )
-from lagrange.export.identifiers import commented, continued
 from lagrange.export.languages.c_printer import OPERATORS as C_OPERATORS
 from lagrange.export.languages.c_printer import BracedPrinter
 from lagrange.export.module import SourceModule

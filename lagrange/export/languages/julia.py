@@ -4,8 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment
-from lagrange.export.identifiers import TEXT_WIDTH, commented, distinct, wrapped
+from lagrange.export.descriptions import (
+    TEXT_WIDTH,
+    about_of,
+    commented,
+    distinct,
+    indices,
+    places,
+    sizes,
+    statement_comment,
+    wrapped,
+)
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions

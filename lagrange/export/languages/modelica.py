@@ -6,9 +6,8 @@ import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.descriptions import about_of, places, statement_comment
+from lagrange.export.descriptions import about_of, commented, distinct, places, plain, statement_comment
 from lagrange.export.elimination import ROWS
-from lagrange.export.identifiers import commented, distinct, plain
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions

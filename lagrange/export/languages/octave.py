@@ -7,8 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.descriptions import about_of, places, statement_comment
-from lagrange.export.identifiers import LONGEST_NAME, commented, continued, number_lines
+from lagrange.export.descriptions import (
+    LONGEST_NAME,
+    about_of,
+    commented,
+    continued,
+    number_lines,
+    places,
+    statement_comment,
+)
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions

@@ -9,7 +9,9 @@ from collections.abc import Iterator, Mapping
 from lagrange.errors import LagrangeError
 from lagrange.export.descriptions import (
     about_of,
+    ascii_name,
     columns,
+    commented,
     lengths,
     named_places,
     outcome_codes,
@@ -17,7 +19,6 @@ from lagrange.export.descriptions import (
     statement_comment,
     statuses,
 )
-from lagrange.export.identifiers import ascii_name, commented
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register

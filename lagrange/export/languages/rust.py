@@ -4,8 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment, statuses
-from lagrange.export.identifiers import commented, continued
+from lagrange.export.descriptions import (
+    about_of,
+    commented,
+    continued,
+    indices,
+    places,
+    sizes,
+    statement_comment,
+    statuses,
+)
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions

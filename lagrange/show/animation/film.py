@@ -27,7 +27,7 @@ from lagrange.show.figures.style import (
     of_figure,
     point_look,
 )
-from lagrange.show.notation.symbols import plain_text
+from lagrange.show.notation.text import plain_text
 from lagrange.show.units import energy_unit, length_unit, unit_of, with_unit
 from lagrange.statement.expression import real_number, whole_number
 from lagrange.statement.statement import EDGE, SPRING, corners

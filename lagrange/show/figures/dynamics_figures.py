@@ -30,7 +30,7 @@ from lagrange.show.figures.panel import (
 )
 from lagrange.show.figures.paths import spring, view_of
 from lagrange.show.figures.style import FigureStyle, angle_ticks, colours, dress, mixed, new_figure, on_paper, style_of
-from lagrange.show.notation.symbols import letters
+from lagrange.show.notation.text import letters
 from lagrange.show.units import unit_of, with_unit
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.expression import real_number

@@ -16,7 +16,7 @@ from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, end_row, 
 from lagrange.members.varied import MemberNumbers
 from lagrange.show.figures.panel import colour_bar, label_of_entry, panel_on, say_below
 from lagrange.show.figures.style import FigureStyle, angle_ticks, colours, dress, style_of
-from lagrange.show.notation.symbols import letter_of
+from lagrange.show.notation.text import letter_of
 from lagrange.show.units import unit_of, with_unit
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray

@@ -9,7 +9,7 @@ from typing import Any
 from sympy import Add, Derivative
 from sympy.core.function import AppliedUndef
 
-from lagrange.show.notation.symbols import index_parts
+from lagrange.show.notation.text import index_parts
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 

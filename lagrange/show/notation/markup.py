@@ -7,8 +7,19 @@ from collections.abc import Sequence
 from html import escape
 from typing import ClassVar
 
-from lagrange.show.notation.symbols import UNICODE_GREEK, index_parts, latin, letter_of, upright
-from lagrange.show.notation.text import CIRCULAR, POWER, SUM, BookNotation, FormulaPiece, UnicodeNotation
+from lagrange.show.notation.text import (
+    CIRCULAR,
+    POWER,
+    SUM,
+    UNICODE_GREEK,
+    BookNotation,
+    FormulaPiece,
+    UnicodeNotation,
+    index_parts,
+    latin,
+    letter_of,
+    upright,
+)
 
 COMMANDS = CIRCULAR - frozenset(("sech", "csch"))
 """Functions with a LaTeX command of the same name, besides ln, min and max."""

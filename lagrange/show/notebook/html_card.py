@@ -8,8 +8,8 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from lagrange.errors import StatementError, counted
-from lagrange.show.files.picture import SCREEN_DPI, bounded_png
-from lagrange.show.notation.symbols import plain_text
+from lagrange.show.files.atomic_file import SCREEN_DPI, bounded_png
+from lagrange.show.notation.text import plain_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -18,8 +18,7 @@ from lagrange.errors import UnknownKey, counted, listing, shown
 from lagrange.show.derivation_page import MarkdownPage
 from lagrange.show.notation.formula import SideWriter
 from lagrange.show.notation.sections import Formula
-from lagrange.show.notation.symbols import markdown_text, plain_text
-from lagrange.show.notation.text import Notation
+from lagrange.show.notation.text import Notation, markdown_text, plain_text
 from lagrange.show.notebook.html_card import table
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.expression import MOST_WORDS

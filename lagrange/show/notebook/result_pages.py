@@ -16,7 +16,7 @@ from lagrange.mechanics.hamilton import Hamiltonian
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.modes import Modes
 from lagrange.show.notation.sections import ExpressionRows, Formula, ShownQuantity
-from lagrange.show.notation.symbols import markdown_text
+from lagrange.show.notation.text import markdown_text
 from lagrange.show.notebook.page_writer import MOST_SHOWN_OPERATIONS, PageWriter, Part, bold, folded, joined, left_out
 from lagrange.statement.progress import notebook_page
 

@@ -11,7 +11,7 @@ from lagrange.equations.textbook_algebra import TextbookAlgebra
 from lagrange.errors import StatementError, counted
 from lagrange.show.derivation_page import LEFT_OUT, Heading, render
 from lagrange.show.notation.sections import Formula, Section, ShownQuantity, sections, stated_formulas
-from lagrange.show.notation.symbols import markdown_text, plain_text
+from lagrange.show.notation.text import markdown_text, plain_text
 from lagrange.show.notebook.page_writer import (
     LONG,
     MOST_SHOWN_OPERATIONS,
