@@ -82,7 +82,7 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
     """
     problem, options = job.problem, job.options
     varied = hashlib.sha256()
-    for values in table.varied.given.values():
+    for values in table.varied.stated.values():
         varied.update(np.ascontiguousarray(values).tobytes())
     # Numbers of NumPy and SymPy become floats for JSON.
     stated = {name: getattr(options, name) for name in ("rtol", "atol", "step")}

@@ -14,7 +14,7 @@ from lagrange.errors import StatementError, counted, listing, shown, suggestion
 from lagrange.graph.evaluate import doubles
 from lagrange.machine.model import Model
 from lagrange.members.chunk import Starts
-from lagrange.members.varied import Arrays, MemberNumbers, Varied
+from lagrange.members.varied import MemberNumbers, Varied
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import real_array, real_number
@@ -178,7 +178,7 @@ def _divided(what: str, argument: Any) -> tuple[dict[Any, Any], list[Varied]]:
         else:
             real_number(value, label_of(key))
             plain[key] = value
-    return plain, [Arrays({key: values}) for key, values in arrays.items()]
+    return plain, [Varied({key: values}) for key, values in arrays.items()]
 
 
 def _values(label: str, array_like: Any) -> FloatArray:
@@ -219,4 +219,4 @@ def _together(sources: list[Varied]) -> Varied:
         raise StatementError(f"{twice} varies twice: give its values once.")
     every = np.arange(len(sources[0]))
     drawn = tuple(description for source in sources for description in source.drawn)
-    return Arrays({key: source.values(key, every) for source in sources for key in source.keys}, drawn)
+    return Varied({key: source.values(key, every) for source in sources for key in source.keys}, drawn)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,29 +25,37 @@ MOST_MEMBERS = 10**12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Varied(ABC):
+class Varied:
     """The values of coordinates, velocities and parameters that vary between the members of an ensemble.
 
-    `given` has the stated values by key: one per member, or in a grid one per point of the key's axis. In a grid the
-    last axis varies fastest. `drawn` describes how random values were sampled.
+    `stated` has the stated values by key: one per member, or with `crossed`, for a grid, one per point of the key's
+    axis. A grid has every combination, and its last axis varies fastest. `drawn` describes how random values were
+    sampled.
     """
 
-    given: Mapping[Any, FloatArray]
+    stated: Mapping[Any, FloatArray]
     drawn: tuple[Mapping[str, Any], ...] = ()
+    crossed: bool = False
 
-    @property
-    @abstractmethod
+    @cached_property
     def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
         """The independent axes by name: those of a grid with their values, else one axis of member indices."""
+        if self.crossed:
+            return {label_of(key): values for key, values in self.stated.items()}
+        return {"member": np.arange(len(next(iter(self.stated.values()))))}
 
-    @abstractmethod
     def values(self, key: Any, which: MemberNumbers) -> FloatArray:
         """Return the values (m,) of a key that varies, for the members with the indices `which` (m,)."""
+        if not self.crossed:
+            return self.stated[key][which]
+        axis = self.keys.index(key)
+        stride = math.prod(self.shape[axis + 1 :])
+        return self.stated[key][which // stride % self.shape[axis]]
 
     @property
     def keys(self) -> tuple[Any, ...]:
         """The keys that vary: coordinates, velocities, parameters, or their names."""
-        return tuple(self.given)
+        return tuple(self.stated)
 
     def __getitem__(self, key: Any) -> FloatArray:
         """Return the values (members,) of a key. Raises StatementError for a key that does not vary."""
@@ -58,7 +65,7 @@ class Varied(ABC):
 
     def lowest(self, key: Any) -> float:
         """Return the smallest value of a key that varies."""
-        return float(self.given[key].min())
+        return float(self.stated[key].min())
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -70,38 +77,10 @@ class Varied(ABC):
 
     def __repr__(self) -> str:
         names = ", ".join(label_of(key) for key in self.keys)
-        return f"<{type(self).__name__} of {len(self)} members: {names}>"
+        return f"<{'Grid' if self.crossed else 'Arrays'} of {len(self)} members: {names}>"
 
 
-class Arrays(Varied):
-    """Values that vary between members, as arrays of equal length with a value for each member."""
-
-    @cached_property
-    def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
-        """The only axis, "member", with the indices of the members."""
-        return {"member": np.arange(len(next(iter(self.given.values()))))}
-
-    def values(self, key: Any, which: MemberNumbers) -> FloatArray:
-        """Return the values (m,) of a key that varies, for the members with the indices `which` (m,)."""
-        return self.given[key][which]
-
-
-class Grid(Varied):
-    """Every combination of the values of several axes, made by `grid`."""
-
-    @cached_property
-    def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
-        """The values of each axis of the grid, by name of the coordinate, velocity or parameter."""
-        return {label_of(key): values for key, values in self.given.items()}
-
-    def values(self, key: Any, which: MemberNumbers) -> FloatArray:
-        """Return the values (m,) of a key that varies, for the members with the indices `which` (m,)."""
-        axis = self.keys.index(key)
-        stride = math.prod(self.shape[axis + 1 :])
-        return self.given[key][which // stride % self.shape[axis]]
-
-
-def grid(axes: Mapping[Any, Any]) -> Grid:
+def grid(axes: Mapping[Any, Any]) -> Varied:
     """Return every combination of the values of some axes, for `lagrange.ensemble`; the last key varies fastest.
 
     `axes` maps coordinates, velocities, parameters or their names to a tuple (low, high, count), for equally spaced
@@ -112,7 +91,7 @@ def grid(axes: Mapping[Any, Any]) -> Grid:
     members = math.prod(len(values) for values in axis_values.values())
     if members > MOST_MEMBERS:
         raise StatementError(f"the grid has {members:.3g} members: give fewer values; {MOST_MEMBERS:.0e} are possible.")
-    return Grid(axis_values)
+    return Varied(axis_values, crossed=True)
 
 
 def _axis(label: str, axis: Any) -> FloatArray:
@@ -144,7 +123,7 @@ MOST_DIMENSIONS = 21201
 """Largest dimension of Sobol's sequence, for which direction numbers exist."""
 
 
-def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str = "sobol") -> Arrays:
+def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str = "sobol") -> Varied:
     """Return random values of `count` members, for `lagrange.ensemble`. The same seed gives the same values.
 
     `ranges` maps coordinates, velocities, parameters or their names to (low, high), for a uniform distribution, or to
@@ -174,7 +153,7 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
         key: _drawn(label_of(key), distribution, part)
         for (key, distribution), part in zip(entries, parts.T, strict=True)
     }
-    return Arrays(values, ({"sample": method, "seed": start, "of": [label_of(key) for key in values]},))
+    return Varied(values, ({"sample": method, "seed": start, "of": [label_of(key) for key in values]},))
 
 
 def _drawn(label: str, distribution: Any, parts: FloatArray) -> FloatArray:

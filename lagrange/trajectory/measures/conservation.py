@@ -76,10 +76,6 @@ def _kept(problem: Problem, trajectory: Trajectory, end: FloatArray, until: floa
     of the method, and rounding. Cheap tests come first.
     """
     change = abs(after - before)
-    model = problem.model
-    momenta = quickly(model.kernel("momenta"), problem.parameter_array, problem.t0, end)
-    if momenta is not None and change <= SMALL_CHANGE * abs(float(momenta @ end[model.layout.v])) / 2:
-        return True
     if change <= SMALL_CHANGE * float(_kinetic(problem, np.stack([problem.y0, end], axis=1)).max()):
         return True
     return change <= LARGEST_LOSS * _mean_kinetic_energy(problem, trajectory, until) or change <= _noise(
