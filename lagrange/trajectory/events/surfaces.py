@@ -28,7 +28,7 @@ from lagrange.machine.state import DriverState
 from lagrange.program.series import SeriesProgram
 from lagrange.trajectory.events.series_on_step import leaving
 from lagrange.trajectory.integrator import Integrator, Problem
-from lagrange.trajectory.paths.step_paths import StepPath, hermite_path
+from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 MOST_TRIALS = 3**8
@@ -196,16 +196,13 @@ class Continuations:
         self.rows.append(row)
         self.continuations_in_a_row = self.continuations_in_a_row + 1 if state.t == self.landed else 1
         self.landed, length = end, end - state.t
-        state.outputs.write(end, length, self._path(state, end, y))
+        path = hermite_path(4)(self.problem, np.array([state.t, end]), np.array([state.y, y]))
+        state.outputs.write(end, length, path)
         state.reals[DriverState.T] = end
         taylor.low, taylor.scale = 0.0, length
         taylor.next_limit = taylor.limit = math.inf
         taylor.rescalings = taylor.failures = 0
         state.y[:] = y
-
-    def _path(self, state: DriverState, end: float, y: FloatArray) -> StepPath:
-        """Return the dense output of a leap: the path from the driver's state to y (2n,) at the time `end`."""
-        return hermite_path(4)(self.problem, np.array([state.t, end]), np.array([state.y, y]))
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:
         """Return True if the accelerations at both ends of a leap are nearly equal, or grow gradually from the first.

@@ -84,12 +84,12 @@ class ImplicitMethod:
 
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan of a run: the step program, the tolerances or step size, and the dense output."""
-        if self.holonomic:
-            check_holonomic(self.name, problem)
-        if self.law == "momentum":
-            check_unconstrained(self.name, problem)
         chosen = adaptive_settings if self.control else fixed_settings
         tolerances = chosen(self.name, problem, self.step, self.rtol, self.atol)
+        if self.holonomic:
+            check_holonomic(self.name, problem.model)
+        if self.law == "momentum":
+            check_unconstrained(self.name, problem.model)
         path = self.path or hermite_path(self.claims.order)
         return StepPlan(self.program, tolerances, path, projected=not self.holonomic)
 

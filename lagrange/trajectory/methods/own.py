@@ -22,7 +22,7 @@ from lagrange.machine.drivers import numbers_of
 from lagrange.program.step import StepProgram, TracedVector, trace
 from lagrange.statement.expression import text, whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
-from lagrange.trajectory.methods.splitting import check_splits
+from lagrange.trajectory.methods.splitting import check_separable
 from lagrange.trajectory.methods.tolerances import check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
@@ -72,11 +72,10 @@ class StepMethod:
 
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan of a run: the step program, the step size, and the dense output."""
+        tolerances = fixed_settings(self.name, problem, self.step, None, None)
         if self.program.partitioned:
-            check_splits(self.name, problem)
-        return StepPlan(
-            self.program, fixed_settings(self.name, problem, self.step, None, None), hermite_path(self.order)
-        )
+            check_separable(self.name, problem.model)
+        return StepPlan(self.program, tolerances, hermite_path(self.order))
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Return the trajectory of a problem, run by this method."""

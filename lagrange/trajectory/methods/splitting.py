@@ -25,7 +25,7 @@ from lagrange.program.step import StepProgram, trace
 from lagrange.statement.expression import entries, real_array, real_number, text, whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
-from lagrange.trajectory.methods.tolerances import check_options, check_problem, fixed_settings
+from lagrange.trajectory.methods.tolerances import check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
@@ -104,8 +104,8 @@ class Splitting:
 
     def plan(self, problem: Problem) -> StepPlan:
         """Return the plan of a run of the splitting. Raises StatementError for a system that cannot be split."""
-        check_splits(self.name, problem)
         tolerances = fixed_settings(self.name, problem, self.step, None, None)
+        check_separable(self.name, problem.model)
         return StepPlan(self.program, tolerances, hermite_path(self.order))
 
     def integrate(self, problem: Problem) -> Trajectory:
@@ -122,16 +122,6 @@ def _pairs(name: str, stages: Any) -> SplittingStages:
     if any(pair.shape != (2,) for pair in pairs):
         raise StatementError(f"the stages of {name} are {shown(stages)}: give pairs (kick, drift).")
     return tuple((float(kick), float(drift)) for kick, drift in pairs)
-
-
-def check_splits(name: str, problem: Problem) -> None:
-    """Raise StatementError if method `name` cannot split the system of a problem into kicks and drifts.
-
-    This is so if the mass matrix is not constant, if equations are of first order, or if accelerations depend on
-    velocities.
-    """
-    check_problem(name, problem)
-    check_separable(name, problem.model)
 
 
 def check_separable(name: str, model: Model) -> None:

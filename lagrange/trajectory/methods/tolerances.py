@@ -10,6 +10,7 @@ import numpy as np
 
 from lagrange.algorithm.step.constants import LEAST_FLOOR
 from lagrange.errors import StatementError, listing, shown
+from lagrange.machine.model import Model
 from lagrange.statement.expression import real_number
 from lagrange.trajectory.integrator import FLOOR_SHARE, LEAST_ATOL, LEAST_SHARE, Problem, Tolerances
 
@@ -121,13 +122,12 @@ def check_problem(name: str, problem: Problem) -> None:
         raise StatementError(f"{name} cannot run {shown(problem)}: give an lg.Problem, or call lg.integrate().")
 
 
-def check_holonomic(name: str, problem: Problem) -> None:
+def check_holonomic(name: str, model: Model) -> None:
     """Raise StatementError for constraints stated in velocities, and for coordinates without inertia.
 
     Method `name` supports neither.
     """
-    check_problem(name, problem)
-    equations = problem.model.equations
+    equations = model.equations
     constraints = equations.stated
     stated = [repr(label) for label, phi in zip(constraints.names, constraints.positions, strict=True) if phi is None]
     if stated:
@@ -137,28 +137,27 @@ def check_holonomic(name: str, problem: Problem) -> None:
             "radau5-index2, taylor or dop853. What can be integrated may be stated as its integral instead."
         )
     if equations.first_order:
-        names = listing([problem.model.statement.names[i] for i in equations.first_order])
+        names = listing([model.statement.names[i] for i in equations.first_order])
         raise StatementError(
             f"{name} moves momenta that velocities determine, and the Lagrangian has no term of second order in the "
             f"velocities of {names}: take radau5-index2, taylor or dop853."
         )
 
 
-def check_unconstrained(name: str, problem: Problem) -> None:
-    """Raise StatementError if a problem has constraints or coordinates without inertia.
+def check_unconstrained(name: str, model: Model) -> None:
+    """Raise StatementError if a model has constraints or coordinates without inertia.
 
     Method `name` does not support them.
     """
-    check_problem(name, problem)
-    if problem.model.equations.first_order:
+    if model.equations.first_order:
         raise StatementError(
-            f"{name} finds velocities from momenta, and {problem.model.statement.name} has coordinates without "
+            f"{name} finds velocities from momenta, and {model.statement.name} has coordinates without "
             "inertia, whose equations are of first order. Use taylor, dop853 or radau5."
         )
-    if names := problem.model.equations.constraints.names:
+    if names := model.equations.constraints.names:
         raise StatementError(
             f"{name} moves momenta by the forces of the Lagrangian and those that are stated, which leave out the "
-            f"forces of the constraints ({listing(list(map(repr, names)))}) of {problem.model.statement.name}. Use "
+            f"forces of the constraints ({listing(list(map(repr, names)))}) of {model.statement.name}. Use "
             "rattle, which has them and is symplectic, or taylor or dop853."
         )
 
