@@ -38,6 +38,10 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 MOST_REPEATS = 3
 """Largest number of repetitions of a segment that ends where it begins, because of rounding."""
 
+RECENT, HURRIED = 100, 1e-4
+"""Number of changes of the mode by which a run is judged that used up a limit, and the mean time between them, as a
+fraction of the span, below which they are the cause."""
+
 SAMPLES, OVERLAP, ERRORS = 4, 1e-8, 10
 """Number of times in a segment at which open gaps are tested; and the overlap that exceeds errors, as a fraction of the
 terms of the gap. This is the fixed fraction or that many times `rtol`, whichever is larger.
@@ -161,9 +165,9 @@ class _ContactRun:
         """
         problem = self.problem
         if sum(part.steps + part.rejected for part in self.parts) + len(self.parts) >= problem.max_steps:
-            return Status.MAX_STEPS, ""
+            return Status.MAX_STEPS, self._hurry("max_steps")
         if problem.max_wall is not None and time.perf_counter() - problem.began > problem.max_wall:
-            return Status.MAX_WALL, ""
+            return Status.MAX_WALL, self._hurry("max_wall")
         at_once = sum(abs(end - begin) <= CLOSEST * max(abs(end), EARLIEST) for begin in self.begins[-MOST_AT_ONCE:])
         if at_once < MOST_AT_ONCE:
             return None
@@ -175,6 +179,23 @@ class _ContactRun:
         return Status.SINGULAR, (
             f"The mode changes {MOST_AT_ONCE} times at one instant, at {names}: the laws of "
             "contact lead to no motion that goes on. Change restitution or friction, or end the run before."
+        )
+
+    def _hurry(self, limit: str) -> str:
+        """Return the cause of a run that used up the option `limit` in changes of its mode, or "" for another cause."""
+        recent = self.begins[-RECENT:]
+        between = (recent[-1] - recent[0]) / RECENT
+        if len(recent) < RECENT or between > HURRIED * (self.problem.t1 - self.problem.t0):
+            return ""
+        names = [
+            repr(contact.name)
+            for contact, impacts in zip(self.contacts, self.impacts, strict=True)
+            if len(impacts[-1]) and impacts[-1][-1, 0] >= recent[0]
+        ]
+        what = f"impacts of {listing(names)}" if names else "changes between sliding and sticking"
+        return (
+            f"It used up {limit} in {len(self.begins)} changes of the mode, at last every {between:.2g}, by {what}. "
+            f"Raise {limit}, change restitution or friction, or end the run before."
         )
 
     def _segment(self, segment: Problem, mode: Mode) -> Mode:
