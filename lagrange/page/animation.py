@@ -105,15 +105,12 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
         "trails": "".join(choices),
         "notes": "".join(f'<p class="note">{escape(note)}</p>\n' for note in notes),
         "data": as_json(data),
-        "packed": " ".join(map(_text, (rules.encode(), scripts.encode(), packed(rows)))),
+        "packed": " ".join(
+            base64.b64encode(zlib.compress(part, 9)).decode()
+            for part in (rules.encode(), scripts.encode(), packed(rows))
+        ),
     }
     return html("player.html", parts, {"loader": short(template("loader.js"))}, scripts, trusted=False)
-
-
-def frame_size(film: Film) -> tuple[int, int]:
-    """Return the width and height in pixels of the player's frame in a notebook."""
-    width, height = film.size
-    return max(width, 480), round(film.scene_share * height) + BESIDES
 
 
 def _rows(record: Recording) -> list[FloatArray]:
@@ -153,10 +150,6 @@ def packed(rows: Sequence[FloatArray]) -> bytes:
         whole = np.diff(whole, axis=1, prepend=0)
     words = (whole & 0xFFFF).astype("<u2")
     return bytes((words & 0xFF).astype(np.uint8).tobytes() + (words >> 8).astype(np.uint8).tobytes())
-
-
-def _text(data: bytes) -> str:
-    return base64.b64encode(zlib.compress(data, 9)).decode()
 
 
 LARGEST_SHOWN = 300_000
@@ -244,7 +237,8 @@ class Animation:
         page = player_page(self.recording, self.film, self.style, ())
         notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
         if len(page) <= LARGEST_SHOWN:
-            return in_frame(page, "animation", *frame_size(self.film)) + notes
+            width, height = self.film.size
+            return in_frame(page, "animation", max(width, 480), round(self.film.scene_share * height) + BESIDES) + notes
         said = f"The player has {len(page) // 1000:,} kB, too much for a notebook: .save('{self.name}.html') writes it."
         data = base64.b64encode(png(self.frame(0))).decode()
         still = f'<img alt="{escape(self.name)}" src="data:image/png;base64,{data}">'

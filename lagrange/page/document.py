@@ -106,11 +106,16 @@ def description(statement: Statement, rate: float, energies: Sequence[str], ener
     the screen, `energies` are the names of the energies to draw, and `energy_letter` is the letter of the first one.
     """
     notation = UnicodeNotation([*statement.names, *(symbol.name for symbol in statement.parameters)])
+    # A dot above a letter would be too small on a screen: the velocity is dx/dt.
     entries = [(name, f"{name}{'_dot' * dots}", dots) for dots in (0, 1) for name in statement.names]
     return {
         "name": plain_text(statement.name),
         "states": [
-            {"name": typed, "letter": _letter(notation.letter(name, 0), dots), "unit": unit_of(statement, typed)}
+            {
+                "name": typed,
+                "letter": f"d{notation.letter(name)}/dt" if dots else notation.letter(name),
+                "unit": unit_of(statement, typed),
+            }
             for name, typed, dots in entries
         ],
         **_points(statement),
@@ -124,14 +129,6 @@ def description(statement: Statement, rate: float, energies: Sequence[str], ener
         "play": True,
         "unit": {"t": unit_of(statement, "t"), "length": length_unit(statement), "energy": energy_unit(statement)},
     }
-
-
-def _letter(letter: str, dots: int) -> str:
-    """Return the symbol of a coordinate for plots, or with `dots` the symbol of its velocity, such as dx/dt.
-
-    A dot above the letter would be too small on a screen.
-    """
-    return f"d{letter}/dt" if dots else letter
 
 
 def _points(statement: Statement) -> dict[str, Any]:
