@@ -2,14 +2,159 @@
 
 from __future__ import annotations
 
+import ctypes
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from lagrange.errors import StatementError
+from lagrange.export.languages import casadi as casadi_target
+from lagrange.export.languages import jax as jax_target
 from lagrange.machine import model as compiled
+from lagrange.machine.backend import FloatArray
 from lagrange.machine.parameters import Parameters, with_zero_inputs
-from lagrange.recipes.libraries import JaxFunction, NumbaFunction, casadi_function, jax_function, numba_function
+from lagrange.machine.python_source import defined
 from lagrange.recipes.scipy import ScipyProblem, input_functions
 from lagrange.recipes.sympy import SympyForm, sympy_form
 from lagrange.statement.event import declare_events
+from lagrange.statement.expression import flag, one_of
+
+
+def missing(method: str, command: str, error: ImportError) -> StatementError:
+    """Return the error for a package that a method of the model needs; `command` installs the package."""
+    package = command.rsplit(maxsplit=1)[-1]
+    return StatementError(f"model.{method}() needs {package}, which cannot be imported ({error}): {command}")
+
+
+def entries(model: compiled.Model) -> list[str]:
+    """Return two lines of ASCII text, one with the names of the entries of y, and one with the names of p."""
+    state, parameters = model.layout.names(), [symbol.name for symbol in model.statement.parameters]
+    return [f"{letter} = [{ascii(', '.join(names))[1:-1]}]" for letter, names in (("y", state), ("p", parameters))]
+
+
+SYMBOLS = ("SX", "MX")
+"""CasADi's kinds of symbols: scalars, and matrices."""
+
+
+def casadi_function(model: compiled.Model, quantity: str, symbols: str, *, status: bool) -> Any:
+    """Return a quantity as a casadi.Function of (t, y, p); `symbols` is "SX" or "MX", the kind of its symbols.
+
+    With `status` there is a second result: 1 if the mass matrix is singular, else 0. Raises StatementError without
+    CasADi.
+    """
+    program = model.interpreted(quantity).program
+    one_of(symbols, SYMBOLS, "{given} is not a kind of CasADi's symbols: they are {known}.")
+    try:
+        import casadi
+    except ImportError as error:
+        raise missing("as_casadi", "pip install casadi", error) from error
+    name = f"{quantity}_checked" if flag(status, "status") else quantity
+    return defined(casadi_target.LIBRARY.source(program, quantity, entries(model)), name, {})(getattr(casadi, symbols))
+
+
+@dataclass(frozen=True, eq=False)
+class JaxFunction:
+    """A quantity as a function of time t, state y (2n,) and parameters p, for jax.jit, jax.grad and jax.vmap.
+
+    `checked(t, y, p)` returns the quantity, and True if a mass matrix is singular. `source` is the code that defines
+    both functions.
+    """
+
+    function: Callable[[Any, Any, Any], Any]
+    checked: Callable[[Any, Any, Any], Any]
+    source: str
+
+    def __repr__(self) -> str:
+        return "<JaxFunction of (t, y, p)>"
+
+    def __call__(self, t: Any, y: Any, p: Any) -> Any:
+        """Return the quantity at time t, state y and parameters p; NaN throughout if a mass matrix is singular."""
+        return self.function(t, y, p)
+
+
+def jax_function(model: compiled.Model, quantity: str) -> JaxFunction:
+    """Return a quantity for JAX. Raises StatementError without JAX, or if JAX is in single precision."""
+    program = model.interpreted(quantity).program
+    try:
+        import jax
+    except ImportError as error:
+        raise missing("as_jax", "pip install jax", error) from error
+    if not jax.config.jax_enable_x64:
+        raise StatementError(
+            "JAX computes in single precision, which has 7 digits: say jax.config.update('jax_enable_x64', True) "
+            "before arrays are made, then model.as_jax()."
+        )
+    text = jax_target.LIBRARY.source(program, quantity, entries(model))
+    function: Any = defined(text, quantity, {})
+    return JaxFunction(function, function.__globals__[f"{quantity}_checked"], text)
+
+
+_PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+_FILL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+
+_KEPT: dict[int, Any] = {}
+"""Compiled kernels by address. Numba's functions hold the address as a number, and may outlive the model."""
+
+
+@dataclass(frozen=True, eq=False)
+class NumbaFunction:
+    """A quantity as functions that Numba's compiled functions can call; arrays are contiguous and of doubles.
+
+    `prepare(p)` takes the parameters (k,). It returns the array `prepared` of all values that depend on parameters
+    alone, and True if a matrix of such values is singular. `function(t, y, prepared)` returns the quantity as a new
+    array, NaN throughout where a mass matrix is singular. `fill(t, y, prepared, out)` writes the quantity to `out` and
+    returns True if a mass matrix is singular. It allocates no memory.
+    """
+
+    prepare: Callable[[FloatArray], FloatArray]
+    function: Callable[[float, FloatArray, FloatArray], FloatArray]
+    fill: Callable[[float, FloatArray, FloatArray, FloatArray], bool]
+
+    def __repr__(self) -> str:
+        return "<NumbaFunction: prepare(p), function(t, y, prepared) and fill(t, y, prepared, out)>"
+
+
+def numba_function(model: compiled.Model, quantity: str) -> NumbaFunction:
+    """Return a quantity as functions for Numba. Raises StatementError without Numba, and on the numpy target."""
+    kernel: Any = model.kernel(quantity)
+    address = kernel.address
+    try:
+        import numba
+    except ImportError as error:
+        raise missing("as_numba", "pip install numba", error) from error
+    _KEPT[address] = kernel
+    prepare_code, fill_code = _PREPARE(kernel.prepare_address), _FILL(address)
+    program, size = kernel.program, kernel.prepared_size
+    states, count, shape, k = program.states, math.prod(program.shape), program.shape, program.parameters
+
+    def prepare(p: Any) -> Any:
+        if p.size != k:
+            raise ValueError("give as many parameters as the model has: their number is wrong")
+        prepared = np.zeros(size + 1)
+        prepared[:k] = p
+        prepared[size] = prepare_code(prepared.ctypes)
+        return prepared
+
+    def fill(t: Any, y: Any, prepared: Any, out: Any) -> Any:
+        if y.size != states or prepared.size != size + 1 or out.size != count:
+            raise ValueError("give a state, prepared parameters and a result of the sizes of the model: one is wrong")
+        singular = fill_code(t, y.ctypes, prepared.ctypes, out.ctypes) != 0
+        return singular or prepared[size] != 0.0
+
+    vector, result = numba.float64[::1], numba.types.Array(numba.float64, len(shape), "C")
+    made_fill = numba.njit(numba.boolean(numba.float64, vector, vector, result))(fill)
+
+    def function(t: Any, y: Any, prepared: Any) -> Any:
+        out = np.empty(shape)
+        if made_fill(t, y, prepared, out):
+            out[...] = np.nan
+        return out
+
+    compiled = numba.njit(result(numba.float64, vector, vector))(function)
+    return NumbaFunction(numba.njit(vector(vector))(prepare), compiled, made_fill)
 
 
 class Model(compiled.Model):

@@ -15,7 +15,6 @@ from lagrange.errors import StatementError
 from lagrange.graph.functions import CONDITIONS
 from lagrange.machine.model import Model
 from lagrange.program.program import Instruction, Program, uses_of
-from lagrange.recipes.libraries import quantity_program
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
@@ -89,7 +88,7 @@ class SympyForm:
 
 def sympy_form(model: Model, quantity: str) -> SympyForm:
     """Return a quantity in plain symbols, with a symbol for each value that is used more than once."""
-    program = quantity_program(model, quantity)
+    program = model.interpreted(quantity).program
     parameters = model.statement.parameters
     t, *state = (sympy.Symbol(name, real=True) for name in ("t", *model.layout.names()))
     writer = _Writer(program, t, state, parameters, _numbered((t, *state, *parameters)))

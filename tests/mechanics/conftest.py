@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from lagrange.mechanics.grading import budget
+from lagrange.mechanics.grading import term_difference
 
 
 @pytest.fixture(autouse=True)
 def _enough_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let wrong terms be named on slow machines, too."""
-    monkeypatch.setattr(budget, "SECONDS", float("inf"))
+    monkeypatch.setattr(term_difference, "SECONDS", float("inf"))

@@ -12,7 +12,7 @@ import sympy as sp
 
 import lagrange as lg
 from lagrange.mechanics import plain_form
-from lagrange.mechanics.grading import budget, one_change, term_difference, wrong_term
+from lagrange.mechanics.grading import one_change, term_difference, wrong_term
 from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.derivation_page import NO_HEADING, PAGES, render
 from lagrange.show.notation.sections import sections
@@ -341,14 +341,14 @@ LARGE = ("exp(-1e9 x^2)", "exp(1e6 x)", "cosh(1e6 x)", "*".join(f"(x + {i} c)" f
 @pytest.mark.parametrize("factor", LARGE, ids=range(len(LARGE)))
 def test_the_wrong_term_of_an_equation_of_large_numbers_is_not_searched(factor: str) -> None:
     result = oscillator().compare(f"m x'' + c x' + k x {factor} = m g + F cos(w t)")
-    assert result.wrong == (0,) and budget.UNNAMED in result.message
+    assert result.wrong == (0,) and term_difference.UNNAMED in result.message
 
 
 def test_a_spent_budget_leaves_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(budget, "SECONDS", 0.0)
+    monkeypatch.setattr(term_difference, "SECONDS", 0.0)
     assert oscillator().compare("m x'' + c x' + k x = m g + F cos(w t)")
     result = oscillator().compare("m x'' + c x' - k x = m g + F cos(w t)")
-    assert not result and result.message == f"Equation 1 does not hold. {budget.UNNAMED}" and result.details
+    assert not result and result.message == f"Equation 1 does not hold. {term_difference.UNNAMED}" and result.details
 
 
 def test_equations_in_rates_are_as_long_as_in_quaternions(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -359,7 +359,7 @@ def test_equations_in_rates_are_as_long_as_in_quaternions(monkeypatch: pytest.Mo
 
 
 def test_a_spent_budget_ends_every_expansion(monkeypatch: pytest.MonkeyPatch) -> None:
-    with budget.limited(0.0), pytest.raises(budget.BudgetSpent):
+    with term_difference.limited(0.0), pytest.raises(term_difference.BudgetSpent):
         term_difference.expanded(sp.Symbol("x"))
 
 

@@ -18,7 +18,7 @@ import pytest
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.machine.python_source import defined
-from lagrange.recipes.libraries import NumbaFunction
+from lagrange.recipes.model import NumbaFunction
 from lagrange.statement.coordinate import coordinate
 from tests.models import build, c, l, m, model, x, y
 from tests.recipes.agreement import named, singular, states, unbounded

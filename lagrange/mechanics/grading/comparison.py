@@ -19,7 +19,6 @@ from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.evidence.sample import SamplePoint, Sampler
-from lagrange.mechanics.grading import budget
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
 from lagrange.mechanics.grading.rounded_numbers import with_exact_numbers
 from lagrange.mechanics.grading.student_equations import (
@@ -31,7 +30,7 @@ from lagrange.mechanics.grading.student_equations import (
     tape,
     values_at,
 )
-from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, Write
+from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, UNNAMED, BudgetSpent, Write, check_size
 from lagrange.mechanics.grading.wrong_term import WrongTerm, slip_of, wrong_term
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name
 from lagrange.statement.progress import ShownAsPage
@@ -226,8 +225,8 @@ def compare_equations(
     remark = ""
     doubted = len(rows) < len(likeliest)
     result, alone = _compared(derivation, rows, samples, untried, written, pulling=pulling, doubted=doubted)
-    with suppress(budget.BudgetSpent):
-        budget.check_size(*(row.zero for row in rows))
+    with suppress(BudgetSpent):
+        check_size(*(row.zero for row in rows))
         slip = result.wrong and slip_of(rows, samples, alone=alone)
         remark = f" {slip}" if slip else ""
     label = equations[result.wrong[0]].label if result.wrong else ""
@@ -415,9 +414,9 @@ def _blamed(
     for index, (chosen, wrong) in enumerate(choices):
         if len(wrong) == fewest:
             row = rows[wrong[0]]
-            term = WrongTerm(f"{row.equation.label[0].upper()}{row.equation.label[1:]} does not hold. {budget.UNNAMED}")
-            with suppress(budget.BudgetSpent):
-                budget.check_size(*row.sides)
+            term = WrongTerm(f"{row.equation.label[0].upper()}{row.equation.label[1:]} does not hold. {UNNAMED}")
+            with suppress(BudgetSpent):
+                check_size(*row.sides)
                 term = wrong_term(row, derivation, chosen, write)
             ranked.append(((term.cost + NEGATIVE * (pulling and _is_negative(chosen)), index), (wrong, term)))
     return min(ranked, key=lambda choice: choice[0])[1]

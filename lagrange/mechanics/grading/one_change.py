@@ -22,7 +22,6 @@ import sympy
 
 from lagrange.errors import StatementError
 from lagrange.evidence.precise import OutsideDomain, Precise
-from lagrange.mechanics.grading.budget import check_budget
 from lagrange.mechanics.grading.motion_samples import MotionSample
 from lagrange.mechanics.grading.student_equations import (
     DIGITS,
@@ -35,6 +34,7 @@ from lagrange.mechanics.grading.term_difference import (
     LARGEST_FACTOR,
     Difference,
     Numbers,
+    check_budget,
     constant_of,
     expanded,
     scaled_by,

@@ -18,7 +18,6 @@ from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.expansion import small
-from lagrange.mechanics.grading.budget import check_budget
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, motion_samples
 from lagrange.mechanics.grading.one_change import Change, evaluated, one_change
 from lagrange.mechanics.grading.student_equations import (
@@ -34,6 +33,7 @@ from lagrange.mechanics.grading.term_difference import (
     Difference,
     Numbers,
     Write,
+    check_budget,
     expanded,
     same,
     summands,

@@ -10,7 +10,7 @@ from sympy import Add, Mul
 
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import SceneError
-from lagrange.mechanics.grading import budget
+from lagrange.mechanics.grading import term_difference
 from lagrange.mechanics.grading.comparison import EquationsComparison, compare_equations
 from lagrange.mechanics.grading.student_equations import MULTIPLIER, read_equations
 from lagrange.show.notation.formula import Typesetter
@@ -28,7 +28,7 @@ def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> 
     Sums in the messages have the signs that the student typed, m1 - m2 or m2 - m1. Raises StatementError for an answer
     that cannot be read.
     """
-    with budget.limited(budget.SECONDS):
+    with term_difference.limited(term_difference.SECONDS):
         return _graded(statement, derivation, answer)
 
 

@@ -21,12 +21,11 @@ import sympy
 from lagrange.errors import SceneError, StatementError, listing
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.expressions import read_expression
-from lagrange.statement.typed.definitions import Definition, Uses, is_constant
 from lagrange.statement.typed.grammar import Choices, Formula, TypedFault, UnknownWord, faults_of, parsed
 from lagrange.statement.typed.lines import equation_spans
 from lagrange.statement.typed.matrices import rows_of
 from lagrange.statement.typed.names import RATES, Names, canonical
-from lagrange.statement.typed.remarks import Clause
+from lagrange.statement.typed.remarks import Clause, Definition, Uses, is_constant
 from lagrange.statement.typed.tokens import Token, bracketed, tokens_of, with_derivatives
 from lagrange.statement.vocabulary.letters import GREEK, WORD
 
