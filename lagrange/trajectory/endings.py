@@ -234,7 +234,14 @@ def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory
     The status becomes UNRELIABLE if a body passed through a contact.
     """
     contacts = [i for i, event in enumerate(problem.events) if event.reset and event.direction]
-    if len(contacts) < 2 or not _coincide([trajectory.t_events[i] for i in contacts]):
+    counts = [len(trajectory.t_events[i]) for i in contacts]
+    if len(contacts) < 2 or not sum(counts):
+        return trajectory
+    which, times = np.repeat(contacts, counts), np.concatenate([trajectory.t_events[i] for i in contacts])
+    order = np.argsort(times, kind="stable")
+    which, times = which[order], times[order]
+    close = np.abs(np.diff(times)) <= TOGETHER * np.abs(times[1:])
+    if not (close & (np.diff(which) != 0)).any():
         return trajectory
     if trajectory.status in (Status.STEP_TOO_SMALL, Status.NON_FINITE):
         return replace(trajectory, message=f"{trajectory.message} {_GAP}")
@@ -249,16 +256,6 @@ def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory
         f"one time with other resets, in an order that rounding decides. {_GAP}"
     )
     return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {note}")
-
-
-def _coincide(times: Sequence[FloatArray]) -> bool:
-    """Return True if two different events, with times (k,) each, occur at the same time."""
-    all_times = np.concatenate(times)
-    which = np.repeat(np.arange(len(times)), [len(event_times) for event_times in times])
-    order = np.argsort(all_times, kind="stable")
-    all_times, which = all_times[order], which[order]
-    close = np.abs(np.diff(all_times)) <= TOGETHER * np.abs(all_times[1:])
-    return bool((close & (np.diff(which) != 0)).any())
 
 
 def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -> int | None:

@@ -89,7 +89,7 @@ class PreparedMode:
     friction: WrittenFriction | None
 
     @property
-    def own(self) -> slice:
+    def mode_events(self) -> slice:
         """Indices of the events that end the mode, among all events of its runs."""
         last = len(self.events) - (0 if self.friction is None else len(self.friction.events))
         return slice(last - len(self.ends), last)
@@ -105,7 +105,7 @@ class PreparedMode:
     @cached_property
     def zeros(self) -> Kernel:
         """The expressions of the events that end the mode, as a function."""
-        events = self.events[self.own]
+        events = self.events[self.mode_events]
         return quick_function(
             self.model,
             "ends",

@@ -319,7 +319,7 @@ class _ContactRun:
         """Return the contacts whose events ended the last segment: pairs of contact index and kind of event."""
         if self.part.status is not Status.EVENT:
             return []
-        pairs = zip(self.prepared.ends, self.part.t_events[self.prepared.own], strict=True)
+        pairs = zip(self.prepared.ends, self.part.t_events[self.prepared.mode_events], strict=True)
         return [which for which, when in pairs if len(when) and when[-1] == self.part.span[1]]
 
     def _is_begin(self, begin: float) -> bool:
