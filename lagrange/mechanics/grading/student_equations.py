@@ -245,7 +245,7 @@ def _equation(label: str, typed: TypedEquation, letters: Mapping[Any, Any], inde
     return replace(first, others=tuple(others))
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=16)
 def abbreviations(statement: Statement) -> dict[Any, Any]:
     """Return {symbol: value in plain symbols} for the entries and rates of rotations, and for their derivatives.
 
