@@ -411,6 +411,7 @@ class System:
         because elsewhere the accelerations are right at the point alone. Raises StatementError where no expansion
         exists: at corners and poles, off the constraints, and where a coordinate loses its inertia.
         """
+        check_without_contacts(self.statement.contacts, "small()")
         from lagrange.mechanics.expansion import small
 
         return self.from_statement(small(self._known, about, order))

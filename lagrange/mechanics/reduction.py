@@ -13,6 +13,7 @@ from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.evidence.sample import NEAR_INITIAL
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, simplest, vanishes
+from lagrange.statement.contact import contact
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.expression import TYPED_ROUNDING, check_once, expression, refusing_deep
@@ -64,6 +65,9 @@ def rewritten(
         initial=initial,
         positions={label: tuple(map(put, point)) for label, point in statement.positions.items()},
         links=statement.links,
+        contacts={each.name: contact(*each.mapped(put).parts) for each in statement.contacts},
+        simultaneous=statement.simultaneous or None,
+        surfaces={label: tuple(map(put, point)) for label, point in statement.surfaces.items()},
         name=statement.name,
     )
     return with_origin(result, statement)

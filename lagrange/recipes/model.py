@@ -19,6 +19,7 @@ from lagrange.machine.parameters import Parameters, with_zero_inputs
 from lagrange.machine.python_source import defined
 from lagrange.recipes.scipy import ScipyProblem, input_functions
 from lagrange.recipes.sympy import SympyForm, sympy_form
+from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.event import declare_events
 from lagrange.statement.expression import flag, one_of
 
@@ -175,6 +176,7 @@ class Model(compiled.Model):
         one for each name in `model.inputs`. Raises StatementError for invalid arguments; the functions raise
         RunError where the mass matrix is singular.
         """
+        check_without_contacts(self.statement.contacts, "as_scipy()")
         declared = declare_events(events, self.statement, constant="as_scipy")
         functions = input_functions(self, inputs)
         values = self.parameter_array(with_zero_inputs(self.statement, parameters)).copy()
@@ -185,6 +187,7 @@ class Model(compiled.Model):
 
         They call the machine code of this model. Raises StatementError without Numba, and on the numpy target.
         """
+        check_without_contacts(self.statement.contacts, "as_numba()")
         return numba_function(self, quantity)
 
     def as_jax(self, quantity: str = "rhs") -> JaxFunction:
@@ -194,6 +197,7 @@ class Model(compiled.Model):
         where a mass matrix is singular. `.checked(t, y, p)` returns the result, and True if a mass matrix is singular.
         `.source` is the code. Raises StatementError without JAX, and where JAX computes in single precision.
         """
+        check_without_contacts(self.statement.contacts, "as_jax()")
         return jax_function(self, quantity)
 
     def as_casadi(self, quantity: str = "rhs", symbols: str = "SX", *, status: bool = False) -> Any:
@@ -203,6 +207,7 @@ class Model(compiled.Model):
         where a mass matrix is singular. With `status` there is a second result, 1 where a mass matrix is singular and 0
         elsewhere. Raises StatementError without CasADi.
         """
+        check_without_contacts(self.statement.contacts, "as_casadi()")
         return casadi_function(self, quantity, symbols, status=status)
 
     def as_sympy(self, quantity: str = "rhs") -> SympyForm:
@@ -211,4 +216,5 @@ class Model(compiled.Model):
         Linear systems are eliminated in the order of the coordinates: where a pivot is zero, the formulas divide by
         zero.
         """
+        check_without_contacts(self.statement.contacts, "as_sympy()")
         return sympy_form(self, quantity)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -61,6 +61,19 @@ class Contact:
     def expressions(self) -> tuple[Any, ...]:
         """All expressions of the contact: gap, components of the slip, restitution, static and kinetic friction."""
         return (self.gap, *self.slip, self.restitution, *self.friction)
+
+    def is_moved(self, velocities: Sequence[Any]) -> bool:
+        """Return True if a surface moves by itself, such as a belt or a shaken table: then it does work.
+
+        The gap or the slip of such a contact changes with time where the `velocities` of all coordinates are zero.
+        """
+        still = dict.fromkeys(velocities, sympy.S.Zero)
+        return any(rate.xreplace(still) != 0 for rate in (self.gap.diff(t), *self.slip))
+
+    @property
+    def parts(self) -> tuple[Any, Any, Any, Any]:
+        """The arguments of `contact`: gap, slip, restitution and friction."""
+        return self.gap, self.slip or None, self.restitution, self.friction
 
     def mapped(self, change: Any) -> Contact:
         """Return the contact with the function `change` applied to each of its expressions."""

@@ -200,7 +200,10 @@ class Statement:
             )
         if self.contacts:
             names = listing(repr(each.name) for each in self.contacts)
-            said.append(f"The equations are those between contacts, while the gaps {names} are open.")
+            said.append(
+                f"The equations are those between contacts, while the gaps {names} are open: impacts, friction and "
+                "moved surfaces change energy and momenta."
+            )
         return said
 
     @property

@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sympy import exp, sin
 
 import lagrange as lg
 
 X, Y = lg.coordinates("x y")
-M, GRAVITY, MU, E = lg.parameters("m g mu e")
+TURN = lg.coordinate("phi")
+M, GRAVITY, MU, E, RADIUS = lg.parameters("m g mu e R")
+SPEED = lg.parameters("v", positive=False)
 VALUES = {M: 1, GRAVITY: 9.81, MU: 0.3, E: 0.8}
 
 
@@ -51,6 +54,9 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "backwards": (lambda: system().run(0.0, t_start=1.0), "run forwards"),
     "linear equations": (lambda: system().linearize(), r"has contacts \('floor'\)"),
     "eigenvalues": (lambda: system().eigenvalues(E, [0.5]), r"which eigenvalues\(\) leaves out: state the system"),
+    "an expansion": (lambda: system().small({Y: 1}), r"has contacts \('floor'\), which small\(\) leaves out"),
+    "SciPy": (lambda: system().compile().as_scipy(), r"which as_scipy\(\) leaves out"),
+    "SymPy": (lambda: system().compile().as_sympy(), r"which as_sympy\(\) leaves out"),
     "source code": (lambda: system().export("c", "nowhere"), r"has contacts \('floor'\)"),
     "gap of another": (lambda: system().run(1.0, events=[lg.gap("wall") - 1]), "does not have"),
 }
@@ -62,6 +68,55 @@ def test_what_has_no_meaning_is_refused(case: str) -> None:
     with pytest.raises(lg.StatementError, match=message) as caught:
         call()
     assert len(str(caught.value)) <= 400
+
+
+def with_units(floor: Any, units: dict[Any, str]) -> lg.System:
+    """Return a disc over a floor with units of its symbols."""
+    known = {X: "m", Y: "m", M: "kg", GRAVITY: "m/s**2", SPEED: "m/s", RADIUS: "m"} | units
+    kinetic = M * (X.dot**2 + Y.dot**2 + RADIUS**2 * TURN.dot**2 / 2) / 2
+    return lg.System(kinetic, M * GRAVITY * Y, contacts={"floor": floor}, dimensions=known)
+
+
+WRONG_UNITS: dict[str, tuple[Any, dict[Any, str], str]] = {
+    "a mass in the gap": ((Y - M,), {}, "the gap of the contact floor has the term y, whose dimension is length"),
+    "another scale": ((Y - RADIUS, X.dot - SPEED), {SPEED: "cm/s"}, "state v in m/s instead of cm/s"),
+    "an angle's rate": ((Y, X.dot + TURN.dot), {}, "the slip of the contact floor.*x_dot, in phi_dot"),
+    "friction as a force": ((Y, X.dot, 0, MU), {MU: "N"}, "the friction of the contact floor.*should be a number"),
+    "restitution": ((Y, None, E), {E: "kg"}, "the restitution of the contact floor.*should be a number"),
+    "speed over a length": ((Y, None, exp(-lg.impact_speed / RADIUS)), {}, "-y_dot/R, whose dimension is 1/time"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_UNITS)
+def test_wrong_units_of_a_contact_are_refused(case: str) -> None:
+    parts, units, message = WRONG_UNITS[case]
+    with pytest.raises(lg.StatementError, match=message):
+        with_units(lg.contact(*parts), units)
+
+
+def test_right_units_of_a_contact_are_inferred() -> None:
+    floor = lg.contact(Y - RADIUS, X.dot + RADIUS * TURN.dot - SPEED, E * exp(-lg.impact_speed / SPEED), MU)
+    sizes = with_units(floor, {}).statement.dimensions
+    assert str(sizes[E]) == str(sizes[MU]) == "a number"
+
+
+def test_parameters_are_put_into_contacts() -> None:
+    """A parameter in the gap, and one in the friction; a wrong value is refused as in a statement."""
+    stated = system({"floor": lg.contact(Y - E, slip=X.dot, friction=MU)}, simultaneous="newton")
+    (floor,) = stated.substitute({E: 0.25, MU: 0.1}).statement.contacts
+    assert (floor.gap, floor.friction) == (Y - 0.25, (0.1, 0.1))
+    assert stated.substitute({E: 0.25}).statement.simultaneous == "newton"
+    with pytest.raises(lg.StatementError, match="zero or positive"):
+        system({"floor": lg.contact(Y, slip=X.dot, friction=SPEED)}).substitute({SPEED: -1})
+
+
+def test_a_surface_that_moves_does_work() -> None:
+    belt = lg.contact(Y, slip=X.dot - SPEED, friction=MU)
+    table = lg.contact(Y - sin(lg.t) / 10, restitution=E)
+    for floor, conserved in ((belt, False), (table, False), (lg.contact(Y, slip=X.dot, friction=MU), True)):
+        run = system({"floor": floor}, parameters={**VALUES, SPEED: 1}).run(1.0)
+        assert run.drift.conserved is conserved
+    assert "moved surfaces change energy" in " ".join(system().structure)
 
 
 def test_impacts_at_one_instant_need_a_stated_law() -> None:

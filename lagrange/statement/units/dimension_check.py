@@ -15,6 +15,7 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError
+from lagrange.statement.contact import Contact, along, impact_speed
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.given.motion import motion_of, table_range
 from lagrange.statement.parameters import in_own_parameters, label_of, rate_name
@@ -101,14 +102,31 @@ def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[Checked
         CheckedPart(f"the constraint {constraint.name}", constraint.expression, None)
         for constraint in statement.constraints
     ]
-    for label, point in statement.positions.items():
-        parts += [CheckedPart(f"the position of {label}", entry, "length") for entry in point]
+    for label, point in (*statement.positions.items(), *statement.surfaces.items()):
+        what = f"the position of {label}" if label in statement.positions else f"the surface of {label}"
+        parts += [CheckedPart(what, entry, "length") for entry in point if not entry.has(along)]
+    for contact in statement.contacts:
+        parts += _contact_parts(contact)
     motions = {function: motion_of(function) for function in statement.given}
     for function, motion in motions.items():
         if motion is not None and motion.expression is not None:
             values = _without_own_numbers(in_own_parameters(motion.expression, statement.parameters), function, known)
             parts.append(CheckedPart(f"the given function {name_of(function)}", values, function))
     return parts
+
+
+def _contact_parts(contact: Contact) -> Iterator[CheckedPart]:
+    """Yield the expressions of a contact: slips are rates of the gap, restitution and friction are numbers."""
+    what, speed = f"the contact {contact.name}", contact.gap.diff(t)
+    yield CheckedPart(f"the gap of {what}", contact.gap, None)
+    for component in contact.slip:
+        yield CheckedPart(
+            f"the slip of {what}, beside the gap's rate,", sympy.Add(component, speed, evaluate=False), None
+        )
+    restitution = contact.restitution.xreplace({impact_speed: speed})
+    yield CheckedPart(f"the restitution of {what}", restitution, "dimensionless")
+    for coefficient in contact.friction:
+        yield CheckedPart(f"the friction of {what}", coefficient, "dimensionless")
 
 
 def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) -> Iterator[tuple[Any, Dimension]]:

@@ -98,7 +98,10 @@ def energy_drift(
     scale, against = abs(first), "the initial energy" if from_start else "the energy at the first output"
     if abs(first) < _NEAR_ZERO * exchanged:
         scale, against = exchanged, "the largest |v.p|/2"
-    return EnergyDrift(model.equations.structure.energy_kept, first, float(energy[-1]), absolute, scale, against)
+    statement = model.statement
+    moved = any(contact.is_moved(statement.velocities) for contact in statement.contacts)
+    kept = False if moved else model.equations.structure.energy_kept
+    return EnergyDrift(kept, first, float(energy[-1]), absolute, scale, against)
 
 
 CANCELS = 0.5
