@@ -38,6 +38,29 @@ def motor() -> lg.System:
     )
 
 
+MOTOR_UNITS = {J: "kg*m**2", L: "H", R: "ohm", k: "N*m/A", u: "V", i: "A"}
+
+
+def test_terms_of_first_order_need_no_unit_of_energy() -> None:
+    """The equation of a current is one of voltages, that of a filter one of rates; their terms must agree."""
+    stated = motor().statement
+    forces = dict(zip(stated.coordinates, stated.forces, strict=True))
+
+    def with_units(**other: str) -> lg.System:
+        units = MOTOR_UNITS | {symbol: other[str(symbol)] for symbol in (R, u, k) if str(symbol) in other}
+        return lg.System(stated.kinetic, forces=forces, dissipation=stated.dissipation, dimensions=units)
+
+    assert not with_units().statement.dimensions[phi].exponents
+    with pytest.raises(StatementError, match=r"the equation of i has the term -R\*i"):
+        with_units(R="H")
+    with pytest.raises(StatementError, match=r"whose unit is 1000 times that of the other terms"):
+        with_units(u="mV")
+    with pytest.raises(StatementError, match=r"the force on phi|the equation of i"):
+        with_units(k="N*m")
+    with pytest.raises(StatementError, match=r"the equation of e has the term -e_dot"):
+        lowpass(dimensions={e: "V"})
+
+
 def rabbits() -> lg.System:
     """Return Lotka's and Volterra's equations, which go round (1, 1)."""
     forces = {x: x * (1 - y), y: y * (x - 1)}
