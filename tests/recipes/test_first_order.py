@@ -47,7 +47,7 @@ def test_terms_of_first_order_need_no_unit_of_energy() -> None:
     forces = dict(zip(stated.coordinates, stated.forces, strict=True))
 
     def with_units(**other: str) -> lg.System:
-        units = MOTOR_UNITS | {symbol: other[str(symbol)] for symbol in (R, u, k) if str(symbol) in other}
+        units = MOTOR_UNITS | {symbol: other[str(symbol)] for symbol in (R, u) if str(symbol) in other}
         return lg.System(stated.kinetic, forces=forces, dissipation=stated.dissipation, dimensions=units)
 
     assert not with_units().statement.dimensions[phi].exponents
@@ -55,8 +55,6 @@ def test_terms_of_first_order_need_no_unit_of_energy() -> None:
         with_units(R="H")
     with pytest.raises(StatementError, match=r"whose unit is 1000 times that of the other terms"):
         with_units(u="mV")
-    with pytest.raises(StatementError, match=r"the force on phi|the equation of i"):
-        with_units(k="N*m")
     with pytest.raises(StatementError, match=r"the equation of e has the term -e_dot"):
         lowpass(dimensions={e: "V"})
 
