@@ -329,12 +329,12 @@ class _Search:
         """Yield each sum whose change can make the equation right, with the necessary change at each sample.
 
         As a function of the sum, the residual is a quotient of two linear functions. Its values for the sum itself,
-        twice and three times the sum determine it.
+        twice and four times the sum determine it. Decimals times powers of two are exact.
         """
         left, right = self.row.sides
         zeros = [left - right]
         for total in self.sums:
-            for times in (2, 3):
+            for times in (2, 4):
                 sides = list(self.row.sides)
                 sides[total.side] = _with(sides[total.side], total.path, times * total.whole)
                 zeros.append(sides[0] - sides[1])
@@ -343,8 +343,8 @@ class _Search:
         for k, (total, whole) in enumerate(zip(self.sums, wholes, strict=True)):
             if total.whole == 0:
                 continue
-            once, twice = varied[2 * k : 2 * k + 2]
-            steps = [_root(*triple) for triple in zip(residual, once, twice, strict=True)]
+            twice, fourfold = varied[2 * k : 2 * k + 2]
+            steps = [_root(*triple) for triple in zip(residual, twice, fourfold, strict=True)]
             if None not in steps:
                 yield total, [step * value for step, value in zip(steps, whole, strict=True)]
 
@@ -464,10 +464,10 @@ def _without_float(term: Any) -> Any:
 
 
 def _root(first: Any, second: Any, third: Any) -> Any:
-    """Return the zero x of (a + b*x)/(1 + d*x), given its values at x = 0, 1 and 2; None if it has none."""
+    """Return the zero x of (a + b*x)/(1 + d*x), given its values at x = 0, 1 and 3; None if it has none."""
     if abs(third - second) <= NONE * (abs(third) + abs(second)):
         return None
-    d = (2 * second - first - third) / (2 * (third - second))
+    d = (3 * second - 2 * first - third) / (3 * (third - second))
     b = second * (1 + d) - first
     return -first / b if b else None
 
