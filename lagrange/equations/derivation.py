@@ -5,7 +5,7 @@ They are derived independently of the compiled graph.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -120,9 +120,12 @@ NAMED = 8
 ACCELERATIONS = "the solved accelerations"
 
 
-def derive(statement: Statement) -> Derivation:
-    """Return the derivation of the statement's equations of motion, each part computed when first read."""
-    return Derivation(statement, TextbookAlgebra(statement))
+def derive(statement: Statement, positive: Collection[str] = ()) -> Derivation:
+    """Return the derivation of the statement's equations of motion, each part computed when first read.
+
+    The coordinates with names in `positive` count as positive: abs(r) is r there.
+    """
+    return Derivation(statement, TextbookAlgebra(statement, positive))
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,12 +142,12 @@ class Derivation:
     _page: TextbookAlgebra
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return derive, (self.statement,)
+        return derive, (self.statement, self._page.positive)
 
     def with_named_tables(self) -> tuple[Derivation, tuple[str, ...]]:
         """Return the derivation with each table of values written as S(argument), and a sentence on each table."""
         statement, sentences = with_named_tables(self.statement)
-        return (derive(statement) if sentences else self), sentences
+        return (derive(statement, self._page.positive) if sentences else self), sentences
 
     @cached_property
     def refusal(self) -> str:

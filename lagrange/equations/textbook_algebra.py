@@ -8,7 +8,7 @@ sum whose polynomial is not zero may still vanish: it is undecided.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from math import gcd, lcm
@@ -58,10 +58,11 @@ class StatedAlgebra:
     `budget` is the largest number of monomials; a part that needs more raises TooLargeError.
     """
 
-    def __init__(self, statement: Statement, budget: int) -> None:
-        self.statement = statement
-        self.q, self.v, self.a = (
-            tuple(Dummy(name + ending, real=True) for name in statement.names) for ending in ("", "_dot", "_ddot")
+    def __init__(self, statement: Statement, budget: int, positive: Collection[str] = ()) -> None:
+        self.statement, self.positive = statement, positive
+        self.q = tuple(Dummy(name, real=True, positive=name in positive or None) for name in statement.names)
+        self.v, self.a = (
+            tuple(Dummy(name + ending, real=True) for name in statement.names) for ending in ("_dot", "_ddot")
         )
         self.time = Dummy("t", real=True)
         self.plain: dict[Any, Any] = {t: self.time}
@@ -198,8 +199,8 @@ LARGEST_FRACTION = 10**6
 class TextbookAlgebra(StatedAlgebra):
     """The textbook derivation of a statement as sums of monomials. Each part is computed once."""
 
-    def __init__(self, statement: Statement) -> None:
-        super().__init__(statement, BUDGET)
+    def __init__(self, statement: Statement, positive: Collection[str] = ()) -> None:
+        super().__init__(statement, BUDGET, positive)
         self.stated = {symbol: expression for expression, symbol in self.plain.items()}
         self.collector = Collector(self.algebra, frozenset(self.q), frozenset((*self.q, *self.v, *self.a, self.time)))
 

@@ -458,7 +458,14 @@ SIDES = {
         "m r'' - m r theta'^2 = -k (r - l)\nd/dt(m r^2 theta') = 0",
         "The equations are right where r > 0: they are equivalent to those of the system, at the ",
     ),
-    "polar, another term": ("m r'' - m r theta'^2 = -k (r - 2 l)\nd/dt(m r^2 theta') = 0", "In equation 1, that of r,"),
+    "polar, another term": (
+        "m r'' - m r theta'^2 = -k (r - 2 l)\nd/dt(m r^2 theta') = 0",
+        "In equation 1, that of r, on the right side the term 2*k*l has the wrong factor: it is 2 times what it should",
+    ),
+    "polar, with abs": (
+        "m r'' - m r theta'^2 = -k (abs(r) - l)\nd/dt(m r^2 theta') = 0",
+        "The equations are right where r > 0: ",
+    ),
     "polar, one missing": (
         "m r'' - m r theta'^2 = -k (r - l)",
         "The equation holds, but 1 equation is given and 2 are",
@@ -485,4 +492,79 @@ def test_an_answer_for_one_side_of_a_kink_says_on_which_it_is_right(name: str) -
     answer, message = SIDES[name]
     result = systems[name.partition(",")[0]].compare(answer)
     assert result.message.startswith(message)
-    assert bool(result) == (name == "polar")
+    assert bool(result) == (name in ("polar", "polar, with abs"))
+
+
+PENDULUM_ON_A_SPRING = (
+    "m r'' - m r theta'^2 + k (r - l) - m g cos theta = 0",
+    "r theta'' + 2 r' theta' + g sin theta = 0",
+)
+
+BESIDE_A_DISTANCE = [  # what is typed in place of what, and the message
+    ("- m r theta'^2", "", "In equation 1, that of r, the term -m*r*theta_dot**2 is missing."),
+    (
+        "2 r'",
+        "r'",
+        "In equation 2, that of theta, the term r_dot*theta_dot has the wrong factor: it is 1/2 times what it should "
+        "be, 2*r_dot*theta_dot.",
+    ),
+    (
+        "- m r theta",
+        "+ m r theta",
+        "In equation 1, that of r, the term m*r*theta_dot**2 has the wrong sign: it should be -m*r*theta_dot**2.",
+    ),
+    (
+        "- m r theta",
+        "- m theta",
+        "In equation 1, that of r, the term -m*theta_dot**2 is wrong: it should be -m*r*theta_dot**2.",
+    ),
+    ("(r - l)", "r", "In equation 1, that of r, the term -k*l is missing."),
+]
+
+
+@pytest.mark.parametrize(("right", "wrong", "message"), BESIDE_A_DISTANCE)
+def test_a_wrong_term_is_named_where_the_distance_is_positive(right: str, wrong: str, message: str) -> None:
+    """The spring's force has sign(r): the answer has r - l, which is right where r > 0, and is not blamed."""
+    r, theta = lg.coordinates("r theta")
+    k, l, m, g = lg.parameters("k l m g")
+    spring = lg.spring(k, (r * sp.cos(theta), r * sp.sin(theta)), None, l)
+    swinging = lg.System(m * (r.dot**2 + r**2 * theta.dot**2) / 2, spring - m * g * r * sp.cos(theta))
+    assert swinging.compare(PENDULUM_ON_A_SPRING)
+    typed = "\n".join(PENDULUM_ON_A_SPRING)
+    assert typed.count(right) == 1
+    assert swinging.compare(typed.replace(right, wrong)).message == message
+
+
+def test_a_term_missing_beside_a_momentum_that_is_constant() -> None:
+    r, theta = lg.coordinates("r theta")
+    k, l, m = lg.parameters("k l m")
+    spring = lg.spring(k, (r * sp.cos(theta), r * sp.sin(theta)), None, l)
+    central = lg.System(m * (r.dot**2 + r**2 * theta.dot**2) / 2, spring)
+    result = central.compare("m r'' + k (r - l) = 0; m r^2 theta' = const")
+    assert result.message.startswith("In equation 1, that of r, the term -m*r*theta_dot**2 is missing.")
+
+
+def test_an_extra_term_with_a_decimal_is_named() -> None:
+    theta = lg.coordinate("theta")
+    m, g, l = lg.parameters("m g l")
+    pendulum = lg.System(m * l**2 * theta.dot**2 / 2, -m * g * l * sp.cos(theta))
+    result = pendulum.compare("theta'' = -g/l sin theta + 0.1 theta'")
+    assert "on the right side the term 0.1*theta_dot should not be there." in result.message
+
+
+NUMBERS = [  # an answer with numbers in place of symbols, and the start of the message
+    ("3 x'' + 30 (x - 2) = 0", "The equations are right for k = 30, d = 2, m = 3 and c = 0, but they are asked for in"),
+    ("m x'' + k (x - 2) + 4 c x^3 = 0", "The equations are right for d = 2, but they are asked for in symbols."),
+    ("m x'' + k (x - 4) + 4 c x^3 = 0", "In equation 1, that of x, the term -4"),
+    ("m x'' + k (x - d) = 0", "In equation 1, that of x, the term 4*c*x**3 is missing."),
+]
+
+
+@pytest.mark.parametrize(("answer", "message"), NUMBERS)
+def test_an_answer_with_numbers_is_asked_for_symbols(answer: str, message: str) -> None:
+    x = lg.coordinate("x")
+    k, d, m, c = lg.parameters("k d m c")
+    values = {k: 30, d: 2, m: 3, c: 0}
+    result = lg.System(m * x.dot**2 / 2, k * (x - d) ** 2 / 2 + c * x**4, parameters=values).compare(answer)
+    assert not result
+    assert result.message.startswith(message)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.equations.derivation import Derivation
+from lagrange.equations.derivation import Derivation, derive
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
@@ -203,16 +203,26 @@ class EquationsComparison(ShownAsPage):
 
 
 def compare_equations(
-    statement: Statement, derivation: Derivation, equations: Sequence[StudentEquation], write: Write
+    statement: Statement,
+    derivation: Derivation,
+    equations: Sequence[StudentEquation],
+    write: Write,
+    distances: Collection[str] = (),
 ) -> EquationsComparison:
     """Return the comparison of a user's equations with those of a statement.
 
-    `derivation` has the right equations. `write` turns an expression into text for messages. Raises StatementError if
-    an equation is not linear in the accelerations.
+    `derivation` has the right equations. `write` turns an expression into text for messages. `distances` are the names
+    of coordinates that are positive in the comparison. Raises StatementError if an equation is not linear in the
+    accelerations.
     """
-    samples = motion_samples(statement, SAMPLES)
+    samples = motion_samples(statement, SAMPLES, positive=distances)
     likeliest = [_likeliest(equation, statement, samples) for equation in equations]
     rows = [row for row in likeliest if not row.equation.aside or row.holds(samples)] or likeliest
+    if not distances and not all(row.holds(samples) for row in rows):
+        found = _distances(derivation)
+        with suppress(StatementError):  # constraints may leave no state with positive distances
+            if found:
+                return compare_equations(statement, derive(statement, found), equations, write, found)
     equations = [row.equation for row in rows]
     letters = {multiplier: letter for equation in equations for multiplier, letter in equation.letters.items()}
     pulling = any(not str(letter).startswith("lam") for letter in letters.values())
@@ -221,10 +231,11 @@ def compare_equations(
         return write(expression.xreplace(letters))
 
     further, untried = branch_samples(statement, rows, samples)
-    samples += further
+    entries = [statement.names.index(name) for name in distances]
+    samples += [sample for sample in further if all(sample.point.q[i] > 0 for i in entries)]
     remark = ""
     doubted = len(rows) < len(likeliest)
-    result, alone = _compared(derivation, rows, samples, untried, written, pulling=pulling, doubted=doubted)
+    result, alone = _compared(derivation, rows, samples, untried, written, distances, pulling=pulling, doubted=doubted)
     with suppress(BudgetSpent):
         check_size(*(row.zero for row in rows))
         slip = result.wrong and slip_of(rows, samples, alone=alone)
@@ -299,14 +310,16 @@ def _compared(
     samples: Sequence[MotionSample],
     untried: Sequence[Way],
     write: Write,
+    distances: Collection[str],
     *,
     pulling: bool,
     doubted: bool,
 ) -> tuple[EquationsComparison, bool]:
     """Return the result for one reading of each equation, and True if exactly one term is wrong.
 
-    `untried` lists outcomes of switches that no sample has. `pulling` is true if multipliers were typed as forces such
-    as T. `doubted` is true if the answer has a remark that does not hold, which was left out.
+    `untried` lists outcomes of switches that no sample has. `distances` are the names of coordinates that are positive
+    in all samples. `pulling` is true if multipliers were typed as forces such as T. `doubted` is true if the answer has
+    a remark that does not hold, which was left out.
     """
     statement = rows[0].statement
 
@@ -320,14 +333,20 @@ def _compared(
     if statement.constraints and free and not (pulling and _is_negative(turned)):
         choices.append(choice(turned))
     right = next((chosen for chosen, wrong in choices if not wrong), None)
-    condition, held, distances = ("", samples, False) if right is not None else _condition(rows, derivation, write)
-    if distances:
-        right = held
     if right is None:
+        numbers = _numbers_in_place(rows, distances)
+        if numbers:
+            named = f"The equations are right for {numbers}, but they are asked for in symbols."
+            return _refuted(rows, choices[0][1], samples, named), True
+        condition = _condition(rows, derivation, write, distances)
         choices += [choice(turned)] if statement.constraints and choices[-1][0] is not turned else []
         wrong, term = _blamed(rows, choices, derivation, write, pulling=pulling)
         start = f"The equations hold only where {condition}. " if condition else ""
-        return _refuted(rows, wrong, samples, start + term.sentence), term.alone and len(wrong) == 1
+        named = start + term.sentence
+        if len(wrong) > 1:
+            others = listing(rows[i].equation.label for i in wrong[1:])
+            named += f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."
+        return _refuted(rows, wrong, samples, named), term.alone and len(wrong) == 1
     missing = _missing(rows, right, doubted=doubted)
     if missing:
         start = "The equation holds" if len(rows) == 1 else "The equations hold"
@@ -335,50 +354,83 @@ def _compared(
     idle = _idle(rows, samples)
     if idle:
         return EquationsComparison(right=False, message=idle), False
-    start = f"The equations are right where {condition}" if condition else "The equations are right"
-    message = f"{start}: they are equivalent to those of the system, at the {len(held)} states tried."
-    message += sentence_on_multipliers(right, held)
+    where = f" where {listing(f'{name} > 0' for name in distances)}" if distances else ""
+    message = f"The equations are right{where}: they are equivalent to those of the system"
+    message += f", at the {len(samples)} states tried.{sentence_on_multipliers(right, samples)}"
     if untried:
         more = f", nor for {len(untried) - 1} other branches" if len(untried) > 1 else ""
         message += f" No state was found where {describe_way(*untried[0], statement)}{more}."
     return EquationsComparison(right=True, message=message), False
 
 
-def _condition(
-    rows: Sequence[EquationRow], derivation: Derivation, write: Write
-) -> tuple[str, Sequence[MotionSample], bool]:
-    """Return where equations hold that are wrong elsewhere, such as "r > 0", with states there; "" if nowhere.
+def _distances(derivation: Derivation) -> list[str]:
+    """Return the names of the distances r with abs(r) or sign(r) in the right equations: answers have r > 0.
 
-    The condition is on signs of expressions x whose abs(x) or sign(x) is in the right equations. The last entry is True
-    if it says that distances are positive. A distance is a coordinate at whose zero another row of the mass matrix
-    vanishes, as it does for the angle of polar coordinates.
+    A distance is a coordinate such as the radius of polar coordinates: where it is zero, another row of the mass matrix
+    is zero.
     """
-    statement, nowhere = derivation.statement, ("", list[MotionSample](), False)
-    plain, names = statement.plain, statement.names
+    plain, names, distances = derivation.statement.plain, derivation.statement.names, list[str]()
+    with suppress(StatementError):
+        kinks = _kinks(derivation)
+        for i, (name, r) in enumerate(zip(names, list(plain.values())[::3], strict=True)):
+            masses = derivation.mass_matrix.xreplace(plain).xreplace({r: sympy.S.Zero}).tolist() if r in kinks else []
+            distances += [name] if any(not any(row) for row in (*masses[:i], *masses[i + 1 :])) else []
+    return distances
+
+
+def _kinks(derivation: Derivation) -> list[Any]:
+    """Return the expressions x with abs(x) or sign(x) in the right equations, in plain symbols.
+
+    Raises StatementError if the equations are too large to be written out.
+    """
+    laws = [*derivation.equations, *derivation.constraints]
+    kinks = [kink for law in laws for kink in sorted(law.atoms(sympy.Abs, sympy.sign), key=str)]
+    return list(dict.fromkeys(kink.args[0].xreplace(derivation.statement.plain) for kink in kinks))
+
+
+def _condition(rows: Sequence[EquationRow], derivation: Derivation, write: Write, distances: Collection[str]) -> str:
+    """Return where equations hold that are wrong elsewhere, such as "x > 0"; "" if nowhere.
+
+    The condition is on signs of expressions x whose abs(x) or sign(x) is in the right equations.
+    """
+    statement = derivation.statement
     try:
-        laws = [*derivation.equations, *derivation.constraints]
-        kinks = [kink for law in laws for kink in sorted(law.atoms(sympy.Abs, sympy.sign), key=str)]
-        if not kinks:
-            return nowhere
-        masses = derivation.mass_matrix.xreplace(plain)
-        samples = motion_samples(statement, SIGNED_SAMPLES, seed=1)
-        arguments = list(dict.fromkeys(kink.args[0].xreplace(plain) for kink in kinks))
+        arguments = _kinks(derivation)
+        if not arguments:
+            return ""
+        samples = motion_samples(statement, SIGNED_SAMPLES, seed=1, positive=distances)
         program = tape(arguments, statement)
         signs = [[value > 0 for value in values_at(program, sample)] for sample in samples]
     except (StatementError, OutsideDomain):
-        return nowhere
+        return ""
     held = [k for k, sample in enumerate(samples) if all(row.holds([sample]) for row in rows)]
     shared = {i: signs[held[0]][i] for i in range(len(arguments)) if len({signs[k][i] for k in held}) == 1}
     if not shared or held != [k for k, line in enumerate(signs) if all(line[i] == way for i, way in shared.items())]:
-        return nowhere
+        return ""
+    return listing(f"{write(arguments[i])} {'>' if way else '<'} 0" for i, way in shared.items())
 
-    def is_distance(x: Any) -> bool:
-        at_zero = masses.xreplace({x: sympy.S.Zero}).tolist()
-        return str(x) in names and any(not any(row) for q, row in zip(names, at_zero, strict=True) if q != str(x))
 
-    condition = listing(f"{write(arguments[i])} {'>' if way else '<'} 0" for i, way in shared.items())
-    distances = all(way and is_distance(arguments[i]) for i, way in shared.items())
-    return condition, [samples[k] for k in held], distances
+def _numbers_in_place(rows: Sequence[EquationRow], distances: Collection[str]) -> str:
+    """Return the values of parameters that an answer has as numbers, "m = 1 and k = 30", if it is right with them.
+
+    Else return "". So too if all values are 0 or 1: a term or factor was then rather forgotten.
+    """
+    statement = rows[0].statement
+    absent = {p: x for p, x in statement.defaults.items() if not any(row.zero.has(p) for row in rows)}
+
+    def right(values: Mapping[Any, float]) -> bool:
+        try:
+            samples = motion_samples(statement, 2, positive=distances, values=values)
+        except StatementError:
+            return False
+        return all(row.holds(samples) for row in rows)
+
+    if not absent or not right(absent):
+        return ""
+    for p in list(absent):  # a parameter that cancels, such as the mass of a pendulum, need not have its value
+        fewer = {other: x for other, x in absent.items() if other != p}
+        absent = fewer if right(fewer) else absent
+    return listing(f"{p.name} = {x:.6g}" for p, x in absent.items()) if {*absent.values()} - {0, 1} else ""
 
 
 def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
@@ -490,11 +542,8 @@ def _refuted(
 ) -> EquationsComparison:
     """Return the result for an answer in which the equations with the indices `wrong` do not hold.
 
-    `named` is the sentence on the first wrong term.
+    `named` says what is wrong.
     """
-    if len(wrong) > 1:
-        others = listing(rows[i].equation.label for i in wrong[1:])
-        named += f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."
     row, example, details = rows[wrong[0]], dict[str, float](), ""
     for sample in samples:
         with suppress(OutsideDomain):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
+from types import MappingProxyType
 from typing import Any
 
 import sympy
@@ -45,19 +47,30 @@ class MotionSample:
     first_order: tuple[int, ...] = ()
 
 
-def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[MotionSample]:
+def motion_samples(
+    statement: Statement,
+    count: int,
+    seed: int = 0,
+    *,
+    positive: Collection[str] = (),
+    values: Mapping[Any, float] = MappingProxyType({}),
+) -> list[MotionSample]:
     """Return `count` states at which the statement determines the motion; equal seeds give equal states.
 
-    Most parameters and states are of order one, so that no term is negligible. Raises StatementError if not enough
-    states are found.
+    Most parameters and states are of order one, so that no term is negligible. The coordinates with names in `positive`
+    are positive, and the parameters in `values` have those values. Raises StatementError if not enough states are
+    found.
     """
     sampler, states = Sampler(statement, seed), MotionStates(statement)
     _, order_one, _, near, _ = SAMPLE_KINDS
     points = (sampler.point(near if draw % 3 == 2 else order_one, draw // 3) for draw in range(ATTEMPTS))
 
     def sample(point: SamplePoint) -> MotionSample | None:
+        q = tuple(abs(x) if name in positive else x for name, x in zip(statement.names, point.q, strict=True))
         with suppress(OutsideDomain):
-            return states.motion(states.satisfied(point))
+            point = states.satisfied(replace(point, q=q, parameters={**point.parameters, **values}))
+            turned = any(x < 0 for name, x in zip(statement.names, point.q, strict=True) if name in positive)
+            return None if turned else states.motion(point)
         return None
 
     samples = [*islice(usable(points, sample), count)]
