@@ -59,9 +59,10 @@ def project(
 ) -> tuple[Outcome, bool]:
     """Move a state [q, v] at time t onto its constraints. Return an outcome, and True if the state has moved.
 
-    The callback `corrections` has the type `CORRECTIONS`, and `numbers` are its prepared parameters. `lost` is
-    the rounding error of each entry of the state. It is updated, because corrections are added with
-    compensation. Memory is accessed in blocks of `block` numbers.
+    The callback `corrections` computes [dq, dv], the relative violation, and the violation that would remain.
+    `numbers` are its parameters, followed by the values that depend on them alone. `lost` is the rounding error
+    of each entry of the state. It is updated, because corrections are added with compensation. Memory is
+    accessed in blocks of `block` numbers.
     """
     move = reals(whole_blocks(dimension + 2, block) + MOST_WRITTEN_BEYOND, room=block)
     has_moved = False
@@ -89,8 +90,9 @@ def starts_on_constraints(
     """Return True if a state violates its constraints by at most `MOST_AT_START`, or if a matrix is singular.
 
     With `relations` some velocities follow from the constraints: the state is moved onto the constraints, and
-    only the violation of the other constraints is limited. The callback `corrections` has the type
-    `CORRECTIONS`, and `numbers` are its prepared parameters.
+    only the violation of the other constraints is limited. The callback `corrections` computes the correction
+    of a state and its violation. `numbers` are its parameters, followed by the values that depend on them
+    alone.
     """
     move = reals(dimension + 3 + MOST_WRITTEN_BEYOND)
     # A matrix that is singular here is singular in the first step, which reports it.

@@ -141,11 +141,12 @@ class Driver(Protocol):
 
 
 class BlockPolynomial(NamedTuple):
-    """A callback that writes the polynomials of a block of steps, in the layout that `POLYNOMIAL` describes.
+    """A callback that writes the polynomials of a block of steps, with the data that its caller needs.
 
-    `function` is an address or a Python function, and `context` its first argument. A block has `columns` steps, in the
-    layout that the procedure `gather` writes. If `both` is true, the callback also needs the neighbouring steps. `work`
-    is the number of doubles of working memory. `kept` holds objects that must exist as long as `function` is used.
+    `function` is an address or a Python function, and `context` its first argument. A block has `columns` steps, in
+    the layout that the procedure `gather` writes. The coefficient of power k and entry j for step b is written to
+    index (k * 2n + j) * columns + b. If `both` is true, the callback also needs the neighbouring steps. `work` is the
+    number of doubles of working memory. `kept` holds objects that must exist as long as `function` is used.
     """
 
     function: Any
@@ -228,7 +229,7 @@ class SeriesCode(Protocol):
 
     @property
     def function(self) -> Any:
-        """The function that computes the series, as an address or Python function with the signature `JET`."""
+        """The function that computes the Taylor coefficients at a state, as an address or a Python function."""
 
     @property
     def loop(self) -> LoadedProcedure:

@@ -40,9 +40,10 @@ def _tilts(dimension: int) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
-    """Return the settings of all watched functions as one read-only array: setting after setting, all functions.
+    """Return the settings of all watched functions as one read-only array, with a block for each setting.
 
-    Then follow the indices of the entries of the state that resets replace.
+    A block has one entry for each function, such as the direction that counts. `reactions` has the settings of each
+    function. After the blocks follow the indices of the entries of the state that resets replace.
     """
     rows = [(r.direction, r.terminal, r.first, len(r.entries), int(r.root), int(r.smooth)) for r in reactions]
     settings = [x for block in zip(*rows, strict=True) for x in block]
@@ -104,10 +105,10 @@ class EventMemory:
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def hold(self, sides: FloatArray, size: int) -> int:
-        """Set the sides of the switching surfaces, 1.0 or -1.0. Return the index of the numbers for these sides.
+        """Set the sides (signs) of the switching surfaces, 1.0 or -1.0. Return where the numbers for them begin.
 
-        The numbers of the series that depend on the parameters and the sides are one array, with `size` entries for
-        each combination of sides.
+        These are the numbers of the series that depend on the parameters and the sides. They are one array, with a
+        part of `size` entries for each combination of sides. The result is the index of the first entry of the part.
         """
         self.record.combination = self.combination(sides)
         self.record.numbers = (1 + self.record.combination) * size
@@ -136,7 +137,11 @@ class EventMemory:
         return list(zip(self.switch_rows[:count].tolist(), self.switch_combinations[:count].tolist(), strict=True))
 
     def __getattr__(self, name: str) -> NDArray[np.int64]:
-        """Return a part of `sides` or `whole_scratch` by its name in `PARTS`: an entry for each watched function."""
+        """Return the part `name` of the array `sides` or `whole_scratch`: an entry for each watched function.
+
+        `PARTS` has the names of the parts. One part has the signs of the functions, another the numbers of their
+        events.
+        """
         array, begin = PARTS.get(name, ("", 0))
         if array not in ("sides", "whole_scratch"):
             raise AttributeError(name)

@@ -49,7 +49,7 @@ STANDING = (
 class LlvmEventSteps:
     """Compiled loop that takes steps of a driver and finds events on them, for one set of parameters.
 
-    A call has the arguments of `EventSteps`.
+    A call takes the state of the run, the memory of events, and the arrays for accepted times and states.
     """
 
     def __init__(
@@ -155,8 +155,8 @@ class MembersCode:
 def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False, by_value: bool = True) -> Layout:
     """Return the layout in memory of the vectors of a step program, each padded to whole blocks of numbers.
 
-    `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints. `by_value` is
-    true if the law has a kernel that takes a small state in registers.
+    `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints. `by_value`
+    is true if the function that steps evaluate may take a small state in registers.
     """
     # A function of three vectors has too many numbers for registers.
     small = by_value and fit(dimension) and LAWS[step.law].inputs <= 2
@@ -169,7 +169,8 @@ def compiled_loop(
 ) -> tuple[CompiledProcedure, Layout]:
     """Return the compiled loop over the steps of a method, and the layout of its vectors in memory.
 
-    The arguments are those of `loop_layout`.
+    `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints. `by_value`
+    is true if the function that steps evaluate may take a small state in registers.
     """
     layout = loop_layout(step, dimension, projected=projected, by_value=by_value)
     return CompiledProcedure(steps_of(layout), tiers=True, optimize=True), layout
@@ -215,7 +216,7 @@ class LlvmMachine:
 
     @property
     def processor(self) -> str:
-        """Name of this processor in LLVM, and the number of doubles in its vectors."""
+        """Text with the name of this processor in LLVM, and the number of doubles in its vectors."""
         return processor()
 
     def members(self, procedure: Procedure) -> MembersCode:

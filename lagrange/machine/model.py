@@ -84,7 +84,7 @@ class Model:
 
     @property
     def target(self) -> str:
-        """The machine's name."""
+        """The name of the machine that runs the kernels, "llvm" or "numpy"."""
         return self.machine.name
 
     @property
@@ -119,9 +119,10 @@ class Model:
         return self._kernels[name]
 
     def law(self, name: str) -> Kernel:
-        """Return the kernel with this name for use by steps: a quantity that `kernel` accepts, or one for steps only.
+        """Return the kernel of a quantity that steps evaluate, given by its `name`, such as "rhs".
 
-        Some of those for steps only also take the multipliers of the constraints as inputs.
+        It is a quantity that `kernel` accepts, or one for steps only. Some of the latter also take the multipliers of
+        the constraints as inputs.
         """
         return self._law(name) if isinstance(name, str) and name in LAW_QUANTITIES else self.kernel(name)
 
@@ -298,7 +299,7 @@ class Model:
     def parameter_array(self, given: Parameters = None) -> FloatArray:
         """Return the values of the parameters (k,) in the order that kernels expect.
 
-        An array (k,) is returned unchanged.
+        `given` is a dict by symbol or name, or None for the defaults. An array (k,) is returned unchanged.
         """
         return self._values.array(given)
 
@@ -488,16 +489,17 @@ class Stated(Protocol):
         """Return the system of a checked statement."""
 
     def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
-        """Return the model of the system, compiled for a target."""
+        """Return the model of the system, compiled for a target. If `check`, its accelerations are tested."""
 
     def derivation(self) -> Derivation:
-        """Return the textbook derivation."""
+        """Return the textbook derivation of the equations of motion."""
 
 
 def stated(system: Any, example: str) -> Statement:
     """Return the statement of `system`, which is a system or a model.
 
-    Raises StatementError for other objects. The error message suggests the scene with the name `example`.
+    Raises StatementError for other objects. The error message suggests a built-in system, the scene with the name
+    `example`.
     """
     if not isinstance(system, (Stated, Model)):
         raise StatementError(f"{shown(system)} is not a system: give an lg.System, such as lg.scene({example!r}).")

@@ -44,7 +44,10 @@ class NumpyMachine:
         return called(steps_of(layout)), layout
 
     def callback(self, kernel: Kernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return a kernel as a Python function for printed procedures, with the array of parameters that it reads."""
+        """Return a kernel as a Python function for printed procedures, with the array of parameters that it reads.
+
+        `of_steps` has no effect on this machine.
+        """
         return Callback(between_arrays(kernel), parameters)
 
     def called(self, procedure: Procedure) -> PrintedProcedure:

@@ -64,27 +64,28 @@ NO_OUTPUTS = Outputs(np.empty(0), 1)
 class DriverState:
     """State of a run. Arrays are shared with machine code, with entries in the order of the constants below.
 
-    `reals`: T is the time and END the end time of the run. START and STEP define the grid of equal steps. H is the next
-    step, signed, or 0 if it is to be chosen. LONGEST bounds the size of all steps. PREVIOUS is the error norm of the
-    last step. CAUSE is the `Outcome` for which the last trial was rejected. RESIDUAL is the size of the last correction
-    of an implicit step relative to its unknowns.
+    `reals`: T is the time and END the end time of the run. START and STEP define the grid of equal steps. H is the
+    next step, signed, or 0 if it is to be chosen. LONGEST bounds the size of all steps. PREVIOUS is the error norm of
+    the last step. CAUSE is the `Outcome` for which the last trial was rejected. RESIDUAL is the size of the last
+    correction of an implicit step relative to its unknowns.
 
-    The tolerance of an entry of the state is RTOL times its size in the step, plus its floor. The floors (2n,), padded
-    to whole vectors of a machine, are the last `reals`. An accepted step raises a floor to SHARE times the size of the
-    entry. Floors stated by the user have a SHARE of 0 and are constant. Floors that follow the scale begin at
-    `LEAST_FLOOR`.
+    The tolerance of an entry of the state is RTOL times its size in the step, plus its floor. The floors (2n,),
+    padded to whole vectors of a machine, are the last `reals`. An accepted step raises a floor to SHARE times the
+    size of the entry. Floors stated by the user have a SHARE of 0 and are constant. Floors that follow the scale
+    begin at `LEAST_FLOOR`.
 
-    `counts`: STEPS accepted, REJECTED trials, EVALUATIONS of the right-hand side, and ROWS written, none unless RECORD
-    is 1. AFTER_REJECT counts the rejected trials directly before the present one. SLOPE_KNOWN is 1 if the first slope
-    of the next step is known. KEPT is 0 if data of former steps, such as a matrix or unknowns to extrapolate, do not
-    belong to this run. SURVEYED counts how often the run returned as UNSCALED.
+    `counts`: STEPS accepted, REJECTED trials, EVALUATIONS of the right-hand side, and ROWS written, none unless
+    RECORD is 1. AFTER_REJECT counts the rejected trials directly before the present one. SLOPE_KNOWN is 1 if the
+    first slope of the next step is known. KEPT is 0 if data of former steps, such as a matrix or unknowns to
+    extrapolate, do not belong to this run. SURVEYED counts how often the driver returned for an estimate of sizes
+    (the outcome UNSCALED).
 
     `taylor` is the record of a run by Taylor series, of the type `TAYLOR`. Such a run writes `outputs` while it
     advances.
 
-    `floats` and `integers` are memory views of `reals` and `counts`, through which one entry is set five times faster.
-    `fault` is the error of a failed step, from drivers in Python. `kept` is the number of bytes that such a driver
-    keeps of a run.
+    `floats` and `integers` are memory views of `reals` and `counts`, through which one entry is set five times
+    faster. `fault` is the error of a failed step, from drivers in Python. `kept` is the number of bytes that such a
+    driver keeps of a run.
     """
 
     T, END, H, RTOL, SHARE, PREVIOUS, START, STEP, CAUSE, LONGEST, RESIDUAL = RUN.places.values()
@@ -126,8 +127,8 @@ class DriverState:
     def records(self) -> dict[str, Any]:
         """Return the arguments `run`, `counts` and `floors` of procedures that advance the run, by name.
 
-        They are the numbers of the run, its counts, and the floors of the tolerances. All share memory with this
-        object.
+        `run` has the entries of `reals` by name, and `counts` the counts by name. `floors` are the least absolute
+        tolerances. All share memory with this object.
         """
         run, counts = RUN.structure.from_buffer(self.floats), COUNTS.structure.from_buffer(self.integers)
         return {"run": run, "counts": counts, "floors": self.floors}

@@ -58,9 +58,9 @@ class Happened(NamedTuple):
     """Events found since the last call, and the rows after which the motion changes by a reset or a switch.
 
     Event k is a zero of the event function with index `which[k]`, at the time `when[k]` and the state
-    `event_states[k]` (2n,). After each of the `rows` another smooth piece of the run begins. The step before it may
-    have been shortened: then `times` (m,) and `states` (m, 2n) have the end of the whole step. The time is NaN for
-    other steps.
+    `event_states[k]` (2n,). After each of the `rows` another smooth piece of the run begins. The last step before
+    this piece may have been shortened: then `times` (m,) and `states` (m, 2n) have its end without the shortening.
+    The time is NaN for other steps.
     """
 
     which: WholeArray
@@ -99,11 +99,17 @@ class StepEventMemory:
         self.keep_start()
 
     def keep_start(self) -> None:
-        """Save copies of the records as they are now. Each later run by the same driver starts from them."""
+        """Save copies of the records of the loop, `run` and `review`.
+
+        Each later run by the same driver starts from them.
+        """
         self._start = bytes(self.run), bytes(self.review)
 
     def restart(self) -> None:
-        """Set the records to those of the start, without steps and events, for another run by the same driver."""
+        """Set the records of the loop, `run` and `review`, to their start, for another run by the same driver.
+
+        There they have no steps and no events.
+        """
         for record, start in zip((self.run, self.review), self._start, strict=True):
             ctypes.memmove(ctypes.addressof(record), start, len(start))
         self.kept_counts.fill(0)

@@ -71,7 +71,7 @@ class MemberResults(Protocol):
         """The bounds (first, end) of blocks of members that had no results at the start of the call."""
 
     def take(self, first: int, ends: Ends) -> None:
-        """Store the results of a chunk of members. `first` is the index of its first member."""
+        """Store the results `ends` of a chunk of members. `first` is the index of its first member."""
 
     def close(self) -> None:
         """Finish storing results, after the last chunk or an error."""

@@ -395,9 +395,9 @@ class _Extremum:
     ) -> tuple[Any, Any, Any]:
         """Return brackets of maxima next to an end of the steps `which`, where the expression rises from the end.
 
-        A bracket is a step, three fractions of it, and the values there: (k,), (3, k), (3, k). `first` is the index
-        of the sample point before the gap. `values` are the samples of the expression, and `f` the same times the
-        sign, 1 or -1.
+        A bracket is a step, three fractions of it, and the values there: (k,), (3, k), (3, k). The bracket is between
+        two neighbouring sample points, of which the first has the index `first`. `values` are the samples of the
+        expression, and `f` the same times the sign, 1 or -1.
         """
         x, near = lobatto()[0], np.full(len(which), END_SLOPE_AT if first == 0 else 1.0 - END_SLOPE_AT)
         value = steps.inside(self.reduction.expression, which, near) if len(which) else near
@@ -417,5 +417,5 @@ class _Extremum:
             self.best = float(search(*step, sign, *points[:, k].tolist(), *values[:, k].tolist(), self.best))
 
     def _value(self, steps: _Steps, which: Any, fraction: float, *_: Any) -> float:
-        """Return the value (1,) of the expression at a fraction of the step with index `which` (1,)."""
+        """Return the value of the expression at a fraction of the step with index `which` (1,)."""
         return float(steps.inside(self.reduction.expression, which, np.array([fraction]))[0])

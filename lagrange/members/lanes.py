@@ -296,9 +296,10 @@ class LaneEngine:
         """Return a mask (m,) of members that ended early and have to run again one by one, for the cause of the end.
 
         `states` (m, 2n), `times` (m,) and status `codes` (m,) are the ends of the runs. With events all members that
-        ended early without one are in the mask, unless they reached the step limit. Without events, those that took
-        no step, or whose mass matrix may have become singular. Codes are changed in place: STUCK (steps too small)
-        becomes LOST (not finite) where a small step along the slope leaves the domain of the equations.
+        ended early without one are in the mask, unless they reached the step limit. Without events the mask has those
+        that took no step, and those whose mass matrix may have become singular. Codes are changed in place: STUCK
+        (steps too small) becomes LOST (not finite) where a small step along the slope leaves the domain of the
+        equations.
         """
         model, (t0, t1) = self.alone.model, self.alone.span
         stuck = codes == STUCK

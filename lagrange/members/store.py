@@ -415,7 +415,7 @@ class StoredResults:
         self._lock.close()
 
     def take(self, first: int, ends: Ends) -> None:
-        """Store the results of a chunk of members, which are all in one block. A complete block is written.
+        """Store the results `ends` of a chunk of members, which are all in one block. A complete block is written.
 
         `first` is the index of the first member.
         """

@@ -135,8 +135,9 @@ class ChunkSize:
 def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
     """Run the members of `blocks`, pairs (first, end) with end excluded, in chunks, in order of their index.
 
-    `take` is called in this thread with the results of each chunk, in the order in which chunks finish. After an
-    error or Ctrl-C, running chunks are awaited and their results are taken, too.
+    `runner` runs the chunks, on threads or by an executor. `take` is called in this thread with the results of each
+    chunk, in the order in which chunks finish. After an error or Ctrl-C, running chunks are awaited and their results
+    are taken, too.
     """
     chunk_size = ChunkSize(FIRST_CHUNK, runner.chunk_seconds)
     chunks = _chunks(blocks, chunk_size)
@@ -251,7 +252,7 @@ class Collector:
         self.ran = 0
 
     def __call__(self, first: int, done: ChunkResult) -> None:
-        """Store the results of a chunk of members. `first` is the index of its first member."""
+        """Store the results `done` of a chunk of members. `first` is the index of its first member."""
         self._forms[done.form] = None
         if done.processor:
             self._processors[done.processor] = None

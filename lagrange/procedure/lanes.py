@@ -518,7 +518,7 @@ class _Rewriter(Visitor, MemberStatements):
     def looped(self, each: form.Each, sums: Sequence[Sequence[int]], *, uneven: bool) -> list[list[int]]:
         """Rewrite the iterations of an `each` as a loop, and return the partial results of each reduction.
 
-        `sums` has the initial partial results. `own` is true if members may have different numbers of iterations.
+        `sums` has the initial partial results. `uneven` is true if members may have different numbers of iterations.
         """
         partial = [[self.declared(value) for value in initial] for initial in sums]
         start, stop, before = self.constant(WHOLE, 0), self.values[each.iterations], self.mask

@@ -28,7 +28,11 @@ HALF = Fraction(1, 2)
 
 
 def local_inputs(equations: Equations) -> dict[str, Sequence[Node]]:
-    """Return the inputs of `local` by name: a local state (Q, V), then the coordinates at the start of the step."""
+    """Return the inputs of the program `local` by name: a local state (Q, V), then the start coordinates.
+
+    In a local state only quaternions differ from [q, v]: q is Q of length one, and V is the velocity of the
+    quaternion `start` for the same rates of the body.
+    """
     start = [equations.graph.symbol(f"start {i}", Binding.CONFIGURATION) for i in range(len(equations.q))]
     return {**equations.state, "start": start}
 
@@ -36,8 +40,8 @@ def local_inputs(equations: Equations) -> dict[str, Sequence[Node]]:
 def local(equations: Equations) -> Named:
     """Return the nodes of dQ/dt, dV/dt, q and v for a local state (Q, V) about the start of a step, n of each.
 
-    [q, v] is the state that (Q, V) represents. Its quaternions have length one, and their velocities are
-    perpendicular to them.
+    Only quaternions differ from [q, v]: q is Q of length one, and v is perpendicular to it. V is the velocity of the
+    quaternion at the start of the step for the same rates of the body.
     """
     e, graph, start = equations, equations.graph, local_inputs(equations)["start"]
     rates, coordinates, velocities, known = [*e.rate], [*e.q], [*e.v], {}

@@ -90,7 +90,7 @@ def multiplier_symbols(equations: Equations) -> list[Node]:
 
 
 def constrained_inputs(equations: Equations) -> dict[str, Sequence[Node]]:
-    """Return the inputs of `constrained` by name: the state [q, v], then n multipliers."""
+    """Return the input nodes of the program `constrained` by name: the state [q, v], then n multipliers lambda."""
     return {**equations.state, "multipliers": multiplier_symbols(equations)}
 
 
@@ -119,7 +119,11 @@ def constrained(equations: Equations) -> Named:
 
 
 def constrained_jacobian(equations: Equations) -> Named:
-    """Return the derivative of the 5n results of `constrained` by q, v and lambda, by rows: (5n, 3n)."""
+    """Return the nodes of d[p, f, c, phi, psi] / d[q, v, lambda] by rows, (5n, 3n).
+
+    These are the momenta p, the forces f, the constraint forces c = G^T lambda, the constraints phi and their rates
+    of change psi, padded to n entries each.
+    """
     rows = [node for block in constrained(equations).values() for node in block]
     symbols = [symbol for block in constrained_inputs(equations).values() for symbol in block]
     columns = [tangents(rows, {symbol: equations.graph.one}) for symbol in symbols]

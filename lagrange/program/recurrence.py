@@ -287,7 +287,7 @@ class RecurrenceBuilder:
     def split_rate(self, rate: Node, w: int) -> list[tuple[Exact, Node]]:
         """Return the terms of rate * w as pairs (coefficient, node), where w is the series value with that index.
 
-        Each product with w gets a series value.
+        `rate` is a sum of nodes. The product of each of its terms with w becomes a series value.
         """
         terms = []
         for coefficient, node in [*zip(rate.data[1], rate.args, strict=True), (rate.data[0], self.graph.one)]:
@@ -345,7 +345,11 @@ FunctionRule = Callable[["RecurrenceBuilder", Node], int]
 
 
 def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
-    """Return the rule builder of two functions, each the derivative of the other up to sign, such as sin and cos."""
+    """Return the rule builder of two functions, each the derivative of the other up to sign, such as sin and cos.
+
+    The rule builder adds the rules for the Taylor coefficients of both functions to a `RecurrenceBuilder`. `names`
+    are the functions, and `signs` the signs of their derivatives.
+    """
 
     def build(b: RecurrenceBuilder, node: Node) -> int:
         a = node.args[0]
@@ -394,7 +398,11 @@ def _tangent(sign: int) -> FunctionRule:
 
 
 def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
-    """Return the rule builder of a function u of a with slope(a) * u' = sign * a'; the sign is -1 for acos."""
+    """Return the rule builder of a function u = F(a) whose rate follows from slope(a) * u' = sign * a'.
+
+    The rule builder adds the rule for the Taylor coefficients of u to a `RecurrenceBuilder`. Examples are log and
+    asin, with the derivative 1 / slope(a). The sign is -1 for acos.
+    """
 
     def build(b: RecurrenceBuilder, node: Node) -> int:
         a = node.args[0]

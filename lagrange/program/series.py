@@ -167,33 +167,49 @@ class SeriesProgram:
         return tuple(depths)
 
     def direct(self, i: int) -> tuple[int, ...]:
-        """Return the arguments of value number i whose coefficients of order k its rule reads to compute order k."""
+        """Return those arguments of value number i that its rule reads at the same order.
+
+        To compute the coefficient of order k of the value, the rule reads their coefficients of order k. An argument
+        that is read at order k - 1 only is left out.
+        """
         op, args, _ = self.rules[i]
         return tuple(arg for position, arg in enumerate(args) if LAGGED.get(op) != position)
 
     @cached_property
     def before(self) -> tuple[int, ...]:
-        """The values to compute at each order before any stage (linear system) is solved, in order."""
+        """Indices of the series values to compute at each order before any linear system is solved, in order."""
         return tuple(i for i in self._needed(self._outputs(left=True)) if not self.depth[i])
 
     @cached_property
     def trials(self) -> tuple[tuple[int, ...], ...]:
-        """For each stage, the values to compute with unknowns of zero, in order, for the right side of its system."""
+        """For each stage, indices of the series values to compute with unknowns of zero, in order.
+
+        The right-hand side of its linear system reads them.
+        """
         sides = ([value for value in stage.left if value is not None] for stage in self.stages)
         return tuple(self._at(self._needed(values), solved) for solved, values in enumerate(sides, 1))
 
     @cached_property
     def found(self) -> tuple[tuple[int, ...], ...]:
-        """For each stage, the values to compute after its solution that this order or a later one reads, in order."""
+        """For each stage, indices of the series values to compute after its linear system is solved, in order.
+
+        These are the values that the same order or a later one reads.
+        """
         needed = self._needed(self._outputs(left=len(self.stages) > 1))
         return tuple(self._at(needed, solved) for solved in range(1, len(self.stages) + 1))
 
     def _at(self, values: Sequence[int], solved: int) -> tuple[int, ...]:
-        """Return those of `values` that are known after exactly `solved` stages, without the unknowns themselves."""
+        """Return those of the series values that are known after exactly `solved` linear systems, except unknowns.
+
+        `values` are indices of series values.
+        """
         return tuple(i for i in values if self.depth[i] == solved and self.rules[i].op != "unknown")
 
     def _outputs(self, *, left: bool) -> list[int]:
-        """Return the values that stages, events, dq/dt or later orders read; with `left` also the momenta."""
+        """Return the indices of the series values that linear systems, events, dq/dt or later orders read.
+
+        With `left` the momenta on the left of the linear systems are included.
+        """
         named = [value for stage in self.stages for value in (*(stage.left if left else ()), *stage.right)]
         kept = self.kept | self.ranked | self.lagged
         return [value for value in (*named, *self.watched, *self.rates, *sorted(kept)) if value is not None]
@@ -232,7 +248,10 @@ class SeriesProgram:
 
     @cached_property
     def hides_growth(self) -> bool:
-        """True if there are functions, such as exp, whose series may begin far below others and later exceed them."""
+        """True if the series contain exp, tanh, sinh or cosh.
+
+        The series of these functions may begin far below other series and exceed them later.
+        """
         return any(instruction.op in ("exp", "tanh", "sinh", "cosh") for instruction in self.start.instructions)
 
     @cached_property
@@ -244,7 +263,10 @@ class SeriesProgram:
         return any(stage.plan.multipliers for stage in self.stages) and not self.hides_growth
 
     def _needed(self, outputs: list[int]) -> list[int]:
-        """Return the values `outputs` and all that they read at the same order, in order of computation."""
+        """Return the indices of the series values `outputs`, and of all that they read at the same order.
+
+        They are in the order of computation.
+        """
         marked = set(outputs)
         for i in range(len(self.rules) - 1, -1, -1):
             if i in marked:
@@ -261,7 +283,10 @@ def convolutions(rules: Sequence[SeriesRule]) -> int:
 
 
 def kept_values(rules: Sequence[SeriesRule], *, ranked: bool = False) -> frozenset[int]:
-    """Return the values whose coefficients of lower orders some rule reads, multiplied by the order if `ranked`."""
+    """Return the indices of the series values whose coefficients of lower orders some rule reads.
+
+    If `ranked`, they are those whose coefficients x[j] are read multiplied by the order j.
+    """
     return frozenset(
         i if factor.argument == OWN else rule.args[factor.argument]
         for i, rule in enumerate(rules)
@@ -272,10 +297,13 @@ def kept_values(rules: Sequence[SeriesRule], *, ranked: bool = False) -> frozens
 
 
 def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, ...]:
-    """Return those of the values `rates` (dq/dt) that a rule computes; the others are unknowns of a linear system."""
+    """Return those of the series values `rates` (dq/dt) that a rule computes.
+
+    The others are unknowns of a linear system. Values are given by their indices.
+    """
     return tuple(rate for rate in rates if rules[rate].op != "unknown")
 
 
 def lagged_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
-    """Return the values that rules of integrals read at the previous order only."""
+    """Return the indices of the series values that rules of integrals read at the previous order only."""
     return frozenset(rule.args[0] for rule in rules if rule.op == "integral")

@@ -334,7 +334,10 @@ def trace(
 
 
 def _check_scopes(step: StepProgram, inner: Mapping[int, None]) -> None:
-    """Raise StatementError if a result of a call inside a residual, of those numbered `inner`, is used outside."""
+    """Raise StatementError if a step uses the result of a call inside a residual outside of that residual.
+
+    `inner` has the indices of the vectors that are results of such calls.
+    """
     outside = [*step.results, *step.errors]
     outside += [argument for call in step.calls for argument in call.arguments]
     outside += [damp.vector for damp in step.damps]
@@ -364,7 +367,7 @@ class TracedVector:
         self.terms = dict(terms)
 
     def made(self, terms: Mapping[int, Any]) -> Self:
-        """Return a vector of this class with the nonzero ones of the coefficients `terms`, by index of the vector."""
+        """Return a vector of this class with the coefficients `terms`, by index of the vector; zeros are dropped."""
         return type(self)({i: c for i, c in terms.items() if c is not c.graph.zero})
 
     def __add__(self, other: Any) -> Self:

@@ -225,7 +225,11 @@ class _Assembly:
         self.forces += [None] * m
 
     def spin(self, rate: Node, pull: Node) -> int:
-        """Return the index of the value rate - 2 * pull * t, which determines the velocity of a quaternion entry."""
+        """Return the index of the series value rate - 2 * pull * t: minus twice the velocity of a quaternion entry.
+
+        `rate` is minus twice the derivative of the entry that follows from the rates of the body. `pull` is the
+        acceleration at the start of the step that removes the change of the quaternion's length.
+        """
         b = self.builder
         pulled = b.add(SeriesRule("integral", (b.add(SeriesRule("constant"), pull, pull),), (b.constant(1),)), None)
         return b.add(SeriesRule("linear", (b.value(rate), pulled), (b.constant(1), b.constant(-2))), None)

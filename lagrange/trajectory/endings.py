@@ -92,8 +92,8 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
 def rank_lost(problem: Problem, y: FloatArray, share: float, singular: Singular) -> str:
     """Return the message for a run that ends at a state (2n,) where constraints or inertia become singular.
 
-    `share` is the least singular value of the constraint gradients G or of the mass matrix M, relative to the start.
-    `singular` has the dependent constraints, or the motion without inertia.
+    `share` is the least singular value of the constraint gradients G or of the mass matrix M there, divided by that
+    at the start. `singular` has the dependent constraints, or the motion without inertia.
     """
     state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
     left = f"{share:.2g} of what it was at the start"

@@ -206,7 +206,7 @@ class Flow:
     def _to_end_on_constraints(
         self, driver: Driver, state: DriverState, parameters: Mapping[Any, Any] | None, start: FloatArray
     ) -> bool:
-        """Advance a run with constraints and step control from the state `start` (2n,), as `_to_end` does.
+        """Advance a run with constraints and step control from `start` (2n,). Return True if it reaches its end.
 
         The result is False also for a run of many steps, and for one that passes dependent constraints, after which
         rounding decides the motion.

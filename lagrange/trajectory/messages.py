@@ -124,7 +124,8 @@ def message(
 def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: float | None) -> str:
     """Return the sentence that says what to do after a run ended with `status`, or "".
 
-    `y` (2n,) is the last state, and `rtol` the relative tolerance, None for equal steps.
+    `y` (2n,) is the last state, and `rtol` the relative tolerance, None for equal steps. `method` is the name of the
+    method.
     """
     if status.at_end or status is Status.INTERRUPTED:
         return ""
@@ -214,11 +215,11 @@ def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, 
 
 
 def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, int], atol: float) -> str:
-    """Return the cause and the remedy for a run that used up a limit because a small entry of the state is followed.
+    """Return the cause and the remedy for a run that used up a limit because a small entry limits its steps.
 
-    `y` (2n,) is the state. `which` has the index of this entry, and the index of the largest entry of its kind, a
-    coordinate or a velocity. `atol` is the present absolute tolerance of the largest entry. `status` says which
-    limit.
+    `y` (2n,) is the state. `which` has the index of the small entry, and the index of the largest entry of its kind,
+    a coordinate or a velocity. `atol` is the present absolute tolerance of the largest entry. `status` says which
+    limit was used up.
     """
     limit = "max_steps" if status is Status.MAX_STEPS else "max_wall"
     names, (row, largest) = problem.model.layout.names(), which

@@ -239,7 +239,10 @@ def before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
 
 
 def point_of(problem: Problem, part: Trajectory, y: FloatArray, status: Status, cause: str = "") -> Trajectory:
-    """Return a part of zero duration after the segment `part`: the state y (2n,), with the status of the run's end."""
+    """Return a part of zero duration after the segment `part`: the state y (2n,), with the status of the run's end.
+
+    `cause` is the cause of this end for its message, or "".
+    """
     end, outputs = part.span[1], problem.t_eval is None or part.span[1] in problem.t_eval
     t = np.full(int(outputs), end)
     return replace(

@@ -58,7 +58,10 @@ class Plan(Protocol):
         """
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> PathFunction:
-        """Return the dense output, from the accepted times (S+1,), the states (S+1, 2n), and the watcher."""
+        """Return the dense output through the accepted times (S+1,) and states (S+1, 2n) of a run.
+
+        `watch` is the watcher of the run, which knows its resets, or None.
+        """
 
 
 @runtime_checkable
@@ -110,20 +113,29 @@ class StepPlan:
         return StepDriver(model.machine, self.step, model.law(law.quantity), parameters, derivative, projection)
 
     def watch(self, problem: Problem, driver: Driver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return the watcher of the events of the run, or None without events."""
+        """Return the watcher of the events of the run, or None without events.
+
+        `memory` is that of the watcher of a former run by this driver, or None.
+        """
         if not problem.events:
             return None
         fixed = self.step.control is None
         return StepWatch(problem, driver, partial(self.path_of, problem), fixed=fixed, memory=memory)
 
     def followed(self, problem: Problem, output_times: FloatArray, watch: Any) -> FollowedSteps:
-        """Return the object that evaluates the dense output at `output_times` (K,) during a run."""
+        """Return the object that evaluates the dense output at `output_times` (K,) during a run.
+
+        `watch` is the watcher of events, which knows the resets, or None.
+        """
         return FollowedSteps(
             problem, output_times, partial(self.path_of, problem), None if watch is None else watch.breaks
         )
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PathFunction:
-        """Return the dense output of the method, separately for each smooth piece between two resets."""
+        """Return the dense output through accepted times (S+1,) and states (S+1, 2n), with jumps at resets.
+
+        `watch` is the watcher of events, which knows the resets, or None.
+        """
         dense = None if watch is None else watch.memory.dense
         path = self.path_of(problem, times, states) if dense is None else replace(dense, times=times, states=states)
         return (
@@ -196,7 +208,8 @@ class PreparedPlan:
     ) -> None:
         """Keep the driver of a successful run for the next run with its parameters.
 
-        `reused` is the idle driver that the run used, None for a new driver.
+        `reused` is the idle driver that the run used, None for a new driver. `steps` is the number of steps of the
+        run, and `watch` its watcher of events, or None.
         """
         if self.method is None:
             return
@@ -247,7 +260,7 @@ def _is_key(option: Any) -> bool:
 
 
 def drop_oldest(cache: dict[Any, Any], most: int) -> None:
-    """Drop the oldest entries of `kept` until `most` are left. Other threads may drop entries at the same time."""
+    """Drop the oldest entries of `cache` until `most` are left. Other threads may drop entries at the same time."""
     if len(cache) > most:
         for key in tuple(cache)[:-most]:
             cache.pop(key, None)

@@ -87,7 +87,11 @@ def integrate(
 def integrate_since(
     began: float, model: Model, span: Sequence[float], initial: Any, options: RunOptions, *, progress: bool
 ) -> Solution:
-    """Integrate as `integrate` does. `began` is the time of the request by `time.perf_counter`."""
+    """Integrate a model over the times `span` with the given options, and return the Solution.
+
+    `initial` replaces entries of the statement's initial state. `began` is the time of the request by
+    `time.perf_counter`.
+    """
     if flag(progress, "progress"):
         with progress_bar(time_span(span), enabled=True) as report:
             trajectory, values = trajectory_of(model, span, initial, options, progress=report, began=began)

@@ -215,7 +215,7 @@ class _Run:
     watch: Watcher | None = None
 
     def advance_to_end(self, driver: Driver, per_call: int) -> tuple[Status, str]:
-        """Advance the run to its end; return its status and a detail. The first call takes `per_call` steps."""
+        """Advance the run to its end; return its status and a detail. The first driver call has `per_call` steps."""
         problem, state, rows, watch = self.problem, self.state, self.rows, self.watch
         limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
         times, states, call, pace = NOTHING, NOTHING, 0, Pace(problem)
@@ -329,7 +329,7 @@ class _Run:
         return run
 
     def singular_end(self, status: Status, detail: str) -> tuple[Status, str]:
-        """Return SINGULAR and a detail if the equations are singular where the run ended, else the two arguments."""
+        """Return SINGULAR and the cause if the equations are singular at the end, else `status` and `detail`."""
         problem, state = self.problem, self.state
         stuck = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
         given_up = status is Status.MAX_STEPS and len(problem.model.equations.constraints) > 0

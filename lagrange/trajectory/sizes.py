@@ -87,10 +87,10 @@ def entry_sizes(
     left: float,
     force_points: Sequence[tuple[float, FloatArray]],
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return the sizes (2n,) of the entries of a state, their changes (2n,) by other entries, and a natural period.
+    """Return the sizes (2n,) of a state's entries, the changes (2n,) that other entries cause, and a natural period.
 
-    The changes are those in one period. `slopes` is the right-hand side f(t, y). `left` is the remaining time of the
-    run, signed. `force_points` are times and states (2n,) at which forces are evaluated.
+    The changes are those during this period. `slopes` is the right-hand side f(t, y). `left` is the remaining time of
+    the run, signed. `force_points` are times and states (2n,) at which forces are evaluated.
     """
     with np.errstate(all="ignore"):
         slope = slopes(t, y)
@@ -169,7 +169,10 @@ class _Response:
         return float(np.sqrt(fastest))
 
     def _from_rest(self, response: FloatArray, displacement: FloatArray) -> float:
-        """Return the rate by which accelerations respond to a displacement of coordinates alone."""
+        """Return the rate by which accelerations respond to a displacement of coordinates alone.
+
+        `response` (2n,) are the changes of the right-hand side due to the `displacement` (2n,).
+        """
         position, force = self._layout.split(displacement)[0], self._layout.split(response)[1]
         both = (position > 0) & np.isfinite(force)
         return float(np.sqrt(np.max(force[both] / position[both], initial=0.0)))

@@ -313,17 +313,20 @@ class Solution:
         """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,), card (JSON) and statement (a scene).
 
         For runs of few steps, t_between (K,) and y_between (2n, K) are states between the outputs, for animations.
-        With m constraints there are also constraint_error (N,), multipliers (m, N), and constraints (m,), their names;
-        with events t_event_0 (k,), y_event_0 (k, 2n), and so on; with contacts contact_begins (s,), contact_modes
-        (JSON), and contact_impacts_0 (k, 3 + slips): t, impulse, energy lost, friction. `lagrange.load` reads the file.
-        Raises the errors of `to_csv`.
+        With m constraints there are also constraint_error (N,), multipliers (m, N), and constraints (m,), their
+        names; with events t_event_0 (k,), y_event_0 (k, 2n), and so on; with contacts contact_begins (s,),
+        contact_modes (JSON), and contact_impacts_0 (k, 3 + slips): t, impulse, energy lost, friction. `lagrange.load`
+        reads the file. Raises StatementError for a path that cannot be written, RunError if the disk is full.
         """
         from lagrange.show.files.run_files import write_npz
 
         return write_npz(self, path)
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int | None = None) -> Path:
-        """Write the picture of `plot()` with `dpi` dots per inch, 150 by default. Raises the errors of `to_csv`."""
+        """Write the picture of `plot()` with `dpi` dots per inch, 150 by default.
+
+        Raises StatementError for a path that cannot be written, RunError if the disk is full.
+        """
         from lagrange.show.files.run_files import write_png
 
         return write_png(self, path, dpi)

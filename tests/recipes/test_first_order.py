@@ -55,7 +55,7 @@ def test_terms_of_first_order_need_no_unit_of_energy() -> None:
         with_units(R="H")
     with pytest.raises(StatementError, match=r"whose unit is 1000 times that of the other terms"):
         with_units(u="mV")
-    with pytest.raises(StatementError, match=r"the equation of e has the term -e_dot"):
+    with pytest.raises(StatementError, match=r"the equation of e has the term -e, in 1 - e"):
         lowpass(dimensions={e: "V"})
 
 

@@ -47,10 +47,11 @@ class Room(NamedTuple):
 class StepPolynomial:
     """A kind of dense output: the procedure that writes the polynomials of a block of steps, and its data.
 
-    The procedure `write`, with work memory of size `room`, serves all systems and all methods of this kind. `table` has
-    the coefficients of the method, and `stages` is its number of stages. The `degree` of the polynomials is at most 16.
-    With `derivative` the procedure also gets the derivative of the law, and the neighbours of the steps. `vectors` is
-    the number of additional work vectors. `matrices` is the number of work matrices, of 2n vectors each.
+    The procedure `write`, with work memory of size `room`, serves all systems and all methods of this kind.
+    `table` has the coefficients of the method, and `stages` is its number of stages. The `degree` of the
+    polynomials is at most 16. With `derivative` the procedure also gets the derivative of the right-hand side,
+    and the neighbours of the steps. `vectors` is the number of additional work vectors. `matrices` is the
+    number of work matrices, of 2n vectors each.
     """
 
     write: Plain[..., None]
@@ -113,10 +114,11 @@ def steps_in(memory: Any, dimension: int, columns: int) -> OwnStep:
 def slopes(
     law: Callable[..., int], parameters: In, dimension: int, columns: int, t: In, y: In, spare: Out, out: Out
 ) -> None:
-    """Write the time derivatives of states by the `law` to `out`; NaN where the mass matrix is singular.
+    """Write the time derivatives of states to `out`; NaN where the mass matrix is singular.
 
-    t has the time of each column, and y the states by columns: entry j of column b at index j * columns + b, as
-    in `out`. If one matrix is singular, each column is evaluated separately, in the work memory `spare`.
+    The callback `law` is the right-hand side, with its `parameters`. t has the time of each column, and y the
+    states by columns: entry j of column b at index j * columns + b, as in `out`. If one matrix is singular,
+    each column is evaluated separately, in the work memory `spare`.
     """
     half = quotient(dimension, 2) * columns
     if unlikely(law(columns, t, y, y[half:], parameters, out) >= 0):
@@ -134,13 +136,14 @@ def slopes(
 
 @dataclass(frozen=True)
 class PolynomialBlock:
-    """Arguments of a procedure that writes polynomials, and the layout of its work memory.
+    """Arguments of a procedure that writes polynomials of a block of steps, and the layout of its work memory.
 
     The first arguments are the same for all steps of a run: `law`, the right-hand side at one state in each
     column, with its `parameters`; `jacobian`, its derivative, with `constants`; `invert`, which inverts a
     matrix for each column; the coefficients of the method in `table`, its number of `stages`, the `degree`, and
-    the length of a state. The others are the steps of the block, work memory and the results, as for
-    `POLYNOMIAL`.
+    the length of a state. `own` are the steps and `beside` their neighbours, each with the data of `OwnStep` in
+    a number of `columns`. `work` is work memory. The coefficient of power k and entry j for step b is written
+    to `out` at index (k * dimension + j) * columns + b.
     """
 
     law: Callable[..., int]

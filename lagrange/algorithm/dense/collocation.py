@@ -99,9 +99,10 @@ def increments(block: PolynomialBlock) -> None:
 
 @inline
 def linearize(block: PolynomialBlock, step: OwnStep) -> None:
-    """Write the inverse of I - h A J for the inner stages, with J the derivative of the law at the end of each step.
+    """Write the inverse of the Newton matrix I - h A J of the inner stages of each step to work memory.
 
-    The inverse is NaN in all columns if a mass matrix is singular.
+    J is the derivative of the right-hand side at the end of the step, and A the matrix of the method. The
+    inverse is NaN in all columns if a mass matrix is singular.
     """
     n, columns, stages = block.dimension, block.columns, block.stages
     _, (time, row, _), slopes = block.lay_out(INCREMENTS)

@@ -82,9 +82,10 @@ def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: 
 class RunPath:
     """A run whose states between its steps are computed by dense output.
 
-    The callback `polynomial`, of type `POLYNOMIAL`, writes the polynomials of a block of steps; `given` is its
-    first argument. With `both` equal to 1 it needs the neighbours of steps. `times` and `states` are those of
-    the run; `own`, `beside` and `work` are memory for a block.
+    The callback `polynomial` writes the polynomials of a block of `columns` steps. Its first argument `given`
+    is data of the kind of dense output. If `both` is 1 it needs the neighbours of the steps. `times` and
+    `states` are those at the ends of the `steps` steps of the run. `own` and `beside` are memory for a block of
+    steps and for their neighbours, and `work` is work memory.
     """
 
     polynomial: Callable[..., None]

@@ -119,7 +119,8 @@ def hermite(block: PolynomialBlock) -> None:
 def begin(block: PolynomialBlock, cubic: Cubic) -> None:
     """Begin Picard's iteration with the cubic, and set the bound for accepting the next iterate.
 
-    That is accepted if its change is below the largest slope of the cubic at the ends and inner nodes.
+    The iterate is accepted in a column if its change is below the largest slope of the cubic at the ends and
+    inner nodes.
     """
     total = block.total
     (_, _, _, _, largest), (_, moved, size, _), changes = block.lay_out(ROOM)
@@ -137,7 +138,10 @@ def begin(block: PolynomialBlock, cubic: Cubic) -> None:
 
 @inline
 def measure(block: PolynomialBlock) -> None:
-    """Write to the row `size` the largest magnitude in each column of the work vector `largest`."""
+    """Write to the row `size` the largest magnitude in each column of the work vector `largest`.
+
+    `size` has one number for each step of the block, `largest` a state for each step.
+    """
     (_, _, _, _, largest), (_, _, size, _), _ = block.lay_out(ROOM)
     for b in block.each_column():
         size[b] = 0.0
@@ -231,9 +235,10 @@ def nodes(count: int) -> FloatArray:
 
 @cache
 def weights(count: int) -> FloatArray:
-    """Return the path due to a unit slope at each of `count` nodes, by powers of theta, (count, count + 2).
+    """Return for each node the contribution of a slope of 1 there to the path, by powers of theta.
 
-    It is the integral of the node's Lagrange polynomial, minus a cubic by which it becomes zero at the end.
+    The shape is (count, count + 2). A contribution is the integral of the node's Lagrange polynomial, minus a
+    cubic by which it becomes zero at theta = 1.
     """
     points = nodes(count)
     shares = np.zeros((count, count + 2))
@@ -248,7 +253,7 @@ def weights(count: int) -> FloatArray:
 
 @cache
 def integrals(count: int) -> FloatArray:
-    """Return the matrix from changes of slopes at the nodes to changes of states there."""
+    """Return the matrix that maps changes of slopes at the `count` nodes to changes of states there."""
     powers = nodes(count)[:, None] ** np.arange(count + 2)
     return np.asarray(powers @ weights(count).T)
 
@@ -330,9 +335,11 @@ def series_polynomial(
 ) -> None:
     """Write the Taylor polynomials of a block of steps to `out`, by powers; NaN if a matrix is singular.
 
-    `own` has the steps as `OwnStep`. The procedure `jet` computes the Taylor coefficients up to `order` from
-    the numbers `prepared` and `constants`. The work memory has the state and its rounding error (zero), each of
-    `padded` doubles. A row of coefficients for each power follows; the rows are `width` doubles apart.
+    `own` has times, lengths and states of the steps by columns, as in `OwnStep`; `_beside` is not used. The
+    procedure `jet` computes the Taylor coefficients of a state up to `order`. `prepared` are the parameters and
+    the values that depend on them alone, and `constants` the constants of the series. The work memory has the
+    state and its rounding error (zero), each of `padded` doubles. A row of coefficients for each power follows;
+    the rows are `width` doubles apart.
     """
     step, rows, total = steps_in(own, dimension, columns), work[padded * 2 :], dimension * columns
     for i in range(padded * 2):

@@ -165,10 +165,11 @@ GO_ON = -1
 class Waiting:
     """Steps that are not searched for events yet, the driver that takes steps, and arrays for accepted steps.
 
-    The steps are rows of `times` and `states`, from row 0 on, for states of a `dimension`. `drive`, of type
-    `TAKE_STEPS`, takes steps; `words` is its first argument. `reals` are the reals of the run followed by its
-    floors, and `counts` its counts; `kept_reals` and `kept_counts` are their values before the steps. The
-    driver has the state `y` at the indices `entries` of its memory.
+    The steps are rows of `times` and `states`, from row 0 on, for states of a `dimension`. The callback `drive`
+    takes steps; its first argument `words` is data of the machine. `reals` are the real numbers in the state of
+    the run, followed by the floors (absolute tolerances) of the entries. `counts` are its counts and flags.
+    `kept_reals` and `kept_counts` are their values before these steps. y is the present state; its entries have
+    the indices `entries` in `driver_work`. Accepted steps are written to `row_times` and `row_states`.
     """
 
     event_run: EventRun
@@ -300,9 +301,10 @@ class Waiting:
 class EventLoop:
     """The arguments of the loop over steps with events.
 
-    `values` computes the event functions, and `resets` the new values of all resets; their type is `FUNCTION`.
-    `break_times` and `break_states` are the ends of the steps that were shortened at changes of the motion, NaN if no
-    step was.
+    The callback `values` computes the event functions from a time and a state, and `resets` the new values of
+    all entries that are reset. Their parameters are `value_numbers` and `reset_numbers`. `settings` says what
+    each event does. `break_times` and `break_states` are the ends of the steps that were shortened at changes
+    of the motion, NaN if no step was.
     """
 
     samples: Samples
@@ -320,7 +322,7 @@ class EventLoop:
 
     @inline
     def path(self, first: int, steps: int) -> Samples:
-        """Return `samples` with the waiting steps from row `first` on as its run; `steps` is their number."""
+        """Return `samples` for the `steps` steps from row `first` on that are not searched for events yet."""
         waiting = self.waiting
         run = waiting.times[first:], waiting.row(first)
         return replace(self.samples, dimension=waiting.dimension, times=run[0], states=run[1], steps=steps)
@@ -367,7 +369,11 @@ def event_steps(loop: EventLoop) -> int:
 
 @inline
 def review_steps(loop: EventLoop) -> int:
-    """Search the steps from number `begin` on for events. Return the reason for the end, such as `ENDED`."""
+    """Search the steps not yet searched for events. Return the reason for the end, such as `ENDED`.
+
+    The record `event_run` has the number `begin` of the first of these steps. It becomes the number of the step
+    at which the search ended.
+    """
     waiting, search = loop.waiting, loop.watch.review
     run, shift = waiting.event_run, 1 - waiting.event_run.before
     steps = run.count + 1 - shift
@@ -383,7 +389,7 @@ def review_steps(loop: EventLoop) -> int:
 
 @inline
 def go_back(loop: EventLoop) -> None:
-    """Set the run back to the event on step `begin` at which the motion changes.
+    """Set the run back to the event at which the motion changes, on the step at which the search ended.
 
     At an end of the step, the state is the accepted one. Otherwise it is interpolated.
     """

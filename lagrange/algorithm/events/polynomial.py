@@ -41,7 +41,7 @@ PADDED = (MOST_COEFFICIENTS + CHAINS - 1) // CHAINS * CHAINS
 
 @inline
 def blocks(count: int) -> int:
-    """Return the number of blocks that contain `count` coefficients."""
+    """Return the number of blocks of `CHAINS` coefficients that contain `count` coefficients."""
     return quotient(count + (CHAINS - 1), CHAINS)
 
 

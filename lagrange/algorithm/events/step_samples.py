@@ -211,11 +211,12 @@ class Widths(NamedTuple):
 
 @dataclass(frozen=True)
 class Lines:
-    """Work memory for samples: times and states by columns, then arrays with a column for each event.
+    """Work memory for samples of event functions: times and states by columns, then arrays for the events.
 
-    `far` is 1.0 for a step whose cubic cannot exclude events. `missed` and `moved` are the event functions at the
-    starts of steps, for the state perturbed by the error of the cubic, and by a small part of its range. `noise` and
-    `edge_end` are the errors of events on a step and at its end. `doubtful` is 1.0 if an event may be zero.
+    These arrays have a column for each step. `far` is 1.0 for a step whose cubic cannot exclude events.
+    `missed` and `moved` are the event functions at the starts of steps, at perturbed states: by a small part of
+    the error of the cubic, and of the change of the state over the step. `noise` and `edge_end` are the errors
+    of event functions on a step and at its end. `doubtful` is 1.0 if an event function may be zero on the step.
     """
 
     t_end: Out

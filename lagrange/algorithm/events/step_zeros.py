@@ -120,8 +120,8 @@ class ReviewedEvents:
     which the event resets the state or ends the run; 0 or less means never.
 
     A motion may start at a zero of a function, as after an impact. There the function counts as zero if it is
-    below `stayed`. `came` is 2 plus the direction in which it reached this zero, or `UNKNOWN` or `ANYHOW`.
-    `levels` are the values of functions that start at zero.
+    below `stayed`. `came` is 2 plus the direction in which it reached this zero; `UNKNOWN` leaves the decision
+    to the caller, and `ANYHOW` ignores the zero. `levels` are the values of functions that start at zero.
 
     Zeros are written to `which` (events), `when` (times) and `there` (states). `noted` is work memory of four
     blocks: signs, `near` and remaining counts after the step, and 1 for each function that starts at zero.
@@ -145,8 +145,9 @@ class ReviewedEvents:
 class ZeroSearch:
     """The search for zeros of event functions on one step of a block, with its memory.
 
-    For each event, `signs`, `nears` and `lefts` are `sign`, `near` and `remaining` of `ReviewedEvents` after
-    the step.
+    For each event, `signs` is the sign of its function after the step, `nears` is 1 if the function came near
+    zero since it had that sign, and `lefts` is the number of zeros that remain until the event changes the
+    motion, 0 or less for never.
     """
 
     samples: Samples

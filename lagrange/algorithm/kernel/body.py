@@ -162,7 +162,11 @@ class Body:
         return self.values[ref]
 
     def restore(self, ref: int, instruction: Instruction, slot: int) -> None:
-        """Read the prepared result of an instruction, number `ref`, from index `slot` of the prepared array on."""
+        """Read the result of instruction number `ref` from the array of parameters, from index `slot` on.
+
+        After the parameters the array has the results that depend on them alone. For a factor `instruction`
+        they are the factors of its matrix.
+        """
         inputs, held = self.inputs, self.inputs.parameters
         if instruction.op == "factor" and not written_out(self.program.eliminations[ref], inputs.largest):
             self.factors[ref] = self.read_factors(self.program.eliminations[ref], held.at(slot))
@@ -275,7 +279,7 @@ class Body:
         return entries
 
     def matrix(self, instruction: Instruction) -> Memory:
-        """Return memory with the lower triangle of the matrix that `one` factors, entry (i, j) at j*n + i."""
+        """Return memory with the lower triangle of an instruction's matrix, entry (i, j) at j*n + i."""
         n, entries = instruction.order, self.entries(instruction)
         memory = self.p.reserve(n * n, name="matrix")
         indices = [(i, j) for j in range(n) for i in range(j, n)]

@@ -44,7 +44,8 @@ def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
 def write_band(p: Builder, plan: Elimination, a: Entries, to: Memory) -> None:
     """Write the entries `a` of a matrix to the memory `to`, as the lower triangle within a band.
 
-    Rows are in the order `ranks` of the plan. The layout is that of the argument `a` of `factor_pivoted`.
+    Rows and columns are in the order `ranks` of the plan. In this order entry (i, j), i >= j, is written to
+    index j * band + i.
     """
     size = band_size(plan.order, plan.band)
     if len(a) < size:

@@ -165,7 +165,7 @@ def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
 
 
 def array_of(name: str) -> Callable[[Procedure], Any]:
-    """Return a function that gives the type of the parameter called `name` of the procedure `formulas`."""
+    """Return a function from a procedure `formulas` to the type of its parameter with the name `name`."""
     return lambda formulas: next(parameter.type for parameter in formulas.parameters if parameter.name == name)
 
 
@@ -173,8 +173,8 @@ def array_of(name: str) -> Callable[[Procedure], Any]:
 def guarded_quantity(t: float, y: In, p: In, out: Out, *, formulas: Procedure, entries: Procedure) -> bool:
     """Write a quantity to `out` by the procedure `formulas`, and return whether a matrix is singular.
 
-    p are the prepared numbers. A matrix is also singular if a result is not finite and one of the divisors,
-    which `entries` computes, is zero.
+    t and y are the time and the state. p has the parameters and the values that depend on them alone. A matrix
+    is also singular if a result is not finite and one of the divisors, which `entries` computes, is zero.
     """
     singular: bool = generated(formulas, t, y, p, out)
     zero_or_nan = 0.0

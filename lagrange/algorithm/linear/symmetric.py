@@ -56,7 +56,10 @@ def band_size(n: int, band: int) -> int:
 
 
 def pivoted_size(n: int, band: int) -> int:
-    """Return the number of reals of the factors of `factor_pivoted`, for a matrix of size n with a band."""
+    """Return the number of reals of the factors P A = L U of a matrix of size n with a band.
+
+    They include the scales and the exchanged rows.
+    """
     return 4 * n + n * min(n, 3 * band + 1)
 
 
@@ -178,7 +181,10 @@ def largest_in_rows(n: int, band: int, a: Readable[float], scales: Readable[floa
 
 @procedure
 def solve_pivoted(n: int, band: int, factors: In, b: Out) -> None:
-    """Replace the right-hand side b of a linear system by the solution, by `factors` of `factor_pivoted`."""
+    """Replace the right-hand side b of a linear system of size n by the solution.
+
+    `factors` are P A = L U within a `band`, as `factor_pivoted` writes them.
+    """
     exchanges = factors[n:]
     for j in range(n):
         chosen = int(exchanges[j])
@@ -272,7 +278,10 @@ def factor_dense(n: int, a: In, factors: Out) -> bool:
 
 @procedure
 def solve_factored(n: int, factors: In, b: Out) -> None:
-    """Replace the right-hand side b of a linear system by the solution, by `factors` of `factor_dense`."""
+    """Replace the right-hand side b of a linear system of size n by the solution.
+
+    `factors` are those that `factor_dense` writes: L D L^T or, with pivoting, P A = L U.
+    """
     reciprocals, columns = factors[1:], factors[2 * n + 1 :]
     if factors[0] != 0.0:
         solve_pivoted(n, n, factors[1:], b)
@@ -346,13 +355,16 @@ def padded(n: int) -> int:
 
 
 def work_size(n: int) -> int:
-    """Return the length of the work memory: for L and 1/d, or for the inverse by pivoting with its factors."""
+    """Return the number of reals in the work memory of `invert` for a matrix of size n.
+
+    It holds L and 1/d or, with pivoting, the inverse and its factors.
+    """
     return max(padded(n) ** 2 + n, n * n + factor_size(n))
 
 
 @inline
 def aligned(k: int) -> int:
-    """Return the index at which the vector that contains index k begins."""
+    """Return the index at which the vector of `WIDEST_VECTOR` numbers that contains index k begins."""
     return quotient(k, WIDEST_VECTOR) * WIDEST_VECTOR
 
 

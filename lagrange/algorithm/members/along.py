@@ -104,7 +104,7 @@ class MemberDenseOutput:
 
     @cached_property
     def column(self) -> Procedure:
-        """The right-hand side as a procedure of type `COLUMNS`, for one column."""
+        """The right-hand side as a procedure that evaluates it for one column, that is for one state."""
         return law_of_column.form(law=self.law)
 
 
@@ -127,7 +127,7 @@ class MemberStepPath:
 
     @classmethod
     def of(cls, kind: StepPolynomial, law: Procedure, dimension: int, prefix: str) -> MemberStepPath:
-        """Return the dense output for a `law` of type `COLUMNS`; `prefix` is part of its procedures' names."""
+        """Return the dense output for the right-hand side `law`; `prefix` is part of its procedures' names."""
         return cls(kind, bound(kind.procedure, {"law": law}, prefix=prefix), dimension)
 
     @property
@@ -139,8 +139,9 @@ class MemberStepPath:
     def write(self, tables: tuple[In, In], columns: int, own: In, beside: In, work: Out, out: Out) -> None:
         """Write the coefficients of the polynomials of a block of steps to `out`, by powers.
 
-        `tables` are two arrays: the prepared numbers of the law, and the coefficients of the method. `own` are
-        the steps and `beside` their neighbours, each with data as in `OwnStep`, in a number of `columns`.
+        `tables` are two arrays: the parameters with all values that depend on them alone, and the coefficients
+        of the method. `own` are the steps and `beside` their neighbours, each with data as in `OwnStep`, in a
+        number of `columns`.
         """
         numbers, table = tables
         names = "parameters", "table", "stages", "degree", "dimension", "columns", "own", "beside", "work", "out"
@@ -160,7 +161,8 @@ class MemberStepPath:
     def find(self, memory: PathMemory, table: In, numbers: In) -> None:
         """Write the coefficients of the polynomial of the step `memory.step` to `memory.c`.
 
-        `table` has the coefficients of the method, and `numbers` are the prepared numbers of the law.
+        `table` has the coefficients of the method, and `numbers` are the parameters and all values that depend
+        on them alone.
         """
         step_memory = memory.step.memory
         self.write((numbers, table), 1, step_memory, step_memory, memory.work, memory.c)
@@ -170,8 +172,8 @@ class MemberStepPath:
 def law_of_column(_columns: int, t: In, q: In, _v: In, numbers: In, out: Out, *, law: Procedure) -> int:
     """Write the right-hand side `law` of one column to `out`. Return 0 if a matrix is singular, else -1.
 
-    t has the time, q the whole state, and `numbers` are the prepared numbers. The type of the procedure is
-    `COLUMNS`, with one column.
+    t has the time, and q the whole state; `_v` is not used. `numbers` are the parameters and all values that
+    depend on them alone.
     """
     return int(generated(law, t[0], q, numbers, out)) - 1
 
@@ -195,8 +197,9 @@ GOLDEN = 0.3819660112501051
 class ExpressionOnStep:
     """An expression along a step that begins at time t and has the length h.
 
-    The polynomial of the step has `coefficients` and a `degree`; `ratio` is the length of the step in its unit of time.
-    `place` is the index of the expression, and `numbers` are the prepared numbers of the system.
+    The polynomial of the step has `coefficients` and a `degree`; `ratio` is the length of the step in its unit
+    of time. `place` is the index of the expression, and `numbers` are the parameters and all values that depend
+    on them alone.
     """
 
     value: Callable[..., Any]
@@ -314,8 +317,8 @@ class Sampled:
     """Expressions that are followed along a run, and their reductions: largest or least values, or means.
 
     There are `size` expressions, of some `entries` of the state. `kernel` is the procedure that evaluates them
-    from time, state and prepared numbers. `reductions` are pairs of "max", "min" or "mean" and the index of an
-    expression.
+    from time, state, and the parameters with all values that depend on them alone. `reductions` are pairs of
+    "max", "min" or "mean" and the index of an expression.
     """
 
     kernel: Procedure
@@ -326,7 +329,7 @@ class Sampled:
 
 @dataclass(frozen=True)
 class SampledStep:
-    """A step of a member: its begin, end and length, and its length in the unit of its polynomial.
+    """A step of a member: its start and end times and length, and its length in the unit of its polynomial.
 
     `memory` has the coefficients of the polynomial, and `degree` its degree; `y` is the state at the end.
     """
@@ -382,7 +385,7 @@ class AlongRun:
     def begin(self, reduced: Reduced, t: float, y: In, numbers: In) -> None:
         """Initialize the reductions at the start of a run, at time t and state y.
 
-        `numbers` are the prepared numbers of the system.
+        `numbers` are the parameters and all values that depend on them alone.
         """
         is_singular = generated(self.sampled.kernel, t, y, numbers, reduced.now)
         for index in unrolled(self.sampled.size):
@@ -458,7 +461,10 @@ def follow_step(
 
 @inline
 def integral(samples: In, weights: In) -> float:
-    """Return the mean over a step: the sum of the values `samples` at the points, multiplied by the `weights`."""
+    """Return the mean of an expression over a step, by a quadrature rule on [0, 1].
+
+    `samples` are its values at the points of the rule, and `weights` the weights.
+    """
     total = samples[0] * weights[0]
     for j in unrolled(SAMPLE_POINTS - 1):
         total = fma(samples[j + 1], weights[j + 1], total)

@@ -63,7 +63,8 @@ class SystemNumbers:
 class Observed:
     """Values that are recorded of a state, such as its energy. There are `size` of them.
 
-    The procedure `kernel` computes them from time, state and prepared numbers.
+    The procedure `kernel` computes them from time, state, and the parameters with all values that depend on
+    them alone.
     """
 
     kernel: Procedure
@@ -125,10 +126,10 @@ def energy_and_momenta(t: float, y: In, numbers: In, out: Out, *, energy: Proced
 class MemberJob:
     """The members of a call, their common settings, and the arrays of their results, a row for each member.
 
-    There are `count` members, which run from t0 to t1 with at most `budget` trial steps each. `starts` has their
-    states [q, v]. `numbers` has the parameters of each member, or the prepared numbers that all members share.
-    `ends`, `times` and `outcomes` are the last states, their times and the outcomes: a member whose outcome is not
-    DONE is at the point where its run stopped.
+    There are `count` members, which run from t0 to t1 with at most `budget` trial steps each. `starts` has
+    their states [q, v]. `numbers` has the parameters of each member, or the parameters that all members share,
+    with all values that depend on them alone. `ends`, `times` and `outcomes` are the last states, their times
+    and the outcomes: a member whose outcome is not DONE is at the point where its run stopped.
 
     output_count  Number of output times.
     output_times  The output times, with NaN after the last one.
@@ -136,10 +137,10 @@ class MemberJob:
     first         The observed values at the start.
     last          The observed values at the end.
     points        The sample points of a step, for reductions of expressions along the run.
-    table         The numbers of the dense output.
+    table         The coefficients of the method's dense output.
     reduced       The reductions of expressions.
     law           The law of motion as the steps call it, or the series.
-    prepare       The function that writes the numbers of a member, None if all members share them.
+    prepare       The function that computes all values that depend on a member's parameters alone, or None.
     values        The function that evaluates the watched functions of a Taylor run, or None.
     watched       Further arguments of the search for events, or None.
     """
@@ -202,8 +203,9 @@ class Member:
 class MemberMethod(ABC):
     """A method by which members run: its memory, the start of a run, and its steps.
 
-    `functions` has the function `law` of a `MemberJob`, of type `law_type`, and for Taylor runs with events `values`.
-    `watched_type` is the class of the arguments of the search for events, None without events.
+    `functions` maps names of functions of a `MemberJob` to procedures: `law` and, for Taylor runs with events,
+    `values`. `law_type` is the type of `law`. `watched_type` is the class of the arguments of the search for
+    events, None without events.
     """
 
     law_type: Callee = FUNCTION

@@ -103,7 +103,8 @@ class MemberFunctions:
     def law(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
         """Write the right-hand side of one column to `out`. Return 0 if its mass matrix is singular, else -1.
 
-        t has the time, q the whole state, and `numbers` are the prepared numbers; v is not used.
+        t has the time, q the whole state, and `numbers` are the parameters and all values that depend on them
+        alone; v is not used.
         """
         failed: int = generated(self.dense.column, columns, t, q, v, numbers, out)
         return failed
@@ -112,7 +113,8 @@ class MemberFunctions:
     def kernel(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
         """Write the event functions of each column; return the first column without an acceleration, or -1.
 
-        t has the times, q the whole states by columns, and `numbers` are the prepared numbers; v is not used.
+        t has the times, q the whole states by columns, and `numbers` are the parameters and all values that
+        depend on them alone; v is not used.
         """
         return events_of_columns(columns, t, q, numbers, out, functions=self)
 
@@ -122,7 +124,7 @@ def events_of_columns(columns: int, t: In, y: In, numbers: In, out: Out, *, func
     """Write the event functions of each column; return the first column without an acceleration, or -1.
 
     t has the times. Entry j of the state of column b is at index j * columns + b of y, and event k at k *
-    columns + b of `out`. `numbers` are the prepared numbers.
+    columns + b of `out`. `numbers` are the parameters and all values that depend on them alone.
     """
     events, n, failed = functions.events, functions.dimension, -1
     state, values = reals(n), reals(events.count)
@@ -157,8 +159,9 @@ def review_step(
 ) -> int:
     """Find the zeros of event functions on a step up to time `end`. Return the reason for the search's end.
 
-    The zeros are written to `watch`. `step` is the step, `table` has the coefficients of the method, and
-    `factors` perturb a state.
+    The zeros are written to `watch`. `step` has the data of the step as in `OwnStep`. `numbers` are the
+    parameters and all values that depend on them alone, and `table` has the coefficients of the dense output.
+    `factors` multiply the entries of a state to estimate rounding errors.
     """
     n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
     path, cubic, tables = functions.path("review_"), functions.cubic(), (numbers, table)
@@ -192,8 +195,8 @@ ZERO_ROOM = MOST_ZEROS + 1
 class ReviewArguments(OccurrenceArrays):
     """Arguments of the search for events on steps, and the arrays for the results.
 
-    `factors` perturb a state. `direction` is the direction of zeros that count, 0 for all, and `terminal` the
-    number of zeros after which an event ends the run.
+    `factors` multiply the entries of a state to estimate rounding errors. `direction` is the direction of zeros
+    that count, 0 for all, and `terminal` the number of zeros after which an event ends the run.
     """
 
     factors: In
@@ -259,11 +262,9 @@ class StepEventSearch:
     ) -> tuple[int, float, float]:
         """Search a step for events up to the time `end`. Return an outcome, and where the step ends.
 
-        The end is a time and a fraction of the step.
-
-        The outcome is PAUSED if the run continues. If an event ends the run, the state at that event is in
-        `memory.there`, and the time and the fraction are those of the event. `index` is the number of the
-        member.
+        Where it ends is a time and a fraction of the step. The outcome is PAUSED if the run continues. If an
+        event ends the run, the state at that event is in `memory.there`, and the time and the fraction are
+        those of the event. `index` is the number of the member.
         """
         review, steps, watched = memory.review, member.counts.steps, job.watched
         review.written, review.starts = 0, int(steps == 1)
@@ -319,10 +320,11 @@ class StepMemory:
 
 
 class StepMembers(MemberMethod):
-    """Runs members by the same steps as the driver of single runs, with the law of the step program as a procedure.
+    """Runs members by the same steps as the driver of single runs.
 
-    With `dense` it writes the states at output times and reduces `sampled` expressions, by the dense output of single
-    runs. The search for `events` uses it too.
+    The law, the function that the steps evaluate, is built in as a procedure. With `dense` it writes the states
+    at output times and reduces `sampled` expressions, by the dense output of single runs. The search for
+    `events` uses it too.
     """
 
     def __init__(
@@ -388,9 +390,7 @@ class StepMembers(MemberMethod):
     def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:
         """Take a trial step, or all equal steps at once, which finishes the member. Return an outcome.
 
-        `index` is the number of the member.
-
-        `last` is true if the budget allows no more steps.
+        `index` is the number of the member, and `last` is true if the budget allows no more steps.
         """
         run, counts, method_memory = member.run, member.counts, member.method_memory
         trials = 0 if last else job.budget if self.takes_all else 1

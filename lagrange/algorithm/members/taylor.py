@@ -35,10 +35,10 @@ MEMBER_EVENT_ROOM = 2 * MOST_ZEROS
 class TaylorEvents:
     """The watched functions of members: `count` of them, and the first `events` are the user's events.
 
-    `values` evaluates all of them from a time, a state and the prepared numbers. `changing` is true if one of
-    them may end the run. `hides_growth` is true if a series may hide growth, so that every step is inspected.
-    `steep` is true if series are compared with the functions at the end of every step, because of powers above
-    the order.
+    `values` evaluates all of them from a time, a state, and the parameters with all values that depend on them
+    alone. `changing` is true if one of them may end the run. `hides_growth` is true if a series may hide
+    growth, so that every step is inspected. `steep` is true if series are compared with the functions at the
+    end of every step, because of powers above the order.
     """
 
     values: Procedure
@@ -53,7 +53,8 @@ class TaylorEvents:
 class SearchArguments(OccurrenceArrays):
     """Arguments of the search for events on Taylor steps, and the arrays for the results.
 
-    `sizes` and `settings` describe the watched functions, and `tilts` are the factors of a perturbed state.
+    `sizes` are those of the series in memory. `settings` says for each watched function which zeros count and
+    what they do. `tilts` are factors near 1 that multiply the entries of a state to estimate rounding errors.
     """
 
     sizes: Sizes
@@ -103,7 +104,10 @@ class EventSearch:
 
     @inline
     def arguments(self, memory: SearchMemory, job: Any, numbers: In) -> Watched:
-        """Return a member's watched functions and its prepared numbers as arguments of the loop over steps."""
+        """Return the watched functions of a member, with its parameters, as arguments of the loop over steps.
+
+        `numbers` are the parameters and all values that depend on them alone.
+        """
         watched = job.watched
         unused = memory.unused, memory.unused, memory.unused, memory.scratch, memory.whole_scratch
         arrays = watched.tilts, memory.sides, watched.settings, memory.times, memory.states, memory.places, *unused

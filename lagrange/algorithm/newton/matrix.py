@@ -79,7 +79,8 @@ class MatrixCoefficients:
 def build_matrix(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
     """Write the inverse Newton matrix, from the stored derivative of the law or a new one.
 
-    Return DONE, or SINGULAR for a singular matrix.
+    Return DONE, or SINGULAR for a singular matrix. The law is the function that the step evaluates, such as the
+    right-hand side.
     """
     work, newton, terms = arguments.work, arguments.newtons[solve.index], MatrixCoefficients(layout, solve)
     inverse, point, nodes = work[solve.inverse :], terms.point, [*terms.nodes, *[damp.factor for damp in solve.damped]]
@@ -116,9 +117,10 @@ def build_matrix(arguments: Running, t: float, h: float, *, layout: Layout, solv
 
 @inline
 def evaluate_derivative(vectors: StepVectors, t: float, out: Out, point: LawCall | None) -> bool:
-    """Write the derivative of the law by rows. Return True if a matrix is singular.
+    """Write the derivative of the law by its arguments to `out`. Return True if a matrix is singular.
 
-    It is evaluated at the arguments of the call `point` or, if that is None, at the start of the step.
+    The law is the function that the step evaluates, such as the right-hand side. Its derivative is evaluated at
+    the arguments of the call `point` or, if that is None, at the start of the step.
     """
     running, layout = vectors.running, vectors.layout
     if point is None:
@@ -193,7 +195,11 @@ class Matrix:
 
     @inline
     def inertia_is_singular(self, blocks: Sequence[Sequence[tuple[int, int]]]) -> bool:
-        """Return True if the matrix M of the law, made of `blocks` of its derivative, is singular."""
+        """Return True if the mass matrix is singular. Its `blocks` are blocks of the derivative of the law.
+
+        `blocks` has the pair (result, argument of the law) of each block, by rows. The law is the function that
+        the step evaluates, such as the right-hand side.
+        """
         length, order = self.solve.length, len(blocks) * self.solve.length
         for i, line in enumerate(blocks):
             for j, (r, s) in enumerate(line):
@@ -205,7 +211,7 @@ class Matrix:
 
     @inline
     def write_damper(self, factor: float, target: Out) -> None:
-        """Write (I - factor J)^-1 to `target` by columns, with J the derivative of the law."""
+        """Write (I - factor J)^-1 to `target` by columns, with J the derivative of the right-hand side."""
         solve, length, stride = self.solve, self.solve.length, row_stride(self.solve.length)
         for b in range(length):
             row, line = self.entries[b * stride :], self.line(b, 0, 0)

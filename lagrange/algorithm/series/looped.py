@@ -40,11 +40,11 @@ NOWHERE = -1
 
 
 class Image:
-    """Memory layout of the values of one order: the state, operands that later orders read, then all others.
+    """Memory layout of series values of one order: the state, those that later orders read, then all others.
 
-    Later orders read only the first `width` numbers, which are stored as a row. Rows begin at `first` in an aligned
-    array. An operand whose values are adjacent and in order is read where they are. Other operands are `gathered`
-    value by value.
+    Later orders read only the first `width` numbers, which are stored as a row. Rows begin at `first` in an
+    aligned array. An operand is a vector of values that a rule reads. An operand whose values are adjacent and
+    in order is read where they are. Other operands are `gathered` value by value.
     """
 
     def __init__(self, packing: Packing, first: int) -> None:
@@ -69,9 +69,10 @@ class Image:
         self.size = whole_blocks(self.end, ALIGNED)
 
     def place_homes(self, operands: dict[Operand, None] | None) -> None:
-        """Choose memory indices for the values of chunks that have none yet.
+        """Choose memory indices for the values of those chunks that have none yet.
 
-        Only chunks that are in `operands` as operands get an index, or all if `operands` is None.
+        A chunk is a vector of values that one rule computes. Only chunks that are in `operands` get indices;
+        all get them if `operands` is None.
         """
         unknowns = [chunk for chunk in self.packing.unknowns if chunk.values[0] not in self.homes]
         for chunk in (*self.packing.computed, *unknowns):
@@ -113,7 +114,7 @@ class Image:
             lane += count
 
     def filled(self) -> dict[int, int]:
-        """Return the number of the value at each memory index that needs its value at order 0.
+        """Return {memory index: number of the value there} for the places that need the value at order 0.
 
         These are the indices of the row, and those of operands that rules of higher orders read at order 0.
         """
@@ -189,7 +190,7 @@ class LoopedJet(LoopJet):
         return p.finish(FLAG)
 
     def clear(self, memory: Memory | None, count: int) -> None:
-        """Write `count` zeros to memory."""
+        """Add a loop that writes `count` zeros to memory; nothing if `memory` is None."""
         if memory is not None:
             with self.p.each(count, width=1) as i:
                 memory[i] = 0.0

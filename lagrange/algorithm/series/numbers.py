@@ -162,10 +162,10 @@ class Start(Body):
     ) -> None:
         """Begin the code of order 0, before any instruction.
 
-        `prepared` has the parameters and the prepared numbers, and `constants` are the constants of the series
-        program. `time` and `state` are those at which the values are computed; None where only numbers without
-        a state are computed. The rounding error of the state begins at index `padded` of its array. `style`
-        says how the code is written.
+        `prepared` has the parameters and the values that depend on them alone, and `constants` are the
+        constants of the series program. `time` and `state` are those at which the values are computed; None
+        where only numbers without a state are computed. The rounding error of the state begins at index
+        `padded` of its array. `style` says how the code is written.
         """
         slots = {} if state is None else numbers.slots
         super().__init__(p, numbers.program.start, Inputs(prepared, slots, time, state), style)

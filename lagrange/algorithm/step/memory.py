@@ -47,7 +47,7 @@ class Effort:
 
 @record
 class Newton:
-    """State of Newton's method for one solve, kept from step to step.
+    """State of Newton's method for one system of implicit equations, kept from step to step.
 
     matrix_step     Length of the steps for which its matrix was built; 0 if the next step builds a new one.
     differentiated  1 if the stored derivative of the law is valid for the next matrix.
@@ -187,11 +187,12 @@ class SolveLayout:
 
 @dataclass(frozen=True)
 class Kept:
-    """The data of Newton's method for a solve with m unknown numbers, read from the work array.
+    """The data of Newton's method for implicit equations with m unknown numbers, read from the work array.
 
-    `inverse` (m, m) is the inverse of the derivative of the residuals by the unknowns, for steps of length `step`; if
-    that is 0, the next step builds a new one. `derivative` is the derivative of the law, (results, arguments).
-    `dampers` are the damping matrices, (2n, 2n) each. `weights` (m,) are the weights of corrections in their norm.
+    `inverse` (m, m) is the inverse of the derivative of the residuals by the unknowns, for steps of length
+    `step`; if that is 0, the next step builds a new one. `derivative` is the derivative of the law, (results,
+    arguments). `dampers` are the damping matrices, (2n, 2n) each. `weights` (m,) are the weights of corrections
+    in their norm.
     """
 
     step: float
@@ -202,7 +203,10 @@ class Kept:
 
 
 def kept(layout: Layout, matrix_step: float, solve: SolveLayout, work: NDArray[np.float64]) -> Kept:
-    """Return the data of a solve, read from the work array; `matrix_step` is the step length of its matrix."""
+    """Return the data of Newton's method for the implicit equations `solve`, read from the work array.
+
+    `matrix_step` is the length of the steps for which the stored matrix was built.
+    """
 
     def columns(begin: int, vectors: int) -> NDArray[np.float64]:
         """Return a square matrix (m, m) that is stored from `begin` on by columns; m = `vectors` * `solve.length`.

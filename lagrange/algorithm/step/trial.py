@@ -71,7 +71,7 @@ def take_step(
 
 @inline
 def damp(vectors: StepVectors, action: Damp) -> None:
-    """Write the vector (I - factor J)^-1 x of a damping action, where J is the derivative of the law.
+    """Write the vector (I - factor J)^-1 x of a damping action, where J is the right-hand side's derivative.
 
     `vectors` are the vectors of the step, among them x and the result.
     """

@@ -142,10 +142,11 @@ class StepVectors:
 
     @inline
     def evaluate(self, call: LawCall, registers: Registers = NO_REGISTERS) -> tuple[bool, Registers]:
-        """Evaluate the law and store its results. Return True if a matrix is singular, and the results.
+        """Evaluate the law of the step in a `call`. Return True if a matrix is singular, and the results.
 
-        `registers` are results of earlier calls that are in registers, by vector. The results are returned in
-        the same form if the layout keeps them in registers, otherwise there are none.
+        The results are also stored in the work array. `registers` are results of earlier calls that are in
+        registers, by vector. The results are returned in the same form if the layout keeps them in registers,
+        otherwise there are none.
         """
         layout, running, law = self.layout, self.running, LAWS[self.layout.step.law]
         time, length = self.numbers[call.time], layout.length

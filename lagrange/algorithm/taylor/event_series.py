@@ -89,7 +89,8 @@ def event_noise(
 def write_noise(view: Opened, numbers: In, t: float, state: In) -> None:
     """Write the noise of the watched functions to the scratch memory: their changes by rounding of the `state`.
 
-    The scratch memory must contain their values at the `state`. `numbers` are their prepared parameters.
+    The scratch memory must contain their values at the `state`. `numbers` are the parameters and all values
+    that depend on them alone.
     """
     sizes = view.layout.dimension, view.layout.watched
     event_noise(view.watched.values, numbers, view.tilts, t, *sizes, state, view.values, view.noise, view.moved)
@@ -232,10 +233,10 @@ def start_of_series(c: In, count: int, unit: float, tolerance: float, noise: flo
 
 @inline
 def comparable_unit(t: float, scale: float) -> float:
-    """Return the time, in units of the scale, at which a velocity is compared with an acceleration.
+    """Return the time over which terms of a watched function's series are compared, in units of the time scale.
 
-    The scale of a polynomial motion is arbitrary. Motions shorter than some spacings of floating-point times cannot be
-    resolved in any case.
+    It is a share of |t|, at most 1. The scale of a polynomial motion is arbitrary. Motions shorter than some
+    spacings of floating-point times cannot be resolved in any case.
     """
     return 1.0 if t == 0.0 else larger(smaller(abs(t / scale) * (1.0 / 64), 1.0), 2.0**-40)
 
@@ -302,8 +303,9 @@ def add_term(sums: TermSums, coefficient: float, square: float) -> tuple[float, 
 def event_terms(rows: In, width: int, order: int, s: float, c: Out, slopes: Out, sums: Out) -> None:
     """Write the terms x[k] s**k of a watched function on a step of length s, also times k, and their sums.
 
-    The terms are written to `c`, the terms times k to `slopes`, and the `TERM_SUMS` to `sums`. The coefficients
-    x[k] are read from `rows`, which are `width` doubles apart.
+    The terms are written to `c`, the terms times k to `slopes`, and five numbers to `sums`: the sum of |terms|
+    with k > 1, the sum of k times these, the sum of all terms, the sum of k times all terms, and the larger of
+    the last two |terms|. The coefficients x[k] are read from `rows`, which are `width` doubles apart.
     """
     start, slope, square, pairs = rows[0], rows[width] * s, s * s, quotient(order - 1, 2)
     c[0], c[1], slopes[0] = start, slope, slope
@@ -326,8 +328,8 @@ def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In
     """Return the sign to which a watched function changes once on a step; 0 if it keeps it, 2 if undecided.
 
     It is undecided if the slope may change its sign, or if a value at an end is within its `noise`. `sign` is
-    the sign at the start. `terms` are the terms of its series on a step of length s, and `sums` their
-    `TERM_SUMS`.
+    the sign at the start. `terms` are the terms of its series on a step of length s, and `sums` the sums of
+    these terms and of their magnitudes.
     """
     start, slope, rest, rates, end = terms[0], terms[1], sums[REST], sums[RATES], sums[END]
     rate, side = abs(slope), float(sign)
@@ -346,7 +348,8 @@ def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In
 def only_passage(terms: In, slopes: In, sums: In, order: int, sign: int) -> float:
     """Return the only point between 0 and 1 at which a polynomial changes to the sign `sign`, 1 or -1.
 
-    `terms` are its coefficients, `slopes` those of its derivative, and `sums` its `TERM_SUMS`.
+    `terms` are its coefficients, `slopes` those of its derivative, and `sums` the sums of these coefficients
+    and of their magnitudes.
     """
     count, side = used_count(terms, order), float(sign)
     values, rates = (side * terms[0], side * sums[END]), (side * slopes[0], side * sums[SLOPE])

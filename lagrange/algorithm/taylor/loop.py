@@ -397,5 +397,9 @@ def prove_step(arguments: Arguments, weights: In, is_singular: bool, *, layout: 
 
 @inline
 def may_ask(run: Run, counts: Counts) -> bool:
-    """Return True if the run may return for an estimate of sizes, because its floors follow the scale."""
+    """Return True if the run may return to the caller for an estimate of the sizes of the state's entries.
+
+    It may if floors (absolute tolerances) follow these sizes, and it has not returned for this reason too
+    often.
+    """
     return run.share > 0.0 and counts.surveyed < MOST_SURVEYS

@@ -218,7 +218,7 @@ class TaylorLayout(Offsets):
 
     @property
     def loop(self) -> dict[str, Any]:
-        """Options of a loop over the entries of vectors, in blocks."""
+        """Keyword options of an `each` loop over vectors, such as the number of entries at a time."""
         return {"width": self.block, "spill": True, "unrolled": self.chains, "disjoint": True}
 
     @property
@@ -238,13 +238,13 @@ class TaylorLayout(Offsets):
 
     @cached_property
     def sizes(self) -> Any:
-        """The sizes as a record, an argument that procedures do not change."""
+        """The sizes of this layout as a `Sizes` record, for procedures that work for every layout."""
         return SIZES.structure(**{name: int(getattr(self, name)) for name in SIZES.places})
 
 
 @dataclass(frozen=True)
 class RecordedLayout(Offsets):
-    """Sizes of a layout that are read at run time from a `Sizes` record."""
+    """The layout of a Taylor step whose sizes are read at run time from a `Sizes` record."""
 
     dimension: int
     padded: int
@@ -257,7 +257,7 @@ class RecordedLayout(Offsets):
 
 @inline
 def layout_of(sizes: Sizes) -> Any:
-    """Return the sizes of a record. Each is read once."""
+    """Return the memory layout of a Taylor step that has the sizes in a record. Each size is read once."""
     vectors = sizes.dimension, sizes.padded, sizes.width
     return RecordedLayout(*vectors, sizes.watched, sizes.watched_at, sizes.scratch, sizes.chains)
 
@@ -302,7 +302,7 @@ def minus_one_over(k: int) -> float:
 
 @inline
 def ratio(coefficients: In, weights: In, layout: TaylorLayout) -> float:
-    """Return the largest |coefficient| * weight of a row; NaN if one is not finite."""
+    """Return the largest |coefficient| * weight in a row of Taylor coefficients; NaN if one is not finite."""
     largest = 0.0
     for i in each(layout.padded, **layout.loop):
         largest = magnitude(largest, coefficients[i] * weights[i])

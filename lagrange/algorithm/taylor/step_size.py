@@ -168,7 +168,10 @@ def weigh(rtol: float, floors: In, weights: Out, work: Out, *, layout: TaylorLay
 
 @inline
 def ends(order: int, step: float) -> bool:
-    """Return True if the last coefficients of a series are zero, because it terminates or because they underflow."""
+    """Return True if the last coefficients of a series are zero: it terminates, or they underflow.
+
+    `step` is the binary logarithm of the step that the series of this `order` allows.
+    """
     return step > ZERO_BOUND * minus_one_over(order)
 
 

@@ -55,7 +55,7 @@ class Watch:
     checked       1 if the caller must check the state after a reset.
     unproven      1 if the sides before the unproven step are saved; then the present sides are those at its end.
     combination   The present sides as a binary number: 1 for above, the first surface in the lowest digit; or -1.
-    numbers       Index at which the prepared numbers for the present sides begin.
+    numbers       Index at which the values that depend on parameters and on the present sides begin.
     switches      Number of written changes of sides.
     changed       Time of the last change of the motion.
     changed_at    Index of the function that was zero then.
@@ -142,7 +142,11 @@ last step, and `due_directions` the directions of these zeros.
 
 
 def _begins(array: str, sizes: Mapping[str, int], end: str = "") -> dict[str, tuple[str, int]]:
-    """Return {part: (array, begin)} for parts with `sizes`, entries for each watched function, and for the `end`."""
+    """Return where the parts of an array begin, as {part: (array, begin)}.
+
+    `sizes` has the number of entries of each part for each watched function, and `begin` counts in the same
+    unit. `end` names the part after the last one.
+    """
     names = (*sizes, end or f"end of {array}")
     return {name: (array, begin) for name, begin in zip(names, accumulate(sizes.values(), initial=0), strict=True)}
 
@@ -169,9 +173,10 @@ class Watched:
     """The watched functions (switching surfaces, then event functions) as arguments of a procedure.
 
     `watch` is the state of the search for zeros. `values` evaluates the functions, and `resets` the new entries
-    of all resets; `value_numbers` and `reset_numbers` are their prepared parameters. `tilts` are the factors of
-    a perturbed state. `sides` has the present signs of the functions, and `settings` what their zeros do.
-    Events are written to `event_times`, `event_states` and `event_places` (the indices of the functions).
+    of all resets; `value_numbers` and `reset_numbers` have their parameters, with all values that depend on
+    these alone. `tilts` are factors near 1 that multiply the entries of a state to estimate rounding errors.
+    `sides` has the present signs of the functions, and `settings` what their zeros do. Events are written to
+    `event_times`, `event_states` and `event_places` (the indices of the functions).
     """
 
     watch: Watch
@@ -216,9 +221,10 @@ def watched_types() -> dict[str, Stated]:
 
 @dataclass(frozen=True)
 class Opened:
-    """The watched functions with the `PARTS` of their arrays as attributes, such as `noise`.
+    """The watched functions with the parts of their arrays as attributes, such as signs and `noise`.
 
-    A part has an entry, or several, for each watched function. Other attributes are those of `Watched`, but `values`.
+    A part has an entry, or several, for each watched function. Other attributes are those of `Watched`, but
+    `values`.
     """
 
     watched: Watched
@@ -248,7 +254,10 @@ class Opened:
 
     @property
     def numbers(self) -> Any:
-        """The prepared numbers of the watched functions, for the present sides of the switching surfaces."""
+        """The parameters of the watched functions, with all values that depend on them and the sides.
+
+        The sides are the present signs of the functions of switching surfaces.
+        """
         return self.watched.value_numbers[self.watched.watch.numbers :]
 
     @inline
@@ -350,7 +359,11 @@ def watched_of(arguments: Arguments) -> Any:
 
 @inline
 def numbers_of(arguments: Arguments, layout: TaylorLayout) -> tuple[Any, Any]:
-    """Return the prepared numbers and constants of the series, for the present sides of switching surfaces."""
+    """Return the numbers of a series for the present sides (signs of the functions) of switching surfaces.
+
+    They are two arrays: the parameters with all values that depend on them alone, and the constants of the
+    series.
+    """
     if arguments.watched is None or layout.observes:
         return arguments.prepared, arguments.constants
     begin = arguments.watched.watch.numbers

@@ -34,7 +34,10 @@ from lagrange.procedure.form import Procedure
 
 @lru_cache(maxsize=64)
 def compiled_polynomial(procedure: Procedure) -> Module:
-    """Return the compiled module of a procedure that writes polynomials. Its function `polynomial` calls it."""
+    """Return the compiled module of a procedure that writes polynomials.
+
+    The module has the function `polynomial`, which calls the procedure.
+    """
     context_size = len(procedure.parameters) - len(POLYNOMIAL.parameters) + 1
     e = Emitter()
     kinds = [argument_type(parameter.type) for parameter in procedure.parameters]
@@ -62,7 +65,7 @@ class LlvmDense:
     """The dense output in machine code (implements `DensePath`) for states with `dimension` entries.
 
     `degree` is that of the polynomials. `polynomial` returns the callback that writes the polynomials of a block of
-    steps, and raises SingularMassMatrix.
+    steps. It raises SingularMassMatrix if a constant mass matrix is singular.
     """
 
     dimension: int

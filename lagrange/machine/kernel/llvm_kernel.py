@@ -388,7 +388,11 @@ class LlvmKernel(Shared):
         return out[:, :batch].reshape(*self._shape, batch)
 
     def _singular_column(self, block: range, times: FloatArray, states: FloatArray, prepared: FloatArray) -> int:
-        """Return the index of the first state of a block with a singular mass matrix. Each state is evaluated alone."""
+        """Return the index of the first state of a block with a singular mass matrix. Each state is evaluated alone.
+
+        `block` has the indices of its states, and `states` all states. `prepared` has the parameters and all values
+        that depend on them alone.
+        """
         out = np.empty(self.program.shape)
         for column in block:
             y = np.ascontiguousarray(states[:, column])

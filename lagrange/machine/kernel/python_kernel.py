@@ -198,12 +198,12 @@ class PythonKernel:
 
     @cached_property
     def _whole(self) -> _PrintedFunction:
-        """The printed function of a whole state y."""
+        """The printed function that evaluates the program at a state y, given as one array."""
         return self._checked({"y": self.program.states})
 
     @cached_property
     def _parts(self) -> _PrintedFunction:
-        """The printed function of coordinates q and velocities v."""
+        """The printed function that evaluates the program at a state given as coordinates q and velocities v."""
         size = self.program.states
         return self._checked({"q": size // 2, "v": size - size // 2})
 
@@ -217,7 +217,10 @@ class PythonKernel:
         return _PrintedFunction(defined(self._lines.checked(arrays), self.program.name, names))
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result of the program for many states. Sines may be rounded differently than for one state."""
+        """Return the result of the program for many states. Sines may be rounded differently than for one state.
+
+        `inputs` has an array (size, batch) for each input of the program, such as q and v.
+        """
         return self._by_blocks(self._blocks(half_angles=tangents_are_fast()), t, inputs, parameters)
 
     def _by_blocks(

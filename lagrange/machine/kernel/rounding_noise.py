@@ -117,8 +117,8 @@ def _factorization_sizes(matrix: FloatArray) -> FloatArray:
 def _solve(order: int, matrix: Noisy, *right: Noisy) -> list[Noisy]:
     """Return the solution of a linear system with error bounds: |M^-1| times the error bounds of the residual.
 
-    `order` is the size of the matrix. M is factored in floating point; the rounding errors of this factorization are
-    part of the error.
+    `order` is the size of the matrix, and `right` is the right-hand side. M is factored in floating point; the
+    rounding errors of this factorization are part of the error.
     """
     value, noise = np.array([number.value for number in right]), np.array([number.noise for number in right])
     inverse = np.linalg.inv(matrix.value)

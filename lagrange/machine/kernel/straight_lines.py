@@ -83,10 +83,10 @@ class StraightLines:
     def columns(self, *, half_angles: bool = False) -> tuple[str, int]:
         """Return the source of an outer function `name_columns(p)`, with an inner function for many states.
 
-        Also return the number of rows of `b`. The inner function takes (t, y, out, b). `t` has m times, `y` a row of
-        m numbers for each input, and `out` (k, m) receives the results. `b` are working rows. The function returns
-        False if a pivot is too small for some state, else True. With `half_angles` sines and cosines are computed
-        from the tangent of half the angle.
+        The inner function takes (t, y, out, b). `t` has m times, `y` a row of m numbers for each input, `out` (k, m)
+        receives the results, and `b` are working rows. It returns False if a pivot is too small for some state, else
+        True. The second result is the number of working rows. With `half_angles` sines and cosines are computed from
+        the tangent of half the angle.
         """
         printer = _RowPrinter(self.inner, half_angles=half_angles)
         text = printer.source(self)
@@ -408,5 +408,8 @@ class _RowPrinter(_Floats):
 
 
 def listed(letter: str, count: int, first: int = 0) -> str:
-    """Return numbered names as a target for unpacking, such as "y0, y1,". `first` is the first number."""
+    """Return `count` numbered names as a target for unpacking, such as "y0, y1,".
+
+    Each name begins with `letter`. The number of the first name is `first`.
+    """
     return "".join(f"{letter}{i}, " for i in range(first, first + count)).rstrip()

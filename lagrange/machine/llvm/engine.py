@@ -287,7 +287,7 @@ class TieredModule(Shared):
         return self._well is not None
 
     def count(self, steps: int) -> None:
-        """Report `steps` more steps of a run. After many steps the code is optimized, and `address` changes.
+        """Report `steps` more steps of a run. After many steps the code is optimized, and the addresses change.
 
         While another thread compiles, this thread continues with the quick version.
         """

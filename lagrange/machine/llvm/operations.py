@@ -32,7 +32,7 @@ _CONVERTED = {("real", WHOLE): "sitofp", ("real", FLAG): "uitofp", ("whole", REA
 
 
 def type_of(kind: Kind, lanes: int = 1) -> str:
-    """Return LLVM's type of a value of a kind, or of a vector of `lanes` such values."""
+    """Return LLVM's type of a real, a whole number or a flag, or of a vector of `lanes` such values."""
     return KINDS[kind] if lanes == 1 else f"<{lanes} x {KINDS[kind]}>"
 
 
@@ -63,7 +63,10 @@ def declarations() -> str:
 
 
 def declaration(name: str, op: str, lanes: int = 1) -> str:
-    """Return the IR declaration of the external function `name`, which computes an operation on `lanes` reals."""
+    """Return the IR declaration of the external function `name`.
+
+    The function computes the operation `op` on `lanes` reals.
+    """
     kind = type_of(REAL, lanes)
     return f"declare {kind} @{name}({', '.join([kind] * len(OPERATIONS[op][0][0]))})"
 
@@ -135,7 +138,10 @@ def whole_suffix(lanes: int) -> str:
 
 
 def _sign(e: Emitter, typed: str, lanes: int) -> str:
-    """Emit the sign of a number, and return its operand: 1 or -1, or the number itself if it is zero or NaN."""
+    """Emit the sign of a number, and return its operand: 1 or -1, or the number itself if it is zero or NaN.
+
+    The operand `typed` has its LLVM type before it. It is a number, or a vector of `lanes` numbers.
+    """
     real, flag = type_of(REAL, lanes), type_of(FLAG, lanes)
     zero, one, minus = (splat(e, literal(value), REAL, lanes) for value in (0.0, 1.0, -1.0))
     above, below = (e.value(f"fcmp {how} {typed}, {zero}") for how in ("ogt", "olt"))

@@ -1,8 +1,8 @@
 """Print a procedure as LLVM IR.
 
-Variables become SSA values: each block of the form lists the variables that it sets, so phis are placed where branches
-join. An `each` computes several iterations at once if its arrays have room for whole vectors. Values that differ
-between iterations are vectors there; other values are broadcast where they meet vectors.
+Variables become SSA values: each block of a procedure lists the variables that it sets, so phis are placed where
+branches join. An `each` computes several iterations at once if its arrays have room for whole vectors. Values that
+differ between iterations are vectors there; other values are broadcast where they meet vectors.
 """
 
 from __future__ import annotations
@@ -180,7 +180,10 @@ class Printer(Visitor):
         """Stores that are delayed, to be merged with adjacent ones: array, index and value."""
 
     def function(self, linkage: str, merging: str, *, quickly: bool = False) -> str:
-        """Return the IR of the procedure. `linkage` and `merging` are LLVM keywords in its head, or empty."""
+        """Return the IR of the procedure. `linkage` and `merging` are LLVM keywords in its head, or empty.
+
+        A procedure that runs rarely is compiled `quickly`, without optimization.
+        """
         parameters = []
         for parameter in self.procedure.parameters:
             kind = parameter.type
@@ -220,16 +223,22 @@ class Printer(Visitor):
         return array_type
 
     def lanes(self, ref: int) -> int:
-        """Return the number of entries of a value or variable: the lanes of the present iterations, or 1."""
+        """Return the number of entries of the value or variable with the id `ref`.
+
+        It is the number of iterations that are printed as one vector, or 1 for a single number.
+        """
         return self.current.lanes if self.current is not None and ref in self.wide else 1
 
     def llvm_type(self, ref: int) -> str:
-        """Return LLVM's type of a value or a variable."""
+        """Return LLVM's type of the value or variable with the id `ref`."""
         kind = self.types[ref]
         return type_of(*kind) if isinstance(kind, Vector) else type_of(self.kinds[ref], self.lanes(ref))
 
     def operand(self, ref: int, lanes: int) -> str:
-        """Return the operand of a value as a vector of `lanes` entries; a single number is broadcast."""
+        """Return the operand of the value with the id `ref`, as a vector of `lanes` entries.
+
+        A single number is broadcast.
+        """
         if self.current is not None and ref == self.current.each.place:
             return self.current.indices
         if lanes == 1 or ref in self.wide:
@@ -296,7 +305,7 @@ class Printer(Visitor):
 
     @visits(form.Note)
     def note(self, note: form.Note) -> None:
-        """Print a comment."""
+        """Print a note of the procedure as a comment."""
         self.e.lines += [f"  ; {line}" for line in note.text.splitlines()]
 
     @visits(form.Reserve)
@@ -526,7 +535,9 @@ class Printer(Visitor):
     ) -> Iterator[str]:
         """Print a loop around `body`. The `with` block prints its condition; it gets the loop's name NAME.
 
-        The condition ends with a branch to the label NAME.body or NAME.end. `index` is the id of a counter, or None.
+        The condition ends with a branch to the label NAME.body or NAME.end. `inside` has all statements of the loop,
+        and is the body if `body` is None. `index` is the id of a counter, which begins at `start` and grows by
+        `step`, or None.
         """
         e, name = self.e, self.e.fresh("loop")
         variables = dict.fromkeys(s.variable for s in walk(inside) if isinstance(s, form.Set))

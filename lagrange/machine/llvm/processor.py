@@ -61,7 +61,8 @@ def vector_routines() -> dict[str, str]:
 def call_library(e: Emitter, op: str, args: Sequence[str], width: int) -> str:
     """Emit a function of the C library on vectors of `width` numbers, and return the operand of the result.
 
-    It is the vector routine for the operation if there is one, else the scalar function for each entry.
+    `op` is the operation, and `args` are its operands. The function is the vector routine for the operation if there
+    is one, else the scalar function for each entry.
     """
     kind = type_of(REAL, width)
     name = vector_routines().get(op) if width == lanes() else None

@@ -92,7 +92,8 @@ def angle_name(lanes: int) -> str:
 def call_sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     """Emit a call of the module's function for sine and cosine, and return the operands of sin(x) and cos(x).
 
-    It computes the same as `sine_and_cosine`, which keeps modules with many angles short.
+    The operand `x` is a number, or a vector of `lanes` numbers. The function computes the same as the operations that
+    `sine_and_cosine` emits. Calls keep modules with many angles short.
     """
     kind = type_of(REAL, lanes)
     both = e.value(f"call {{ {kind}, {kind} }} @{angle_name(lanes)}({kind} {x})")
@@ -142,7 +143,7 @@ def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers:
     """Emit sine and cosine of an angle from those of its remainder, `sine` and `cosine`, and return both operands.
 
     In odd quadrants the two are exchanged. The quadrant, whose number is in the low bits of `rounded`, gives their
-    signs.
+    signs. `kind` is the LLVM type of the operands, and `integers` that of as many integers.
     """
 
     def whole(value: int) -> str:

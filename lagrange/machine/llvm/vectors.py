@@ -159,7 +159,7 @@ class Lanes:
                 partials[slot] = self.e.value(f"select <{self.lanes} x i1> {mask}, {both}")
 
     def total(self, fold: form.Fold, partials: list[str]) -> str:
-        """Return the result of a reduction from its partial results, which are combined in a fixed order."""
+        """Return the result of the reduction `fold` from its partial results, which are combined in a fixed order."""
         e = self.e
         if fold.op == "magnitude" and self.lanes > 1:
             return largest_magnitude(e, partials[0], self.lanes)
@@ -175,7 +175,7 @@ class Lanes:
 def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
     """Print the combination of a partial result `total` with one more value, and return the operand of the result.
 
-    `op` is the operation of the reduction, such as add.
+    `op` is the operation of the reduction, such as add. With `lanes` above 1 both are vectors.
     """
     if op != "most":
         return spell(e, op, (REAL, REAL), [total, value], lanes)
@@ -220,7 +220,10 @@ def number(value: str) -> int | None:
 
 
 def printed(known: Printer, statement: form.VectorLet | form.Reduce | form.VectorLoad | form.Gather) -> str:
-    """Print a statement that defines a vector, or a single value from a vector, and return its operand."""
+    """Print a statement that defines a vector, or a single value from a vector, and return its operand.
+
+    `known` is the printer of the procedure, which has the operands of earlier values.
+    """
     match statement:
         case form.VectorLet():
             return _operation(known, statement)
@@ -234,7 +237,7 @@ def printed(known: Printer, statement: form.VectorLet | form.Reduce | form.Vecto
 
 
 def _vector(known: Printer, ref: int) -> Vector:
-    """Return the type of a vector."""
+    """Return the type of the vector with the id `ref`. `known` is the printer of the procedure."""
     vector = known.types[ref]
     assert isinstance(vector, Vector)
     return vector

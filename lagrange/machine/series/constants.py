@@ -1,4 +1,4 @@
-"""Numbers of a series that are constant along a run: constants of its rules, and inverses of constant matrices."""
+"""Numbers of a series that are constant along a run: constants in recurrences, and inverses of constant matrices."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lagrange.program.series import SeriesProgram
 
 
 def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
-    """Return the constants of a series' rules, and the inverse (n, n) of each of its constant matrices.
+    """Return the constants in the recurrences of a series, and the inverse (n, n) of each of its constant matrices.
 
     The matrices are those of the linear systems that give accelerations and multipliers. An inverse is NaN if a
     parameter is NaN, as while the side of a switching surface is unknown. Raises SingularMassMatrix.

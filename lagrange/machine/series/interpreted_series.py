@@ -215,7 +215,7 @@ def _sqrt(at: _Place) -> Any:
 def _flat(at: _Place) -> Any:
     """Return a Taylor coefficient of the square root at a zero of its argument.
 
-    It is 0 if the argument stays zero, and NaN if the argument changes.
+    It is 0 if the argument stays zero, and NaN if the argument changes. `at` is the coefficient to compute.
     """
     return at.u[0] if at.arg(0)[-1] == 0 else at.u[0] + math.nan
 
@@ -297,7 +297,8 @@ class NumpySeries(Shared):
     def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
         """Return one array of all numbers that a run reads, and the length of each of its parts.
 
-        The parts are the parameters of the series, no constants, and the parameters of the event functions.
+        The parts are the parameters of the series, an empty part for constants, and the parameters of the event
+        functions.
         """
         return np.concatenate([parameters, parameters]), (len(parameters), 0, len(parameters))
 

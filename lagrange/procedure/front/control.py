@@ -23,11 +23,11 @@ class KnownBlock:
         return iter(self.iterations)
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values of `names` at the start of the block: `values`, those before it. `anew` is not used."""
+        """Return `values`, those of the Python names `names` at the start of the block. `anew` is not used."""
         return self.close(*values)
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Store the values of names at the end of a branch or iteration. Return those for the next iteration."""
+        """Store the values of Python names at the end of a branch or iteration; return them for the next one."""
         self.values = values
         return values
 
@@ -36,7 +36,10 @@ class KnownBlock:
         raise Ended
 
     def after(self) -> Sequence[Any]:
-        """Return the values of the names after the block; the placeholder `Missing` for a name without a value."""
+        """Return the values of the Python names after the block; `Missing` for a name without a value.
+
+        The names are those that were passed to `open`.
+        """
         return self.values
 
 
@@ -57,9 +60,11 @@ class Block:
         self.has_ended = False
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values of `names` at the start of the block: variables instead of the numbers in `values`.
+        """Return the values of the Python names `names` at the start of the block, with variables for numbers.
 
-        `values` are those before the block. `anew` are the names that the block sets before it reads them.
+        `values` are the values before the block. A number among them becomes a variable of the procedure. `anew` are
+        the names that the block sets before it reads them. Such a name has no value at the start, unless it is a
+        variable of an enclosing block.
         """
         self.names = names
         self.outer = self.tracer.handed
@@ -79,14 +84,17 @@ class Block:
         self.has_ended = True
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Record the values of names at the end of the block. Return the values that the names had at its start."""
+        """Record the values of the block's Python names at its end. Return the values that they had at its start."""
         for i, (old, new) in enumerate(zip(self.before, values, strict=True)):
             if old is not new:
                 self.lost.add(i)
         return self.before
 
     def after(self) -> Sequence[Any]:
-        """Return the values of the names after the block; the placeholder `Missing` for a name without a value."""
+        """Return the values of the Python names after the block; `Missing` for a name without a value.
+
+        The names are those that were passed to `open`.
+        """
         self.tracer.handed = self.outer
         pairs = zip(self.names, self.before, strict=True)
         return [Missing(name, self.where) if i in self.lost else old for i, (name, old) in enumerate(pairs)]
@@ -192,7 +200,10 @@ class EachBlock(Block):
         """
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return the values of names inside an iteration. Raises Error if a name has a value before the loop."""
+        """Return `values`, those of the Python names `names` inside an iteration.
+
+        Raises Error if a name has a value before the loop. `anew` is not used.
+        """
         for name, value in zip(names, values, strict=True):
             if not isinstance(value, Missing):
                 raise Error(f"`{name}` is set by an `each` and read by the next iteration or behind it: use `range`.")

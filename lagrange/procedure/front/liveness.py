@@ -98,12 +98,18 @@ def _children(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def loaded(nodes: Iterable[ast.AST]) -> Names:
-    """Return the names that nodes read; `Mentions.loaded` says what counts as reading."""
+    """Return the names that nodes of the syntax tree read or set in place.
+
+    Targets of comprehensions and functions are not included.
+    """
     return NOTHING.union(*[mentions(node).loaded for node in nodes])
 
 
 def stored(nodes: Iterable[ast.AST]) -> list[str]:
-    """Return the names that nodes set; `Mentions.stored` says what counts as setting."""
+    """Return the names that nodes of the syntax tree set, in order, without those of inner functions.
+
+    Targets of comprehensions are not included either.
+    """
     return list(dict.fromkeys([name for node in nodes for name in mentions(node).stored]))
 
 

@@ -291,7 +291,11 @@ class Rewriter:
     def through(
         self, s: ast.stmt, held: str, source: ast.expr, target: str, names: Sequence[str], body: list[ast.stmt]
     ) -> list[ast.stmt]:
-        """Return a loop over `source` for statement `s`; block `held` gets the values of `names` at the ends."""
+        """Return the rewritten branch or loop `s`: statements that open a block, run its body, and close it.
+
+        The block object has the name `held`. It gets the values of `names` before the block and at the end of each
+        `body`, and returns those after the block. `body` is inside a loop over `source` with the variable `target`.
+        """
         texts = ast.Tuple([ast.Constant(name) for name in names], LOAD)
         values = [named(name) for name in names]
         anew = ast.Tuple([ast.Constant(name) for name in names if name in self.carried[s].anew], LOAD)

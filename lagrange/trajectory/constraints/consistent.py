@@ -114,10 +114,10 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
 
 
 def complete_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the start by `consistent_start` if some coordinates have no inertia; else the state y, unchanged.
+    """Return the state y (2n,), moved onto the constraints if some coordinates have no inertia; else y, unchanged.
 
-    The equations of such coordinates are of first order, and their velocities follow from other entries. Other
-    systems are exported with their initial state as stated.
+    The equations of such coordinates are of first order, and their velocities follow from other entries: those that
+    are zero are computed. Other systems are exported with their initial state as stated.
     """
     return consistent_start(model, t, y, parameters) if model.equations.first_order else y
 

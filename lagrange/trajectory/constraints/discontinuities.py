@@ -218,7 +218,7 @@ class _Surface:
 
     @classmethod
     def at(cls, residuals: ConstraintResiduals, t: FloatArray, y: FloatArray, parameters: FloatArray) -> _Surface:
-        """Return the constraints at times (k,) and states (2n, k)."""
+        """Return the constraints at times (k,) and states (2n, k), as `residuals` evaluates them."""
         values, sizes = residuals.of_many(t, y, parameters)
         rows = residuals.gradients(t, y, parameters)
         lengths = np.linalg.norm(rows, axis=1)

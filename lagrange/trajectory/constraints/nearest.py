@@ -67,7 +67,10 @@ class Nearest:
         self._free = np.flatnonzero(free)
 
     def of(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
-        """Return the nearest point and its residuals; the last iterate if Newton's method does not converge."""
+        """Return the point nearest to `start`, and its residuals.
+
+        If Newton's method does not converge, return the last iterate.
+        """
         x, residuals = self.restored(start)
         if residuals.largest > ON_SURFACE:
             return x, residuals

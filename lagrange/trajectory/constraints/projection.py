@@ -261,7 +261,10 @@ def _far(residuals: Residuals) -> list[int]:
 
 
 def _zero(stated: Constraint, part: int, model: Model) -> str:
-    """Return the text of an expression that must be zero: the stated constraint, or its rate of change."""
+    """Return the text of what must be zero: a stated constraint (part 0), or its rate of change (part 1).
+
+    A constraint that is stated in velocities has its own text in both parts.
+    """
     text = _text(stated, model)
     return f"the rate of change of {text}" if part and stated.holonomic else text
 

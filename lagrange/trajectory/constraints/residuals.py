@@ -102,13 +102,16 @@ class ConstraintResiduals:
         ]
 
     def gradients(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return G, (m, n, k), at times (k,) and states (2n, k)."""
+        """Return the gradients G (m, n, k) of the constraints by the velocities, at times (k,) and states (2n, k)."""
         rows = np.zeros((self._entries, len(t)))
         rows[self._present] = self._gradient(t, y, parameters)
         return rows.reshape(len(self.names), -1, len(t))
 
     def surfaces(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return the switching surfaces of the constraints, (s, k), at times (k,) and states (2n, k)."""
+        """Return the values (s, k) of the functions that are zero on the constraints' switching surfaces.
+
+        The times are (k,) and the states (2n, k).
+        """
         return np.empty((0, len(t))) if self._surfaces is None else self._surfaces(t, y, parameters)
 
     def of_part(self, part: int, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
@@ -124,7 +127,7 @@ class ConstraintResiduals:
         return _residuals(values[chosen], rows, terms[chosen], entries, units)
 
     def gradient(self, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return G, (m, n), at a state (2n,)."""
+        """Return the gradient G (m, n) of the constraints by the velocities, at a state (2n,)."""
         rows = np.zeros(self._entries)
         with np.errstate(all="ignore"):
             rows[self._present] = self._gradient(t, y, parameters)

@@ -116,7 +116,10 @@ def rows_of(contacts: Sequence[Friction]) -> Iterator[tuple[int, slice]]:
 
 
 def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArray:
-    """Return the rounding errors (..., rows) of the rates A f + b for forces f (..., rows): smaller rates are zero."""
+    """Return the rounding errors (..., rows) of the rates A f + b for forces f (..., rows).
+
+    Rates below these errors count as zero. `matrix` is A and `bias` is b.
+    """
     return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(bias) + np.abs(bias).max(initial=0.0)))
 
 
@@ -168,7 +171,10 @@ class _Rows:
 
 
 def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> Iterator[Balance]:
-    """Yield the solutions among all combinations of contact states, in order of the number of sliding contacts."""
+    """Yield the solutions among all combinations of contact states, in order of the number of sliding contacts.
+
+    `matrix` (rows, rows) is A and `bias` (rows,) is b in the rates A f + b.
+    """
     rows = _Rows(contacts)
     chosen = list(itertools.product(*(contact.cases() for contact in contacts)))
     chosen.sort(key=lambda cases: sum(state == SLIDING for state, _ in cases))
@@ -204,13 +210,20 @@ def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
 
 
 def _balance_of(rows: _Rows, forces: FloatArray, rates: FloatArray, states: list[str], ways: FloatArray) -> Balance:
-    """Return a combination of states as a `Balance`, with the direction of each sliding contact."""
+    """Return the solution for one combination of contact `states`, with the direction of each sliding contact.
+
+    `forces`, `rates` and the sliding directions `ways` have shape (rows,). `rows` describes the rows.
+    """
     directions = (ways[rows.members[:, i]] if state == SLIDING else None for i, state in enumerate(states))
     return Balance(forces, rates, tuple(states), tuple(directions))
 
 
 def _first_ways(matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArray[np.str_]) -> FloatArray:
-    """Return first guesses (C, rows) of the sliding directions: opposite to forces that would hold all surfaces."""
+    """Return first guesses (C, rows) of the sliding directions: opposite to forces that would hold all surfaces.
+
+    `matrix` is A and `bias` is b in the rates A f + b. `states` (C, k) are C combinations of states of the k
+    contacts.
+    """
     forces, _, solved = _forces(matrix, bias, rows, np.where(states == SLIDING, STICKING, states), np.zeros(len(bias)))
     first = np.zeros(len(bias))
     first[rows.normals[np.bincount(rows.contact) > 1] + 1] = 1.0

@@ -94,7 +94,7 @@ class PlainPath:
     layout: StateLayout
 
     def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states at the times, (2n - 2, K)."""
+        """Return the states (2n - 2, K) of the system at times (K,). The states of the model have length 2n."""
         return plain_states(self.layout, self.path(times))
 
 
@@ -196,7 +196,9 @@ def _written(model: Model, which: int, forces: _Forces) -> WrittenFriction:
 def _behind(statement: Any, forces: _Forces, moment: Any, way: Any, onwards: Any) -> dict[Any, Any]:
     """Return the reset at a change between sliding and sticking, as a dict from symbols to their new values.
 
-    Gap and gap rate become zero. The slip becomes zero, or small in the direction `onwards`, 1, -1 or 0.
+    Gap and gap rate become zero. The slip becomes zero, or small in the direction `onwards`, 1, -1 or 0. `way` is the
+    coordinate for the direction of sliding. `forces` are those of the contact, and `moment` is a parameter, a short
+    time.
     """
     contact, q = forces.contact, statement.coordinates
     pace = 2 * SLIGHT * abs(forces.hold) * forces.sizes[1] * sympy.Max(abs(time), moment)

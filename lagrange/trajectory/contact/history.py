@@ -269,7 +269,7 @@ class ContactResult:
 
 
 def _friction(contact: Contact, mode: Mode, which: int) -> list[Any]:
-    """Return the friction force of a contact in a mode, one expression for each slip component."""
+    """Return the friction force of contact number `which` in a mode: an expression for each slip component."""
     if mode.states[which] == STICKING:
         return [multiplier(name) for name in contact.slip_names]
     return sliding_friction(contact, mode.ways[which])

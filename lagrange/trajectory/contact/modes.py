@@ -59,7 +59,7 @@ class Mode:
 
     @property
     def closed(self) -> list[int]:
-        """The contacts that are not open."""
+        """The indices of the contacts that are not open."""
         return [i for i, state in enumerate(self.states) if state != OPEN]
 
     @property
@@ -260,7 +260,10 @@ def mode_statement(statement: Statement, mode: Mode) -> Statement:
 
 
 def sliding_friction(contact: Contact, way: Way) -> list[Any]:
-    """Return the friction forces of a sliding contact, one for each slip component."""
+    """Return the friction forces of a sliding contact, one for each slip component.
+
+    `way` is the direction of sliding along a line, 1 or -1. In a plane it is not used.
+    """
     size = contact.friction[1] * contact.normal
     if len(contact.slip) == 1:
         return [-size * way]
@@ -297,9 +300,9 @@ def _ends(contacts: Sequence[Contact], mode: Mode) -> tuple[tuple[Event, ...], t
 
 
 def _present(event: Event, absent: dict[Any, Any]) -> Event:
-    """Return an event with zero for the normal forces of open contacts, by `absent`, a dict from force to zero.
+    """Return an event in whose expression the normal forces of open contacts are zero.
 
-    If the expression is then constant, the result is an event that never occurs.
+    `absent` maps these forces to zero. If the expression is then constant, the result is an event that never occurs.
     """
     zero = event.expression.xreplace(absent)
     if zero == event.expression:

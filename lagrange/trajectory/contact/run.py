@@ -152,7 +152,7 @@ class _ContactRun:
         return replace(run, contacts=ContactHistory(np.array(self.begins), tuple(self.kept), impacts, rests))
 
     def _keep(self, begin: float, mode: Mode, part: Trajectory) -> None:
-        """Append a segment and its mode to the run."""
+        """Append a segment, which begins at the time `begin`, and its mode to the run."""
         self.begins.append(begin)
         self.kept.append(mode)
         self.parts.append(part)
@@ -288,7 +288,8 @@ class _ContactRun:
     def _passed_impacts(self, written: WrittenImpacts) -> bool:
         """Record the impacts inside the last segment. Return False if it must be run again without compiled impacts.
 
-        Impacts of several contacts at one instant, and steps that fail, need a test of each impact.
+        Impacts of several contacts at one instant, and steps that fail, need a test of each impact. `written` has the
+        formulas of the impacts.
         """
         segment, users, end = self.part, len(self.problem.events), self.part.span[1]
         if segment.status in FAILED:

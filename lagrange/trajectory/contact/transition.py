@@ -146,6 +146,7 @@ class Transitions:
         """Return the state after an impact, pairs of contact index and impact, and the speeds of `closing` contacts.
 
         `touching` are all contacts with zero gap that may exchange impulses. `closing` are those whose gap decreases.
+        `plastic` contacts have no restitution. `touch` has the contacts at the state y (2n,) before the impact.
         """
         kin, v = self.kinematics, self._layout.v
         matrix, law = touch.compliance, self.modes.model.statement.simultaneous
@@ -244,8 +245,8 @@ class Transitions:
     ) -> tuple[FloatArray, Mode, FloatArray]:
         """Return the state and the mode after a transition, for `resting` contacts with zero gap and gap rate.
 
-        `ways` has the directions of contacts that begin to slide, and `near` are the contacts with zero gap. The third
-        result (rows,) has the second time derivatives of gaps and the first time derivatives of slips.
+        The gap of `near`, the slip of `stopped`, the normal force of `released` contacts is zero. `ways` has the
+        directions of beginning slips. The third result (rows,) has the time derivatives of gap rates and slips.
         """
         kin, count = self.kinematics, len(self.kinematics.contacts)
         states, kept_ways = [OPEN] * count, list[int | None]([None] * count)

@@ -44,7 +44,7 @@ def undetermined(
 
 
 def _where(kin: Kinematics, touch: Touch, y: FloatArray, chosen: Sequence[int]) -> str:
-    """Return where Painleve's paradox occurs: a condition in the user's symbols, or the coordinates."""
+    """Return where Painleve's paradox occurs at `chosen` contacts: a condition in symbols, or the coordinates."""
     for i in chosen:
         normal, *along = kin.rows[i]
         for way in (1, -1) if len(along) == 1 else ():

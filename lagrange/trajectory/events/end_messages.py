@@ -129,7 +129,7 @@ def without_series(name: str, value: float, *, smooth: bool) -> EventResult:
 
 
 def without_value(name: str, value: float) -> EventResult:
-    """Return the end of a run at a point with `value`, after which the event function `name` has no value."""
+    """Return the end of a run at a point where event function `name` is `value`, and after which it has no value."""
     return EventResult(
         Status.NON_FINITE,
         f"{name}, which is watched, has a pole there or leaves its domain: its value is {value:.4g}, and behind it "

@@ -166,7 +166,7 @@ class ChangeCounter:
         self.counts: Counter[int] = Counter()
 
     def begin(self, t: float, which: int) -> None:
-        """Count anew from a change of the motion by event `which` at time t, far from all earlier changes."""
+        """Restart the count with a change of the motion by event `which` at time t, far from all earlier changes."""
         self.counts = Counter([which])
         self.last = t
 
@@ -187,7 +187,7 @@ class ResetIntervals:
         self.count = 0
 
     def begin(self, length: float) -> None:
-        """Record an interval of time `length` between two resets that is regular, and count anew."""
+        """Restart the count with an interval `length` between two resets, to which later ones are compared."""
         self.least, self.count = length, 0
 
     def idle(self, length: float, *, unseen: bool) -> bool:

@@ -68,7 +68,10 @@ class WatchedEvents:
         return self.memory.nbytes
 
     def path(self, path_of: PathOf, times: FloatArray, states: FloatArray) -> StepsPath:
-        """Return the path through accepted times (S+1,) and states (S+1, 2n). Its code is compiled once."""
+        """Return the path through accepted times (S+1,) and states (S+1, 2n), made by `path_of`.
+
+        Its code is compiled once.
+        """
         if self.dense is not None:
             return replace(self.dense, times=times, states=states)
         path = path_of(times, states)
@@ -104,9 +107,9 @@ class WatchedEvents:
     ) -> None:
         """Write the sides of zero (signs) of the event functions to the memory of the compiled loop.
 
-        Also write how often each event may still occur, after its `occurrences` so far, until the caller has to act.
-        `stayed` maps the events that count as zero at the start of a smooth piece of motion to the size of the event
-        function there. `zeros` maps events to the direction in which they reached zero.
+        Also write how many more times each event may occur before the caller has to act; `occurrences` has those so
+        far. `stayed` maps the events that count as zero at the start of a smooth piece of motion to the size of the
+        event function there. `zeros` maps events to the direction in which they reached zero.
         """
         memory, impacts = self.memory, self.impacts
         memory.sign[:] = [side.sign for side in zero_sides]

@@ -78,7 +78,8 @@ of the largest value on the step counts as zero.
 def passes_anyhow(model: Model, kernel: Kernel, impacts: Sequence[Impact], index: int, sample: Sample) -> bool:
     """Return True if the motion after the reset of event `index` still passes zero in the event's direction.
 
-    The reset is then useless. `sample` is the step that begins at the event.
+    The reset is then useless. `kernel` evaluates the event functions, and `impacts` are all events. `sample` is the
+    step that begins at the event.
     """
     t, y, impact, parameters = sample.t, sample.state(0.0), impacts[index], sample.batch.parameters
     after = y.copy()

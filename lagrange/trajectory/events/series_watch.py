@@ -112,7 +112,10 @@ class SeriesWatch(EventLog):
         return result
 
     def process(self, state: DriverState) -> EventResult:
-        """Reset the state, cross a surface or end the run where the loop stopped, or say why no step is possible."""
+        """Make the change at the state where the loop over steps stopped: reset it, cross a surface, or end the run.
+
+        If no step is possible there for another reason, return this reason.
+        """
         self.read(state)
         try:
             if self.unbegun:
@@ -149,7 +152,7 @@ class SeriesWatch(EventLog):
         return bool(self.pending)
 
     def continue_past(self, state: DriverState) -> EventResult | None:
-        """Pass over a point without a series.
+        """Pass over the driver's state, where the motion has no Taylor series.
 
         Return the result after the point, the end of the run at a square root, or None if the point cannot be passed.
         """
@@ -177,7 +180,10 @@ class SeriesWatch(EventLog):
         return self._rootless(state)
 
     def _switches(self, look: EventSeries, soon: float) -> bool:
-        """Return True if the state is on a switching surface, or reaches one within the time `soon`."""
+        """Return True if the state is on a switching surface, or reaches one within the time `soon`.
+
+        `look` has the series of the surfaces.
+        """
         return any(which in self.starting or look.falls(which, soon) for which in range(self.surfaces))
 
     def _rootless(self, state: DriverState) -> EventResult | None:
@@ -240,7 +246,10 @@ class SeriesWatch(EventLog):
     def _jump(
         self, zeros: Sequence[EventZero], all_zeros: Sequence[EventZero], state: DriverState, *, ends: bool
     ) -> EventResult:
-        """Reset the state by the events in `zeros`, and start a new motion. `all_zeros` has all at this time."""
+        """Reset the state by the events in `zeros`, and start a new motion, unless one of them `ends` the run.
+
+        `all_zeros` has all zeros of watched functions at this time, also those of other events.
+        """
         before = self.ahead(state)
         resets = {self.impact_of(m): m.which for m in sorted(zeros, key=lambda m: m.which)}
         after, broken = reset_state(resets, self.names, state.t, state.y, self.parameters)
@@ -430,7 +439,10 @@ class SeriesWatch(EventLog):
             self.change_counter.begin(record.changed, record.changed_at)
 
     def write(self) -> None:
-        """Write the sides of zero to the memory of the compiled loop. It is disabled while an event is pending."""
+        """Write the sides of zero of the watched functions to the memory of the compiled loop.
+
+        While an event is pending, the loop takes no steps.
+        """
         memory, record = self.memory, self.memory.record
         memory.signs[:] = [side.sign for side in self.zero_sides]
         memory.nears[:] = [side.near for side in self.zero_sides]

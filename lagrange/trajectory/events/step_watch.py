@@ -93,7 +93,7 @@ class EventDriver:
         self._first = self._stale = True
 
     def adopt(self, state: DriverState) -> None:
-        """Do nothing: the driver state has its own memory."""
+        """Do nothing: unlike a driver by Taylor series, this driver does not replace the memory of the state."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run by at most `budget` steps; write accepted times and states to `times` (k,), `rows` (k, 2n).
@@ -119,7 +119,10 @@ class EventDriver:
             self._first = False
 
     def _in_loop(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
-        """Advance the run by machine code. Return an outcome, or None after a step to be searched on arrays."""
+        """Advance the run by machine code. Return an outcome, or None after a step to be searched on arrays.
+
+        Accepted times and states are written to `times` (k,) and `rows` (k, 2n).
+        """
         if self._compiled is None:
             raise AssertionError("there is machine code")
         if self._stale:
@@ -143,7 +146,8 @@ class EventDriver:
     def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
         """Take steps if all earlier ones are reviewed, and review some steps on arrays: find the events on them.
 
-        Return an outcome, or None to continue.
+        Return an outcome, or None to continue. Accepted times and states are written to `times` (k,) and `rows` (k,
+        2n).
         """
         memory, run, waiting = self._memory, self._run, self._waiting(state, times, rows)
         if not memory.waits:
@@ -176,7 +180,10 @@ class EventDriver:
         return False
 
     def _waiting(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Waiting:
-        """Return the steps that are not yet reviewed, and the driver, as an argument of the functions of the loop."""
+        """Return the steps not yet searched for events, the driver, and the arrays for accepted steps, as one object.
+
+        The procedures of the event loop take this object. The arrays are `times` (k,) and `rows` (k, 2n).
+        """
         memory, size = self._memory, len(state.y)
 
         def drive(*arguments: Any) -> Outcome:
@@ -203,6 +210,7 @@ class EventDriver:
         """Find the events on the steps up to number `last`, on arrays. Return an outcome, or None to continue.
 
         If all steps are searched, accept them. If an event resets the state or ends the run, set the run back to it.
+        `waiting` has these steps.
         """
         memory, run = self._memory, self._run
         if not memory.waits:
@@ -222,7 +230,10 @@ class EventDriver:
         return None if code == GO_ON else Outcome(code)
 
     def _set_back(self, state: DriverState, cut: Cut, steps: int, waiting: Waiting) -> None:
-        """Set the driver state back to `cut` after `kept` steps. The next step begins a new smooth piece."""
+        """Set the driver state back to the point `cut`. The next step begins a new smooth piece.
+
+        `waiting` has the steps not yet accepted; the first `steps` of them are kept.
+        """
         memory, run, count = self._memory, self._run, len(state.floors)
         state.fault = None
         run.changed = self._watch.changed
@@ -366,7 +377,10 @@ class StepWatch(EventLog):
         self.memory.collect(self, self.breaks)
 
     def _ahead(self, path: StepsPath, steps_before: int) -> Cut | None:
-        """Find the events on all steps of a path. Return the first point with a reset or an end, or None."""
+        """Find the events on all steps of a path. Return the first point with a reset or an end, or None.
+
+        `steps_before` is the number of steps of the run before the path.
+        """
         times = path.times
         batch = StepBatch.of(self.kernel, self._rates, self.parameters, path)
         doubtful = ~batch.certain
@@ -398,7 +412,10 @@ class StepWatch(EventLog):
         return EventResult() if np.isfinite(values).all() else undefined(self.names(), values[None])
 
     def _step(self, batch: StepBatch, step: int, watched: Sequence[int], steps_before: int) -> Cut | None:
-        """Record the zeros of events `watched` on a step. Return the first point with a reset or an end, or None."""
+        """Record the zeros of events `watched` on a step. Return the first point with a reset or an end, or None.
+
+        `steps_before` is the number of steps of the run before this step.
+        """
         sample, begun = batch.sample(step), self._start
         last = bool(batch.path.times[step + 1] == self.problem.t1)
         zero = self._at_zero(batch, step, watched)

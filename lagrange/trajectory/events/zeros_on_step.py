@@ -190,9 +190,10 @@ def _polynomial(
 ) -> LocalPolynomial | None:
     """Return the polynomial on a part of a step from its Chebyshev coefficients, or None if the part must be halved.
 
-    `size` is the largest magnitude of the function. If the coefficients do not resolve the function, but its sign is
-    certain, only the first is kept. Coefficients below rounding or `least` are omitted and counted as noise. So is
-    the truncated rest of the series: at a kink the rest is several times the last coefficient.
+    The part begins at the fraction `start` of the step and has the length `width`. `size` is the largest magnitude of
+    the function. If the coefficients do not resolve the function, but its sign is certain, only the first is kept.
+    Coefficients below rounding or `least` are omitted and counted as noise. So is the truncated rest of the series:
+    at a kink the rest is several times the last coefficient.
     """
     sizes = np.abs(chebyshev)
     floor = noise + 8 * EPSILON * size

@@ -123,7 +123,7 @@ class GuardedRhs:
         return slope
 
     def counted(self, slopes: Slopes) -> Slopes:
-        """Return the function `slopes` with its calls counted. A result that is not finite counts as no fault."""
+        """Return the function `slopes` with its calls counted. Results that are not finite are no faults."""
 
         def evaluate(t: float, y: FloatArray) -> FloatArray:
             self.evaluations += 1
@@ -225,7 +225,7 @@ in place during the run.
 
 
 def check_bounds(name: str, max_step: float, first_step: float | None) -> None:
-    """Raise StatementError for bounds of steps that are not positive times."""
+    """Raise StatementError if `max_step` or `first_step` of the method `name` is not a positive time."""
     for option, value in (("max_step", max_step), ("first_step", first_step)):
         if value is None and option == "first_step":
             continue
@@ -280,7 +280,10 @@ class SolverPlan:
         return SolverDriver(self, GuardedRhs(self.problem, self.package, parameters, deadline))
 
     def watch(self, problem: Problem, driver: SolverDriver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return the object that searches the steps of the run for events, or None if the problem has no events."""
+        """Return the object that searches the steps of the run for events, or None if the problem has no events.
+
+        `memory` is that of the watcher of a former run by this driver, or None.
+        """
         return StepWatch(problem, driver, self._latest, fixed=False, memory=memory) if problem.events else None
 
     def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
@@ -322,7 +325,7 @@ class SolverDriver:
         """Fault for which the solver requested a survey of sizes. It ends the run if the survey changes nothing."""
 
     def adopt(self, state: DriverState) -> None:
-        """Do nothing: the driver state has its own memory."""
+        """Do nothing: unlike a driver by Taylor series, this driver does not replace the memory of the state."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Take up to `budget` trial steps, write the accepted states, and return how the call ended.
@@ -386,6 +389,7 @@ class SolverDriver:
 
         The floors are the absolute tolerances of the entries. An entry of the state that has only been rounding so
         far has no known size. If the last estimate of sizes changed no floor, the steps are small for another reason.
+        `fault` is that of the failed step.
         """
         vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
         if not vanished or state.count(S.SURVEYED) >= MOST_SURVEYS or np.array_equal(state.floors, self._asked):

@@ -89,9 +89,9 @@ def _taken_again(
 ) -> StepInterpolant:
     """Return the path over an accepted step of a one-step method, by repeating the step.
 
-    `times` and `ends` are the times and the states (2n,) at both ends of the step. With an infinite tolerance the
-    repeated step is accepted and equals the first. Few runs need states between their steps, and the solvers' own paths
-    would take a tenth to a third of a run.
+    `law` is the right-hand side. `times` and `ends` are the times and the states (2n,) at both ends of the step. With
+    an infinite tolerance the repeated step is accepted and equals the first. Few runs need states between their
+    steps, and the solvers' own paths would take a tenth to a third of a run.
     """
     slopes = slopes_of(law.problem.model, law.parameters)
     solver = method.solver(slopes, times[0], ends[0], times[1], atol=np.inf, first_step=abs(times[1] - times[0]))

@@ -91,7 +91,10 @@ class RungeKutta:
 
 @lru_cache(maxsize=64)
 def runge_kutta_step(tableau: ButcherTableau, law: str = "rhs") -> StepProgram:
-    """Return the step program of a tableau, which evaluates "rhs", or "local" for local coordinates of rotations."""
+    """Return the step program of a tableau.
+
+    `law` is the function that the step evaluates: "rhs", or "local" for a step in local coordinates of rotations.
+    """
     estimate, control = tableau.error, None
     if estimate is not None:
         control = Control(estimate.control, damped=bool(estimate.damping), memory=estimate.memory)
@@ -189,9 +192,10 @@ def tableau(
 ) -> ButcherTableau:
     """Return the tableau of an explicit method, checked against the order that it claims, with a cubic path.
 
-    `A` is a strictly lower triangular matrix (s, s) or its rows, `b` has s weights. An entry is a number, a Fraction or
-    text such as "2/3". `embedded` are the weights of a second solution, of `embedded_order` or by default one less than
-    `order`: the method then controls its steps by the difference. Raises StatementError with the condition that fails.
+    `A` is a strictly lower triangular matrix (s, s) or its rows, `b` has s weights, and `c` are the abscissae, by
+    default the row sums of A. An entry is a number, a Fraction or text such as "2/3". `embedded` are the weights of a
+    second solution, of `embedded_order` or by default one less than `order`: the method then controls its steps by
+    the difference. Raises StatementError with the condition that fails.
     """
     listed = _listed(text(name, "name"), A)
     if listed is None:

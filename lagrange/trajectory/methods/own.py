@@ -255,9 +255,10 @@ def _agree(pairs: Iterable[tuple[Coefficient, Coefficient]]) -> bool:
 
 
 def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h: Fraction) -> _Tried:
-    """Return the operations of the step function `name` at time t with step h, for a law of `states` vectors.
+    """Return the operations of the step function `name` at time t with step h, and what it returned.
 
-    Raises StatementError for anything but linear combinations of vectors.
+    `states` is 1 for a step of the state y, 2 for a step of q and v. Raises StatementError for anything but linear
+    combinations of vectors.
     """
     times: list[Coefficient] = []
     points: list[dict[int, Coefficient]] = []

@@ -187,8 +187,9 @@ def composition(
     """Return the composition of successive Stormer-Verlet steps of the sizes `coefficients` times h.
 
     Each of these steps begins and ends with half a drift, or half a kick with `first="kick"`. Adjacent halves are
-    joined. Coefficients that are the same in reverse order give a symmetric method, of even order. Raises
-    StatementError if the coefficients do not add up to 1, or if the order differs from the claimed `order`.
+    joined. Coefficients that are the same in reverse order give a symmetric method, of even order. `source` names the
+    publication. Raises StatementError if the coefficients do not add up to 1, or if the order differs from the
+    claimed `order`.
     """
     if not isinstance(first, str) or first not in ("drift", "kick"):
         raise StatementError(f"first = {shown(first)}: a composition starts with a 'drift' or a 'kick'.")

@@ -110,7 +110,10 @@ class TaylorPlan:
         return SeriesDriver(model.machine, self.series.code(self.order), self.order, parameters)
 
     def watch(self, problem: Problem, driver: SeriesDriver, memory: EventMemory | None = None) -> SeriesWatch | None:
-        """Return the object that searches the steps for events and crossings of surfaces, or None without any."""
+        """Return the object that searches the steps for events and crossings of surfaces, or None without any.
+
+        `memory` is that of the watcher of a former run by this driver, or None.
+        """
         if not self.watched:
             return None
         parameters, tolerances = problem.parameter_array, self.tolerances

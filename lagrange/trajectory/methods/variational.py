@@ -32,7 +32,8 @@ Momenta = Callable[..., tuple[Any, Any]]
 def variational_midpoint(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
     """Return (q, v) at t + h after a step whose discrete action is h L at its midpoint and mean velocity.
 
-    The step begins with q and v at time t. `g(t, q, v)` returns the momenta and forces.
+    The step begins with q and v at time t. `g(t, q, v)` returns the momenta and forces. solve(residuals, guess)
+    returns the unknowns at which the residuals are zero: the mean velocity and the velocity at the end.
     """
     before, _ = g(t, q, v)
 
@@ -77,7 +78,10 @@ class Galerkin:
     c: tuple[Abscissa, ...]
 
     def __call__(self, g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, Any]:
-        """Return (q, v) at t + h after a step from q and v at t; g(t, q, v) returns the momenta and forces."""
+        """Return (q, v) at t + h after a step from q and v at t; g(t, q, v) returns the momenta and forces.
+
+        solve(residuals, guess) returns the unknowns at which the residuals are zero.
+        """
         A, b, c = self.A, self.b, self.c
         before, _ = g(t, q, v)
 

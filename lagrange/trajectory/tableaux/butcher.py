@@ -54,7 +54,7 @@ def triangle(entries: Sequence[Entry], first: int = 0) -> tuple[tuple[Entry, ...
 
 
 def chunks(entries: Coefficients, length: int) -> tuple[Coefficients, ...]:
-    """Return coefficients in order as rows of an equal length."""
+    """Return the coefficients `entries`, in order, as rows of the given `length`."""
     return tuple(entries[begin : begin + length] for begin in range(0, len(entries), length))
 
 

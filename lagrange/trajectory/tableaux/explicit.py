@@ -205,7 +205,7 @@ _SHAPES = ((1, 0), (1, 1), (2, 1), (2, 2), (3, 2), (3, 3), (4, 3))
 
 
 def _path_weights() -> tuple[Coefficients, ...]:
-    """Return the weights of each stage in the dense output, by powers of theta.
+    """Return the weights of each stage in the dense output of DOP853, by powers of theta.
 
     Hairer states the path by sums F_i of stages: y(t + theta h) = y + sum_i shape_i(theta) F_i with F_0 = dy = y_new
     - y, F_1 = h f - dy, F_2 = 2 dy - h (f + f_new), and the rest from the interpolant's table (contd8 in dop853.f).
