@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from sympy import cos
 
 import lagrange as lg
-from lagrange.show.files.atomic_file import bounded_png
+from lagrange.show.files.picture import bounded_png
 from lagrange.statement.scene.library import library
 from lagrange.trajectory.methods.registry import MARKS
 

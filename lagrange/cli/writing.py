@@ -28,8 +28,7 @@ from lagrange.cli.arguments import (
     start,
 )
 from lagrange.errors import StatementError
-from lagrange.show.animation import DEFAULT_FPS
-from lagrange.show.animation.recording import named_kind
+from lagrange.show.animation import DEFAULT_FPS, named_kind
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import check_place, write_atomically
 

@@ -33,10 +33,10 @@ from lagrange.page.document import (
     short,
     template,
 )
-from lagrange.show.animation import DEFAULT_FPS
+from lagrange.show.animation import DEFAULT_FPS, named_kind
 from lagrange.show.animation.film import Film, Pixels, film_options
 from lagrange.show.animation.gif import has_ffmpeg, write_gif, write_mp4
-from lagrange.show.animation.recording import Recording, Timing, named_kind, recording_of, thinned, timing
+from lagrange.show.animation.recording import Recording, Timing, recording_of, thinned, timing
 from lagrange.show.figures.style import DARK, LIGHT
 from lagrange.show.files.atomic_file import check_place, write_atomically
 from lagrange.show.notation.text import plain_text

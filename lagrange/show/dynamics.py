@@ -26,7 +26,8 @@ from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.modes import Modes
 from lagrange.show.figures.dynamics_figures import plot_branches, plot_modes, plot_portrait, plot_section, plot_sweep
 from lagrange.show.files import FILE_DPI
-from lagrange.show.files.atomic_file import picture, write_atomically
+from lagrange.show.files.atomic_file import write_atomically
+from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.notebook.page_writer import ExpressionTuple
 from lagrange.show.terminal import text_table

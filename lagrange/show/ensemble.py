@@ -52,7 +52,8 @@ from lagrange.members.work import (
 )
 from lagrange.show.figures.ensemble_figure import COMPLETE, plot_ensemble
 from lagrange.show.files import FILE_DPI
-from lagrange.show.files.atomic_file import picture, write_atomically, write_rows
+from lagrange.show.files.atomic_file import write_atomically, write_rows
+from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.terminal import duration, text_table
 from lagrange.statement.coordinate import row_label

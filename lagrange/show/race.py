@@ -20,7 +20,8 @@ from lagrange.evidence.work_precision import TOLERANCES, Entry, Result
 from lagrange.machine.model import Model, Stated, stated
 from lagrange.show.figures.style import FigureStyle, LineStyle, dress, line_styles, new_figure, on_paper, style_of
 from lagrange.show.files import FILE_DPI
-from lagrange.show.files.atomic_file import picture, write_atomically, write_rows, write_together
+from lagrange.show.files.atomic_file import write_atomically, write_rows, write_together
+from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.show.terminal import text_table
 from lagrange.statement.contact import check_without_contacts

@@ -81,10 +81,10 @@ def test_the_order_in_which_a_mutant_meets_tests() -> None:
     mutant = Mutant("0", "lagrange/machine/drivers.py", 1, "f", "sum", "a + b", "a - b", 0)
     here = frozenset([f"{mutant.file}:f"])
     tests = [
-        Reached("tests/machine/test_driver.py::slow", 9.0, here),
-        Reached("tests/machine/test_driver.py::many[a]", 1.0, here),
-        Reached("tests/machine/test_driver.py::many[b]", 2.0, here),
-        Reached("tests/machine/test_driver.py::elsewhere", 1.0, frozenset(["lagrange/machine/drivers.py:g"])),
+        Reached("tests/machine/test_drivers.py::slow", 9.0, here),
+        Reached("tests/machine/test_drivers.py::many[a]", 1.0, here),
+        Reached("tests/machine/test_drivers.py::many[b]", 2.0, here),
+        Reached("tests/machine/test_drivers.py::elsewhere", 1.0, frozenset(["lagrange/machine/drivers.py:g"])),
         Reached("tests/machine/test_taylor.py::near", 3.0, here),
         Reached("tests/laws/test_taylor.py::far", 1.0, here),
         Reached("tests/laws/test_taylor.py::endless", 1e6, here),

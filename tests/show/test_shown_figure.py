@@ -14,7 +14,7 @@ from PIL import Image
 
 import lagrange as lg
 from lagrange.show.figures.style import new_figure
-from lagrange.show.files.atomic_file import MOST_BYTES, bounded_png
+from lagrange.show.files.picture import MOST_BYTES, bounded_png
 from tests.show.examples import oscillator
 
 

@@ -34,7 +34,9 @@ class Point:
         names=("x",), parameters=(), lagrangian=Integer(0), dissipation=Integer(0), forces=(), rotations=()
     )
     layout = StateLayout(("x",), ("x",))
-    equations = SimpleNamespace(structure=SimpleNamespace(brief=False), constraints=(), accelerations=(), graph=Graph())
+    equations = SimpleNamespace(
+        structure=SimpleNamespace(brief=False), constraints=(), accelerations=(), graph=Graph(), settled=()
+    )
 
     def __init__(self, acceleration: Any) -> None:
         self.acceleration = acceleration

@@ -1,4 +1,30 @@
 """Animations: frames of a run, as a player in HTML, GIF or MP4."""
 
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from lagrange.errors import StatementError, shown
+
 DEFAULT_FPS = 30.0
-"""Frames per second unless others are requested. The command line reads it without loading an animation."""
+"""Frames per second unless others are requested. The command line reads this file without loading an animation."""
+
+SUFFIXES = (".html", ".gif", ".mp4", ".png")
+"""Suffixes: a page with a player, moving pictures, and the first frame."""
+
+
+def named_kind(path: str | os.PathLike[str]) -> Path:
+    """Return the path of a file, after a check that its suffix states a known kind.
+
+    Raises StatementError for another suffix.
+    """
+    if not isinstance(path, (str, os.PathLike)):
+        raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
+    target = Path(path)
+    if target.suffix.lower() not in SUFFIXES:
+        raise StatementError(
+            f"{shown(str(path))} does not say what to write: its name ends in .html for a page with a player, .gif or "
+            ".mp4 for a picture that moves, .png for the first frame."
+        )
+    return target

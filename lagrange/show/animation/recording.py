@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.errors import LagrangeError, StatementError, shown
+from lagrange.errors import LagrangeError, StatementError
 from lagrange.show.states_between_outputs import known_alone, states_for_pictures
 from lagrange.show.units import energy_letter
 from lagrange.statement.expression import real_number
@@ -282,23 +280,3 @@ def _jumps(solution: Solution, t: FloatArray) -> NDArray[np.intp]:
     forward = 1.0 if t[-1] >= t[0] else -1.0
     indices = np.unique(np.searchsorted(forward * t, forward * np.concatenate(times), side="left") - 1)
     return np.asarray(indices[(indices >= 0) & (indices < len(t) - 1)], dtype=np.intp)
-
-
-SUFFIXES = (".html", ".gif", ".mp4", ".png")
-"""Suffixes: a page with a player, moving pictures, and the first frame."""
-
-
-def named_kind(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a file, after a check that its suffix states a known kind.
-
-    Raises StatementError for another suffix.
-    """
-    if not isinstance(path, (str, os.PathLike)):
-        raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
-    target = Path(path)
-    if target.suffix.lower() not in SUFFIXES:
-        raise StatementError(
-            f"{shown(str(path))} does not say what to write: its name ends in .html for a page with a player, .gif or "
-            ".mp4 for a picture that moves, .png for the first frame."
-        )
-    return target

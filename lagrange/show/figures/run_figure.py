@@ -15,7 +15,7 @@ from lagrange.show.figures.curve import Pixels
 from lagrange.show.figures.panel import PanelQuantity, PhasePanel, TimePanel, figure_of
 from lagrange.show.figures.paths import PathPanel, common_view
 from lagrange.show.figures.style import FigureStyle, new_figure, on_paper, size_of, style_of
-from lagrange.show.files.atomic_file import LEAST_DPI, MOST_DPI
+from lagrange.show.files.picture import LEAST_DPI, MOST_DPI
 from lagrange.statement.coordinate import name_of, row_label
 from lagrange.statement.expression import entries, refusing_deep, whole_number
 from lagrange.statement.rotation import rotation_of, shorthands

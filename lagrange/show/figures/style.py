@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from lagrange.errors import StatementError, counted, shown
-from lagrange.show.files.atomic_file import SCREEN_DPI, bounded_png
+from lagrange.show.files.picture import SCREEN_DPI, bounded_png
 from lagrange.statement.expression import one_of, real_array, whole_number
 
 if TYPE_CHECKING:

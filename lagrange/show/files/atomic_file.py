@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all: the format of CSV files, and pictures of limited size."""
+"""Files that are written whole or not at all, and the format of CSV files."""
 
 from __future__ import annotations
 
@@ -8,18 +8,11 @@ import os
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from io import BytesIO
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import BinaryIO
 
 from lagrange.errors import RunError, StatementError, shortened, shown
-from lagrange.show.files import FILE_DPI
-from lagrange.statement.expression import whole_number
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 _FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up", errno.EFBIG: "it is too large"}
 
@@ -221,36 +214,3 @@ def _lines(names: Sequence[str], columns: Sequence[Iterable[object]]) -> Iterato
     yield ",".join(map(cell, names)) + "\n"
     for row in zip(*columns, strict=True):
         yield ",".join(map(cell, row)) + "\n"
-
-
-LEAST_DPI, MOST_DPI = 10, 1200
-"""Least and largest dots per inch of a picture: below, no letter can be drawn; above, drawing takes over 1 GB."""
-
-SCREEN_DPI = 80
-"""Dots per inch in a notebook: the widest figure, 10.6 in, takes 848 pixels, as wide as a column of text."""
-
-MOST_BYTES = 300_000
-"""Largest picture in a notebook, in bytes. That of a double pendulum takes 90,000; thirty of them still make a notebook
-that can be mailed."""
-
-
-def picture(draw: Callable[[], Figure], dpi: int | None = None) -> Writer:
-    """Return a function that writes a figure as PNG to a file. `draw` is called only after the file was opened."""
-    dots = FILE_DPI if dpi is None else whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI)
-    return lambda file: draw().savefig(file, format="png", dpi=dots)
-
-
-def bounded_png(figure: Figure, dpi: int) -> bytes:
-    """Return a figure as PNG of at most `MOST_BYTES`. A larger PNG gets 256 colours, then fewer dots per inch."""
-    drawn = BytesIO()
-    figure.savefig(drawn, format="png", dpi=dpi)
-    if drawn.getbuffer().nbytes <= MOST_BYTES:
-        return drawn.getvalue()
-    from PIL import Image  # installed with Matplotlib
-
-    few = BytesIO()
-    with Image.open(drawn) as image:
-        image.quantize(256).save(few, format="png", optimize=True)
-    if few.getbuffer().nbytes <= MOST_BYTES or dpi <= LEAST_DPI:
-        return few.getvalue()
-    return bounded_png(figure, max(LEAST_DPI, dpi * 3 // 4))

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.errors import StatementError
-from lagrange.show.files.atomic_file import Writer, picture, write_atomically, write_rows, write_together
+from lagrange.show.files.atomic_file import Writer, write_atomically, write_rows, write_together
+from lagrange.show.files.picture import picture
 from lagrange.show.states_between_outputs import stored_between
 from lagrange.statement.coordinate import multiplier
 from lagrange.statement.scene.writer import scene_text

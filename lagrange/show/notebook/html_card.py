@@ -8,7 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from lagrange.errors import StatementError, counted
-from lagrange.show.files.atomic_file import SCREEN_DPI, bounded_png
+from lagrange.show.files.picture import SCREEN_DPI, bounded_png
 from lagrange.show.notation.text import plain_text
 
 if TYPE_CHECKING:
