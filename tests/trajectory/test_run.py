@@ -19,7 +19,7 @@ from lagrange.trajectory.integrator import Problem, RunOptions, Tolerances
 from lagrange.trajectory.messages import coarse, message, unsolved
 from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Status
-from tests.models import TARGETS, VALUES, build, k, m, model, x, y
+from tests.models import TARGETS, VALUES, build, k, m, model, r, x, y, z
 from tests.trajectory.runs import NAMES, run
 
 
@@ -81,6 +81,15 @@ def test_where_the_potential_is_zero_does_not_matter(offset: float) -> None:
     assert found.status is Status.UNRELIABLE
     euler = run(build(kinetic=x.dot**2 / 2, potential=offset + x**2 / 2, initial={x: 1.0}), 10.0, "euler", step=0.05)
     assert euler.status is Status.UNRELIABLE and euler.y[0, -1] ** 2 + euler.y[1, -1] ** 2 > 1.5
+
+
+def test_a_close_encounter_with_step_control() -> None:
+    """Two bodies from rest pass at 1e-7 of their first distance, and a sixth of their energy is lost."""
+    distance = sp.sqrt((x - r) ** 2 + (y - z) ** 2)
+    pair = lg.System(3 * (x.dot**2 + y.dot**2 + r.dot**2 + z.dot**2) / 2, -9 / distance)
+    start = {r: -0.8, z: 1.8, z.dot: 1e-3}
+    assert pair.run(1.5, start, method="dop853").status is Status.UNRELIABLE
+    assert pair.run(0.9, start, method="dop853").status is Status.SUCCESS
 
 
 def test_where_the_run_ends_does_not_matter() -> None:
