@@ -214,7 +214,7 @@ class _Lowering:
         for _, ref in (pair for pair in refs if not pair[0]):
             value = ref if value is None else self.emit("mul", value, ref)
         if value is None:
-            raise AssertionError("an empty product has a coefficient")
+            raise AssertionError("a product has no factor: the graph replaces it by its coefficient")
         return self.emit("neg", value) if negate else value
 
     def power(self, base: int, exponent: Exact) -> int:

@@ -84,7 +84,9 @@ class TaylorProcedures:
                 "out the content taylor."
             )
         if (self.projection is None) != (self.program.projection is None):
-            raise LagrangeError(f"series program {self.program.name}: a projection belongs to constraints.")
+            raise LagrangeError(
+                f"series program {self.program.name}: give a projection if the system has constraints, else None."
+            )
 
     @cached_property
     def packing(self) -> Packing:

@@ -114,9 +114,9 @@ class Image:
             lane += count
 
     def filled(self) -> dict[int, int]:
-        """Return {memory index: number of the value there} for the places that need the value at order 0.
+        """Return {index in memory: index of a series value} for all memory that holds coefficients of order 0.
 
-        These are the indices of the row, and those of operands that rules of higher orders read at order 0.
+        These are the row of all values, and copies of operands that rules of higher orders read at order 0.
         """
         values_at = {index: value for index, value in self.repeated.items() if index < self.width}
         initial = dict.fromkeys(self.packing.initial)
@@ -484,7 +484,7 @@ class ChunkLane(ChunkAt):
         return self.read("reciprocals", self.series.divisors[self.operand(number)])
 
     def constant(self, number: int) -> Real:
-        """Return coefficient `number` of the chunk's rule, in this lane."""
+        """Return constant factor `number` of the rule for values that are computed together, in this lane."""
         known = self.known(number)
         if known is not None:
             return self.p.real(known)
@@ -508,5 +508,5 @@ class ScatteredLane(ChunkLane):
         return self.series.common((self.chunk.coefficients[number][self.lane],))
 
     def constant(self, number: int) -> Real:
-        """Return coefficient `number` of the chunk's rule, in this lane."""
+        """Return constant factor `number` of the rule for values that are computed together, in this lane."""
         return self.series.constants[self.chunk.coefficients[number][self.lane]]
