@@ -115,7 +115,7 @@ def add_initial(command: Any) -> None:
 
 
 def start(request: argparse.Namespace) -> dict[str, Any]:
-    """Return the options that `add_start` added, as keyword arguments of a run."""
+    """Return parameters, initial state and end time from the command line, as keyword arguments of a run."""
     return {
         "initial": assignments("--initial", request.initial),
         "parameters": assignments("--set", request.set),
@@ -167,10 +167,10 @@ def folder(name: str) -> Path:
 
 
 def entries(option: str, texts: Sequence[str], form: str, example: str) -> dict[str, list[str]]:
-    """Return the parts between colons of each use of a repeated option, by name.
+    """Return the values of a repeated option NAME=VALUE by name; each value is split at its colons.
 
-    `texts` are those after the option: "l=0.5:2" gives {"l": ["0.5", "2"]}. `form` is the required form after the
-    equals sign, such as LOW:HIGH, and `example` is an example for errors.
+    `texts` are those after the option: "l=0.5:2" gives {"l": ["0.5", "2"]}. `form` is the required form of a value,
+    such as LOW:HIGH, and `example` is an example for errors.
     """
     table: dict[str, list[str]] = {}
     for text in texts:
@@ -238,7 +238,7 @@ def add_method(command: Any) -> None:
 
 
 def method(request: argparse.Namespace) -> dict[str, Any]:
-    """Return the options that `add_method` added, as keyword arguments of a run."""
+    """Return the method, its tolerances and its step from the command line, as keyword arguments of a run."""
     numbers = {key: given_number(f"--{key}", getattr(request, key)) for key in ("rtol", "atol", "step")}
     return {"method": request.method, **numbers}
 

@@ -224,7 +224,10 @@ MOST_WITHOUT_STORE = 10_000_000
 
 
 def _check_members(axes: dict[str, tuple[float, float, int]], out: Path | None) -> None:
-    """Raise StatementError for more than `MOST_WITHOUT_STORE` members, unless `out` is a folder that stores them."""
+    """Raise StatementError for more than `MOST_WITHOUT_STORE` members, unless `out` is a folder that stores them.
+
+    `axes` has (low, high, count) of each varied quantity by name.
+    """
     members = math.prod(count for _, _, count in axes.values())
     if members > MOST_WITHOUT_STORE and (out is None or out.suffix.lower() != STORE):
         raise StatementError(
@@ -269,8 +272,8 @@ def _drawn(
 ) -> str | None:
     """Return the name of the quantity that the picture shows, or None for the default.
 
-    `known` are the names that can be drawn, `points` is the number of output times. Raises StatementError for an
-    invalid request.
+    `out` is the file to write, and `axes` has (low, high, count) of each varied quantity by name. `known` are the
+    names that can be drawn, `points` is the number of output times. Raises StatementError for an invalid request.
     """
     ending = "" if out is None else out.suffix.lower()
     if ending not in PICTURES:

@@ -178,7 +178,7 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
     rows = list(window.rows)
 
     def ahead(states: FloatArray) -> FloatArray:
-        """Return how far states (k, 2n) are ahead of the start, in the direction in which the run leaves it."""
+        """Return the signed progress of states (k, 2n) from the start, along the first step in the plane."""
         moved = difference(states, start, window.periodic)[:, rows] / window.widths
         return np.asarray(moved @ (way[rows] / window.widths))
 

@@ -36,7 +36,7 @@ MOST_STARTS = 1_000_000
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """A model with its parameters, (k,), and the options that all runs share."""
+    """A model with parameters (k,) and run options; calling it runs the model from a state."""
 
     model: Model
     parameters: FloatArray

@@ -349,7 +349,11 @@ def section(
 
 
 def point_counts(points: Any, skip: Any, label: str, smallest: int) -> tuple[int, int]:
-    """Return the checked numbers of points to keep on each orbit, and to skip before them."""
+    """Return (`points`, `skip`), the numbers of points to keep on each orbit and to skip before them.
+
+    Raises StatementError unless both are integers in the allowed range; `smallest` is the least number to keep.
+    `label` names `points` in errors.
+    """
     return whole_number(points, label, smallest, MOST_SECTION_POINTS), whole_number(
         skip, "skip", 0, MOST_SECTION_POINTS
     )

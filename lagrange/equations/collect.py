@@ -78,7 +78,11 @@ def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
 
 
 def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
-    """Return the sum with terms merged that differ only in powers of factor `k` or of its symbols, if shorter."""
+    """Return a sum of monomials, shortened by merging terms that differ only in powers of the factor `k`.
+
+    This factor is a sum in parentheses, given by its index. Terms that differ also in powers of its symbols are
+    merged too. Terms are merged only if fewer terms result.
+    """
     inside = algebra.free(k)
     groups: dict[Any, MonomialSum] = {}
     for monomial, number in terms.items():
@@ -161,7 +165,10 @@ class _Variables:
         return self.ring.from_dict(coefficients)
 
     def terms(self, polynomial: Any) -> MonomialSum:
-        """Return a quotient of two polynomials of this class as a sum of monomials: the powers taken out cancel."""
+        """Return a polynomial, the quotient of two polynomials of this class, as a sum of monomials.
+
+        The same powers of factors were taken out of both polynomials, so these cancel in the quotient.
+        """
         result: MonomialSum = {}
         for exponents, value in polynomial.terms():
             powers = [(k, Rational(e, self.roots[k])) for k, e in zip(self.factors, exponents, strict=True) if e != 0]

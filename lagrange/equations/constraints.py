@@ -86,7 +86,11 @@ def check_rows(stated: Sequence[Constraint], constraints: ConstraintEquations) -
 
 
 def empty_constraint(name: str, value: float, size_of_terms: float) -> str:
-    """Return the error message for a constraint without coordinates and velocities, from its value at a state."""
+    """Return the error message for a constraint that contains no coordinate and no velocity.
+
+    `value` is that of the constraint at a state. If it is zero on the scale `size_of_terms`, the constraint is called
+    always true, else never true.
+    """
     if abs(value) <= TERM_ROUND_OFF * size_of_terms:
         return (
             f"the constraint {name!r} is always true: it is zero at every state tried, and constrains nothing. Leave "

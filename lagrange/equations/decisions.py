@@ -241,7 +241,10 @@ class Decisions:
 
     @cached_property
     def _has_power(self) -> bool:
-        """True if the power differs from zero at some random state, whether it satisfies the constraints or not."""
+        """True if the rate of the energy differs from zero at some random state.
+
+        The states need not satisfy the constraints.
+        """
         return any(self._power(point) for point in self._points)
 
     @cached_property
@@ -348,7 +351,10 @@ class Decisions:
             yield {node: CONTEXT.mpf(value) for node, value in point.items()}
 
     def _rate(self, node: Node, point: Values) -> tuple[Any, Any] | None:
-        """Return the partial time derivative of a node and the size of its terms; None if it has no value."""
+        """Return the partial time derivative of a node at a point, and the scale for deciding whether it is zero.
+
+        The scale is the largest value that occurs in the evaluation. None is returned if the node has no value.
+        """
         step, time = CONTEXT.mpf(STEP), self.laws.time
         ahead, behind = (values([node], {**point, time: point[time] + way * step}, CONTEXT) for way in (1, -1))
         if ahead is None or behind is None:
@@ -356,7 +362,7 @@ class Decisions:
         return (ahead[0][0] - behind[0][0]) / (2 * step), ahead[1]
 
     def _power(self, point: Values) -> bool | None:
-        """Return True if the power is not zero at a point; None if the power has no value at the point."""
+        """Return True if the rate of the energy differs from zero at a point; None if it has no value there."""
         laws = self.laws
         forces, slope = values(laws.extra, point, CONTEXT), self._rate(laws.lagrangian, point)
         if forces is None or slope is None:

@@ -118,9 +118,10 @@ def with_inertia(
 
 
 def _weight(mass: Matrix, gradient_row: Sequence[Node], symbols: Sequence[Node]) -> Node:
-    """Return trace(M)/|row|^2 where coordinates, velocities and the time are 1; 1 if that is zero or has no value.
+    """Return the weight w of a constraint, with which the added inertia w G^T G has the trace of the mass matrix M.
 
-    The row is `gradient_row`, the row of G of a constraint. The result is also 1 if it is not constant.
+    G is here the constraint's row `gradient_row`, and w is trace(M)/|G|^2 with coordinates, velocities and the time
+    (`symbols`) set to 1. The weight is 1 if this is zero, has no value, or is not constant.
     """
     graph = symbols[0].graph
     inertia = graph.sum([(1, mass[i][i]) for i in range(len(gradient_row))])
@@ -166,9 +167,10 @@ def first_order_coordinates(
 
 
 def without(first_order: Sequence[int], motion: MotionForm, rates: Mapping[Node, Node]) -> MotionForm:
-    """Return the motion with p, f and h zero for coordinates whose equations are relations between velocities.
+    """Return the motion with p, f and h zero for coordinates of first order, which have the indices `first_order`.
 
-    In the other entries `rates` replace velocities.
+    Their equations are relations between velocities, and are added to the constraints. `rates` maps their velocities
+    to the values from these relations. These values replace the velocities in the other entries.
     """
     if not first_order:
         return motion
@@ -191,7 +193,9 @@ def with_relations(
 ) -> tuple[ConstraintEquations, dict[Node, Node]]:
     """Return the constraints, followed by the first-order equations 0 = h as relations between velocities.
 
-    The second result has the velocities of coordinates of first order with their values; see `first_order_rates`.
+    Coordinates of first order have no inertia; `first_order` has their indices, and `names` are those of all
+    coordinates. The second result maps the velocities of coordinates of first order to their values from these
+    equations. It is empty if the equations cannot be solved for the velocities as formulas.
     """
     if not first_order:
         return constraints, {}
@@ -321,15 +325,19 @@ class Equations:
 
     @cached_property
     def settled(self) -> tuple[int, ...]:
-        """Indices of the coordinates of first order whose dq/dt is solved for, and not the velocity in the state.
+        """Indices of the coordinates of first order (without inertia) whose dq/dt is computed from their equations.
 
-        They are all coordinates of first order, or none if their equations are nonlinear in these velocities.
+        Their velocities in a state are not used. They are all coordinates of first order, or none if the equations
+        cannot be solved for these velocities as formulas.
         """
         return tuple(i for i, (rate, v) in enumerate(zip(self.rate, self.v, strict=True)) if rate is not v)
 
     @cached_property
     def unsettled(self) -> tuple[int, ...]:
-        """Indices of the coordinates of first order whose velocities must be right in a state."""
+        """Indices of the coordinates of first order (without inertia) whose dq/dt is the velocity in the state.
+
+        So these velocities must satisfy the equations in every state.
+        """
         return () if self.settled else self.first_order
 
     @property
@@ -343,7 +351,7 @@ class Equations:
 
     @cached_property
     def programs(self) -> dict[str, Any]:
-        """Cache of programs of quantities by name, shared by all machines; `program_of` fills it."""
+        """Cache {name: program} of the programs that compute quantities, for all targets; `program_of` fills it."""
         return {}
 
     @cached_property

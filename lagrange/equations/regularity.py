@@ -290,7 +290,10 @@ class Tried:
         return np.array([statement.defaults.get(p, x) for p, x in zip(statement.parameters, some, strict=True)])
 
     def point(self, t: FloatArray | float, states: FloatArray, parameters: FloatArray) -> dict[Node, FloatArray]:
-        """Return the values of all symbols by symbol, at times (k,) and states (2n, k)."""
+        """Return {symbol: values (k,)} for all symbols of the equations, at k times and k states (2n, k).
+
+        The time may be one number. `parameters` are the same at all k points.
+        """
         e, count = self.equations, states.shape[1]
         symbols = (*e.q, *e.v, *e.parameters, e.time)
         rows = (*states, *(np.full(count, p) for p in parameters), np.broadcast_to(t, (count,)))

@@ -65,7 +65,10 @@ class Singular:
 
 
 def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return A_ij / (s_i s_j) and s: the largest entry of each row is about 1. Source: D. Ruiz, RAL-TR-2001-034."""
+    """Return a symmetric matrix A scaled so that the largest entry of each row is about 1, and the scales s.
+
+    The scaled entries are A_ij / (s_i s_j). Source: D. Ruiz, RAL-TR-2001-034.
+    """
     scale = np.ones(len(matrix))
     for _ in range(30):
         largest = np.abs(_divided(matrix, scale)).max(axis=1, initial=0.0)
@@ -74,7 +77,10 @@ def balanced(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _divided(matrix: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return A_ij / (s_i s_j), divided one after the other: a product of two scales may underflow."""
+    """Return the entries A_ij / (s_i s_j) of a matrix A, divided by one scale after the other.
+
+    The product of two scales may underflow.
+    """
     return np.asarray(matrix / scale[:, None] / scale)
 
 
@@ -175,7 +181,10 @@ UNDETERMINED = "the multipliers, and with them the accelerations, are not determ
 
 
 def dependent_rows(names: Sequence[str], singular: Singular) -> str:
-    """Return the first part of a message, which names the dependent constraints or coordinates without inertia."""
+    """Return the beginning of a message: the dependent constraints, or the coordinates without inertia.
+
+    `names` are those of all constraints, and `singular` has the indices of the dependent ones.
+    """
     related = [names[i].removeprefix(RELATION) for i, _ in singular.rows if names[i].startswith(RELATION)]
     if related:
         have = "has no inertia, and its equation" if len(related) == 1 else "have no inertia, and their equations"
@@ -200,7 +209,11 @@ def few(parts: list[str]) -> str:
 
 
 def dependent_everywhere(names: tuple[str, ...], singular: Singular, *, allowed: bool = False) -> str:
-    """Return the message for constraints that are dependent at every state that satisfies them."""
+    """Return the message for constraints that are dependent at every state that satisfies them.
+
+    `names` are those of all constraints, and `singular` has the indices of the dependent ones. `allowed` is true if
+    the system was stated with redundant='allow', which changes the remedy.
+    """
     if any(names[i].startswith(RELATION) for i, _ in singular.rows):
         return (
             f"{dependent_rows(names, singular)} at every state tried. Add the kinetic energy that is missing, or use "
@@ -225,7 +238,10 @@ def dependent_everywhere(names: tuple[str, ...], singular: Singular, *, allowed:
 
 
 def contradiction(names: tuple[str, ...], singular: Singular) -> str:
-    """Return the message for dependent constraints that no state satisfies."""
+    """Return the message for dependent constraints that no state satisfies.
+
+    `names` are those of all constraints, and `singular` has the indices of the dependent ones.
+    """
     return (
         f"{dependent_rows(names, singular)} and contradict one another: no state was found that satisfies them "
         "together. Drop one of them, or correct it."

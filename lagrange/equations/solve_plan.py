@@ -24,7 +24,10 @@ from lagrange.statement.run_settings import check_time
 
 
 def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
-    """Return the diagonal blocks of a symmetric matrix, given by flags, as sorted lists of indices."""
+    """Return the diagonal blocks of a symmetric matrix, as sorted lists of indices.
+
+    `nonzero` is the matrix of flags, true for entries that are not zero.
+    """
     neighbours = [[j for j, present in enumerate(row) if present] for row in nonzero]
     return list(map(list, coupled(neighbours)))
 
@@ -185,7 +188,11 @@ def _levels(root: int, neighbours: Neighbours) -> list[list[int]]:
 
 
 def elimination_order(block: Sequence[int], neighbours: Neighbours, multipliers: Collection[int]) -> tuple[int, ...]:
-    """Return a block in order of elimination: fewest neighbours first; multipliers after accelerations in their row."""
+    """Return the unknowns of a block in order of elimination, those with the fewest neighbours first.
+
+    `neighbours` has the unknowns coupled to each unknown. A multiplier, an unknown in `multipliers`, comes after all
+    accelerations that are coupled to it.
+    """
     ranks = {unknown: i for i, unknown in enumerate(block)}
     ends = band_order([[ranks[j] for j in neighbours[i]] for i in block])
     rank = {block[i]: k for k, i in enumerate(ends)}

@@ -283,6 +283,7 @@ class Algebra:
     def _identities(self, monomial: Monomial) -> Iterator[tuple[Monomial, int, tuple[Monomial, Any], bool]]:
         """Yield (partner, sign, (rest, expression), exact) for monomial + sign * partner = rest * expression.
 
+        These are the identities of sines and cosines that join a monomial with a `partner`, if the sum contains both.
         With `exact`, the identity is used only if both terms have equal coefficients. Otherwise the sum would not get
         shorter.
         """
@@ -413,9 +414,10 @@ class Algebra:
         return {joined: scale * number**exponent}
 
     def _primitive(self, terms: MonomialSum, stated: Any) -> tuple[MonomialSum, Any]:
-        """Return (common factor, rest) of a sum, the rest as a SymPy expression: `stated` if that is no longer.
+        """Return (common factor, rest) of a sum of monomials, the rest as a SymPy expression.
 
-        Multiples of a sum get the same rest, as in 1/(2 x - 2 y) and 1/(y - x).
+        `stated` is the sum before it was simplified; it is the rest if it has no common factor and not more
+        operations. Multiples of a sum get the same rest, as in 1/(2 x - 2 y) and 1/(y - x).
         """
         number, monomial, rest = common_factor(self.merge_angles(terms))
         inside = self.write(rest)

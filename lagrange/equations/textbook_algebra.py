@@ -52,10 +52,11 @@ class Turn(NamedTuple):
 
 
 class StatedAlgebra:
-    """A statement as sums of monomials. Coordinates and velocities are real symbols; each part is computed once.
+    """The stated energies, forces and constraints of a system as sums of monomials in real symbols.
 
-    The symbols are dummies, so that a parameter or coordinate with the name of a velocity differs from the velocity.
-    `budget` is the largest number of monomials; a part that needs more raises TooLargeError.
+    Coordinates and velocities are dummy symbols, so that a parameter or coordinate with the name of a velocity
+    differs from the velocity. Each part is computed once. `budget` is the largest number of monomials; a part that
+    needs more raises TooLargeError.
     """
 
     def __init__(self, statement: Statement, budget: int, positive: Collection[str] = ()) -> None:
@@ -134,7 +135,11 @@ class StatedAlgebra:
         ]
 
     def turned(self, terms: MonomialSum, turn: Turn) -> MonomialSum:
-        """Return the derivative of a sum along a turn: dR = R E, where E generates turns about the axis."""
+        """Return the derivative of a sum of monomials along a small turn of a body.
+
+        The turn changes the rotation matrix R by dR = R E, where E is the cross product with the unit vector of its
+        axis.
+        """
         algebra, parts = self.algebra, []
         for row in range(3):
             ahead, behind = (turn.entries[3 * row + (turn.axis + step) % 3] for step in (1, 2))
@@ -144,7 +149,7 @@ class StatedAlgebra:
         return algebra.add({}, *parts)
 
     def at_constant_velocities(self, terms: MonomialSum) -> MonomialSum:
-        """Return the rate of a sum along dq/dt = v, dv/dt = 0."""
+        """Return the time derivative of a sum of monomials at constant velocities: dq/dt = v, dv/dt = 0."""
         algebra = self.algebra
         moved = [
             algebra.multiply(algebra.differentiate(terms, q), self.symbol(v))
@@ -165,7 +170,10 @@ class StatedAlgebra:
         return self.algebra.read(differentiable(plain))
 
     def jumps(self, *symbols: Any, twice: bool = False) -> bool:
-        """Return True if one of the symbols is inside a function that jumps, or (twice) whose derivative does."""
+        """Return True if L, D or a force has one of the symbols inside a function that jumps, such as sign.
+
+        With `twice` functions whose derivative jumps count too, such as Abs.
+        """
         statement = self.statement
         stated = (statement.lagrangian, statement.dissipation, *statement.forces)
         kinds = (*JUMPING, sympy.Abs) if twice else JUMPING
@@ -228,7 +236,7 @@ class TextbookAlgebra(StatedAlgebra):
         return [self.algebra.merge_angles(slope) for slope in slopes]
 
     def require_short_slopes(self) -> None:
-        """Raise TooLargeError if dL/dq of all coordinates together is too long, before differentiation."""
+        """Raise TooLargeError if the derivatives dL/dq of all coordinates would be too long. None is computed."""
         if self.slope_operations > LONGEST_SLOPES:
             raise TooLargeError
 
@@ -266,7 +274,10 @@ class TextbookAlgebra(StatedAlgebra):
         ]
 
     def accelerated(self, rests: Sequence[MonomialSum]) -> list[Any]:
-        """Return M a + rest for each coordinate, in the stated symbols; each acceleration is written once."""
+        """Return M a + rest for each coordinate, in the stated symbols; each acceleration is written once.
+
+        `rests` has one sum of monomials for each coordinate.
+        """
         return [
             self.finish(
                 sympy.Add(
@@ -466,7 +477,10 @@ def _composite(factor: Any) -> bool:
 
 
 def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> MonomialSum:
-    """Return the product times factor `k` to an exponent of at least zero. A factor that is a sum is expanded."""
+    """Return `product` times a power of factor number `k` of the algebra; `exponent` is 0, 1, 2, ...
+
+    A factor that is a sum is multiplied out.
+    """
     factor = algebra.factors[k]
     if not exponent:
         return product
@@ -501,9 +515,9 @@ def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _units(arguments: list[Any]) -> dict[Any, Any]:
-    """Return the smallest parts of angles, {term without its number: fraction of this term}.
+    """Return {term: number}: all angles `arguments` are sums of whole multiples of number * term.
 
-    All `arguments` are sums of whole multiples of these parts.
+    For the angles x/2 + y and 3 x the result is {x: 1/2, y: 1}.
     """
     shares: dict[Any, list[Any]] = {}
     for argument in arguments:

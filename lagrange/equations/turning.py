@@ -63,7 +63,7 @@ class Turning:
 
 
 class _Body:
-    """One rotation in the equations: symbols of the rates w of its body and of the entries of R, and derivatives."""
+    """A rotating body: symbols of its rates w and of the entries of its rotation matrix R, and their derivatives."""
 
     def __init__(self, graph: Graph, each: Rotation, leaves: Mapping[Any, Node]) -> None:
         q, v = ([leaves[f] for f in part] for part in (each.quaternion, map(velocity_of, each.quaternion)))

@@ -110,7 +110,7 @@ def check(
 
 
 class _Session:
-    """The points of one check so far, and the comparisons at these points."""
+    """One check of a compiled model: the sample points used so far, and the comparisons at these points."""
 
     def __init__(self, model: Model, textbook: Textbook | None, other: Model | None, points: int, seed: int) -> None:
         self.started = time.perf_counter()
@@ -314,7 +314,10 @@ Textbook = Mapping[Any, Any] | SolvedTextbook
 
 
 def textbook_tape(textbook: Textbook, statement: Statement) -> Precise | SolvedTextbook:
-    """Return a program that computes the accelerations `textbook`. Raises StatementError if one is missing."""
+    """Return a program that computes the accelerations of a textbook derivation to many digits, for any state.
+
+    Raises StatementError if the acceleration of a coordinate is missing in `textbook`.
+    """
     if isinstance(textbook, SolvedTextbook):
         return textbook
     table = {**textbook}

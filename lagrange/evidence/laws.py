@@ -40,7 +40,7 @@ def central_mixed(function: Callable[[Any, Any], Sequence[Any]], step_x: Any, st
 
 
 def extrapolated(coarse: Sequence[Any], fine: Sequence[Any]) -> Estimate:
-    """Return the limit at step 0 of results with steps (`coarse`) and with half of all of them (`fine`).
+    """Return the limit of results as the steps go to 0: `fine` are the results with half the steps of `coarse`.
 
     Their error is a series in even powers of the step. Nested differences, and results computed from them such as
     solutions of linear systems, extrapolate together.
@@ -55,9 +55,9 @@ LOCAL_FROM = 13
 
 @dataclass(frozen=True)
 class LocalTerms:
-    """Programs for the terms of L and D that contain one variable.
+    """Programs for parts of L and D: each computes only the terms that contain one coordinate or velocity.
 
-    `by_velocity` and `by_place` have a program for the terms of L with each velocity and with each coordinate.
+    `by_velocity` has a program for the terms of L with each velocity, and `by_place` for those with each coordinate.
     `dissipation` has one for the terms of D with each velocity. `touched` has for each entry of (q, v) the indices of
     the equations of motion that contain it.
     """
@@ -131,7 +131,7 @@ Nudge = Callable[[str, int], Any]
 
 
 def exactly(_name: str, _index: int) -> int:
-    """Return 1 for every term: the factor for a computation that is not perturbed."""
+    """Return 1: in a computation without random factors it is the factor of every term."""
     return 1
 
 
@@ -145,10 +145,10 @@ class DifferenceSteps:
 
     @classmethod
     def at(cls, q: Numbers, v: Numbers, t: Any, unit: Any, *, timed: bool) -> DifferenceSteps:
-        """Return steps of `unit` relative to each number, or of `unit` for a zero, at a state of mpmath numbers.
+        """Return steps at a state (q, v): each is `unit` times the magnitude of its number, or `unit` for a zero.
 
-        During the time step no coordinate changes by more than its own step. With `timed` the time step is also limited
-        relative to t. In SI units a second is short for a planet, and such a step would lose all digits.
+        During the time step no coordinate changes by more than its own step. With `timed` the time step is also
+        limited relative to t. In SI units a second is short for a planet, and such a step would lose all digits.
         """
         by_q, by_v = ([unit * (abs(x) or 1) for x in values] for values in (q, v))
         times = [step / abs(rate) for step, rate in zip(by_q, v, strict=True) if rate]
@@ -163,17 +163,18 @@ class DifferenceSteps:
 
 @dataclass(frozen=True)
 class Sources:
-    """L, Q and D as functions of (q, v, t).
+    """The stated L, Q and D as functions of (q, v, t), for derivatives by differences.
 
-    - `for_momenta(i)` and `dissipation(i)` have at least the terms with velocity i, `for_forces(i)` those with
-      coordinate i.
+    - `for_momenta(i)`, `for_mass(i)` and `dissipation(i)` have at least the terms with velocity i; `for_forces(i)`
+      has at least the terms with coordinate i.
     - `read(i)` lists the entries of (q, v) that occur in terms with velocity i.
     - `touched(j)` lists the indices of the equations of motion that contain entry j of (q, v).
-    - `nudge(name, index)` is a factor close to 1 for a term of a sum that is formed here.
+    - `nudge(name, index)` is a factor close to 1 for a term that is added to a sum here; it is the same at each
+      evaluation.
 
-    L is stored three times, for p, for dL/dq and for M. Compiled code computes these independently, and parts of dL/dq
-    and dp/dt can cancel in h. So their perturbed copies, which measure rounding, must be independent. A factor from
-    `nudge` is the same at each evaluation, because differencing would magnify changes.
+    To measure rounding errors, these functions are replaced by copies in which each intermediate number has a random
+    factor close to 1. L is stored three times, for p, for dL/dq and for M, because compiled code computes these
+    independently: each copy has its own factors.
     """
 
     lagrangian: StateFunction
@@ -198,7 +199,7 @@ class SingularMass(OutsideDomain):
 def momenta(
     source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, rows: Sequence[int] | None = None
 ) -> Numbers:
-    """Return p = dL/dv at (q, v, t), n numbers, or only the entries listed in `rows`."""
+    """Return the momenta p = dL/dv at (q, v, t) by differences, n numbers, or only the entries listed in `rows`."""
     rows = range(len(q)) if rows is None else rows
     return _gradient(lambda i, x: source.for_momenta(i)(q, x, t), v, rows, steps.v)
 
@@ -206,7 +207,7 @@ def momenta(
 def forces(
     source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, rows: Sequence[int] | None = None
 ) -> Numbers:
-    """Return f = dL/dq + Q - dD/dv, n numbers, or only the entries listed in `rows`."""
+    """Return the forces f = dL/dq + Q - dD/dv at (q, v, t), n numbers, or only the entries listed in `rows`."""
     rows = range(len(q)) if rows is None else rows
     total = _gradient(lambda i, x: source.for_forces(i)(x, v, t), q, rows, steps.q)
     applied = source.forces(q, v, t)
@@ -219,7 +220,7 @@ def forces(
 
 
 def mass_matrix(source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> list[Row]:
-    """Return the n rows of M = d2L/dv2."""
+    """Return the n rows of the mass matrix M = d2L/dv2 at (q, v, t), each as {column: entry}."""
     n = len(q)
     rows: list[Row] = [{} for _ in range(n)]
     for i in range(n):
@@ -418,8 +419,8 @@ def moved(x: Sequence[Any], i: int, distance: Any) -> Numbers:
 class StatedConstraints:
     """The m constraint expressions as functions of (q, v, t); `holonomic` has True for each constraint on positions.
 
-    `for_gradient` is for the gradient G, `for_rates` for time derivatives. They are two functions, so that their
-    perturbed copies have independent rounding, as in `Sources`.
+    `for_gradient` serves for the gradient G, and `for_rates` for time derivatives. Both have the same values. To
+    measure rounding errors, each is replaced by a copy with its own random factors close to 1.
     """
 
     for_gradient: StateFunction
@@ -494,7 +495,10 @@ def _rates(stated: StatedConstraints, q: Numbers, v: Numbers, a: Numbers, t: Any
 
 
 def _directions(stated: StatedConstraints, v: Numbers, a: Numbers) -> tuple[Numbers, Numbers, Any]:
-    """Return the time derivatives (v, a, 1) of q, v and t along the motion, perturbed where rounding is measured."""
+    """Return (v, a, 1), the time derivatives of q, v and t along the motion.
+
+    Each is multiplied by a factor close to 1 if rounding errors are measured.
+    """
     nudge = stated.nudge
     v_along = [x * nudge("held velocity", i) for i, x in enumerate(v)]
     a_along = [x * nudge("held acceleration", i) for i, x in enumerate(a)]

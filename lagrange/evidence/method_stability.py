@@ -90,7 +90,7 @@ class _Map:
         return sum((self.numbers[c] * self.vectors[i] for i, c in combination), zero)
 
     def call(self, call: LawCall) -> None:
-        """Evaluate the right-hand side of the linear systems as one `call` of a step asks, and store its results."""
+        """Evaluate the right-hand sides of the linear systems for one `call` in a step; store the results as maps."""
         k, c = self.k[:, None], self.c[:, None]
         arguments = [self.combined(argument) for argument in call.arguments]
         if self.step.law == "rhs":

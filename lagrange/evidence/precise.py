@@ -158,9 +158,9 @@ _NUMERIC: dict[Any, Callable[[int], Operation]] = {
 
 
 def _decided(parts: Sequence[Any], *, verdict: bool) -> Any:
-    """Return the value of And (`verdict` False) or Or (`verdict` True) of parts.
+    """Return the truth value of And (if `verdict` is False) or of Or (if it is True), from the values of its parts.
 
-    It is `verdict` if some part has this value, else a part that has no value, if there is one.
+    It is `verdict` if a part has this value. Otherwise a part without a value is returned, if there is one.
     """
     if any(part is verdict for part in parts):
         return verdict
@@ -342,10 +342,10 @@ def _no_value(error: Exception, arguments: Sequence[Any]) -> OutsideDomain:
 
 
 def _scaled(step: _Instruction, delta: Any, slope: Any, first_results: dict[int, Any], prec: int) -> Operation:
-    """Return the operation of an instruction with its first result multiplied by 1 + `delta`.
+    """Return the operation of an instruction, with random factors on its results that model rounding errors.
 
-    Changes of the result after the first one are multiplied by 1 + `slope`. `first_results` keeps the first results,
-    and `prec` is the precision in bits.
+    The first result is multiplied by 1 + `delta`, and later changes of the result by 1 + `slope`. `first_results`
+    keeps the first results, and `prec` is the precision in bits.
     """
     multiply, add = libmp.mpf_mul, libmp.mpf_add
     operation, out, factor, rest = step.operation, step.out, (1 + slope)._mpf_, (delta - slope)._mpf_
@@ -383,7 +383,7 @@ class _Recorder:
         self._leaves = {**_inputs(statement), **{symbol: ("p", symbol) for symbol in further}}
 
     def record(self, expression: Any) -> int:
-        """Return the slot that holds the expression's value."""
+        """Translate an expression into instructions, and return the slot that will hold its value."""
         stack = [(expression, False)]
         while stack:
             node, ready = stack.pop()
@@ -470,7 +470,11 @@ def _constant(node: Any, prec: int) -> Any:
 
 
 def all_ways(switch: Any) -> tuple[int, ...]:
-    """Return all outcomes of a switch: 0 and 1 for a condition, -1 and 1 for a sign, indices for Min and Max."""
+    """Return all possible outcomes of a switch, which is a condition, Abs, sign, Min or Max.
+
+    They are 0 and 1 for a condition, -1 and 1 for the sign of an argument, and the indices of arguments for Min and
+    Max.
+    """
     if isinstance(switch, (sympy.Min, sympy.Max)):
         return tuple(range(len(switch.args)))
     return (-1, 1) if isinstance(switch, (sympy.Abs, sympy.sign, sympy.Heaviside)) else (0, 1)

@@ -71,7 +71,7 @@ def _arithmetic(digits: int) -> Arithmetic:
         return value
 
     def factored(n: int, *lower: Any) -> Any:
-        """Return L U of a symmetric matrix with its row exchanges. `lower` is its lower triangle by rows."""
+        """Return LU factors and row exchanges of a symmetric matrix; `lower` is its lower triangle by rows."""
         matrix, entries = context.zeros(n), iter(lower)
         for i in range(n):
             for j in range(i + 1):
@@ -79,7 +79,7 @@ def _arithmetic(digits: int) -> Arithmetic:
         return context.LU_decomp(matrix)
 
     def solved(_: int, factors: Any, *right: Any) -> Numbers:
-        """Return the solution of a linear system from the result of `factored`."""
+        """Return the solution of a linear system with the right-hand side `right`; `factors` are from `factored`."""
         matrix, exchanges = factors
         return list(context.U_solve(matrix, context.L_solve(matrix, context.matrix(right), exchanges)))
 
@@ -360,7 +360,7 @@ class _PreciseRun:
         return lambda off: -(inverse @ off.ravel()).reshape(s, n)
 
     def _end(self, t: Any, h: Any, state: Numbers, guess: _Interval) -> Numbers:
-        """Return the state at the end of the interval from t to t + h."""
+        """Return the state at the end of the interval from t to t + h; `guess` is its solution in doubles."""
         dot = self.laws.context.fdot
         a = self._accelerations(t, h, state, guess)
         _, v = self._states(h, state, a)
@@ -425,7 +425,10 @@ class _PreciseRun:
             raise _TooLong
 
     def _states(self, h: Any, state: Numbers, a: Sequence[Numbers]) -> tuple[list[Numbers], list[Numbers]]:
-        """Return coordinates and velocities at the points, s rows of n numbers each, for the accelerations `a`."""
+        """Return coordinates and velocities at the points of Gauss's rule, s rows of n mpmath numbers each.
+
+        They are integrals of the accelerations `a` (s rows) over an interval of length h that begins at `state`.
+        """
         first, rates = self.model.layout.split(state)
         v = self._integrated(h, rates, a)
         return self._integrated(h, first, v), v

@@ -112,7 +112,10 @@ def _allowed(model: Model, point: SamplePoint, direction: Sequence[float]) -> li
 
 
 def _confirm(model: Model, statement: Statement, point: SamplePoint, a: Sequence[float]) -> bool:
-    """Return True if the accelerations are right, False if the point cannot be used. Raises RunError if wrong."""
+    """Return True if the compiled accelerations `a` are right at a point, False if the point cannot be used.
+
+    Raises RunError if one is wrong.
+    """
     try:
         reference = Reference(statement, model.equations.first_order, bool(model.equations.settled))
         part = reference.at(point, [])["accelerations"]
@@ -157,9 +160,10 @@ class _Probe:
         return True
 
     def suspects(self, point: SamplePoint, a: Sequence[float], direction: Sequence[float]) -> bool:
-        """Return True if the equation projected on `direction` exceeds its rounding error, or has no value.
+        """Return True if the equation of motion projected on `direction` seems not to hold at a point.
 
-        `a` are the compiled accelerations. The constraints on accelerations are tested too.
+        `a` are the compiled accelerations. The result is True if the left-hand side exceeds its rounding error or has
+        no value. The constraints on accelerations are tested in the same way.
         """
         try:
             q, v, exact, w = [[self.number(x) for x in numbers] for numbers in (point.q, point.v, a, direction)]
@@ -184,9 +188,9 @@ class _Probe:
         )
 
     def _held(self, program: Precise, point: SamplePoint, q: Any, v: Any, a: Any) -> list[tuple[Any, Any]]:
-        """Return [(random combination of the entries of G a + gamma, its largest term)]; [] without constraints.
+        """Return a random combination of the entries of G a + gamma, and its largest term, as a list of one pair.
 
-        `program` returns the constraint expressions.
+        The list is empty without constraints. `program` computes the constraint expressions.
         """
         if not self.holonomic:
             return []
@@ -200,9 +204,10 @@ class _Probe:
     def _residual(
         self, for_rate: Precise, for_force: Precise, point: SamplePoint, q: Any, v: Any, a: Any, w: Any
     ) -> tuple[Any, Any]:
-        """Return the left-hand side of the equation projected on the direction w, and its largest term.
+        """Return the left-hand side of the equation of motion projected on the direction w, and its largest term.
 
-        `for_rate` and `for_force` are programs of L, used for d/dt dL/dv and for dL/dq.
+        q, v and a are coordinates, velocities and accelerations. `for_rate` and `for_force` are programs of L, used
+        for d/dt dL/dv and for dL/dq.
         """
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
         t, step, ahead = self.number(point.t), self.number(DIFFERENCE_STEP), self._steps(point, q, v).motion

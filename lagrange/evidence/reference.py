@@ -274,7 +274,10 @@ class Reference:
         steps: DifferenceSteps,
         columns: Sequence[int],
     ) -> dict[str, Row]:
-        """Return {index: entry} for each quantity by name, at a point; zeros of matrices may be left out."""
+        """Return all quantities at a point by name, each as {index: entry}; zeros of matrices may be left out.
+
+        `source` has L, Q and D. `columns` are the indices of the columns of the Jacobian to compute.
+        """
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
         t, n, zero, nudge = self.number(point.t), len(point.q), self.number(0), source.nudge
         still, lagrangian = [zero] * n, source.lagrangian(q, v, t)
@@ -370,9 +373,10 @@ class Reference:
     def _first_order_rows(
         self, relations: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps
     ) -> dict[int, tuple[Row, Any]]:
-        """Return for each coordinate without inertia the rate of change of its equation: its row of G, and the rest.
+        """Return {index of a coordinate without inertia: (g, c)}: its equation, differentiated, is g a + c = 0.
 
-        The rest does not depend on the accelerations.
+        a are all accelerations, and g is a row {index: entry}. `relations` are the equations of these coordinates
+        before they are differentiated in time.
         """
         if not self.first_order:
             return {}
@@ -381,7 +385,10 @@ class Reference:
         return dict(zip(self.first_order, zip(rows, rates, strict=True), strict=True))
 
     def _settled(self, relations: StatedConstraints, t: Any, steps: DifferenceSteps, q: Numbers, v: Numbers) -> Numbers:
-        """Return v, if `settled` with velocities of coordinates without inertia from their equations `relations`."""
+        """Return the velocities v, or if `settled` v with new entries for the coordinates without inertia.
+
+        The new entries are solutions of the equations of these coordinates, `relations`.
+        """
         if not self.settled:
             return v
         rows = [[row[i] for i in self.first_order] for row in gradient(relations, q, v, t, steps)]
@@ -390,7 +397,11 @@ class Reference:
         return [x - corrections.get(i, 0) for i, x in enumerate(v)]
 
     def _solver(self, matrix: Sequence[Row], nudge: laws.Nudge) -> Callable[[Sequence[Row]], list[Row]]:
-        """Return a function from right-hand sides to solutions of the system for the accelerations, in scaled units."""
+        """Return a function from right-hand sides to solutions of the linear system with this `matrix`.
+
+        The system is scaled so that it does not depend on units. `nudge` gives the factors close to 1 that imitate
+        rounding.
+        """
         scales = laws.balance(matrix, len(matrix) - len(self.holonomic))
 
         def balanced(row: Row, scale: Any) -> Row:
@@ -414,7 +425,10 @@ class Reference:
         ]
 
     def _as_factored(self, matrix: Sequence[Row], nudge: laws.Nudge) -> list[Row]:
-        """Return the matrix for the accelerations, perturbed as the rounding errors of its factorization perturb it."""
+        """Return a symmetric matrix, changed as rounding errors in its factorization would change it.
+
+        `nudge` gives the factors close to 1 that imitate rounding.
+        """
         sizes = laws.factorization_sizes(matrix, len(self.holonomic))
         off = [dict(row) for row in matrix]
         for i, row in enumerate(sizes):
@@ -444,7 +458,10 @@ def _spread(numbers: Numbers, indices: Sequence[int], length: int) -> Numbers:
 
 @dataclass(frozen=True)
 class _Perturbed:
-    """Perturbed copies of the programs of a reference; `energies` has three rows, for p, dL/dq and M."""
+    """Copies of all programs of a `Reference`, in which each computed number has a random factor close to 1.
+
+    `energies` has three rows of copies for L: for p, for dL/dq and for M.
+    """
 
     lagrangian: Precise
     energies: Sequence[Sequence[Precise]]
@@ -470,7 +487,7 @@ class _Perturbed:
 
 
 def _each(pairs: Iterable[tuple[Precise, Any]], make: Callable[[Precise, Any], Any]) -> list[Any]:
-    """Return `make(program, other)` for each pair of programs. `make` is called once for each distinct program."""
+    """Return `make(program, other)` for each pair; a program that occurs again gets its first result again."""
     results: dict[Precise, Any] = {}
     listed = []
     for tape, other in pairs:

@@ -59,7 +59,8 @@ MAIN_RTOL = 1e-12
 class ExportContents:
     """The contents of an export: names of quantities, and pairs of the name of a method and its step program.
 
-    `main` is True if a run of the initial state is exported, `taylor` if the Taylor integrator is.
+    `main` is True if a run from the initial state is exported, as a program or model that is called `main`. `taylor`
+    is True if the Taylor integrator is exported.
     """
 
     quantities: tuple[str, ...]
@@ -77,8 +78,9 @@ def wanted(
 ) -> ExportContents:
     """Return the contents of an export: those that are requested by name, and others that these need.
 
-    `contents` are the requested names, or None for the default ones. `events` are the events to export. Raises
-    StatementError for contents that the system or the target does not have.
+    `contents` are the requested names, or None for the default ones. `events` are the events to export, and
+    `parameters` values that replace the stated ones. Raises StatementError for contents that the system or the target
+    does not have.
     """
     names = list(dict.fromkeys((*target.always, *_names(contents, events))))
     quantities = [name for name in QUANTITIES if name in names]
@@ -172,7 +174,10 @@ def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -
 
 
 def _refuse_runs(target: Target, methods: Sequence[str]) -> None:
-    """Raise StatementError if a method has no error control, or if there is more than one method."""
+    """Raise StatementError for methods that do not fit a target whose files integrate with one method only.
+
+    In such a target there is at most one method, and it must have error control.
+    """
     plain = [name for name in methods if not _adaptive(name)]
     if plain:
         raise StatementError(
@@ -207,7 +212,10 @@ def step_of(name: str) -> StepProgram:
 def module_of(
     model: Model, asked: ExportContents, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
 ) -> SourceModule:
-    """Return the export of a model in no language. `parameters` replace the default values. Raises StatementError."""
+    """Return the content of an export, independent of a language: the contents `asked`, and `events` as a quantity.
+
+    `parameters` replace default values. Raises StatementError for missing values, and for what cannot be tested.
+    """
     statement = model.statement
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
     state = statement.state_names
@@ -308,8 +316,8 @@ def _integrator(
 ) -> ExportedIntegrator:
     """Return the integrator of the method `name`: a procedure for one step, or for a run with error control.
 
-    The procedure calls the right-hand side of the method, one of `procedures`, and the projection if it is one of
-    them. `prune` removes values that no statement reads.
+    The procedure calls the right-hand side of the method, one of `procedures`, and the projection onto constraints if
+    that is one of them. `prune` removes values that no statement reads.
     """
     identifier, law = name.replace("-", "_"), procedures[LAWS[step.law].quantity]
     laws = {"law": law, "jacobian": law}
@@ -406,7 +414,7 @@ def divisors(model: Model) -> Program | None:
 def fixed(entries: Program, prepared: PreparedLayout) -> list[int]:
     """Return the indices in the array p of those outputs of the program `entries` that depend on parameters alone.
 
-    The array p has the parameters, then all values that depend on them alone.
+    `prepared` is the layout of p: the parameters, then all values that depend on them alone.
     """
     slots, code = prepared.of_program(entries), entries.instructions
     return [

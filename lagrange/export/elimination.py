@@ -25,10 +25,10 @@ ROWS = 3
 def factored(n: int, a: Any) -> bool:
     """Replace the symmetric matrix in `a` (n + 3, n) by its factors L U; return True if it is singular to round-off.
 
-    The first n rows are the matrix, whose lower triangle is given. The rows below receive the order of rows, the
-    scales, and the preferences as pivots. A positive definite matrix is eliminated in its upper triangle, which takes
-    half of the time. In any other matrix rows are exchanged. The row of a constraint is preferred to the row of an
-    inertia, which may be nothing but rounding.
+    The first n rows are the matrix, whose lower triangle is given. The three rows below receive the order of the
+    rows, their scales, and their weights in the choice of a pivot. A positive definite matrix is eliminated in its
+    upper triangle, which takes half of the time. In any other matrix rows are exchanged. The row of a constraint is
+    preferred to the row of an inertia that may be only a rounding error.
     """
     scaled(n, a)
     definite = True
@@ -80,9 +80,9 @@ def scaled(n: int, a: Any) -> None:
     """Fill the upper triangle of the matrix in `a` (n + 3, n), and scale its rows and columns.
 
     So pivots do not depend on the user's units. Row n of `a` receives the order of rows, row n + 1 the scales, and
-    row n + 2 the preferences as pivots. Diagonal entries become one in size. Rows with a zero on the diagonal belong
-    to constraints and to coordinates without inertia. Their largest entry becomes one; constraints are the last rows,
-    and are scaled first. The factors are those of `lagrange.algorithm.linear.symmetric`.
+    row n + 2 the weights in the choice of a pivot. Diagonal entries become one in size. Rows with a zero on the
+    diagonal belong to constraints and to coordinates without inertia. Their largest entry becomes one; constraints
+    are the last rows, and are scaled first. The factors are those of `lagrange.algorithm.linear.symmetric`.
     """
     for i in range(n):
         a[n, i] = float(i)

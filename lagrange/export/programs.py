@@ -23,12 +23,14 @@ TEST_TOLERANCE, TEST_STEPS = 1e-13, 100_000
 class Script:
     """Templates of the self-test and of `main` in a language, with fields in braces.
 
-    - `comment` writes a comment. `head` and `tail` enclose the tests.
-    - `quantity` is the test of a quantity, `integrator` the test of a step or run. Their {tables} are lists of numbers.
-    - `table` is the template of one list; a list of more than `chunk` numbers is split into several.
-    - `more` ends a line that continues on the next line.
+    - `comment` returns a text as comment lines. `head` and `tail` are the text before and after all tests.
+    - `quantity` is the test of a quantity, `integrator` the test of a step or run. Their {tables} are lists of
+      numbers.
+    - `table` is the template of one list. If `chunk` is not 0, lists are split into parts of at most so many numbers.
+    - `more` ends a line of numbers that continues on the next line.
+    - `literals` spells numbers, and `quoted` spells a name as a string.
     - `time` writes the start time of a run, as an argument that the run changes.
-    - `main` is empty in languages without integrators.
+    - `main` is the program `main`; it is empty in languages without integrators.
     """
 
     comment: Callable[[str], Sequence[str]]
@@ -51,9 +53,10 @@ def marked(mark: str) -> Callable[[str], Sequence[str]]:
 
 
 def test_text(module: SourceModule, script: Script, **extra_fields: object) -> str:
-    """Return the self-test: a program that compares results with results of multiple precision.
+    """Return the self-test: a program that compares results of the exported functions with expected ones.
 
-    `extra_fields` of the templates are added to those of `fields_of`.
+    The expected results of quantities were computed in multiple precision. `extra_fields` are values for further
+    fields of the templates in `script`.
     """
     fields = {**fields_of(module), **extra_fields}
     text = ["\n".join([*script.comment(f"Self-test of {module.name}. {TEST} Exit status 0 if all are right."), "", ""])]
@@ -116,7 +119,7 @@ def _arguments(module: SourceModule, check: StepCheck, script: Script) -> str:
 def main_text(module: SourceModule, script: Script, **extra_fields: object) -> str:
     """Return the program `main`, which runs the initial state and prints a table of states over time.
 
-    `extra_fields` of the template are added to those of `fields_of`. The module has a run.
+    `extra_fields` are values for further fields of the template in `script`. The module must have a run.
     """
     exported = run_of(module)
     assert exported is not None

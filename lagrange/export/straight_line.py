@@ -40,12 +40,15 @@ class Language(Statements):
     """The spellings of a language, or of a library of Python, as templates.
 
     - `operations` has a template for every operation.
-    - `helpers` are definitions that a file contains if it uses the operation; `needs` are operations that these use.
-    - `define` defines a value by its name, its text and its {type}, one of `types`: of a number or of a condition.
+    - `helpers` maps an operation to a definition that a file contains if it uses the operation. `needs` maps it to
+      other operations that this definition uses.
+    - `define` gives a value its name; its {type} is one of the two `types`, that of numbers and that of conditions.
     - `condition` converts a number to a condition, `number` a condition to a number; None if no conversion is needed.
-    - `factor` and `solve` are the lines that factor a matrix and solve a linear system. `matrix` declares a matrix and
-      `entry` sets an entry; if `entry` is empty, `factor` takes all entries.
+    - `factor` and `solve` are the lines that factor a matrix and solve a linear system. `matrix` declares a matrix
+      and `entry` sets an entry; if `entry` is empty, `factor` takes all entries.
     - `factored` and `solved` are the head and the end of the functions that these lines call.
+    - `reserved` are words that values may not have as names. Two names with the same `key` are the same in the
+      language.
     """
 
     name: str
@@ -80,9 +83,10 @@ class Language(Statements):
 class StraightLinePrinter:
     """Prints the instructions of a program; a value that is read more than once gets a name.
 
-    `names` maps the index of an instruction to the name of its value. Without names the values of the state and the
-    parameters are called y0 and p0, which the surrounding text defines. `kept` maps an instruction to the index of its
-    prepared value in the array `parameters`.
+    `names` maps the index of an instruction to the name of its value. Entries of the state and parameters without a
+    name are called y0 and p0; the surrounding text defines these names. `kept` maps an instruction whose value
+    depends on parameters alone to the index of that value in the array p. `parameters` is the name of the array of
+    parameters.
     """
 
     def __init__(
@@ -244,7 +248,10 @@ class StraightLinePrinter:
         return self.text(ref, least, self.language.condition)
 
     def text(self, ref: int, least: int = 0, operator: Operator | None = None) -> str:
-        """Return the text of value `ref`, or of `operator` of it, in parentheses if its precedence is below `least`."""
+        """Return the text of value number `ref`, in parentheses if its precedence is below `least`.
+
+        With `operator` it is the text of this operator applied to the value.
+        """
         binds, text = self.texts[ref]
         if operator is not None:
             binds, text = operator.binds, operator.text.format(self.text(ref, (operator.operands or (0,))[0]))

@@ -31,17 +31,18 @@ class Target(ABC):
     """A language or a format to which models are exported.
 
     - `name` is the name for users, `about` a line about the target.
-    - `contents` are the possible contents beside the quantities: "steps" or "runs", "taylor", and "main". With "steps"
-      a file may have a step of any explicit method, and runs with error control; with "runs" one run with error
-      control.
-    - `always` are contents that every file has because its format needs them.
-    - `inexpressible` are the operations without a function in the language.
+    - `contents` are the kinds of content that a file may have besides functions such as "rhs" and "energy". "steps"
+      are functions for any number of explicit methods: for one step, or for a run if the method has error control.
+      "runs" is instead one function for a run, by one method with error control. "taylor" is an integrator by Taylor
+      series. "main" is a program or model that runs from the initial state.
+    - `always` are names of functions and contents that every file has because its format needs them.
+    - `inexpressible` are the operations, such as erf, for which the language has no function.
     - `shell` are the shell lines that build and run a program, with the fields {name} of the module's file and
       {program}, which is "test" or "main".
     - `reserved_files` are words that must not be the name of the module's file.
 
-    A target without "steps" and "runs" leaves "main" to the program that reads the file. Register a class with
-    `register`.
+    A target without "steps" and "runs" exports no integrator: the program that reads the file integrates the motion.
+    Register a class with `register`.
     """
 
     name: ClassVar[str]

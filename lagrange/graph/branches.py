@@ -48,8 +48,8 @@ def _is_limited(node: Node) -> bool:
 def read_when(graph: Graph, outputs: Sequence[Node]) -> Callable[[Node], Node]:
     """Return a function from a node to the condition (a node, 1 if always) under which the outputs read that node.
 
-    In `a and b`, if `a` may have no value, `a` is read only where `b` holds, and vice versa. In `a or b`, if `a` may
-    have no value, `a` is read only where `b` does not hold, and vice versa.
+    An argument of `and` is read only where the other argument holds. An argument of `or` is read only where the other
+    one does not hold. If the other one may have no value, the argument is always read.
     """
     order = reachable(outputs)
     if not any(node.kind is Kind.CALL and node.data == "piecewise" for node in order):

@@ -58,8 +58,8 @@ def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callabl
 def _push(node: Node, tangents: dict[Node, Node], domains: Domains) -> None:
     """Add the derivative of a node along a direction to `tangents`, {node: derivative}.
 
-    Those of its arguments are already there, except zeros. For an unknown of a linear solve, the derivatives of all
-    unknowns of this solve are added.
+    The derivatives of its arguments are already there; an argument without an entry has the derivative zero. For an
+    unknown of a linear solve, the derivatives of all unknowns of this solve are added.
     """
     graph = node.graph
     if node.kind is Kind.COMPONENT:

@@ -389,7 +389,10 @@ def _is_scaled(node: Node) -> bool:
 
 
 def _irreducible(node: Node) -> bool:
-    """Return True if a product keeps this factor. Constants, scaled nodes and short products are taken apart."""
+    """Return True if a product keeps a node as one factor.
+
+    A constant, a multiple of a node and a short product are taken apart into their factors.
+    """
     short = node.kind is Kind.PRODUCT and len(node.args) <= LONGEST_FLAT
     return not (short or node.kind is Kind.CONSTANT or _is_scaled(node))
 

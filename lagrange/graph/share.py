@@ -44,9 +44,9 @@ def share_sums(graph: Graph, outputs: Sequence[Node]) -> list[Node]:
 
 
 def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Node]) -> list[Node]:
-    """Return the chain of a node, the sum that `splits` finds in it, the sum in that one, and so on, shortest first.
+    """Return a sum, the sum that it contains, the sum that this one contains, and so on, shortest first.
 
-    The chain ends before a node that is already in `built`.
+    `splits` has the sum that a `node` contains. Sums from the first one on that is in `built` are left out.
     """
     chain: list[Node] = []
     while node not in built:

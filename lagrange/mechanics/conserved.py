@@ -152,8 +152,8 @@ def _momenta_of_turns(
 ) -> Iterator[Conserved]:
     """Yield the conserved angular momenta of rigid bodies about axes fixed in space and in the body.
 
-    `stated` has the expressions of the statement in quaternions. `read` has them in turns and rates of the bodies, in
-    which the momenta are shown.
+    `equation` tests symmetries. `stated` has the energies in quaternions. `read` has them in the rates of the bodies
+    about their own axes, in which the momenta are written.
     """
     statement = stated.statement
     for each, of_body, axis, candidate in body_turns(stated):
@@ -180,7 +180,10 @@ RUNGE_LENZ = "The force falls with the square of the distance, so the axis of th
 
 
 def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | None) -> Iterator[Symmetry]:
-    """Yield the proven symmetries. Those of ignorable coordinates and combinations of earlier shifts are left out."""
+    """Yield the proven symmetries; `body` is the position of the single body, or None.
+
+    Symmetries of ignorable coordinates are left out, and so are linear combinations of earlier shifts.
+    """
     structure, stated = model.equations.structure, equation.stated
     n = len(stated.q)
     earlier: list[list[Any]] = [[int(j == i) for j in range(n)] for i in structure.cyclic]
@@ -200,7 +203,10 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
 
 
 def _proven(equation: SymmetryEquation, candidate: Symmetry, *, complete: bool = True) -> Symmetry | None:
-    """Return the symmetry, if need be completed by a gauge function F(q, t); None if no short proof succeeds."""
+    """Return a candidate if it is proven to be a symmetry, else None, also if the proof would be too long.
+
+    With `complete` a gauge function F(q, t) is added to it if need be.
+    """
     try:
         with equation.stated.algebra.at_most(MOST_SYMMETRY_MONOMIALS):
             symmetry = equation.completed(candidate) if complete else candidate

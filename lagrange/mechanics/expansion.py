@@ -126,7 +126,7 @@ class StatedPoint:
         return residual
 
     def _branch(self, side: Any) -> Any:
-        """Return an expression with each Piecewise replaced by its branch at the point, if that branch is known."""
+        """Return the expression `side` with each Piecewise replaced by its branch at the point, if known."""
 
         def chosen(node: Any) -> Any:
             known = ((value, condition.xreplace(self.table)) for value, condition in node.args)
@@ -339,7 +339,10 @@ class _StatementExpansion:
         return self.form.written(total)
 
     def collected(self, term: Any) -> Any:
-        """Return a polynomial in the changes, written in coordinates and velocities, with short coefficients."""
+        """Return a polynomial in the deviations from the point, written in coordinates and velocities.
+
+        Its coefficients are simplified.
+        """
         polynomial = sympy.Poly(sympy.expand(term), *self.changes)
         differences = [symbol - value for symbol, value in zip(self.symbols, self.values, strict=True)]
         return sympy.Add(

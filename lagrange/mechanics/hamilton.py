@@ -341,7 +341,8 @@ def _record(
 ) -> Hamiltonian:
     """Return the `Hamiltonian` of a Legendre transform, with a statement in coordinates and momenta.
 
-    `momenta` are the functions of time for its symbols. `system_of` returns the System of a statement.
+    `momenta` are the functions of time p_q that replace the plain symbols of the momenta. `system_of` returns the
+    System of a statement.
     """
     statement = form.statement
     back = dict(zip(legendre.symbols, momenta, strict=True))

@@ -250,10 +250,10 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
 
 
 def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> tuple[Any, Any]:
-    """Return the rates of x' as rows of A, flattened: from the compiled model, and from the linearization.
+    """Return the rows of A for the rates of x', flattened: from the compiled model, and from the linearization.
 
-    If a column of B differs, both versions of that column are returned instead. Matrices without values give NaN.
-    `values` are the values of the parameters and t.
+    If a column of the input matrix B differs, both versions of that column are returned instead. If the matrices have
+    no real, finite values or are singular, the second result is NaN. `values` maps the parameters and t to numbers.
     """
     state = numeric(sympy.Matrix([*point.q, *point.v]), values).ravel()
     mass, damping, stiffness, pushes = (numeric(x, values) for x in (lin.M, lin.C, lin.K, lin.input_matrix))
@@ -277,7 +277,7 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
     jacobian = model.jacobian(time, state, parameters)
 
     def slopes_of(part: slice) -> tuple[Any, Any]:
-        """Return the slopes of the rows `part` by the independent coordinates, and by the independent velocities."""
+        """Return derivatives of the compiled rates `part` by independent coordinates and velocities."""
         rows = jacobian[part][lin.speeds]
         by_v = rows[:, model.layout.v]
         return rows[:, model.layout.q] @ basis + by_v @ slopes, by_v @ speeds
@@ -501,10 +501,11 @@ def expansion(point: StatedPoint) -> Expansion:
 class TangentMotion:
     """Small motions x on the constraints: x = B z, x' = N u + L z, x'' = N u' + `turned` u + `bent` z.
 
-    z are changes of independent coordinates, and u of independent velocities. `speeds` has the gradient G of all
-    constraints by velocities, and chooses the dependent velocities. `positions` has the gradients of holonomic
-    constraints, and chooses the dependent coordinates. `P` has the derivatives of constraints on velocities by
-    coordinates. `rates` are the time derivatives of G, of P and of the gradients of holonomic constraints.
+    z are changes of independent coordinates, and u of independent velocities. B, N, L, `turned` and `bent` are
+    matrices. They follow from gradients of the constraints: `speeds` has those by velocities, G, and chooses the
+    dependent velocities. `positions` has those of holonomic constraints, and chooses the dependent coordinates. `P`
+    has the derivatives of constraints on velocities by coordinates. `rates` are the time derivatives of G, of P and
+    of the gradients of holonomic constraints.
     """
 
     def __init__(

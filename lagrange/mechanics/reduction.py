@@ -74,9 +74,9 @@ def rewritten(
 
 
 def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
-    """Return the form of a statement that states its rotations by small turns; else the statement itself.
+    """Return `statement.reading`, which describes its rotations by small turns of the bodies about their own axes.
 
-    It is `statement.reading`. It is returned only if the new `coordinates` contain all quaternions of the rotations.
+    If it has none, or if a quaternion is not among the new `coordinates`, the statement itself is returned.
     """
     kept = all(q in coordinates for name in statement.rotations for q in rotation_of(name).quaternion)
     return statement.reading if statement.reading is not None and kept else statement
@@ -134,7 +134,7 @@ def _no_parameter(name: str, statement: Statement, known: list[str]) -> str:
 
 
 def _value(parameter: Any, replacement: Any, by_name: Mapping[str, Any]) -> Any:
-    """Return the replacement of a parameter in the system's own symbols, which are `by_name`."""
+    """Return the user's expression `replacement` for a parameter, in the symbols of the system (`by_name`)."""
     what = f"the value of {parameter}"
     value, survey = expression(replacement, what), Survey()
     survey.add(value, what)

@@ -72,7 +72,7 @@ def _is_complex(value: Any) -> bool:
 def _follow(
     equations: Sequence[Any], unknowns: tuple[Any, ...], known_values: dict[Any, Any], left: list[int]
 ) -> list[dict[Any, Any]]:
-    """Return the solutions of the remaining equations, each together with the known values.
+    """Return the solutions {unknown: value} of the remaining equations; each contains the known values, too.
 
     `left` is a list with one entry, the number of branches that may still be tried. Raises GivenUpError if an
     equation is too long or no branch is left.

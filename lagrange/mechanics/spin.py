@@ -52,7 +52,7 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
 
 
 class _InTurns:
-    """The equations of motion of bodies with rotations, in small turns, and their derivatives at a point.
+    """Equations of motion in small turns of bodies about their own axes, and their derivatives at a point.
 
     In the expressions, `symbols` replace the leaves: coordinates, rates, entries of rotations, accelerations,
     multipliers and inputs.
@@ -204,7 +204,7 @@ class _InTurns:
 
     @cached_property
     def motion(self) -> dict[Any, Any]:
-        """Accelerations and multipliers at the point, by leaf. The multipliers of redundant constraints are zero."""
+        """Accelerations and multipliers at the point, by symbol. Multipliers of redundant constraints are zero."""
         values = dict.fromkeys(self.forces, sympy.S.Zero) | dict(zip(self.second, self.accelerations, strict=True))
         if self.speeds.kept:
             sizes = self.speeds.balance(self.mass * self.accelerations + self.rest)
@@ -289,10 +289,10 @@ class _InTurns:
             raise RunError(f"the linear equations of {statement.name} differ from its compiled model. {FAULT}")
 
     def _changes(self, y: FloatArray, pushed: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return matrices of the changes that small turns cause in quantities of the statement.
+        """Return the changes of coordinates, velocities and accelerations by small turns x, as three matrices.
 
-        The quantities are its coordinates, velocities and accelerations. The first two matrices multiply the changes
-        (x, x'), the last one (x, x', x''). `y` is the state, and `pushed` has the accelerations in turns.
+        The first two multiply (x, x'), the last one (x, x', x''). `y` is the state in the coordinates of the
+        statement. `pushed` are the accelerations in small turns at it.
         """
         n, whole = self.n, len(self.statement.coordinates)
         changes = np.zeros((3, whole, 3 * n))

@@ -265,7 +265,10 @@ class SymmetryEquation:
         return not vanishes_in_symbols(printable(self.stated.algebra.write(terms)))
 
     def _gauge(self, defect: MonomialSum) -> Any:
-        """Return F(q, t) with dF/dt equal to the defect, zero if none is found. Its slopes are integrated in turn."""
+        """Return F(q, t) with dF/dt equal to the `defect`, or zero if none is found.
+
+        The derivatives of F, read from the defect, are integrated one after another.
+        """
         stated, algebra = self.stated, self.stated.algebra
         gauge, left = S.Zero, defect
         slopes = [algebra.merge_angles(algebra.differentiate(defect, v)) for v in stated.v]
@@ -290,8 +293,8 @@ class SymmetryEquation:
     def _total(self, defect: MonomialSum, slopes: Sequence[MonomialSum]) -> bool:
         """Return False if the defect is not the time derivative of any function F(q, t).
 
-        `slopes` are its derivatives by velocities. They would be dF/dq, and must not contain velocities or contradict
-        each other.
+        `slopes` are the derivatives of the defect by the velocities. If F exists they equal dF/dq: they contain no
+        velocities and agree with the rest of the defect, dF/dt.
         """
         stated, algebra = self.stated, self.stated.algebra
         if any(algebra.free(k) & frozenset(stated.v) for terms in slopes for monomial in terms for k, _ in monomial):
@@ -352,7 +355,7 @@ MOST_PAIRED = 6
 
 
 def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield shifts as candidates: of time, each coordinate, the coordinates of one axis (as x1 and x2), and all."""
+    """Yield shifts that may be symmetries: of time, a coordinate, those of one axis (as x1 and x2), and all."""
     n, names = len(stated.q), stated.statement.names
     yield Symmetry((S.Zero,) * n, S.One)
     groups = [{i} for i in range(n)]
@@ -365,7 +368,7 @@ def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
 
 
 def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield rotations as candidates: of all pairs such as x1 and y1 together, and of single pairs of others."""
+    """Yield rotations that may be symmetries: of all pairs such as x1 and y1 together, and of other single pairs."""
     bodies: dict[str, dict[str, int]] = {}
     turning = [rotation_name(q) is not None for q in stated.statement.coordinates]
     for i, name in enumerate(stated.statement.names):
@@ -383,7 +386,10 @@ def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
 
 
 def body_motions(stated: StatedAlgebra, position: BodyPosition) -> Iterator[Symmetry]:
-    """Yield the shifts along fixed axes, and the rotations about them, of one body in curvilinear coordinates."""
+    """Yield shifts along fixed axes, and rotations about them, of one body, which may be symmetries.
+
+    `position` is that of the body in curvilinear coordinates.
+    """
     if position.r == tuple(stated.q):
         return
     r = Matrix([*position.r, *([S.Zero] * (3 - len(position.r)))])
@@ -398,7 +404,7 @@ def body_motions(stated: StatedAlgebra, position: BodyPosition) -> Iterator[Symm
 
 
 def body_turns(stated: StatedAlgebra) -> Iterator[tuple[Rotation, bool, int, Symmetry]]:
-    """Yield (rotation, True if the axis is fixed in the body, axis 0 to 2, symmetry of turns about the axis)."""
+    """Yield (rotation, True if the axis is fixed in the body, axis 0 to 2, rotation about the axis as a symmetry)."""
     by_coordinate = dict(zip(stated.statement.coordinates, stated.q, strict=True))
     for each in map(rotation_of, stated.statement.rotations):
         q = [by_coordinate[entry] for entry in each.quaternion]

@@ -43,7 +43,11 @@ START_RESIDUAL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Transformation:
-    """A transformation: old coordinates `gone` as expressions in `new` ones, other coordinates, parameters and t."""
+    """A change of coordinates: each old coordinate in `gone` is one of `expressions` in the `new` coordinates.
+
+    The expressions may contain other coordinates, parameters and t. `positive` are the new coordinates that are
+    positive.
+    """
 
     statement: Statement
     gone: tuple[Any, ...]
@@ -101,7 +105,7 @@ class Transformation:
         return replacements
 
     def put(self, expr: Any) -> Any:
-        """Return a stated expression in the new coordinates."""
+        """Return a stated expression rewritten in the new coordinates, with functions of time."""
         if not expr.has(*self.gone, *self.positive):
             return expr
         return self.back(simplest(printable(expr.xreplace(self.table))))
@@ -416,9 +420,10 @@ def routhian(statement: Statement, ignored: Sequence[Any], model: Model) -> Stat
 
 
 def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, float | None]) -> Statement:
-    """Return the statement without ignored coordinates; `routh` is that of the statement or of its `reading`.
+    """Return the statement without ignored coordinates, by the formulas of Routh's procedure, `routh`.
 
-    `values` maps the symbols of the momenta to their values at the initial state, None if unknown.
+    They are those of the statement, or of its form with small turns of bodies in place of quaternions. `values` maps
+    the symbols of the momenta to their values at the initial state, None if unknown.
     """
     form, indices = routh.form, routh.indices
     gone = [form.statement.coordinates[i] for i in indices]

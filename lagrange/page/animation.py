@@ -138,9 +138,9 @@ def _scale(row: FloatArray) -> tuple[float, float]:
 
 
 def packed(rows: Sequence[FloatArray]) -> bytes:
-    """Return rows of numbers, rounded to whole steps, as bytes: second differences of 16 bits.
+    """Return rows of numbers as bytes: rounded to whole steps of a grid, and differenced twice along each row.
 
-    All low bytes come before all high bytes.
+    Each second difference has 16 bits. All low bytes come before all high bytes.
     """
     whole = np.zeros((len(rows), len(rows[0])), dtype=np.int64)
     for k, row in enumerate(rows):

@@ -135,12 +135,12 @@ def _points(statement: Statement) -> dict[str, Any]:
     """Return the data of the named points, as a dict for JSON.
 
     - `points` are their names, `dimension` is 2 or 3.
-    - `links` are pairs of indices of points with a kind; the index after the last point is the origin.
-    - `drawn` is the number of all points; the points of surfaces follow the named points.
+    - `links` are pairs of indices of points with the kind of the link; the index after the last point is the origin.
+    - `drawn` is the number of named points and points of surfaces together; those of surfaces come last.
     - `surfaces` has for each surface the index of its first point and the number of its points.
     - `colours` has a colour index for each point, null if the point is fixed.
     - `size` is a factor for the size of the points.
-    - `corners` has true for each point that is not drawn.
+    - `corners` has true for each named point that is a corner of a shape and has no dot.
     """
     names = list(statement.positions)
     dimension = max(map(len, statement.positions.values()), default=0)
@@ -248,9 +248,9 @@ _COMMENT = re.compile(r"^ *(//.*|/\*\*.*\*/|/\*\*$(?:\n *\* .*)*\n *\*/)$|/\*.*?
 def html(name: str, parts: Mapping[str, str], scripts: Mapping[str, str], hidden: str = "", *, trusted: bool) -> str:
     """Return a page: the template file `name`, filled with its parts and scripts by the names of their fields.
 
-    The security policy of the page allows only `scripts`, the style in `parts`, and `hidden`, a script that the others
-    add later. They are allowed by their hashes, and requests are not allowed. With `trusted` no script can add another
-    one.
+    The security policy of the page allows only `scripts`, the style in `parts`, and `hidden`, a script that the
+    others add later. They are allowed by their hashes, and requests are not allowed. With `trusted` scripts cannot
+    turn text into HTML or into other scripts.
     """
     allowed = " ".join(hash_of(script) for script in (*scripts.values(), hidden) if script)
     policy = f"default-src 'none'; script-src {allowed}; style-src {hash_of(parts['style'])}; base-uri 'none'; "

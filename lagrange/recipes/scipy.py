@@ -76,7 +76,11 @@ def _check_arity(name: str, function: Callable[..., Any]) -> None:
 
 
 def at_time(parameters: FloatArray, inputs: Inputs, t: float) -> FloatArray:
-    """Return the parameters, with the values of the inputs at time t. Raises StatementError for an invalid value."""
+    """Return the parameters (k,), with the values of the inputs at time t.
+
+    `inputs` are pairs of an index among the parameters and a function of time. Raises StatementError for an invalid
+    value.
+    """
     values = parameters.copy() if inputs else parameters
     for index, function in inputs:
         values[index] = real_number(function(t), f"the input at t = {t:g}")

@@ -86,9 +86,9 @@ class Ensemble:
     """Runs of one model from many starts, or with many parameters; member i is the same in every array.
 
     `table` has the varied quantities, and `results` the results of all members. `columns` describe the kept
-    quantities. `problem` is the run of the first member. `form` says how members were run. `ran` is the number of
-    members run by this call; the others were in the store before, or were not run. `wall` is the time of the call in
-    seconds. `explain(i)` runs member i again for its message.
+    quantities. `problem` is the run of the first member. `form` is a phrase on how members were run, such as "runs
+    one after the other". `ran` is the number of members run by this call; the others were in the store before, or
+    were not run. `wall` is the time of the call in seconds. `explain(i)` runs member i again for its message.
     """
 
     table: MemberTable

@@ -96,8 +96,8 @@ def _below(race: Race, shown: list[Entry]) -> list[str]:
 def _draw(axis: Axes, label: str, entries: list[Entry], look: LineStyle, style: FigureStyle) -> None:
     """Draw the curve of one method: error against time of its `entries`.
 
-    Methods of other libraries have open marks. An error below the uncertainty of the reference has an open mark without
-    a line.
+    `label` is its name in the legend, and `look` its colour, marker and line style. Methods of other libraries have
+    open marks. An error below the uncertainty of the reference has an open mark without a line.
     """
     rival = entries[0].method.startswith(("scipy-", "cvode"))
     common: dict[str, Any] = {"color": look.colour, "marker": look.marker, "markersize": 5.5, "markeredgewidth": 1.0}
@@ -166,10 +166,11 @@ _HEADINGS = ("method", "setting", "error", "time / ms", "steps", "evaluations", 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Race:
-    """Error against time of methods on one system; iterate over it, or take `records`, for the numbers.
+    """Errors and computing times of integration methods on one system; iterating over it yields an `Entry` per run.
 
-    Errors are those at the end of the run, or the largest over its output times. They are in the units of the state, or
-    relative to the size of each entry if `relative`. Times are in seconds.
+    An `Entry` has the method, its step or tolerance, the error and the time of one run; `records` has the same as
+    dicts. Errors are those at the end of the run, or the largest over its output times. They are in the units of the
+    state, or relative to the size of each entry of the state if `relative`. Times are in seconds.
     """
 
     result: Result
@@ -190,7 +191,7 @@ class Race:
 
     @property
     def records(self) -> list[dict[str, Any]]:
-        """One dict per run, with the fields of an `Entry`."""
+        """One dict per run: its method, step or tolerance, error, time and the other fields of `Entry`."""
         return [asdict(entry) for entry in self]
 
     @property
@@ -222,7 +223,7 @@ class Race:
         return self.result.notes
 
     def fastest(self, error: float) -> Entry | None:
-        """Return the fastest entry whose error is at most `error`, or None.
+        """Return the fastest run whose error is at most `error`, as an `Entry`, or None if there is no such run.
 
         Raises StatementError for an error that is not positive.
         """
@@ -239,7 +240,10 @@ class Race:
         return f"largest error of the state at {where}" + (", relative to each entry's size" if self.relative else "")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain data, ready for JSON; numbers that are not finite are None."""
+        """Return the race as a dict of plain data, ready for JSON; numbers that are not finite are None.
+
+        It has the system, the time span, the reference, the notes and, as "entries", a dict for each run.
+        """
         return {
             "system": self.system,
             "t_start": self.span[0],
@@ -255,14 +259,15 @@ class Race:
         }
 
     def to_csv(self, path: str | os.PathLike[str]) -> Path:
-        """Write one line per run, failed runs too; numbers round-trip. The columns are the fields of `Entry`.
+        """Write a CSV file with one line per run, failed runs too, and return its path.
 
-        Raises StatementError for a path that cannot be written, RunError if the disk is full.
+        The columns are the fields of `Entry`. Numbers have enough digits to be read back unchanged. Raises
+        StatementError for a path that cannot be written, RunError if the disk is full.
         """
         return write_atomically(path, self._csv)
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> Path:
-        """Write the picture of `plot()`, with `dpi` dots per inch.
+        """Write the figure that `plot()` returns as a PNG file with `dpi` dots per inch, and return its path.
 
         Raises StatementError for a path that cannot be written or without a run that reached its end, RunError if the
         disk is full.
@@ -370,18 +375,19 @@ def race(
 ) -> Race:
     """Measure error against time for integration methods, and return the Race: a table, a plot, a CSV file.
 
-    `methods` are registered names or instances. The default is ten methods of lagrange and two of SciPy, one or two of
-    each kind; those that do not suit the system are left out with a note. Adaptive methods run at each of `tolerances`
-    (rtol; the absolute tolerance follows the scale), others at each of `steps`, whose default fits the motion. An error
-    is the largest of the final state, in the units of its entries. With `relative` each entry is divided by its largest
-    magnitude along the run. With `outputs`, a number of equally spaced times, errors are measured at these times
-    instead of the end, with `t_eval`. Times are the least of `repeats` warm runs, in seconds. If only the end counts
-    they are times of `lg.flow`. A run that takes longer than `max_wall` seconds is stopped, and finer settings are left
-    out.
+    Runs of `system` are from the state `initial` to `t_end` with `parameters`; values that are not given are those
+    stated. `methods` are registered names or instances. The default is ten methods of lagrange and two of SciPy, one
+    or two of each kind; those that do not suit the system are left out with a note. Adaptive methods run at each of
+    `tolerances` (rtol; the absolute tolerance follows the scale), others at each of `steps`, whose default fits the
+    motion. An error is the largest of the final state, in the units of its entries. With `relative` each entry is
+    divided by its largest magnitude along the run. With `outputs`, a number of equally spaced times, errors are
+    measured at these times instead of the end; the runs then have the argument `t_eval`. Times are the least of
+    `repeats` warm runs, in seconds. If only the end counts they are times of `lg.flow`. A run that takes longer than
+    `max_wall` seconds is stopped, and finer settings are left out.
 
-    Errors are against a reference run with `digits` digits, 22 by default, that shares nothing with the compiled code.
-    A second reference run bounds the error of the first; smaller errors are not reported. `reference` replaces the
-    reference run by a final state (2n,), states (2n, outputs), or a method. Raises StatementError for invalid
+    Errors are against a reference run with `digits` digits, 22 by default, that shares nothing with the compiled
+    code. A second reference run bounds the error of the first; smaller errors are not reported. `reference` replaces
+    the reference run by a final state (2n,), states (2n, outputs), or a method. Raises StatementError for invalid
     arguments, RunError if the run has no end to compare, or there is no reference.
     """
     statement = stated(system, "kepler")

@@ -72,7 +72,7 @@ class Contact:
 
     @property
     def parts(self) -> tuple[Any, Any, Any, Any]:
-        """The arguments of `contact`: gap, slip, restitution and friction."""
+        """The arguments of `contact` that make this contact: gap, slip, restitution and friction."""
         return self.gap, self.slip or None, self.restitution, self.friction
 
     def mapped(self, change: Any) -> Contact:
@@ -161,9 +161,10 @@ def gap(name: str) -> Any:
 def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints: tuple[Any, ...]) -> dict[str, Any]:
     """Return the fields `contacts` and `simultaneous` of a Statement, checked.
 
-    `table` maps names to contacts. `simultaneous` is the law for impacts at one instant, or None. The symbols and
-    functions of the contacts are added to `survey`. Raises StatementError for a gap without coordinates, a slip that
-    is not linear in velocities, and a name that a constraint or another contact has.
+    `table` maps names to contacts. `simultaneous` is the law for impacts of several contacts at one instant, a word
+    of `LAWS`, or None. The symbols and functions of the contacts are added to `survey`. Raises StatementError for a
+    gap without coordinates, a slip that is not linear in velocities, and a name that a constraint or another contact
+    has.
     """
     contacts = tuple(_named(table))
     taken = [constraint.name for constraint in constraints]

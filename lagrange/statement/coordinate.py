@@ -166,7 +166,10 @@ _NUMPY |= {f"arc{name}": f"a{name}" for name in ("sin", "cos", "tan", "sinh", "c
 
 
 def _refusing(numpy: str, ours: str) -> Callable[[Any], NoReturn]:
-    """Return the method that NumPy calls for its function `numpy`. It raises StatementError that recommends `ours`."""
+    """Return a method that refuses the NumPy function `numpy` for a coordinate and recommends SymPy's `ours`.
+
+    NumPy calls the method of the same name of each object in an array. This one raises StatementError.
+    """
 
     def refuse(self: Any) -> NoReturn:
         name = name_of(self)
@@ -266,8 +269,8 @@ def check_multipliers(
 ) -> None:
     """Raise StatementError if an expression has multipliers of constraints that the system does not have.
 
-    `names` are the constraints whose multipliers it has, and `constraints` those of the system. The message calls the
-    two `expression` and `system`, and the constraints by their `kind`.
+    `names` are the constraints whose multipliers the expression has, and `constraints` are those of the system. The
+    texts `expression` and `system` name the two in the message, and `kind` is its word for a constraint.
     """
     for name in names:
         if name not in constraints:

@@ -93,7 +93,7 @@ def declare(
 ) -> Statement:
     """Return the `Statement` of a system: the arguments of `lagrange.System`, checked. Raises StatementError.
 
-    `check_inertia` refuses coordinates without inertia, found by SymPy here; the equations refuse them as well.
+    With `check_inertia` a coordinate without inertia is refused here, else later, by the equations of motion.
     """
     survey, main = Survey(), "the kinetic energy" if lagrangian is None else "the Lagrangian"
     kinetic, potential, lagrangian = _in_full(typed := _energies(kinetic, potential, lagrangian), survey)
@@ -132,10 +132,12 @@ def declare(
 def _with_rotations(
     statement: Statement, typed: Mapping[str, Any], forces: Any, dissipation: Any, zeros: Mapping[str, Any]
 ) -> Statement:
-    """Return a statement completed for its rotations: an inertia along each quaternion is added, and `reading` is set.
+    """Return the statement with two additions for its rotations; a statement without rotations is unchanged.
 
-    `typed` are the energies by name, and `zeros` the constraint expressions by name. They, `forces` and `dissipation`
-    are as the user typed them.
+    The kinetic energy gets an inertia for the length of each quaternion: R and its rates do not depend on this
+    length, so that the mass matrix would be singular without it. The field `reading` gets the same statement in small
+    rotations about the body axes, from which readable equations are derived. `typed` are the energies by name, and
+    `zeros` the constraint expressions by name. They, `forces` and `dissipation` are as the user typed them.
     """
     kinetic, names = with_length(statement.kinetic, statement.coordinates)
     if not names:
@@ -164,8 +166,8 @@ def _at_rest(coordinates: tuple[Any, ...]) -> tuple[float, ...]:
 def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
     """Return the fields of `Statement` on functions: `given`, `orders`, `unknown` and `inferred`.
 
-    The argument `inferred` are the coordinates that the user did not list. Those of them that were not declared
-    either are named in the field.
+    The argument `inferred` are the coordinates that the user did not list. The field `inferred` has the names of
+    those among them that the user did not declare either.
     """
     return {
         "given": tuple(survey.given),
@@ -298,7 +300,11 @@ def _first_order(forces: Any, dissipation: Any) -> Iterator[Any]:
 
 
 def _make_one(survey: Survey) -> str:
-    """Return a hint for an error: for a symbol named `theta_dot`, to declare `theta` by `lg.coordinate('theta')`."""
+    """Return a hint for an error message on a missing coordinate: how to declare it.
+
+    If a parameter in `survey` has a name such as `theta_dot`, the hint says that it is no velocity, and how to
+    declare `theta`.
+    """
     for symbol in survey.parameters:
         name = symbol.name.removesuffix("dot").removesuffix("_")
         if symbol.name.endswith("dot") and NAME.fullmatch(name):
@@ -345,7 +351,7 @@ def _check_velocities(
 
 
 def check_redundant(redundant: Any) -> str:
-    """Return the option that refuses or allows constraints which follow from others.
+    """Return `redundant`, the option that refuses or allows constraints which follow from others.
 
     Raises StatementError unless it is in `REDUNDANT`.
     """
@@ -364,7 +370,10 @@ def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any
 
 
 def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:
-    """Raise StatementError for functions that are neither coordinates nor given."""
+    """Raise StatementError for a function of time in `survey` that is neither a coordinate nor a given function.
+
+    It is also raised for a given function whose name is taken, and for tables that have no time in common.
+    """
     names = [name_of(q) for q in coordinates]
     declared = frozenset(coordinates)
     for q in survey.coordinates:
@@ -451,8 +460,8 @@ def check_point(name: Any) -> str:
 def _surfaces(table: Mapping[str, Any] | None, points: dict[str, Any], survey: Survey) -> dict[str, tuple[Any, ...]]:
     """Return {name: point} of the surfaces. The point (x, y) or (x, y, z) runs along the surface as `along` grows.
 
-    It is an expression in `along`, parameters and t, with as many entries as each of the `points`, the named
-    positions. Its symbols are added to `survey`.
+    The entries of a point are expressions in `along`, parameters and t. There are as many as in each of the `points`,
+    the named positions. Their symbols are added to `survey`.
     """
     surfaces: dict[str, tuple[Any, ...]] = {}
     size = len(next(iter(points.values()), ()))

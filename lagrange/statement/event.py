@@ -216,7 +216,8 @@ _kept = lru_cache(maxsize=256)(event)
 def _in_own_parameters(e: Event, parameters: tuple[Any, ...]) -> Event:
     """Return an event in which the system's own `parameters` replace other symbols of the same names.
 
-    Entries of its reset that set parameters move to `settings`. Cached, so that caches with the event as key work.
+    Entries of its reset that set parameters move to `settings`. The result is cached: the same event gives the same
+    object, which can be the key of other caches.
     """
     by_name = {p.name: p for p in parameters}
     zero = in_own_parameters(e.expression, parameters)

@@ -143,7 +143,8 @@ MOST_AXES = 64
 def _count(value: Any, what: str, axes: int = 0) -> int:
     """Return the number of entries of an array or of nested sequences, and 1 for anything else.
 
-    Raises StatementError for entries, such as truth values, that NumPy would convert to numbers.
+    `axes` is the number of sequences around the value; those nested deeper than `MOST_AXES` are not opened. Raises
+    StatementError, with the name `what`, for entries such as truth values, which NumPy would convert to numbers.
     """
     if isinstance(value, np.ndarray):
         return value.size
@@ -294,7 +295,11 @@ def expression(value: Any, what: str) -> Any:
 
 
 def as_typed(value: Any, what: str) -> Any:
-    """Return an expression as `expression` does, but keep shorthands such as R[0, 0], an entry of a rotation."""
+    """Return a user's value, an expression or a number, as a SymPy expression with its shorthands kept.
+
+    A shorthand is a function of time that abbreviates an expression, such as R[0, 0], an entry of a rotation. `what`
+    names the value in the refusal.
+    """
     if isinstance(value, sympy.Basic) and is_too_deep(value):
         raise StatementError(
             f"{what} is an expression nested more than {MOST_LEVELS} levels deep, which SymPy cannot read: "

@@ -125,7 +125,10 @@ class Survey:
 
 
 def _distinct(expression: Any, seen: set[Any]) -> Iterator[Any]:
-    """Yield each distinct subexpression not in `seen`, parents first, and enter it. Derivatives are not divided."""
+    """Yield each distinct subexpression that is not in `seen`, parents first, and add it to `seen`.
+
+    The parts of functions of time and of their derivatives are not yielded.
+    """
     stack = [expression]
     while stack:
         node = stack.pop()
@@ -137,7 +140,7 @@ def _distinct(expression: Any, seen: set[Any]) -> Iterator[Any]:
 
 
 def _parts(node: Any) -> tuple[Any, ...]:
-    """Return the arguments of a node, in which leaves are sought; none for a function of time or its derivative."""
+    """Return the arguments of a node in which symbols are searched; none for a function of time or its derivative."""
     if isinstance(node, sympy.Subs):
         return tuple(node.point)
     function = node.expr if isinstance(node, sympy.Derivative) else node

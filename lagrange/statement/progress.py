@@ -2,8 +2,9 @@
 
 Progress is a bar; outputs that are no terminal get nothing, or lines of text on request.
 
-The class of a result belongs to an early stage of the package. Its page needs the notation of formulas, which belongs
-to a later stage. The later module registers the pages here, and is imported when the first page is shown.
+The page of a result needs the notation of formulas. This belongs to a later stage of the package than the class of
+the result. So a later module registers here the functions that write the pages. It is imported when the first page is
+shown.
 """
 
 from __future__ import annotations
@@ -37,12 +38,18 @@ def compiling(name: str, *, enabled: bool) -> AbstractContextManager[None]:
 
 
 def deriving(name: str) -> AbstractContextManager[None]:
-    """Context that shows in a terminal or notebook that formulas of `name` are being derived, as `compiling` does."""
+    """Context that shows in a terminal or notebook that formulas of `name` are being derived.
+
+    Nothing is shown in the first `SILENT_SECONDS` of the work.
+    """
     return _announced(f"deriving {name}", f"derived {name}", enabled=True)
 
 
 def stating(name: Any) -> AbstractContextManager[None]:
-    """Context that shows in a terminal or notebook that a statement is being read, as `compiling` does."""
+    """Context that shows in a terminal or notebook that the statement of a system is being read.
+
+    `name` is that of the system, if it is a text. Nothing is shown in the first `SILENT_SECONDS` of the work.
+    """
     said = name if isinstance(name, str) else "system"
     return _announced(f"reading {said}", f"read {said}", enabled=True)
 

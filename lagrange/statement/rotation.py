@@ -1,7 +1,7 @@
 """Rotations in space as part of a statement: R in SO(3), by the four entries of a quaternion of length one.
 
 The entries are coordinates of the system. R and its rates do not depend on the length of the quaternion, so no force
-acts along it. `with_length` adds an inertia there. The length then stays constant without a constraint.
+changes this length. `with_length` adds an inertia for it. The length then stays constant without a constraint.
 Source: D. T. Greenwood, Advanced Dynamics, 2003, section 3.1.
 """
 
@@ -78,7 +78,8 @@ class Rotation(NonScalar):
     `body` and `space` are its rates about the axes of the body and of space, each a vector of three expressions. `R *
     v` is a vector v of the body in the axes of space, `R.T * v` a vector of space in the axes of the body, and `R[i,
     j]` an entry of the matrix. `quaternion` are the four coordinates: the scalar, then the vector. `turns` are
-    quasi-coordinates: small turns about the axes of the body, with the rates `body`. Derivations are written in turns.
+    quasi-coordinates: small rotations about the axes of the body, whose rates are `body`. Derivations are written in
+    them.
     """
 
     _op_priority = 100.0
@@ -304,7 +305,10 @@ A long run at loose tolerances ends with a deviation of 1e-5.
 
 
 def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
-    """Raise StatementError if a quaternion in the states (q, v), (2n,) or (2n, m), is not and stays of length one."""
+    """Raise StatementError for a quaternion whose length is not one, or whose velocity changes its length.
+
+    `values` are states (q, v) of the `coordinates` q: one state (2n,), or m states (2n, m).
+    """
     state = np.asarray(values, dtype=float)
     for each, rows, moving in _quaternion_rows(tuple(coordinates)):
         q, v = state[rows], state[moving]
@@ -393,7 +397,7 @@ def reading(
     coordinates: Sequence[Any],
     names: Sequence[str],
 ) -> dict[str, Any] | None:
-    """Return the fields of a statement in which small turns replace quaternions, for readable derivations.
+    """Return the fields of a statement in which small rotations replace quaternions, for readable derivations.
 
     Its expressions contain rates about the axes of the bodies and entries of R. `energies` are L, or T and V, and
     `zeros` the expressions of the constraints. They, `forces` and `dissipation` are as the user typed them. `names`
@@ -435,10 +439,11 @@ def reading(
 
 
 def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> dict[Any, Any]:
-    """Return the accelerations {coordinate: expression}, with those of quaternions in place of those of small turns.
+    """Return accelerations {coordinate: expression}, with quaternions in place of small rotations.
 
-    They follow from dq/dt = q (s, w)/2, where w are the rates about the axes of the body and s = 2 |q|'/|q|, with
-    |q|'' = 0. `names` are those of the rotations.
+    In the argument the rotation of each body is described by three small rotations about its axes. The accelerations
+    of the quaternions follow from dq/dt = q (s, w)/2, where w are the rates about the axes of the body and s = 2
+    |q|'/|q|, with |q|'' = 0. `names` are those of the rotations.
     """
     solved = {q: in_full(value) for q, value in accelerations.items()}
     for each in map(rotation_of, names):
@@ -469,7 +474,7 @@ def in_body_rates(formula: Any, names: Iterable[str]) -> Any:
 
 
 def explanation(name: str, values: Mapping[Any, float]) -> str:
-    """Return sentences that explain the symbols of the rotation `name`: entries, rates, small turns and start.
+    """Return sentences that explain the symbols of the rotation `name`: entries, rates, small rotations and start.
 
     `values` maps coordinates to initial values.
     """
@@ -484,10 +489,10 @@ def explanation(name: str, values: Mapping[Any, float]) -> str:
 
 
 def start_in_turns(names: Iterable[str], coordinates: Iterable[Any], initial: Mapping[Any, float]) -> tuple[float, ...]:
-    """Return the initial state (q, v) with small turns, which start at zero, in place of quaternions.
+    """Return the initial state (q, v) with small rotations about the body axes in place of quaternions.
 
-    `coordinates` contain the small turns. `initial` maps the coordinates with quaternions, and their velocities, to
-    values. `names` are those of the rotations.
+    The small rotations start at zero. They are among the `coordinates`. `initial` maps the coordinates with
+    quaternions, and their velocities, to values. `names` are those of the rotations.
     """
     start = dict(initial)
     for each in map(rotation_of, names):
@@ -500,11 +505,12 @@ def start_in_turns(names: Iterable[str], coordinates: Iterable[Any], initial: Ma
 
 
 def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
-    """Return a kinetic energy with an inertia along each quaternion q, and the names of the rotations.
+    """Return a kinetic energy with an inertia for the length of each quaternion q, and the names of the rotations.
 
-    The added term is M (q . q')^2 / (2 q . q), where M is four times the mean moment of inertia. So the mass matrix is
-    as well conditioned as one in the rates. Other coordinates in M are replaced by one. If the energy already has the
-    term, it is unchanged. Raises StatementError for a rotation without inertia, and for an incomplete quaternion.
+    Without this inertia the mass matrix would be singular, since R and its rates do not depend on the length. The
+    added term is M (q . q')^2 / (2 q . q), where M is four times the mean moment of inertia. So the mass matrix is as
+    well conditioned as one in the rates. Other coordinates in M are replaced by one. An energy that already has the
+    term is not changed. Raises StatementError for a rotation without inertia, and for an incomplete quaternion.
     """
     rotations = _rotations_of(tuple(coordinates))
     for each in rotations:

@@ -32,7 +32,10 @@ class SpaceMatrix(sympy.ImmutableMatrix):
         return self._combined(super().__mul__, other)
 
     def _combined(self, operation: Callable[[Any], Any], other: Any) -> Any:
-        """Return `operation(other)`, with `other` as a vector. Raises StatementError for shapes that do not fit."""
+        """Return the result of a matrix operation of this object with `other`, where a list counts as a vector.
+
+        Tuples and arrays count as vectors too. Raises StatementError for shapes that do not fit.
+        """
         second = in_space(other)
         try:
             return operation(second)

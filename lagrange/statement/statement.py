@@ -77,8 +77,9 @@ class Statement:
     - `contacts` are gaps that stay positive, and `simultaneous` the law of impacts at one instant, or "".
     - `surfaces` are moving points by name; each runs along a line or a curve as `along` grows from 0 to 1.
     - `rotations` are the names of rotations, whose quaternions are among the coordinates.
-      `reading` is the same statement for derivations: three small turns of each body replace its quaternion and are the
-      last coordinates, and `entries` has the nine functions R_xx(t) to R_zz(t) of each rotation.
+      `reading` is the same statement for derivations: three small rotations about the axes of each body replace its
+      quaternion and are the last coordinates, and `entries` has the nine functions R_xx(t) to R_zz(t) of each
+      rotation.
     - `inferred` are the names of undeclared functions of time in the energies, which were taken for coordinates.
     """
 
@@ -146,7 +147,11 @@ class Statement:
 
     @cached_property
     def as_read(self) -> Statement:
-        """The statement for display. With rotations it is in small turns and rates of the bodies, else unchanged."""
+        """The statement in the form in which it is displayed.
+
+        Quaternions and their velocities are replaced by small rotations and rates about the axes of the bodies. A
+        statement without rotations, or with a quaternion entry in a typed expression, is unchanged.
+        """
         if self.reading is None:
             return self
         return self.reading.mapped(lambda expression: in_body_rates(expression, self.rotations))
@@ -163,7 +168,11 @@ class Statement:
 
     @property
     def applied(self) -> dict[Any, Any]:
-        """The forces as `lagrange.System` takes them: by coordinate. A statement in small turns has torques by rate."""
+        """The forces by coordinate, in the form in which `lagrange.System` takes them.
+
+        In a statement with small rotations for quaternions, torques are given by the rates about the axes of the
+        body.
+        """
         return {getattr(q.func, RATE, q): force for q, force in zip(self.coordinates, self.forces, strict=True)}
 
     @property

@@ -136,10 +136,10 @@ Shifted = Mapping[Procedure, frozenset[int]]
 
 
 def shifted_parameters(procedures: Sequence[Procedure], always: Shifted) -> Shifted:
-    """Return for each procedure the indices of its array parameters that need an offset.
+    """Return for each procedure the indices of the array parameters to which its callers add an offset.
 
-    A parameter needs one if some call passes a subarray, or if `always` lists it. `procedures` are ordered, callees
-    before their callers.
+    A parameter needs an offset if some call passes a subarray, or if `always` lists it. `procedures` are ordered,
+    callees before their callers.
     """
     shifted = {procedure: always.get(procedure, frozenset[int]()) for procedure in procedures}
     for caller in reversed(procedures):
@@ -262,7 +262,7 @@ class _JavaScriptPrinter(BracedPrinter):
             self.put(f"{name}.{name_of_field} = 0;")
 
     def memory_name(self, ref: int) -> str:
-        """Return a name for the local array or record `ref` of the procedure that is new in the file."""
+        """Return a name for the local array or record `ref` of the procedure that nothing else in the file has."""
         stem = self.procedure.names.get(ref, f"x{ref}")
         name = self.name(ref, f"{self.procedure.name}_{stem}")
         while name in self.file.memory or name in self.file.functions:

@@ -411,9 +411,10 @@ def _condition(rows: Sequence[EquationRow], derivation: Derivation, write: Write
 
 
 def _numbers_in_place(rows: Sequence[EquationRow], distances: Collection[str]) -> str:
-    """Return the values of parameters that an answer has as numbers, "m = 1 and k = 30", if it is right with them.
+    """Return the values of parameters that a right answer has as numbers, such as "m = 1 and k = 30".
 
-    Else return "". So too if all values are 0 or 1: a term or factor was then rather forgotten.
+    The result is "" if the answer is not right with such values. It is also "" if all values are 0 or 1: a term or
+    factor was then rather forgotten.
     """
     statement = rows[0].statement
     absent = {p: x for p, x in statement.defaults.items() if not any(row.zero.has(p) for row in rows)}

@@ -382,7 +382,7 @@ class _Search:
                     yield MISSED + cost + plain, number * model * factor
 
     def _doubt(self, total: Sum, term: Any) -> float:
-        """Return the cost that is added to a change of the term `term` of a sum, by its place in the equation.
+        """Return the additional cost of a change of `term` in the sum `total`, by its place in the equation.
 
         Terms of a typed derivative, and a lone acceleration on one side, are unlikely to be wrong.
         """
@@ -396,9 +396,9 @@ class _Search:
         return OF_SOLVED if number == 1 else 0.0
 
     def _misplaced(self, total: Sum, missing: Any) -> float:
-        """Return the cost that is added if the term `missing` is unlikely on this side of the equation.
+        """Return the additional cost of adding the term `missing` to the sum `total`, by its side of the equation.
 
-        `total` is the sum in which it is missing; the cost is zero within brackets.
+        A term that is unlikely on this side costs more. The additional cost is zero within brackets.
         """
         if total.path:
             return 0.0

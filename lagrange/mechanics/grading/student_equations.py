@@ -40,12 +40,12 @@ ORDINALS = ("", "second", "third", "fourth", "fifth")  # Names of the equalities
 
 @dataclass(frozen=True)
 class StudentEquation(Reading):
-    """The reading of an equation of motion, in the plain symbols of `Statement.plain`.
+    """An equation of motion as it was understood, in the plain symbols of `Statement.plain`.
 
-    `label` names it in messages. `index` is that of the equation in the answer; a chain a = b = c is one equation
-    in the answer and several here. `letters` maps multipliers to the letters that were typed for them. `others` are
-    further readings of an ambiguous text. `note` is a sentence on why an equation counts as right, such as for rounded
-    decimals, or "". `aside` is true for a remark, such as on an equilibrium, which need not hold.
+    `label` names it in messages. `index` is that of the equation in the answer; a chain a = b = c is one equation in
+    the answer and several here. `letters` maps multipliers to the letters that were typed for them. `others` are
+    further interpretations of an ambiguous text. `note` is a sentence on why an equation counts as right, such as for
+    rounded decimals, or "". `aside` is true for a remark, such as on an equilibrium, which need not hold.
     """
 
     label: str = ""
@@ -270,10 +270,10 @@ on doubles. A wrong term passes only if it is smaller than this at every state."
 
 @dataclass(frozen=True, eq=False)
 class EquationRow:
-    """A typed equation as a linear one: zero = rest + sum of slopes[z] * z over the unknowns z.
+    """A typed equation split into coefficients: zero = rest + sum of slopes[z] * z over the unknowns z.
 
-    The unknowns are accelerations and multipliers. `zero` is left minus right side, without symbols for the rates of
-    rotations.
+    The unknowns are accelerations and multipliers. `zero` is left minus right side; the rates of rotations in it are
+    written out.
     """
 
     statement: Statement
@@ -288,9 +288,10 @@ class EquationRow:
         return self.equation.zero + self.equation.right, self.equation.right
 
     def with_zero(self, zero: Any, right: Any = sympy.S.Zero) -> EquationRow:
-        """Return the row of another equation with the same label; `zero` is its left minus its right side.
+        """Return an `EquationRow` for another equation, `zero` = 0, with the label of this one.
 
-        Raises StatementError if it is not linear in accelerations and multipliers.
+        `right` is its right side; the left side is zero + right. Raises StatementError if it is not linear in
+        accelerations and multipliers.
         """
         return row_of(StudentEquation(zero, right, label=self.equation.label), self.statement)
 
@@ -314,7 +315,10 @@ class EquationRow:
         return outcomes
 
     def numbers(self, sample: MotionSample) -> tuple[list[Any], Any]:
-        """Return the coefficients and the rest at a sample, as numbers. Raises OutsideDomain if one has no value."""
+        """Return as numbers at a sample the coefficients of all unknowns, and the rest without unknowns.
+
+        The unknowns are accelerations and multipliers. Raises OutsideDomain if a number has no value.
+        """
         values = values_at(self._tape, sample)
         return values[: len(self.slopes)], values[len(self.slopes)]
 

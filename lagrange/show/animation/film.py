@@ -275,9 +275,10 @@ class _Plan:
 
 
 def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -> _Plan:
-    """Return the layout of the panel of points and of `count` other panels.
+    """Return the layout of a picture: the panel of points `scene`, none if it is None, and `count` other panels.
 
-    Panels are above one another, or side by side if the first is tall. `size` is the requested size in pixels or None.
+    Panels are above one another, or side by side if the first is tall. `size` is the requested size in pixels or
+    None.
     """
     width = size[0] if size else PICTURE_WIDTH
     scale = max(SMALLEST_SCALE, width / PICTURE_WIDTH)
@@ -457,9 +458,9 @@ class Pen:
 
 
 class MovingChart:
-    """Curves over time in one panel.
+    """Curves over time in one panel of an animation.
 
-    The curves are pale. Up to the time of the frame they have full opacity, and a dot there.
+    In each frame a curve is opaque up to the time of the frame, pale after it, and has a dot at that time.
     """
 
     def __init__(self, axis: Axes, recording: Recording, rows: Rows, style: FigureStyle, *, named: bool) -> None:

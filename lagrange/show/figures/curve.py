@@ -75,9 +75,10 @@ class AxisWindow:
 def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
     """Return the limits of a panel with some values of a run, or None if the panel shows all values.
 
-    `values(t)` returns the rows of values, (r, K), at times (K,). The limits contain the middle of the values,
-    weighted by time, and as much again on either side. None is returned for a run that did not end at a singularity,
-    and for a run whose values are all within the limits.
+    `values(t)` returns the rows of values, (r, K), at times (K,). Two quantiles enclose the values for `SHOWN_SHARE`
+    of the time. The limits are these quantiles, each moved outwards by their distance, or less if no value is so far
+    away. None is returned for a run that did not end at a singularity, and for a run whose values are all within the
+    limits.
     """
     if solution.status not in BLOWN_UP or len(solution.t) < 2:
         return None
@@ -104,10 +105,10 @@ def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
 
 
 def times_in_sight(solution: Solution, values: Rows) -> tuple[FloatArray, str]:
-    """Return the initial times (K,) of a curve in a plane or in space, and a note if the run leaves its panel.
+    """Return the times (K,) at which a curve is sampled first, and a note if the run leaves the panel of the curve.
 
-    `values(t)` returns the d coordinates of one or several points, (d, K) or (d, p, K). The times end before the first
-    time at which a coordinate is outside of its limits.
+    The curve is in a plane or in space. `values(t)` returns the d coordinates of one or several points, (d, K) or (d,
+    p, K). The times end before the first time at which a coordinate is outside of its limits.
     """
     t = first_times(solution.trajectory)
     rows = values(t)
@@ -128,7 +129,8 @@ def times_in_sight(solution: Solution, values: Rows) -> tuple[FloatArray, str]:
 def limits_of(windows: Sequence[AxisWindow | None], drawn: Sequence[FloatArray]) -> tuple[float, float] | None:
     """Return the limits of a panel for several curves, or None if all curves are shown whole.
 
-    `drawn` are the curves. A curve is within its window, or whole if its window is None.
+    `windows` has the limits in which each curve is shown, None for a curve that is shown whole. `drawn` has the
+    values of each curve.
     """
     if all(window is None for window in windows):
         return None
@@ -247,7 +249,7 @@ def lengths(points: FloatArray) -> FloatArray:
 
 
 def _extents(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
-    """Return the range of the finite values along axes, 0 for values that differ only by rounding."""
+    """Return the largest minus the smallest finite value along `axis`; 0 for values that differ only by rounding."""
     finite = np.isfinite(values)
     low = np.min(values, axis=axis, initial=np.inf, where=finite)
     high = np.max(values, axis=axis, initial=-np.inf, where=finite)
@@ -255,7 +257,7 @@ def _extents(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
 
 
 def _pixels_in(pixels: float | FloatArray, extent: float | FloatArray) -> FloatArray:
-    """Return the number of pixels per unit; 0 if the extent is 0."""
+    """Return the pixels per unit on an axis of length `pixels` for values with the range `extent`; 0 if that is 0."""
     some = np.asarray(extent) > 0
     return np.where(some, pixels / np.where(some, extent, 1.0), 0.0)
 
@@ -268,11 +270,11 @@ def _over(t: FloatArray, values: FloatArray) -> FloatArray:
 def _refined(
     points: Points, t: FloatArray, samples: FloatArray, scale: FloatArray, rounds: int = MOST_ROUNDS
 ) -> tuple[FloatArray, FloatArray]:
-    """Return times and points of curves, with intervals halved until every chord is within the tolerance.
+    """Return times (N,) and points (p, 2, N) of p curves, dense enough that every chord is exact within a pixel.
 
-    `samples` (p, 2, K) are the points at the initial times `t` (K,), and `scale` (p, 2) is the number of pixels per
-    unit. There are at most `rounds` rounds. In each, intervals are tested that are next to an inexact chord, or to a
-    turning point whose extreme value is missed.
+    `points(t)` returns the points at times (K,); `samples` (p, 2, K) are the points at the initial times `t` (K,).
+    `scale` (p, 2) is the number of pixels per unit. In each of at most `rounds` rounds, intervals are divided that
+    are next to an inexact chord, or to a turning point whose extreme value is missed.
     """
     most = min(MOST_SAMPLES, _MOST_VALUES // max(2 * len(samples), 1))
     least = _LEAST * abs(float(t[-1] - t[0])) if len(t) else 0.0
@@ -292,11 +294,12 @@ def _refined(
 
 
 def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
-    """Return for each of the K - 1 intervals of times (K,) True if a turning point beside it is missed by a pixel.
+    """Return for each interval of times (K,) True if it is next to an extreme value that the samples miss, (K - 1,).
 
-    At a turning point the points (p, 2, K) go back, to the right or upwards. Its extreme value is that of the parabola
-    through three points. The distance from a chord does not suffice. Where many oscillations are in one column of
-    pixels, the curve is almost vertical and lies on its chord, however far it continues.
+    `pixels` (p, 2, K) are samples of p curves, in pixels. Where a coordinate turns back, its extreme value is that of
+    the parabola through three samples. It is missed if it is over `TOLERANCE` pixels from the middle one. The
+    distance of curves from chords is no sufficient test. Where many oscillations are in one column of pixels, the
+    curve is almost vertical and lies on its chord, however far it continues.
     """
     flags = np.zeros(max(len(t) - 1, 0), dtype=bool)
     with np.errstate(all="ignore"):

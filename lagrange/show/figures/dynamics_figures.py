@@ -63,7 +63,7 @@ _MARKERS = {
 
 
 def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") -> Figure:
-    """Return the figure of a portrait, drawn on `ax` if it is given."""
+    """Return the figure of a phase portrait, drawn on the axes `ax` if they are given."""
     look = style_of(style)
     figure, axis = panel_on(ax, look, (8.2, 5.4))
     _field(axis, portrait, look)
@@ -191,9 +191,10 @@ LARGEST_POINT, SMALLEST_POINT = 6.0, 0.5
 
 
 def plot_section(section: SectionData, x: Any, y: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of a section: a colour for each orbit, and the border of the region that the energy allows.
+    """Return the figure of a Poincaré section: a colour for each orbit, and the border of the allowed region.
 
-    `x` and `y` are the entries of the state on the axes, None for the defaults.
+    It is the region that the energy allows. `x` and `y` are the entries of the state on the axes, None for the
+    defaults. `ax` are axes of the user, None for a new figure.
     """
     look, statement = style_of(style), section.statement
     if not len(section.points):
@@ -281,7 +282,7 @@ def _parameter_axis(axis: Axes, statement: Statement, parameter: str, values: Fl
 
 
 def plot_branches(data: BranchesData, entry: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of the coordinate `entry` of equilibria: solid lines where they are stable, else dashed."""
+    """Return the figure of equilibria: coordinate `entry` against the parameter, dashed where they are unstable."""
     look, statement = style_of(style), data.statement
     row = row_of(statement, data.axis if entry is None else entry, "entry")
     if row >= len(statement.names) or not data.branches:
@@ -473,11 +474,13 @@ _POINTS = 401
 def plot_stability(
     *methods: Any, left: float = -8.0, right: float = 4.0, top: float = 7.0, style: str = "light"
 ) -> Figure:
-    """Return a figure of the stability boundaries of methods, by name or instance, for rates between left and right.
+    """Return a figure of the stability boundaries of methods in the complex plane of the rate times the step.
 
-    A step is stable to the left of its boundary, or inside it. The region where every method is stable is shaded.
-    Raises StatementError for a method without steps of its own, and for a splitting. A splitting has no damping and is
-    stable only on a part of the imaginary axis, which `lg.methods.stability` returns.
+    `methods` are names or instances. A rate is an eigenvalue of a linear system. The real part is shown between
+    `left` and `right`, the imaginary part between -`top` and `top`. A step is stable to the left of its boundary, or
+    inside it. The region where every method is stable is shaded. Raises StatementError for a method without steps of
+    its own, and for a splitting. A splitting has no damping and is stable only on a part of the imaginary axis, which
+    `lg.methods.stability` returns.
     """
     look = style_of(style)
     left, right, top = real_number(left, "left"), real_number(right, "right"), real_number(top, "top")

@@ -217,7 +217,10 @@ def _map(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureStyle
 
 
 def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> ScalarMappable:
-    """Draw a coloured cell for each value (k, m) at x (m,) and y (k,); equally spaced cells are drawn as an image."""
+    """Draw a coloured cell for each value (k, m) at x (m,) and y (k,); equally spaced cells are drawn as an image.
+
+    `look` are options of Matplotlib for the colours.
+    """
     steps = np.diff(x), np.diff(y)
     if all(step[0] > 0 and np.ptp(step) <= EVEN_SPACING * step.sum() for step in steps):
         (dx, dy) = (float(step[0]) / 2 for step in steps)
@@ -227,7 +230,7 @@ def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> Scalar
 
 
 def _curve(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureStyle) -> None:
-    """Draw a quantity against the only varied quantity; a cross at the bottom marks each failed member."""
+    """Draw a quantity of the members against the only varied one; a cross at the bottom marks each failed member."""
     (varied, values), *_ = (
         (name, axis_values) for name, axis_values in runs.table.varied.axes.items() if len(axis_values) > 1
     )
@@ -242,7 +245,7 @@ def _curve(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureSty
 
 
 def _histogram(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureStyle) -> None:
-    """Draw the distribution of the values, with their median and the middle nine tenths."""
+    """Draw the distribution of a quantity over the members, with its median and the middle nine tenths."""
     values = quantity.values[np.isfinite(quantity.values)]
     axis.hist(values, bins=min(BINS, max(8, round(len(values) ** 0.5))), color=look.colours[0], alpha=0.85)
     low, middle, high = np.quantile(values, [BANDS[0][0], 0.5, BANDS[0][1]])
@@ -254,7 +257,7 @@ def _histogram(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: Figur
 
 
 def _fan(axis: Axes, runs: Ensemble, name: str, look: FigureStyle) -> None:
-    """Draw quantiles of a row of `y` over time, or a line for each member if there are few."""
+    """Draw quantiles of the row `name` of `y` over all members against time, or each member if there are few."""
     row, times = runs.y[runs.names.index(name)], runs.t
     if len(runs) <= FAN_LINES:
         for values, colour in zip(row.T, colours(len(runs), look.colours), strict=True):

@@ -126,7 +126,7 @@ def energies(solution: Solution) -> PanelQuantity:
 
 
 def energy(solution: Solution) -> PanelQuantity:
-    """Return the drift of the energy if it is conserved, else the energy itself.
+    """Return the drift of the energy, its relative change from the start, if it is conserved, else the energy itself.
 
     The quantity has no row if the energy has no value at some state.
     """
@@ -211,7 +211,10 @@ def violation(solution: Solution) -> PanelQuantity:
 
 
 def expression(solution: Solution, stated: Any) -> PanelQuantity:
-    """Return the values of an expression in the symbols of a system, accelerations and multipliers included."""
+    """Return the quantity for a panel that shows the expression `stated` in the symbols of a system.
+
+    The expression may contain accelerations and multipliers, too.
+    """
     label = row_label(stated)
     if label in solution.names:
         return _group(solution.model.statement, [label.removesuffix("_dot")], rate=label.endswith("_dot"))
@@ -244,7 +247,7 @@ def figure_of(ax: Any) -> Figure:
 
 
 def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: FigureStyle) -> None:
-    """Add the colour scale of the map `image` beside its panel."""
+    """Add the colour scale of the map `image`, with the text `label`, beside the panel `axis`."""
     from matplotlib.colors import LogNorm
 
     bar = of_figure(axis).colorbar(image, ax=axis, pad=0.02, aspect=30)
@@ -292,10 +295,10 @@ def entry(statement: Statement, name: str, *, rate: bool = False) -> str:
 
 
 def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[tuple[FloatArray, FloatArray]]:
-    """Wrap the line x (k,), y (k,) with an angle x to the range from `low` to `high`; return the wrapped lines.
+    """Wrap a line x (k,), y (k,) with an angle x to the range from `low` to `high`; return the wrapped lines.
 
-    Where the line leaves the range at one end it continues at the other end, after a NaN. If the range is more than one
-    turn, the wrapped line is repeated for each turn.
+    Where the line leaves the range at one end it continues at the other end, after a NaN. If the range is longer than
+    2 pi, there is a copy of the wrapped line for each further interval of 2 pi.
     """
     turns = np.floor((x - low) / TURN)
     at = np.nonzero(np.diff(turns))[0]
@@ -428,9 +431,9 @@ class TimePanel:
 def curves(quantity: PanelQuantity, solution: Solution, pixels: Pixels) -> Curves:
     """Return a quantity of a run as lines, exact within a pixel, for a panel of the size `pixels`.
 
-    A drift is computed from the dense output, which equals the steps at their ends. If the drift changes much more
-    between the steps than at their ends, this is an error of the dense output and not of the method. Then dots are
-    drawn at the steps, and a note gives the largest value between them.
+    The drift of a conserved quantity is computed from the dense output, which equals the steps at their ends. If the
+    drift changes much more between the steps than at their ends, this is an error of the dense output and not of the
+    method. Then dots are drawn at the steps, and a note gives the largest value between them.
     """
     run = solution.trajectory
     window = None if quantity.drift else window_of(solution, lambda t: quantity.values(solution.sampled(t)))

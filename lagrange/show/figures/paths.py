@@ -53,9 +53,10 @@ _STILL = 1e-9
 class View:
     """A projection: the matrix (2, d) maps points (d, K), d = 2 or 3, to coordinates to the right and up.
 
-    `labels` are the names of the two directions; they are empty for a view from a side. In a view from a side `depth`
-    (3,) maps points to their nearness; else `depth` is None. `extended` has True for each direction of the picture in
-    which the points extend.
+    A view is at right angles to a plane of two axes, or oblique: it then shows all three axes of space. `labels` are
+    the names of the axes to the right and up, empty in an oblique view. There `depth` (3,) maps points to their
+    nearness to the viewer; in other views it is None. `extended` has True for each direction of the picture in which
+    the points extend.
     """
 
     matrix: FloatArray
@@ -65,22 +66,22 @@ class View:
 
     @property
     def shape(self) -> str:
-        """Shape of a panel: "row" or "column" if all points lie on one line, else "square"."""
+        """Shape of the panel of this view: "row" or "column" if all points lie on one line, else "square"."""
         if self.extended[0] == self.extended[1]:
             return "square"
         return "row" if self.extended[0] else "column"
 
     @property
     def spatial(self) -> bool:
-        """True for a view from a side, which shows three directions."""
+        """True for an oblique view, which shows all three axes of space."""
         return self.depth is not None
 
     def of(self, points: FloatArray) -> FloatArray:
-        """Return the projection (2, K) of points (d, K). In a view of space, points with two coordinates have z = 0."""
+        """Return the projection (2, K) of points (d, K). In an oblique view, z = 0 if points have two coordinates."""
         return np.asarray(self.matrix[:, : len(points)] @ points)
 
     def nearness(self, points: FloatArray) -> FloatArray:
-        """Return the nearness (K,) of points (d, K) to the viewer, in the units of the points; 0 in a plane."""
+        """Return the nearness (K,) of points (d, K) to the viewer, in their units; 0 if the view is not oblique."""
         return np.zeros(points.shape[1]) if self.depth is None else np.asarray(self.depth[: len(points)] @ points)
 
 
@@ -104,7 +105,7 @@ def view_of(points: Mapping[str, FloatArray]) -> View:
 
 
 def from_side(azimuth: float, elevation: float) -> View:
-    """Return the parallel projection of space for an azimuth and an elevation in degrees."""
+    """Return the oblique view of space from an azimuth and an elevation in degrees, without perspective."""
     a, e = np.radians((azimuth, elevation))
     across = (-np.sin(a), np.cos(a), 0.0)
     up = (-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e))
@@ -433,9 +434,9 @@ class PathPanel:
             legend(axis, style, title, 10)
 
     def _bounds(self, runs: list[Paths]) -> FloatArray:
-        """Return the least and the largest coordinate in each of d directions, (2, d).
+        """Return the least and the largest coordinate of the paths `runs` in each of d directions, (2, d).
 
-        The directions are right and up in the picture, or x, y and z for a view from a side. If the panel is to scale,
+        The directions are right and up in the picture, or x, y and z for an oblique view. If the panel is to scale,
         all directions have the same length.
         """
         point_sets = [np.concatenate([*run.space], axis=1) if self.view.spatial else run.on_paper for run in runs]
@@ -453,7 +454,11 @@ class PathPanel:
         return dict(zip(moving, point_look(len(moving), style.colours)[0], strict=True))
 
     def _frame(self, axis: Axes, runs: list[Paths], bounds: FloatArray) -> None:
-        """Set limits with a margin around all points; paths that are only rounding noise do not fill the panel."""
+        """Set the limits of the panel, with a margin around all points of the paths `runs`.
+
+        `bounds` (2, d) are their least and largest coordinates. Paths that are only rounding noise do not fill the
+        panel.
+        """
         axis.margins(AXIS_MARGIN)
         to_scale = self.shape == "square" and all(run.to_scale for run in runs)
         still = float(np.ptp(bounds, axis=0).max()) <= LEVEL_RANGE * float(np.abs(bounds).max(initial=0.0))
@@ -520,7 +525,10 @@ def _draw_run(
 
 
 def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style: FigureStyle, kind: str) -> None:
-    """Draw the path of point number `k` with its shadow on the floor; near parts are wider and darker."""
+    """Draw the path of point number `k` with its shadow on the floor; near parts are wider and darker.
+
+    The floor is that of `box`. `shade` is the colour of the path, and `kind` its line style.
+    """
     view, space = paths.view, paths.space[k]
     floor = np.array([*space[:2], np.full(space.shape[1], box.low[2])])
     axis.plot(*view.of(floor), color=mixed(style.quiet, style.paper, 0.45), linewidth=0.8, zorder=1)

@@ -276,7 +276,10 @@ def _draw_into(ax: Any, panels: Sequence[Panel], style: FigureStyle, dpi: int) -
 
 
 def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: FigureStyle, dpi: int) -> Figure:
-    """Return a new figure. On the left are panels over time and wide paths, on the right planes and tall paths."""
+    """Return a new figure: panels over time and wide paths on the left, phase planes and other paths on the right.
+
+    `size` is the width and height in inches, None for a size that fits the panels.
+    """
     left = [panel for panel in panels if isinstance(panel, TimePanel)]
     rows = [panel for panel in panels if not isinstance(panel, TimePanel) and panel.shape == "row"]
     right = [panel for panel in panels if not isinstance(panel, TimePanel) and panel.shape != "row"]
@@ -380,9 +383,12 @@ def plot(
 ) -> Figure:
     """Return a Matplotlib figure of several runs of systems with the same coordinates, as `Solution.plot` draws one.
 
-    `labels` are the names of the runs, one text each; by default their methods, or a parameter or a first value that
-    differs. In a panel with one row each run has its own colour, else its own line style. Raises StatementError for
-    arguments that are not solutions, and for those that `Solution.plot` refuses.
+    `what` is the name of a quantity such as "energies" or "path", a coordinate, an expression, or a list of them;
+    without it the panels are an overview. `of` chooses coordinates. `ax` are axes to draw on, `size` is (width,
+    height) in inches, `style` is "light" or "dark", and `dpi` is the resolution of the curves. `labels` are the names
+    of the runs, one text each; by default their methods, or a parameter or a first value that differs. In a panel
+    with one row each run has its own colour, else its own line style. Raises StatementError for arguments that are
+    not solutions, for runs without output, and for quantities that a system does not have.
     """
     runs = [solutions] if isinstance(solutions, Solution) else entries(solutions, "the solutions")
     if not runs or not all(isinstance(run, Solution) for run in runs):

@@ -136,10 +136,10 @@ def in_words(target: Path, error: OSError) -> StatementError | RunError:
 def write_together(folder: str | os.PathLike[str], files: Mapping[str, Writer | None]) -> list[Path]:
     """Write files into a folder and return their paths; a file without a writer is removed if it exists.
 
-    An error while the new files are written changes nothing. If the replacement of the old files is interrupted, every
-    file is whole. The last file is then missing, or it belongs to the others. Other files of the folder stay. Links are
-    followed, existing files keep their permissions. Raises StatementError for a folder that cannot be written to,
-    RunError if the disk is full or fails.
+    An error while the new files are written changes nothing. If the replacement of the old files is interrupted,
+    every file is whole. The last file is then missing, unless all files are old or all are new. Other files of the
+    folder stay. Links are followed, existing files keep their permissions. Raises StatementError for a folder that
+    cannot be written to, RunError if the disk is full or fails.
     """
     home = real_path(folder)
     targets = {name: real_path(home / name) for name in files}
@@ -187,7 +187,7 @@ _ROWS_AT_ONCE = 4096
 
 
 def write_rows(file: BinaryIO, names: Sequence[str], columns: Sequence[Iterable[object]]) -> None:
-    """Write columns under their names as CSV. Numbers round-trip."""
+    """Write columns under their names as CSV, with enough digits to read back the same numbers."""
     lines = _lines(names, columns)
     while block := list(islice(lines, _ROWS_AT_ONCE)):
         file.write("".join(block).encode())

@@ -36,10 +36,10 @@ UNREADABLE = (
 
 
 def arrays_of(path: str | os.PathLike[str], most: float) -> dict[str, Any]:
-    """Return the arrays of a file by name.
+    """Return the arrays in an npz file by name.
 
     Raises StatementError for a path that is not a file, for a file that is not an npz archive, and for arrays of more
-    than `most` bytes, which are not read.
+    than `most` bytes together, which are not read.
     """
     try:
         file = Path(path)
@@ -107,9 +107,10 @@ def loaded_run(path: Any, model_of: Callable[[Statement, str], Model]) -> Soluti
 
 
 def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model) -> Trajectory:
-    """Return the trajectory of a run from the arrays and the card in its file.
+    """Return the trajectory of a run from the arrays in its file.
 
-    Raises StatementError where its states do not fit the model.
+    `card` is a dict with the rest: the status, the method, tolerances and numbers of steps. Raises StatementError
+    where the states do not fit the model.
     """
     t, y = arrays["t"], arrays["y"]
     if y.shape != (len(model.layout.names()), len(t)):

@@ -91,7 +91,10 @@ def write_png(solution: Solution, path: str | os.PathLike[str], dpi: int | None)
 
 
 def write_folder(solution: Solution, folder: str | os.PathLike[str]) -> list[Path]:
-    """Write the table, the picture and, last, the card of a run into a folder, and return their paths."""
+    """Write the table, the picture and, last, the card of a run into a folder, and return their paths.
+
+    The card is a JSON file with the status of the run, its method and its settings.
+    """
     files: dict[str, Writer | None] = {
         "trajectory.csv": partial(_csv, solution),
         "trajectory.png": picture(solution.plot) if len(solution.t) else None,

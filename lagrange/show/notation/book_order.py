@@ -103,10 +103,10 @@ class BookOrder:
         return (FUNCTION, 0 if root else 1 + lead[0], lead[2], kind, str(base))
 
     def term(self, term: Any) -> Key:
-        """Return the sort key of a term: accelerations come first, then velocities, then the rest.
+        """Return the sort key of a term: accelerations come first, then velocities, then all other terms.
 
-        Weights, then driving terms, come last. Among the rest, squares and products of coordinates come first, as in
-        x^2 + y^2 - l^2, then constants, as in l + x and m1 + m2 sin(theta)^2.
+        Among the others, squares and products of coordinates come first, as in x^2 + y^2 - l^2. Constants follow, as
+        in l + x and m1 + m2 sin(theta)^2. Weights, then functions of time alone, come last.
         """
         ranks = self.symbols(term)
         highest = max((rank[0] for rank in ranks), default=PARAMETER)
@@ -173,7 +173,7 @@ class BookOrder:
         return [first, *ordered]
 
     def reversible(self, total: Any, term: Any) -> bool:
-        """Return True if the minus sign of a term may reverse the difference `total`: -(m1 - m2)*g is (m2 - m1)*g.
+        """Return True if the minus sign of a term may reverse its factor `total`: -(m1 - m2)*g becomes (m2 - m1)*g.
 
         `total` must be a difference of masses, or of other constants if the statement does not contain it: a stated
         difference such as R - r is usually positive. A term that a user typed is not changed.

@@ -134,7 +134,7 @@ class Typesetter:
     def quotient(self, above: list[Any], below: list[Any], number: Any) -> FormulaPiece:
         """Return the text of number * above / below; `above` and `below` are lists of (base, exponent).
 
-        Constants are a separate fraction in front if the notation writes formulas so.
+        In some notations constants are a separate fraction in front, as in (g/l) sin(theta).
         """
         top, bottom = (
             (sympy.Integer(number.p), sympy.Integer(number.q)) if number.is_Rational else (number, sympy.S.One)

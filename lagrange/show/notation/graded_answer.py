@@ -33,7 +33,7 @@ def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> 
 
 
 def _graded(statement: Statement, derivation: Derivation, answer: Any) -> EquationsComparison:
-    """Return the comparison of an answer; the search for a wrong term stops at its limit of work."""
+    """Return the comparison of `answer` with the equations; the caller limits the search for a wrong term."""
     typeset = Typesetter(statement, Notation((*statement.names, *(p.name for p in statement.parameters))))
     typeset.letters |= {constraint.multiplier: f"{MULTIPLIER}{constraint.name}" for constraint in statement.constraints}
     equations = read_equations(answer, statement)

@@ -26,7 +26,7 @@ COMMANDS = CIRCULAR - frozenset(("sech", "csch"))
 
 
 class LatexNotation(BookNotation):
-    """LaTeX, in math mode."""
+    """Spelling of formulas in LaTeX, for its math mode."""
 
     opening, closing = r"\bigl(", r"\bigr)"
     times, product_sign, in_one_line = r"{} \times ", " ", False
@@ -48,9 +48,9 @@ class LatexNotation(BookNotation):
         return head + (f"_{_argument(', '.join(parts))}" if parts else "")
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        r"""Return a calligraphic letter such as \mathcal{L}, or for a small letter the word, upright; with indices.
+        r"""Return the symbol of a quantity whose usual `letter` the user has taken, such as \mathcal{L}.
 
-        It replaces a letter that looks like a symbol of the user.
+        A capital letter becomes calligraphic. A small letter is replaced by the upright `word`. `indices` are names.
         """
         spelled = f"\\mathcal{{{letter}}}" if letter.isupper() else upright(word).replace("\\_", "\\ ")
         return spelled + (f"_{_argument(' '.join(map(self.letter, indices)))}" if indices else "")
@@ -108,7 +108,7 @@ RELATIONS = ("<", "<=", ">", ">=", "=", "!=")
 
 
 def row(*parts: str) -> str:
-    """Return elements as one mrow element."""
+    """Return MathML elements as one element, an mrow."""
     return f"<mrow>{''.join(parts)}</mrow>"
 
 
@@ -121,7 +121,7 @@ SIGNS = (operator("+"), operator("\N{MINUS SIGN}"))
 
 
 class MathmlNotation(BookNotation):
-    """MathML; every text is one element, except that a sum may be several elements."""
+    """Spelling of formulas in MathML; every text is one element, except that a sum may be several elements."""
 
     opening, closing, times = operator("("), operator(")"), operator("\N{MULTIPLICATION SIGN}")
     in_one_line, comma, equals = False, operator(","), operator("=")
@@ -154,9 +154,9 @@ class MathmlNotation(BookNotation):
         return f"<msub>{head}{parts[0] if len(parts) == 1 else row(*parts)}</msub>" if parts else head
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return a calligraphic letter if there is one, else the word; with indices.
+        """Return the symbol of a quantity whose usual `letter` the user has taken, with indices.
 
-        It replaces a letter that looks like a symbol of the user.
+        The letter becomes calligraphic. A letter without a calligraphic form is replaced by its `word`.
         """
         shown = (
             chr(0x1D49C + ord(letter) - ord("A"))

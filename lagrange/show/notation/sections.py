@@ -31,9 +31,9 @@ WIDEST_VECTOR = 30
 
 @dataclass(frozen=True)
 class ShownQuantity:
-    """A letter such as T or phi with indices: names of coordinates, of a constraint or of a point.
+    """A quantity in a formula: its letter, such as T or phi, and the names that are its indices.
 
-    With `squared` it is the square of that quantity.
+    They are names of coordinates, of a constraint or of a point. With `squared` it is the square of that quantity.
     """
 
     letter: str
@@ -43,7 +43,7 @@ class ShownQuantity:
 
 @dataclass(frozen=True)
 class Partial:
-    """The partial derivative of a quantity by a coordinate or a velocity."""
+    """The partial derivative of a quantity by a coordinate or a velocity, `by`."""
 
     quantity: ShownQuantity
     by: Any
@@ -72,7 +72,7 @@ class Transpose:
 
 @dataclass(frozen=True)
 class SignedTerms:
-    """A sum: pairs (True if subtracted, term)."""
+    """A sum in a formula: pairs (True if the term is subtracted, term)."""
 
     terms: tuple[tuple[bool, Any], ...]
 
@@ -107,7 +107,7 @@ LAGRANGIAN, KINETIC, POTENTIAL = (ShownQuantity(letter) for letter in "LTV")
 def sections(derivation: Derivation) -> Iterator[Section]:
     """Yield the sections of a derivation; a part that is too large is replaced by a sentence that says so.
 
-    Given tables appear as functions of time.
+    A given table of values appears as a function with a name, such as S(x).
     """
     derivation, tables = derivation.with_named_tables()
     statement = derivation.statement
@@ -141,7 +141,10 @@ def constraint_quantity(constraint: Any) -> ShownQuantity:
 
 
 def stated_formulas(statement: Statement) -> Iterator[Formula | str]:
-    """Yield the stated energies, forces, given motions and constraints; a sentence describes a motion of a table."""
+    """Yield the stated energies, forces, given motions and constraints as formulas.
+
+    A motion that is given by a table is described by a sentence.
+    """
     if statement.lagrangian_alone:
         yield Formula((LAGRANGIAN, statement.lagrangian))
     else:

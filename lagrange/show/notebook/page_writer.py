@@ -112,7 +112,7 @@ class PageWriter:
         return _plain(self._page.lines.setter.condition(condition))
 
     def values(self, values: Mapping[Any, Any], units: Mapping[Any, str] | None = None) -> str:
-        """Return symbols with their values for a sentence, with units where they are stated."""
+        """Return symbols and their values as text for a sentence, such as m = 2 kg; units where they are stated."""
         stated_units = units or {}
         parts = []
         for symbol, value in values.items():
@@ -131,7 +131,7 @@ class PageWriter:
         return f"$$\n{_plain(self._page.aligned(lines, 'aligned'))}\n$$"
 
     def short(self, formula: Formula, name: str, instead: str) -> str:
-        """Return a formula, or if it is long a sentence in which it is called `name`, which ends with `instead`."""
+        """Return a formula, or instead of a long one a sentence that begins with `name` and ends with `instead`."""
         size = operations_of(formula)
         if size > MOST_SHOWN_OPERATIONS:
             return left_out(name, f"it has {size} operations", instead)
@@ -149,7 +149,7 @@ class PageWriter:
         return "\n\n".join(texts), sum(text.count(NEXT_LINE) + 1 for text in texts)
 
     def equations(self, heading: str, laws: Sequence[Any]) -> str:
-        """Return a heading followed by SymPy equations, folded if they are long."""
+        """Return a heading followed by the SymPy equations `laws`, folded if they are long."""
         return self.under(heading, [Formula((law.lhs, law.rhs)) for law in laws])
 
     def under(self, heading: str, formulas: Sequence[Formula]) -> str:

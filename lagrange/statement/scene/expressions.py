@@ -262,7 +262,7 @@ class Reader:
         return self.built(start, self._multiplied, negative, [True], [inner]) if negative else inner
 
     def power(self) -> ParsedValue:
-        """Read an atom, or a power of an atom."""
+        """Read an atom (a number, a name, a call or an expression in parentheses), or a power of an atom."""
         start, base = self.token.offset, self.atom()
         if not self.at("**"):
             return base

@@ -47,7 +47,7 @@ class RefusalError(Exception):
 class Guard:
     """Checks the size and powers of every expression that is built while texts are read. Raises RefusalError.
 
-    Each distinct subexpression is checked once. `varies` tells of each whether it contains a symbol.
+    Each distinct subexpression is checked once. `varies` maps each of them to True if it contains a symbol.
     """
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class Guard:
         return self.varies[expression]
 
     def enter(self, node: Any) -> None:
-        """Examine a node further after its check, in a subclass. Do nothing here."""
+        """Do nothing; a subclass examines here a subexpression that has passed the check."""
 
     def join(self, build: Callable[..., Any], parts: list[Any]) -> Any:
         """Return the sum or product of `parts`, made by `build`: sympy.Add or sympy.Mul.

@@ -41,11 +41,11 @@ _CONDITIONS = (Relational, BooleanFunction, BooleanAtom)
 
 
 class UnevaluatedGuard(Guard):
-    """Checks unevaluated expressions. SymPy evaluates them later, when some leaves in them are replaced.
+    """Checks unevaluated expressions. SymPy evaluates them later, when symbols or functions in them are replaced.
 
     It refuses powers of constants that are computed from several numbers, such as (9**9)**9. It also refuses
-    functions that SymPy would take too long to evaluate after replacement. `replaced` are the leaves. `branched` are
-    the parts that contain a Piecewise.
+    functions that SymPy would take too long to evaluate after replacement. `replaced` are these symbols and
+    functions. `branched` has the checked subexpressions that contain a Piecewise.
     """
 
     def __init__(self, replaced: Iterable[Any]) -> None:
@@ -55,9 +55,11 @@ class UnevaluatedGuard(Guard):
         self._computed: set[Any] = set()
 
     def enter(self, node: Any) -> None:
-        """Record whether a part is branched, replaced later or a constant computed from several numbers.
+        """Record whether a checked subexpression has a property on which later checks depend.
 
-        Raises RefusalError if its evaluation would take too long.
+        There are three: it contains a Piecewise; it contains a symbol or function that is replaced before SymPy
+        evaluates the expression; it is a constant computed from several numbers. Raises RefusalError for a
+        subexpression that SymPy would later take too long to evaluate.
         """
         if isinstance(node, sympy.Piecewise) or any(part in self.branched for part in node.args):
             self.branched.add(node)
@@ -79,8 +81,9 @@ class UnevaluatedGuard(Guard):
 class UnevaluatedExpressions(Expressions):
     """Reader of the unevaluated expressions of one file.
 
-    `names` maps identifiers to SymPy objects, and `replaced` are those leaves that are replaced later. `calls` are
-    the names of functions of coordinates without a formula.
+    `names` maps identifiers to SymPy objects, and `replaced` are the objects among them that other expressions
+    replace before SymPy evaluates, such as given functions. `calls` are the names of functions of coordinates without
+    a formula.
     """
 
     def __init__(self, names: Mapping[str, Any], replaced: Iterable[Any] = (), calls: Collection[str] = ()) -> None:
@@ -142,7 +145,7 @@ class UnevaluatedReader(Reader):
         return self.built(start, lambda: ParsedValue(build(*map(_condition_of, parts), evaluate=False)))
 
     def atom(self) -> ParsedValue:
-        """Read an atom as `Reader.atom` does; True and False are atoms as well."""
+        """Read a number, a name, a call, an expression in parentheses, True or False."""
         if self.at("True", "False", kind="word"):
             return ParsedValue(sympy.true if self.take().text == "True" else sympy.false)
         return super().atom()

@@ -124,7 +124,10 @@ class Choices:
         return min(self.chosen.get(choice, 0), count - 1)
 
     def others(self) -> list[dict[str, int]]:
-        """Return values of `chosen` for other readings, sorted by the number of options that are not the default."""
+        """Return the choices that give other readings, those with the fewest options other than the default first.
+
+        Each is a value of `chosen`: {choice: index of an option}.
+        """
         open_choices = {choice: count for choice, count in self.asked.items() if count > 1}
         every = product(*(range(count) for count in open_choices.values()))
         listed = [dict(zip(open_choices, options, strict=True)) for options in islice(every, 1, 256)]

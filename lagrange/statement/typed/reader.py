@@ -375,7 +375,10 @@ class TypedReader:
         return unknown and (between or len(faults) == words)
 
     def _is_integral(self, side: Sequence[Token], *others: Sequence[Token]) -> bool:
-        """Return True if an equation has velocities on one `side`, and on the other one unknown name, as in p = C."""
+        """Return True if one `side` of an equation has velocities and the other is one unknown name, as in p = C.
+
+        `others` are the other sides. Such an equation states that a quantity is conserved.
+        """
         names = [token.text for other in others for token in other]
         unknown = len(names) == 1 and names[0].isidentifier() and not self._reads(names[0])
         return unknown and not self.names.hint(names[0]) and self.names.order(side) == 1

@@ -78,8 +78,9 @@ class Word:
 def kind_of(text: str) -> int:
     """Return the kind of a word that is not a symbol of the system.
 
-    It is `FORMULA` for an operation, `NAME` for another name such as F_x, `WORD` for a word of a sentence, and
-    `SHORT` for one that does not make prose out of symbols.
+    It is `FORMULA` for a function or derivative, `NAME` for another name such as F_x, `WORD` for a word of a
+    sentence, and `SHORT` for a word of at most two letters, or one such as "and", which may stand among symbols
+    without making them prose.
     """
     lower = text.lower()
     if lower in (*OPERATIONS, *_UNREAD):
@@ -96,8 +97,8 @@ def kind_of(text: str) -> int:
 class Clause:
     """A part text[begin:end] of an answer (typed equations and remarks) with its tokens.
 
-    Derivatives in them have one form. `names` are the symbols of the system. `aside` is true after words such as
-    "where" and "with". `constant` is true if the part states that its value is constant.
+    Derivatives in the tokens have one form for all notations. `names` are the symbols of the system. `aside` is true
+    after words such as "where" and "with". `constant` is true if the part states that its value is constant.
     """
 
     text: str

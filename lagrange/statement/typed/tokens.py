@@ -163,7 +163,10 @@ class _Scanner:
         return self._add("fault", f"the character {_named(mark)} cannot stand in an equation", offset, offset + 1)
 
     def _word(self, offset: int) -> int:
-        """Add a word: letters, digits and subscripts. A letter with dots begins a new word. Return the next offset."""
+        """Add the word that begins at an offset to the list of tokens, and return the offset after it.
+
+        A word consists of letters, digits and subscripts. A letter with dots begins a new word.
+        """
         begin, spelled, order = offset, "", 0
         while offset < self.end:
             mark = self.text[offset]
@@ -202,7 +205,7 @@ class _Scanner:
         return joined, offset
 
     def _command(self, offset: int) -> int:
-        """Add the token that a LaTeX command means, and return the next offset."""
+        """Add the token for the LaTeX command at an offset to the list of tokens, and return the next offset."""
         match = _COMMAND.match(self.text, offset)
         if match is None:
             return self._add("fault", "a backslash stands at the end", offset, offset + 1)

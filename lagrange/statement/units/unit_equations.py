@@ -118,7 +118,10 @@ def _replaced(node: Any) -> bool:
 
 
 class Factor(NamedTuple):
-    """An unknown: the factor of the unit of a symbol, or of a required quantity such as "energy"; `of` is either."""
+    """An unknown of the linear equations: the scale factor of the unit of `of`.
+
+    `of` is a symbol, or a required quantity such as "energy".
+    """
 
     of: Any
 

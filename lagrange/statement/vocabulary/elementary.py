@@ -27,10 +27,10 @@ class Elementary:
 
     Its derivative is either `sign` / `slope(a)` or `derivative(y, a)`. Taylor coefficients are computed from the
     slope, or in the second case by `lagrange.program.recurrence`. The function is `odd`, `even` or neither. `exact`
-    is an argument with its value, both whole numbers. `pole` is the value at zero if that is infinite. `size` is
-    "bounded" if values are at most 1, or "unit" if an argument or value is dimensionless and may cancel. `spread` is
-    the cause of lost digits: a "periodic" argument, or a "growing" value. `everywhere` is true if every number has a
-    value.
+    is an argument with its value, both whole numbers. `pole` is the value at zero if that is infinite. `size` says
+    how the scale is found for deciding whether a value is zero: with "bounded" it is 1, since no value is larger, and
+    with "unit" at least 1, the unit of an angle or a logarithm. `spread` is the cause of lost digits: a "periodic"
+    argument, or a "growing" value. `everywhere` is true if every number has a value.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Elementary:
 
     @cached_property
     def precise(self) -> Callable[..., Any]:
-        """The function of mpmath for its raw numbers, with a precision as argument."""
+        """The function in mpmath, of one of mpmath's raw numbers and a precision in bits."""
         function: Callable[..., Any] = getattr(libmp, f"mpf_{self.name}")
         return function
 
