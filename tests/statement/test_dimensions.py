@@ -248,6 +248,15 @@ def test_sizes_stay_with_a_system_that_is_copied_or_rewritten() -> None:
     assert {key: str(size) for key, size in left.items()} == {key: s for key, s in sizes.items() if key != l}
 
 
+def test_a_force_on_a_held_coordinate_without_inertia_has_its_dimension() -> None:
+    """The equation of y has a multiplier, so that the force on it is one: energy over a length."""
+    force = lg.parameters("F")
+    stated: dict[str, Any] = {"kinetic": m * x.dot**2 / 2, "forces": {y: force}, "constraints": {"rod": x - y}}
+    lg.System(**stated, dimensions={m: "kg", x: "m", force: "N"})
+    with pytest.raises(StatementError, match=r"the force on y has the term F, whose dimension is"):
+        lg.System(**stated, dimensions={m: "kg", x: "m", force: "kg"})
+
+
 def test_scenes_have_dimensions(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     text = (

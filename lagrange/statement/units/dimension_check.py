@@ -92,17 +92,18 @@ def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[Checked
     if not statement.lagrangian_alone:
         energies = {"the kinetic energy": statement.kinetic, "the potential energy": statement.potential}
     parts = [CheckedPart(what, expression, "energy") for what, expression in energies.items()]
-    rates = dict(zip(statement.coordinates, statement.velocities, strict=True))
-    first_order = {q: rate for q, rate in rates.items() if not statement.lagrangian.has(q, rate)}
+    # The equation of a state of first order, such as a current, may be one of voltages: its terms only agree.
+    held = (statement.lagrangian, *(constraint.expression for constraint in statement.constraints))
+    rates = zip(statement.coordinates, statement.velocities, strict=True)
+    first_order = {q: rate for q, rate in rates if not any(part.has(q, rate) for part in held)}
     for name, q, force in zip(statement.names, statement.coordinates, statement.forces, strict=True):
         if q in first_order:
-            drag = sympy.Add(force, -statement.dissipation.diff(first_order[q]), evaluate=False)
-            parts.append(CheckedPart(f"the equation of {name}", drag, None))
+            equation = sympy.Add(force, -statement.dissipation.diff(first_order[q]), evaluate=False)
+            parts.append(CheckedPart(f"the equation of {name}", equation, None))
         elif force != 0:
             parts.append(CheckedPart(f"the force on {name}", force, "energy", q))
-    # The equation of a state of first order, such as a current, may be one of voltages: its terms only agree.
-    drag = statement.dissipation.xreplace(dict.fromkeys(first_order.values(), sympy.S.Zero))
-    parts += [CheckedPart("the dissipation", drag, "energy", t)]
+    dissipation = statement.dissipation.xreplace(dict.fromkeys(first_order.values(), sympy.S.Zero))
+    parts += [CheckedPart("the dissipation", dissipation, "energy", t)]
     parts += [
         CheckedPart(f"the constraint {constraint.name}", constraint.expression, None)
         for constraint in statement.constraints
