@@ -188,7 +188,7 @@ def portrait(
         )
     fixed = held_entries(runs.model, at, window)
     base = initial_of(runs.model, None)
-    base[_following(runs.model)] = 0.0
+    base[runs.model.equations.following] = 0.0
     for row, value in fixed.items():
         base[row] = value
     plane = default_plane(runs, base) if window is None else plane_of(statement, window, "window", FIELD)
@@ -333,7 +333,7 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
     fixed = {}
     for key, value in (at or {}).items():
         row = row_of(statement, key, "at")
-        if row in _following(model):
+        if row in model.equations.following:
             raise StatementError(
                 f"at holds {statement.state_names[row]}, which follows from the coordinates, since "
                 f"{statement.names[row - len(statement.names)]} has no inertia: leave it out."
@@ -356,14 +356,9 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
     return fixed
 
 
-def _following(model: Model) -> list[int]:
-    """Return the rows of the velocities of coordinates without inertia, which follow from the other entries."""
-    return [model.layout.v.start + i for i in model.equations.first_order]
-
-
 def _free(model: Model, fixed: Collection[int]) -> list[int]:
     """Return the rows of the state that are neither `fixed` nor follow from other entries."""
-    return [row for row in range(model.layout.size) if row not in fixed and row not in _following(model)]
+    return [row for row in range(model.layout.size) if row not in fixed and row not in model.equations.following]
 
 
 def _too_many(model: Model, left: int) -> str:

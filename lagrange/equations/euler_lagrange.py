@@ -324,21 +324,23 @@ class Equations:
         return {"q": self.q, "v": self.v}
 
     @cached_property
-    def settled(self) -> tuple[int, ...]:
-        """Indices of the coordinates of first order (without inertia) whose dq/dt is computed from their equations.
+    def settled(self) -> bool:
+        """True if dq/dt of the coordinates of first order (without inertia) is computed from their equations.
 
-        Their velocities in a state are not used. They are all coordinates of first order, or none if the equations
+        Their velocities in a state are then not used. It is False if there are no such coordinates, or if the equations
         cannot be solved for these velocities as formulas.
         """
-        return tuple(i for i, (rate, v) in enumerate(zip(self.rate, self.v, strict=True)) if rate is not v)
+        return any(rate is not v for rate, v in zip(self.rate, self.v, strict=True))
+
+    @property
+    def unsettled(self) -> bool:
+        """True if velocities of first order are used as they are in a state, and must satisfy their equations there."""
+        return bool(self.first_order) and not self.settled
 
     @cached_property
-    def unsettled(self) -> tuple[int, ...]:
-        """Indices of the coordinates of first order (without inertia) whose dq/dt is the velocity in the state.
-
-        So these velocities must satisfy the equations in every state.
-        """
-        return () if self.settled else self.first_order
+    def following(self) -> list[int]:
+        """Indices in a state (2n,) of the velocities of coordinates of first order, which follow from other entries."""
+        return [self.layout.v.start + i for i in self.first_order]
 
     @property
     def solution(self) -> tuple[Node, ...]:

@@ -118,7 +118,7 @@ class _Session:
         self.other = other
         self.statement = model.statement
         self.point_count = points
-        self.reference = Reference(self.statement, model.equations.first_order, bool(model.equations.settled))
+        self.reference = Reference(self.statement, model.equations.first_order, model.equations.settled)
         self.textbook = None if textbook is None else textbook_tape(textbook, self.statement)
         self.sampler = Sampler(self.statement, seed)
         self.surface = ConstraintSurface(self.statement)

@@ -117,7 +117,7 @@ def _confirm(model: Model, statement: Statement, point: SamplePoint, a: Sequence
     Raises RunError if one is wrong.
     """
     try:
-        reference = Reference(statement, model.equations.first_order, bool(model.equations.settled))
+        reference = Reference(statement, model.equations.first_order, model.equations.settled)
         part = reference.at(point, [])["accelerations"]
     except OutsideDomain:
         return False

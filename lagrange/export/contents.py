@@ -328,7 +328,7 @@ def _integrator(
     if control is None:
         form = one_step.form(layout=layout, relations=relations)
     else:
-        unlimited = tuple(model.layout.v.start + i for i in model.equations.settled)
+        unlimited = tuple(model.equations.following) if model.equations.settled else ()
         form = adaptive_run.form(layout=layout, control=control, relations=relations, unlimited=unlimited)
     about = f"{form.about} The method is {step.name}."
     procedure = replace(bound(form, laws, prefix=f"{identifier}_"), name=identifier, about=about)

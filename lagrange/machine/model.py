@@ -208,7 +208,7 @@ class Model:
 
     def _check_rates(self, t: float | ArrayLike, state: State, parameters: Parameters) -> None:
         """Raise StatementError for zero velocities without inertia that contradict their nonlinear equations."""
-        rows = list(self.equations.unsettled)
+        rows = list(self.equations.first_order)
         relations = self.equations.constraints.velocities[-len(rows) :]
         residuals = self._call(self.function("relations", (*relations, *term_sizes(relations))), t, state, parameters)
         off = (np.abs(residuals[: len(rows)]) > UNSET * residuals[len(rows) :]).any(axis=0)

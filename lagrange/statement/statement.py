@@ -215,6 +215,11 @@ class Statement:
             )
         return said
 
+    @cached_property
+    def surfaces_move(self) -> bool:
+        """True if the surface of a contact moves by itself, such as a belt, and may do work."""
+        return any(contact.is_moved(self.velocities) for contact in self.contacts)
+
     @property
     def unused(self) -> tuple[Symbol, ...]:
         """Parameters that no energy, force, constraint, position or given function contains."""

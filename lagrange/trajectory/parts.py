@@ -207,7 +207,7 @@ def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float,
     if not (np.isfinite(y).all() and np.isfinite(list(parameters.values())).all()):
         return _AfterEvent(y, parameters, nowhere(listing(_name(problem, i) for i in acting)))
     named = {row for impact in effects for row in impact.rows}
-    follows = [row for row in (model.layout.v.start + i for i in model.equations.first_order) if row not in named]
+    follows = [row for row in model.equations.following if row not in named]
     y[follows] = 0.0
     try:
         array = model.parameter_array(parameters)

@@ -132,7 +132,7 @@ def _driven(problem: Problem, prepared_plan: PreparedPlan, name: str) -> Traject
         np.maximum(state.floors, state.reals[DriverState.SHARE] * problem.largest, out=state.floors)
     if problem.model.equations.settled and isinstance(plan, StepPlan):
         # The motion does not depend on these velocities. They may jump within a step, whose end is projected.
-        state.floors[problem.model.layout.v.start :][list(problem.model.equations.settled)] = np.inf
+        state.floors[problem.model.equations.following] = np.inf
     alone = problem.t_eval is not None and (plan.writes_outputs or isinstance(plan, StepPlan))
     if problem.t_eval is not None and plan.writes_outputs:
         state.outputs = Outputs(problem.t_eval, len(problem.y0))

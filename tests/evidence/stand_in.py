@@ -39,7 +39,7 @@ class StandIn:
         self.statement = statement
         self.target = target
         self.dimension = len(statement.coordinates)
-        self.equations = SimpleNamespace(first_order=(), settled=())
+        self.equations = SimpleNamespace(first_order=(), settled=False)
         self.late = late or (lambda name, value: value)
         self.calls: list[str] = []
         plain = dict(statement.plain)

@@ -35,7 +35,7 @@ class Point:
     )
     layout = StateLayout(("x",), ("x",))
     equations = SimpleNamespace(
-        structure=SimpleNamespace(brief=False), constraints=(), accelerations=(), graph=Graph(), settled=()
+        structure=SimpleNamespace(brief=False), constraints=(), accelerations=(), graph=Graph(), settled=False
     )
 
     def __init__(self, acceleration: Any) -> None:

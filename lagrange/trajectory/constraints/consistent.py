@@ -174,7 +174,7 @@ def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, dur
 
 def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
     """Return a note if the initial state `before` (2n,) was moved onto the constraints, to `after`; else ""."""
-    entered = model.layout.v.start + np.array(model.equations.first_order, dtype=int)
+    entered = np.array(model.equations.following, dtype=int)
     changes = np.abs(after - before)
     changes[entered[before[entered] == 0.0]] = 0.0
     row = int(np.argmax(changes))

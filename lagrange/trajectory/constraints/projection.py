@@ -64,16 +64,16 @@ class Projection:
 
         Velocities that are not zero are the user's: they are kept, and `check` tests them.
         """
-        rows = self.model.layout.v.start + np.array(self.model.equations.first_order, dtype=int)
-        if not len(rows):
+        rows = self.model.equations.following
+        if not rows:
             return y
         alone = np.zeros(len(y), dtype=bool)
         alone[rows] = True
-        completed_state = self.solved_for(rows.tolist(), y)
+        completed_state = self.solved_for(rows, y)
         if completed_state is None:
             # Equations such as 1 - e = abs(e.dot)*e.dot have no slope at rest: the guesses 1 and -1 must agree.
             starts = (np.where(alone & (y == 0.0), sign, y) for sign in (1.0, -1.0))
-            ends = [end for start in starts if (end := self.solved_for(rows.tolist(), start)) is not None]
+            ends = [end for start in starts if (end := self.solved_for(rows, start)) is not None]
             unique = ends and np.allclose(ends[0], ends[-1], rtol=TYPED_ROUNDING, atol=0.0)
             completed_state = ends[0] if unique else None
         if completed_state is None:

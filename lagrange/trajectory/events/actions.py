@@ -112,8 +112,7 @@ def reset_state(
     hold = residuals_of(first.model).hold
     # Velocities without inertia that no reset sets follow from the equations.
     named = [row for impact in resets for row in impact.rows]
-    first_order = (first.model.layout.v.start + i for i in first.model.equations.first_order)
-    left = [row for row in first_order if row not in named]
+    left = [row for row in first.model.equations.following if row not in named]
     if not left and hold(t, before, parameters) and hold(t, after, parameters):
         return after, EventResult()
     projection = Projection(first.model, t, parameters)

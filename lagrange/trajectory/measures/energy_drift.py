@@ -98,9 +98,7 @@ def energy_drift(
     scale, against = abs(first), "the initial energy" if from_start else "the energy at the first output"
     if abs(first) < _NEAR_ZERO * exchanged:
         scale, against = exchanged, "the largest |v.p|/2"
-    statement = model.statement
-    moved = any(contact.is_moved(statement.velocities) for contact in statement.contacts)
-    kept = False if moved else model.equations.structure.energy_kept
+    kept = False if model.statement.surfaces_move else model.equations.structure.energy_kept
     return EnergyDrift(kept, first, float(energy[-1]), absolute, scale, against)
 
 
