@@ -12,7 +12,7 @@ from stage import HERE, ROOT, write_changed
 from tutorials import STORED
 
 import lagrange as lg
-from lagrange.page.animation import Animation, frame_size
+from lagrange.page.animation import Animation
 from lagrange.statement.scene.library import LibraryScene, library
 
 SCENES = ROOT / "lagrange" / "scenes"
@@ -55,7 +55,7 @@ def kind(system: lg.System) -> str:
 
 def frame(name: str, animation: Animation) -> str:
     """Return the window in a page in which the player of a scene stands."""
-    width, height = frame_size(animation.film)
+    width, height = animation.frame_size
     return PLAYER.format(name=name, width=width, height=height + NOTE * len(animation.notes))
 
 

@@ -192,6 +192,12 @@ class Animation:
         """Times of the frames, (K,)."""
         return self.timing.t
 
+    @property
+    def frame_size(self) -> tuple[int, int]:
+        """Width and height in pixels of the frame of a page in which the player fits."""
+        width, height = self.film.size
+        return max(width, 480), round(self.film.scene_share * height) + BESIDES
+
     def frame(self, number: int) -> Pixels:
         """Return a frame by its number as pixels, (height, width, 4): red, green, blue and 255."""
         return self.film.frame(whole_number(number, "the number of the frame", 0, len(self.t) - 1)).copy()
@@ -237,8 +243,7 @@ class Animation:
         page = player_page(self.recording, self.film, self.style, ())
         notes = "".join(f"<p>{escape(note)}</p>" for note in self.notes)
         if len(page) <= LARGEST_SHOWN:
-            width, height = self.film.size
-            return in_frame(page, "animation", max(width, 480), round(self.film.scene_share * height) + BESIDES) + notes
+            return in_frame(page, "animation", *self.frame_size) + notes
         said = f"The player has {len(page) // 1000:,} kB, too much for a notebook: .save('{self.name}.html') writes it."
         data = base64.b64encode(png(self.frame(0))).decode()
         still = f'<img alt="{escape(self.name)}" src="data:image/png;base64,{data}">'
