@@ -415,13 +415,12 @@ def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
     return build
 
 
-def _error_function(b: RecurrenceBuilder, node: Node) -> int:
-    """Return the index of the series value u = erf(a), by u' = 2/sqrt(pi) * exp(-a**2) * a'."""
+def _by_derivative(b: RecurrenceBuilder, node: Node) -> int:
+    """Return the index of the series value u = F(a), by u' = w a' with the derivative w of F, which may contain u."""
     a = node.args[0]
     b.value(a)
-    w = b.value(ELEMENTARY["erf"].partial(node, a))
     value = b.reserve(node)
-    b.integrate(value, a, w)
+    b.integrate(value, a, b.value(ELEMENTARY[node.data].partial(node, a)))
     return value
 
 
@@ -474,6 +473,10 @@ def _refuse(_: RecurrenceBuilder, node: Node) -> int:
 
 
 FUNCTION_RULES: dict[str, FunctionRule] = {
+    **{
+        call.name: _by_derivative if call.slope is None else _against(call.slope, call.sign)
+        for call in ELEMENTARY.values()
+    },
     "sin": _pair(("sin", "cos"), (1, -1)),
     "cos": _pair(("sin", "cos"), (1, -1)),
     "sinh": _pair(("sinh", "cosh"), (1, 1)),
@@ -481,8 +484,6 @@ FUNCTION_RULES: dict[str, FunctionRule] = {
     "exp": _exponential,
     "tan": _tangent(1),
     "tanh": _tangent(-1),
-    **{call.name: _against(call.slope, call.sign) for call in ELEMENTARY.values() if call.slope is not None},
-    "erf": _error_function,
     "atan2": _atan2,
     "pow": _pow,
     "piecewise": _piecewise,

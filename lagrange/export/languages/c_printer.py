@@ -26,6 +26,7 @@ from lagrange.procedure.form import (
 from lagrange.procedure.source_printer import SourcePrinter, results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator
 from lagrange.procedure.spelling import OPERATORS as COMMON
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 
 class BracedPrinter(SourcePrinter):
@@ -121,8 +122,7 @@ OPERATORS: Mapping[str, Operator] = {
 LITERALS = Literals("HUGE_VAL", 'nan("")', ("0", "1"))
 
 FUNCTIONS: Mapping[str, str] = {
-    **{name: name for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "erf")},
-    **{name: name for name in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "copysign")},
+    **{name: name for name in (*ELEMENTARY, "sqrt", "atan2", "copysign")},
     "abs": "fabs",
     "power": "pow",
     "round": "rint",

@@ -22,12 +22,11 @@ from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, call
-
-_DIRECT = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "erf", "sinh", "cosh", "tanh", "asinh")
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
-    **{op: call(f"{op}({{0}})") for op in (*_DIRECT, "acosh", "atanh", "abs")},
+    **{op: call(f"{op}({{0}})") for op in (*ELEMENTARY, "sqrt", "abs")},
     "atan2": call("atan2({0}, {1})"),
     "or": WORDS["or"]._replace(text="{0} .or. {1}"),
     "and": WORDS["and"]._replace(text="{0} .and. {1}"),
@@ -92,12 +91,11 @@ _STATEMENTS = """
     value volatile wait where while write
 """
 _INTRINSICS = """
-    abs acos acosh asin asinh atan atan2 atanh cos cosh erf exp huge int log max merge min mod sign sin sinh sqrt tan
-    tanh tiny transfer dp int64 real64 iso_fortran_env
+    abs atan2 huge int max merge min mod sign sqrt tiny transfer dp int64 real64 iso_fortran_env
 """
 _OWN = "y p t h parameters unused default_parameters factored solved equal smaller larger sign_of singular prepare"
 
-RESERVED = (*_STATEMENTS.split(), *_INTRINSICS.split(), *_OWN.split(), *CONSTANTS, *QUANTITIES)
+RESERVED = (*_STATEMENTS.split(), *_INTRINSICS.split(), *ELEMENTARY, *_OWN.split(), *CONSTANTS, *QUANTITIES)
 """Words that cannot be names of values: keywords, functions, and names of parameters of procedures."""
 
 LONGEST_LINE = 132

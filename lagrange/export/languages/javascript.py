@@ -29,6 +29,7 @@ from lagrange.export.target import Target, register
 from lagrange.procedure.form import FLAG, WHOLE, Array, Block, Call, Kind, Let, Part, Procedure, Record, calls, inner
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 OPERATORS: Mapping[str, Operator] = {
     **C_OPERATORS,
@@ -38,11 +39,11 @@ OPERATORS: Mapping[str, Operator] = {
 
 LITERALS = Literals("Infinity", "NaN")
 
-_MATH = (
-    *("abs", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log"),
-    *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "min", "max", "sign"),
-)
-FUNCTIONS: Mapping[str, str] = {name: f"Math.{name}" for name in _MATH}
+MISSING = ("erf",)
+"""Elementary functions that the language does not have."""
+
+_MATH = ("abs", "sqrt", "atan2", "min", "max", "sign")
+FUNCTIONS: Mapping[str, str] = {name: f"Math.{name}" for name in (*_MATH, *ELEMENTARY) if name not in MISSING}
 """Functions of the language by operation. They return NaN or infinity outside of their domain."""
 
 _BITS = "const bits = new DataView(new ArrayBuffer(8));"
@@ -334,7 +335,7 @@ class JavaScript(Target):
 
     name = "javascript"
     about = "JavaScript: one ES module for browsers and node, no dependencies, calls that allocate nothing"
-    inexpressible = frozenset(("erf",))
+    inexpressible = frozenset(MISSING)
     shell = ("node {name}_{program}.mjs",)
 
     def files(self, module: SourceModule) -> Mapping[str, str]:

@@ -20,20 +20,7 @@ from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
-
-OPERATIONS: Mapping[str, Operator] = {
-    **OPERATORS,
-    **{op: call(f"{op}({{0}})") for op in ("atan", "exp", "sinh", "cosh", "tanh", "asinh", "abs")},
-    **{op: call(f"{op}({{0}}, {{1}})") for op in ("min", "max")},
-    **{
-        op: call(f"{op}_of({{0}})")
-        for op in ("sin", "cos", "tan", "sqrt", "log", "asin", "acos", "acosh", "atanh", "sign")
-    },
-    "atan2": call("atan({0}, {1})"),
-    "power": call("power_of({0}, {1})"),
-    "select": call("ifelse({0}, {1}, {2})"),
-}
-"""Templates of operations. `min` and `max` are NaN if an argument is NaN."""
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 LITERALS = Literals("Inf", "NaN")
 
@@ -58,18 +45,38 @@ HELPERS: Mapping[str, str] = {
 }
 """Helper functions that the file defines. All return NaN for NaN."""
 
+MISSING = ("erf",)
+"""Elementary functions that the language does not have."""
+
+OPERATIONS: Mapping[str, Operator] = {
+    **OPERATORS,
+    **{op: call(f"{op}({{0}})") for op in ("abs", *ELEMENTARY) if op not in MISSING},
+    **{op: call(f"{op}({{0}}, {{1}})") for op in ("min", "max")},
+    **{op: call(f"{op}_of({{0}})") for op in HELPERS},
+    "atan2": call("atan({0}, {1})"),
+    "power": call("power_of({0}, {1})"),
+    "select": call("ifelse({0}, {1}, {2})"),
+}
+"""Templates of operations. `min` and `max` are NaN if an argument is NaN."""
+
 _KEYWORDS = """
     abstract baremodule begin break catch const continue do else elseif end export false finally for function global if
     import in isa let local macro module mutable primitive public quote return struct true try type using where while
 """
 _FROM_BASE = """
-    Inf NaN Float64 Int64 Int Bool Vector AbstractVector DimensionMismatch abs acos acosh asin asinh atan atanh cos
-    cosh exp ifelse im isfinite isinf length log max min nothing oftype one pi sin sinh sqrt tan tanh throw trunc undef
-    zero zeros
+    Inf NaN Float64 Int64 Int Bool Vector AbstractVector DimensionMismatch abs ifelse im isfinite isinf length max min
+    nothing oftype one pi sqrt throw trunc undef zero zeros
 """
-_OWN = "y p t h out parameters power_of factored! solved!"
+_OWN = "y p t h out parameters factored! solved!"
 
-RESERVED = (*_KEYWORDS.split(), *_FROM_BASE.split(), *_OWN.split(), *(f"{op}_of" for op in HELPERS), *QUANTITIES)
+RESERVED = (
+    *_KEYWORDS.split(),
+    *_FROM_BASE.split(),
+    *ELEMENTARY,
+    *_OWN.split(),
+    *(f"{op}_of" for op in HELPERS),
+    *QUANTITIES,
+)
 """Words that cannot be names of values: keywords, functions, and names of parameters of functions."""
 
 _LIBRARY = """
@@ -80,7 +87,7 @@ _LIBRARY = """
     Ref Regex Returns Set Signed Some String Symbol Sys Task Text Threads Timer Tuple Type Union Unsigned Val Vector
     Version
 """
-MODULES = (*_LIBRARY.split(), *_FROM_BASE.split())
+MODULES = (*_LIBRARY.split(), *_FROM_BASE.split(), *ELEMENTARY)
 """Words that must not be the module's name: modules of the standard library, and types."""
 
 LANGUAGE = Language(
@@ -219,7 +226,7 @@ class Julia(Target):
     name = "julia"
     about = "Julia: a module of functions f!(out, t, y, p), no packages, quantities only"
     contents = frozenset()
-    inexpressible = frozenset(("erf",))
+    inexpressible = frozenset(MISSING)
     shell = ("julia {name}_{program}.jl",)
 
     def files(self, module: SourceModule) -> Mapping[str, str]:

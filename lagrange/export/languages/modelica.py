@@ -13,15 +13,16 @@ from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, call
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
-_DIRECT = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "sinh", "cosh", "tanh", "abs")
-EXTERNAL = ("asinh", "acosh", "atanh", "erf")
-"""Functions that the language can call from the C library."""
+_BUILT_IN = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "sinh", "cosh", "tanh", "abs")
+EXTERNAL = tuple(op for op in ELEMENTARY if op not in _BUILT_IN)
+"""Elementary functions that the language lacks, and calls from the C library."""
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
     **WORDS,
-    **{op: call(f"{op}({{0}})") for op in (*_DIRECT, *EXTERNAL)},
+    **{op: call(f"{op}({{0}})") for op in (*_BUILT_IN, *EXTERNAL)},
     "atan2": call("atan2({0}, {1})"),
     "select": Operator(1, "if {0} then {1} else {2}"),
     "neg": Operator(6, "-{0}", (7,)),

@@ -21,21 +21,7 @@ from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
-
-_DIRECT = ("sin", "cos", "tan", "atan", "exp", "sinh", "cosh", "tanh", "asinh", "erf", "abs")
-
-OPERATIONS: Mapping[str, Operator] = {
-    **OPERATORS,
-    **{op: call(f"{op}({{0}})") for op in _DIRECT},
-    **{op: call(f"{op}_of({{0}})") for op in ("sqrt", "log", "asin", "acos", "acosh", "atanh", "sign")},
-    "atan2": call("atan2({0}, {1})"),
-    "power": call("power_of({0}, {1})"),
-    "min": call("smaller({0}, {1})"),
-    "max": call("larger({0}, {1})"),
-    "not": OPERATORS["not"]._replace(text="~{0}"),
-    "select": call("pick({0}, {1}, {2})"),
-}
-"""Templates of operations. A function of the language is used where its values are real for real numbers."""
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 LITERALS = Literals("Inf", "NaN")
 
@@ -73,6 +59,19 @@ HELPERS: Mapping[str, str] = {
 }
 """Helper functions that a file defines. All return NaN for NaN."""
 
+OPERATIONS: Mapping[str, Operator] = {
+    **OPERATORS,
+    **{op: call(f"{op}({{0}})") for op in ("abs", *ELEMENTARY)},
+    **{op: call(f"{op}_of({{0}})") for op in HELPERS},
+    "atan2": call("atan2({0}, {1})"),
+    "power": call("power_of({0}, {1})"),
+    "min": call("smaller({0}, {1})"),
+    "max": call("larger({0}, {1})"),
+    "not": OPERATORS["not"]._replace(text="~{0}"),
+    "select": call("pick({0}, {1}, {2})"),
+}
+"""Templates of operations. A function of the language is used where its values are real for real numbers."""
+
 _KEYWORDS = """
     arguments break case catch classdef continue do else elseif end end_try_catch end_unwind_protect endclassdef
     endenumeration endevents endfor endfunction endif endmethods endparfor endproperties endspmd endswitch endwhile
@@ -80,12 +79,11 @@ _KEYWORDS = """
     until unwind_protect unwind_protect_cleanup while
 """
 _BUILT_IN = """
-    abs acos acosh asin asinh atan atan2 atanh cos cosh double erf exp false fix Inf inf isfinite isinf log mod NaN nan
-    numel sin sinh sqrt struct tan tanh true zeros ans
+    abs atan2 double false fix Inf inf isfinite isinf mod NaN nan numel sqrt struct true zeros ans
 """
 _OWN = "y p t h out parameters singular factored solved pick smaller larger power_of"
 
-RESERVED = (*_KEYWORDS.split(), *_BUILT_IN.split(), *_OWN.split(), *(f"{op}_of" for op in HELPERS))
+RESERVED = (*_KEYWORDS.split(), *_BUILT_IN.split(), *ELEMENTARY, *_OWN.split(), *(f"{op}_of" for op in HELPERS))
 """Words that cannot be names of values: keywords, functions, and parameters and results of functions."""
 
 LONGEST_LINE = 120

@@ -24,6 +24,7 @@ from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register
 from lagrange.machine.python_source import LITERALS, OPERATORS, Printer
 from lagrange.procedure.form import REAL, Array, Part, Procedure
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 
 def _total(name: str, rest: str = "") -> str:
@@ -40,7 +41,7 @@ def _total(function, x, pole=nan):
         return inf if x > 0.0 or function is math.cosh else -inf
     except ValueError:
         return pole if x == 0.0 else nan''',
-    **{name: _total(name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "exp", "sinh", "cosh", "acosh")},
+    **{name: _total(name) for name in ("sqrt", *ELEMENTARY)},
     **{name: f"_{name} = math.{name}" for name in ("atan", "atan2", "tanh", "asinh", "erf", "copysign")},
     "log": _total("log", ", -inf"),
     "atanh": "def _atanh(x):\n    return math.copysign(inf, x) if abs(x) == 1.0 else _total(math.atanh, x)",
@@ -78,8 +79,7 @@ def _exponent(x):
 """Functions that the file defines: they return NaN or infinity, as machine code does, where Python raises an error."""
 
 NEEDS: Mapping[str, tuple[str, ...]] = {
-    **dict.fromkeys(("sqrt", "sin", "cos", "tan", "asin", "acos", "exp", "sinh", "cosh", "acosh"), ("total",)),
-    **dict.fromkeys(("log", "atanh"), ("total",)),
+    **{name: ("total",) for name, text in HELPERS.items() if " _total(" in text},
     "magnitude": ("max",),
 }
 """Helper functions that other helpers call."""

@@ -19,17 +19,15 @@ from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
-FUNCTIONS: Mapping[str, str] = {
-    **{name: name for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "sinh", "cosh", "tanh")},
-    "log": "ln",
-    "abs": "abs",
-}
-"""Functions of a number in the standard library by operation."""
+MISSING = ("erf",)
+"""Elementary functions that the language does not have."""
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
-    **{op: call(f"f64::{name}({{0}})") for op, name in FUNCTIONS.items()},
+    **{op: call(f"f64::{op}({{0}})") for op in (*ELEMENTARY, "sqrt", "abs") if op not in MISSING},
+    "log": call("f64::ln({0})"),
     "atan2": call("f64::atan2({0}, {1})"),
     "power": call("f64::powf({0}, {1})"),
     **{op: call(f"{op}({{0}})") for op in ("sign", "asinh", "acosh", "atanh")},
@@ -275,7 +273,7 @@ class Rust(Target):
     name = "rust"
     about = "Rust (edition 2021): one file, no crates, no unsafe code, quantities only"
     contents = frozenset()
-    inexpressible = frozenset(("erf",))
+    inexpressible = frozenset(MISSING)
     shell = ("rustc --edition 2021 -O -o {name}_{program} {name}_{program}.rs", "./{name}_{program}")
     reserved_files = (*RESERVED, "alloc", "lib", "proc_macro")
     """Keywords, and names of Rust's own crates."""

@@ -25,8 +25,8 @@ Rule = Callable[..., Any]
 class Elementary:
     """An elementary function y = f(a) of one number.
 
-    Its derivative is either `sign` / `slope(a)` or `derivative(y, a)`. Taylor coefficients are computed from the
-    slope, or in the second case by `lagrange.program.recurrence`. The function is `odd`, `even` or neither. `exact`
+    Its derivative is either `sign` / `slope(a)` or `derivative(y, a)`. Taylor coefficients follow from either,
+    unless `lagrange.program.recurrence` has a rule for the function. The function is `odd`, `even` or neither. `exact`
     is an argument with its value, both whole numbers. `pole` is the value at zero if that is infinite. `size` says
     how the scale is found for deciding whether a value is zero: with "bounded" it is 1, since no value is larger, and
     with "unit" at least 1, the unit of an angle or a logarithm. `spread` is the cause of lost digits: a "periodic"
