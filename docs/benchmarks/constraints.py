@@ -10,7 +10,7 @@ import random
 import time
 from argparse import ArgumentParser
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 from typing import Any
 
@@ -174,13 +174,8 @@ class Case:
 
     def ours(self, method: str) -> Callable[[float], NDArray[Any]]:
         """Return our runs by a method, as a function of the tolerance."""
-
-        def run(tolerance: float) -> NDArray[Any]:
-            flow = flows.setdefault(tolerance, lg.flow(self.model, method=method, rtol=tolerance))
-            return flow(self.y0, 0.0, self.end)
-
-        flows: dict[float, Any] = {}
-        return run
+        prepared = cache(partial(lg.flow, self.model, method=method))
+        return lambda tolerance: prepared(rtol=tolerance)(self.y0, 0.0, self.end)
 
 
 def first_good(case: Case, run: Callable[[float], NDArray[Any]]) -> tuple[float, float] | None:
