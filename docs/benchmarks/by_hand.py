@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
-from native import compiled
+from native import address, compiled, pointer
 from numpy.typing import NDArray
 from systems import DOUBLE
 
@@ -20,23 +21,15 @@ class ByHand:
 
     def __init__(self) -> None:
         self.library = compiled("double_pendulum.c")
-
-    @property
-    def address(self) -> int:
+        self.address = address(self.library.by_hand)
         """Address of the accelerations."""
-        return ctypes.cast(self.library.by_hand, ctypes.c_void_p).value or 0
 
-    def loop(self, name: str, address: int, parameters: NDArray[Any], states: NDArray[Any]) -> Callable[[], float]:
+    def loop(self, name: str, kernel: int, parameters: NDArray[Any], states: NDArray[Any]) -> Callable[[], float]:
         """Return a call of a timing loop, once over all states (N, 4)."""
         function = self.library[name]
         function.restype = ctypes.c_double
         function.argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_int64] * 2
-        pointers = parameters.ctypes.data, states.ctypes.data
-
-        def call(keep: Any = (parameters, states)) -> float:
-            return float(function(address, *pointers, len(keep[1]), 1))
-
-        return call
+        return partial(function, kernel, pointer(parameters), pointer(states), len(states), 1)
 
     def rk4(self, y0: NDArray[Any], h: float, steps: int) -> NDArray[Any]:
         """Return the states (steps + 1, 4) of the classical Runge-Kutta method."""

@@ -6,6 +6,7 @@ python docs/benchmarks/calls.py
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -23,10 +24,10 @@ BATCH = 100_000
 STATE_BARS = {2: 1.2, 10: 2.0}
 """Microseconds that a call of one state may take on llvm, by the number of coordinates."""
 
-SOLVERS = {"rk45": "RK45", "dop853": "DOP853", "radau": "Radau", "bdf": "BDF", "lsoda": "LSODA"}
-WITH_JACOBIAN = ("radau", "bdf", "lsoda")
+SOLVERS = {f"scipy-{name.lower()}": name for name in ("RK45", "DOP853", "Radau", "BDF", "LSODA")}
+WITH_JACOBIAN = ("Radau", "BDF", "LSODA")
 WRAPPER_BAR, SOLVE_BAR, RUN_BAR, SHORT_BAR = 1.3, 0.9, 1.3, 60.0
-TOLERANCES = {"rtol": 1e-8, "atol": 1e-8}
+TOLERANCES: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-8}
 
 
 def springs(n: int) -> lg.System:
@@ -75,11 +76,11 @@ def right_hand_sides(page: Page, known: dict[str, lg.System]) -> None:
         compiled, printed = system.compile(), system.compile("numpy")
         usual, arrays, columns = lambdified(system, "math"), lambdified(system, "numpy"), of_columns(system)
         calls: dict[str, Callable[[], Any]] = {
-            "llvm": lambda m=compiled, y=y: m.rhs(0.0, y),
-            "numpy": lambda m=printed, y=y: m.rhs(0.0, y),
-            "math": lambda f=usual, y=y: f(0.0, y),
-            "math as array": lambda f=usual, y=y: np.array(f(0.0, y)),
-            "arrays": lambda f=arrays, y=y: f(0.0, y),
+            "llvm": partial(compiled.rhs, 0.0, y),
+            "numpy": partial(printed.rhs, 0.0, y),
+            "math": partial(usual, 0.0, y),
+            "math as array": partial(as_array, usual, y),
+            "arrays": partial(arrays, 0.0, y),
         }
         agree(calls)
         t = best(calls)
@@ -87,19 +88,16 @@ def right_hand_sides(page: Page, known: dict[str, lg.System]) -> None:
         single.append((name, n, *(microseconds(t[k]) for k in calls), within, verdict(t["numpy"], t["math"])))
         batch = y[:, None] + np.random.default_rng(n).normal(0.0, 0.1, (2 * n, BATCH))
         calls = {
-            "llvm": lambda m=compiled, y=batch: m.rhs(0.0, y),
-            "numpy": lambda m=printed, y=batch: m.rhs(0.0, y),
-            "arrays": lambda f=columns, y=batch: f(y),
+            "llvm": partial(compiled.rhs, 0.0, batch),
+            "numpy": partial(printed.rhs, 0.0, batch),
+            "arrays": partial(columns, batch),
         }
         agree(calls)
         t = best(calls, rounds=10)
         many.append((name, n, *(milliseconds(t[k]) for k in calls), verdict(t["numpy"], 0.5 * t["arrays"])))
         for method in ("RK45", "DOP853"):
-            laws = {"llvm": compiled.rhs, "numpy": printed.rhs, "math": usual, "arrays": arrays}
-            runs: dict[str, Callable[[], Any]] = {
-                k: lambda f=f, y=y, m=method: solve_ivp(f, (0.0, 10.0), y, method=m, **TOLERANCES)
-                for k, f in laws.items()
-            }
+            laws: dict[str, Any] = {"llvm": compiled.rhs, "numpy": printed.rhs, "math": usual, "arrays": arrays}
+            runs = {k: partial(solve_ivp, f, (0.0, 10.0), y, method=method, **TOLERANCES) for k, f in laws.items()}
             t = best(runs, rounds=7)
             rival = min(t["math"], t["arrays"])
             ratio = f"{t['llvm'] / rival:.2f}"
@@ -107,16 +105,19 @@ def right_hand_sides(page: Page, known: dict[str, lg.System]) -> None:
                 (name, method, *(milliseconds(t[k]) for k in runs), ratio, verdict(t["llvm"], SOLVE_BAR * rival))
             )
     page.text("## One state, us a call")
-    head = ("system", "coordinates", "`rhs`, llvm", "`rhs`, numpy target", "lambdify, math", "as an array")
-    page.table(
-        (*head, "lambdify, numpy", "llvm: at most 1.2 for 2, 2.0 for 10", "numpy target: at most math's"), single
-    )
+    head = ("system", "coordinates", "`rhs`, llvm", "`rhs`, numpy target")
+    bars = ("llvm: at most 1.2 for 2, 2.0 for 10", "numpy target: at most math's")
+    page.table((*head, "lambdify, math", "as an array", "lambdify, numpy", *bars), single)
     page.text(f"## {BATCH} states at once, ms a call")
-    head = ("system", "coordinates", "`rhs`, llvm", "`rhs`, numpy target", "lambdify, numpy")
-    page.table((*head, "numpy target: at most half of lambdify's"), many)
+    page.table((*head, "lambdify, numpy", "numpy target: at most half of lambdify's"), many)
     page.text("## SciPy's `solve_ivp` with each, t = 10, rtol = atol = 1e-8, ms a run")
-    head = ("system", "method", "llvm", "numpy target", "lambdify, math", "lambdify, numpy", "llvm to lambdify's best")
-    page.table((*head, f"at most {SOLVE_BAR}"), solved)
+    head_of_runs = ("system", "method", "llvm", "numpy target", "lambdify, math", "lambdify, numpy")
+    page.table((*head_of_runs, "llvm to lambdify's best", f"at most {SOLVE_BAR}"), solved)
+
+
+def as_array(f: Callable[[float, Any], list[float]], y: NDArray[Any]) -> NDArray[Any]:
+    """Return a right-hand side as an array."""
+    return np.array(f(0.0, y))
 
 
 def agree(calls: dict[str, Callable[[], Any]]) -> None:
@@ -133,10 +134,10 @@ def quantities(page: Page) -> None:
         n = model.dimension
         q, v = y[:n].copy(), y[n:].copy()
         calls: dict[str, Callable[[], Any]] = {
-            "rhs": lambda m=model, y=y: m.rhs(0.0, y),
-            "energy": lambda m=model, q=q, v=v: m.energy(q, v),
-            "accelerations": lambda m=model, q=q, v=v: m.accelerations(q, v),
-            "jacobian": lambda m=model, y=y: m.jacobian(0.0, y),
+            "rhs": partial(model.rhs, 0.0, y),
+            "energy": partial(model.energy, q, v),
+            "accelerations": partial(model.accelerations, q, v),
+            "jacobian": partial(model.jacobian, 0.0, y),
         }
         t = best(calls)
         within = verdict(1e6 * max(t.values()), STATE_BARS[n])
@@ -160,23 +161,11 @@ def wrappers(page: Page, models: dict[str, lg.Model]) -> None:
     rows = []
     for name, model in models.items():
         y0, end = np.array(model.statement.initial), 5.0 if model.dimension > 2 else 20.0
-        for ours, theirs in SOLVERS.items():
-            given = {"jac": model.jacobian} if ours in WITH_JACOBIAN else {}
-            method = f"scipy-{ours}"
-
-            def by_hand(
-                *, dense: bool, m: Any = model, y: Any = y0, s: str = theirs, g: Any = given, e: float = end
-            ) -> Any:
-                return solve_ivp(m.rhs, (0.0, e), y, method=s, dense_output=dense, **TOLERANCES, **g)
-
-            t = best(
-                {
-                    "ours": lambda m=model, e=end, k=method: lg.integrate(m, (0.0, e), method=k, **TOLERANCES),
-                    "dense": lambda f=by_hand: f(dense=True),
-                    "plain": lambda f=by_hand: f(dense=False),
-                },
-                rounds=7,
-            )
+        for method, theirs in SOLVERS.items():
+            given: dict[str, Any] = {"jac": model.jacobian} if theirs in WITH_JACOBIAN else {}
+            plain = partial(solve_ivp, model.rhs, (0.0, end), y0, method=theirs, **TOLERANCES, **given)
+            ours = partial(lg.integrate, model, (0.0, end), method=method, **TOLERANCES)
+            t = best({"ours": ours, "dense": partial(plain, dense_output=True), "plain": plain}, rounds=7)
             ratios = [t["ours"] / t[k] for k in ("dense", "plain")]
             numbers = (milliseconds(t[k]) for k in ("ours", "dense", "plain"))
             judged = (cell for ratio in ratios for cell in (f"{ratio:.2f}", verdict(ratio, WRAPPER_BAR)))
@@ -202,13 +191,11 @@ def ballast(page: Page, models: dict[str, lg.Model]) -> None:
             flow, end = lg.flow(model, method=method, **options), 10.0
             if "step" not in options:
                 end = 100.0 * 1000 / lg.integrate(model, (0.0, 100.0), method=method, **options).steps
-            times = {}
+            calls: dict[str, Callable[[], Any]] = {}
             for what, e in (("long", end), ("short", 0.02)):
-                times[f"run {what}"] = lambda m=model, e=e, k=method, o=options: lg.integrate(
-                    m, (0.0, e), method=k, **o
-                )
-                times[f"flow {what}"] = lambda f=flow, e=e, y=y0: f(y, 0.0, e)
-            t = best(times, rounds=15)
+                calls[f"run {what}"] = partial(lg.integrate, model, (0.0, e), method=method, **options)
+                calls[f"flow {what}"] = partial(flow, y0, 0.0, e)
+            t = best(calls, rounds=15)
             ratio, beside = t["run long"] / t["flow long"], 1e6 * (t["run short"] - t["flow short"])
             numbers = (microseconds(t[k]) for k in ("run long", "flow long"))
             judged = verdict(ratio, RUN_BAR) if model.dimension == 2 else ""

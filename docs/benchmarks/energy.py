@@ -5,7 +5,7 @@ python docs/benchmarks/energy.py
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import thread_time
 
 import numpy as np
@@ -40,7 +40,7 @@ def runs(page: Page, system: lg.System) -> dict[str, LongRun]:
     """Run every method that takes equal steps, and the adaptive ones of ours."""
     model, step = system.compile(), STEPS[system.name]
     found: dict[str, LongRun] = {}
-    rows = []
+    rows: list[Sequence[object]] = []
     for row in lg.methods.table():
         if row.name.startswith(("scipy-", "cvode")):
             continue

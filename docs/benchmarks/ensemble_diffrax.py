@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import diffrax
@@ -46,12 +47,12 @@ def against_diffrax(page: Page, options: Namespace) -> None:
     end, errors = SPANS[case.name], Errors(case, system, y0)
     rows, times = [], {}
     for name, solver in (("Tsit5", diffrax.Tsit5()), ("Dopri8", diffrax.Dopri8())):
-        tolerance, run, error = loosest(lambda tol, s=solver: mapped(system, end, s, tol), y0, errors)
-        times[f"diffrax {name}"] = best({name: lambda run=run: run(y0)}, options.rounds)[name] / len(y0)
+        tolerance, run, error = loosest(partial(mapped, system, end, solver), y0, errors)
+        times[f"diffrax {name}"] = best({name: partial(run, y0)}, options.rounds)[name] / len(y0)
         rows.append((f"diffrax {name}", f"{tolerance:.0e}", f"{error:.1e}", microseconds(times[f"diffrax {name}"])))
     for method in METHODS:
-        tolerance, run, error = loosest(lambda tol, m=method: members(case, system, m, tol), y0, errors)
-        times[method] = best({method: lambda run=run: run(y0)}, options.rounds)[method] / len(y0)
+        tolerance, run, error = loosest(partial(members, case, system, method), y0, errors)
+        times[method] = best({method: partial(run, y0)}, options.rounds)[method] / len(y0)
         rows.append((f"lagrange {method}", f"{tolerance:.0e}", f"{error:.1e}", microseconds(times[method])))
     theirs = min(seconds for name, seconds in times.items() if name.startswith("diffrax"))
     mine = min(times[method] for method in METHODS)

@@ -164,7 +164,7 @@ def sections(page: Page, options: Namespace) -> None:
         "Our own runs take turns among themselves, and the one with an event again with heyoka's: behind runs in its "
         "compact mode short runs of ours took up to twice their time."
     )
-    head = ("system", "tolerance", "steps", "crossings", "heyoka's", "of five", "first ten apart")
+    head: tuple[str, ...] = ("system", "tolerance", "steps", "crossings", "heyoka's", "of five", "first ten apart")
     page.table((*head, "without", "one event", "five events", "heyoka, one event"), rows)
     head = ("system", "tolerance", "one / heyoka's", f"at most {EVENT_BAR:g}", "one / without", f"at most {OWN_BAR:g}")
     page.table((*head, "five / without", f"at most {FIVE_BAR:g}", "one event, ns a step"), ratios)
@@ -241,7 +241,8 @@ def peak() -> float:
 def bounces(page: Page, options: Namespace) -> None:
     """Measure a bouncing ball: each bounce, and a million with their memory."""
     system, floor, period = bouncing_ball()
-    model, rows = system.compile(), []
+    model = system.compile()
+    rows: list[tuple[Any, ...]] = []
     for method in ("taylor", "dop853"):
         count = 10_000
         run = partial(bounce, model, floor, period, count, method=method)

@@ -6,13 +6,16 @@ import ctypes
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from measure import Page, best, shown, verdict
-from native import FLAGS, compiled
+from native import address, compiled, in_turn, kernel, library, pointer
+from numpy.typing import NDArray
 from systems import chain, double_pendulum
 from taylor_systems import CASES, Case, rival
 
@@ -24,67 +27,36 @@ TOLERANCES, SERIES = (1e-9, 1e-15), ("double", "solar")
 SCRIPT = Path(__file__).with_name("exported_calls.mjs")
 
 
-def library(source: Path) -> ctypes.CDLL:
-    """Return an exported C file as a library."""
-    target = source.with_suffix(".so")
-    subprocess.run(["gcc", *FLAGS, "-shared", "-fPIC", "-o", target, source, "-lm"], check=True)
-    return ctypes.CDLL(str(target))
-
-
-def exported(system: lg.System, folder: str, contents: list[str]) -> tuple[ctypes.CDLL, str]:
-    """Return the library of a system's exported C, and the prefix of its functions."""
+def exported(system: lg.System, folder: str, contents: list[str], size: int) -> tuple[Any, NDArray[Any]]:
+    """Return the functions of a system's exported C by name, and the `size` numbers that they read."""
     made = system.export("c", folder, contents)
     source = next(path for path in made.files if path.suffix == ".c")
-    return library(source), f"{source.stem}_"
+    loaded, numbers = library(source, Path(folder)), np.zeros(size)
+    functions = {name: loaded[f"{source.stem}_{name}"] for name in ("prepare", *contents)}
+    functions["prepare"](pointer(system.compile().parameter_array()), pointer(numbers))
+    return functions, numbers
 
 
-class Calls:
-    """Calls of right-hand sides from C, each waiting for the one before."""
-
-    def __init__(self) -> None:
-        self.waiting = compiled("right_side.c").waiting
-        self.kept: list[Any] = []
-
-    def of(self, address: int, p: Any, y: Any) -> Any:
-        """Return a function that calls a right-hand side `CALLS` times."""
-        self.kept += [p, y]
-        where = [ctypes.c_void_p(address), *(ctypes.c_void_p(one.ctypes.data) for one in (p, y))]
-        counts = ctypes.c_int64(len(y)), ctypes.c_int64(CALLS)
-        return lambda: self.waiting(*where, *counts)
-
-
-def address(function: Any) -> int:
-    """Return the address of a function of a library."""
-    return ctypes.cast(function, ctypes.c_void_p).value or 0
-
-
-def rivals(calls: Calls, system: lg.System, quantity: str, folder: str) -> dict[str, Any]:
-    """Return the exported function and the kernel of a quantity, at a state of the system."""
-    loaded, prefix = exported(system, f"{folder}/{quantity}", [quantity])
-    model, n = system.compile(), len(system.coordinates)
-    values = np.ascontiguousarray(model.parameter_array())
-    p, y = np.zeros(10_000), np.linspace(0.3, 1.2, 2 * n)
-    getattr(loaded, f"{prefix}prepare")(ctypes.c_void_p(values.ctypes.data), ctypes.c_void_p(p.ctypes.data))
-    kernel = model.kernel(quantity)
-    calls.kept += [loaded, kernel]
+def rivals(system: lg.System, quantity: str, folder: str) -> dict[str, Callable[[], int]]:
+    """Return calls of the exported function and of the kernel of a quantity, at a state of the system."""
+    functions, numbers = exported(system, f"{folder}/{quantity}", [quantity], 10_000)
+    y = np.linspace(0.3, 1.2, 2 * len(system.coordinates))
     return {
-        "exported C": calls.of(address(getattr(loaded, f"{prefix}{quantity}")), p, y),
-        "our kernel": calls.of(kernel.address, kernel.prepare(values), y),
+        "exported C": in_turn(address(functions[quantity]), numbers, y, CALLS),
+        "our kernel": in_turn(*kernel(system.compile(), quantity), y, CALLS),
     }
 
 
 def right_sides(page: Page, folder: str) -> None:
     """Compare the double pendulum with C by hand, and chains with our kernels."""
-    calls, rows = Calls(), []
-    system = double_pendulum()
-    by_hand, y = compiled("double_pendulum.c"), np.linspace(0.3, 1.2, 4)
-    calls.kept.append(by_hand)
-    hand = calls.of(address(by_hand.by_hand), np.ascontiguousarray(system.compile().parameter_array()), y)
-    times = best({**rivals(calls, system, "accelerations", folder), "C by hand": hand})
+    system, rows = double_pendulum(), []
+    hand = address(compiled("double_pendulum.c").by_hand)
+    by_hand = in_turn(hand, system.compile().parameter_array(), np.linspace(0.3, 1.2, 4), CALLS)
+    times = best({**rivals(system, "accelerations", folder), "C by hand": by_hand})
     ratio = times["exported C"] / times["C by hand"]
     rows.append(["double pendulum, accelerations", *row(times), "C by hand", shown(ratio), verdict(ratio, 1.1)])
     for n in LINKS:
-        times = best(rivals(calls, lg.System(**chain(n)), "rhs", folder))
+        times = best(rivals(lg.System(**chain(n)), "rhs", folder))
         ratio = times["exported C"] / times["our kernel"]
         rows.append([f"{n} links, rhs", *row(times), "our kernel", shown(ratio), verdict(ratio, 1.1)])
     head = ["function", "exported C, ns", "our kernel, ns", "C by hand, ns", "against", "ratio", "at most 1.1"]
@@ -102,12 +74,12 @@ def javascript(page: Page, folder: str) -> None:
     if shutil.which("node") is None:
         page.text("node is not installed here: JavaScript was not measured.")
         return
-    system, calls = double_pendulum(), Calls()
+    system = double_pendulum()
     made = system.export("javascript", folder, ["rhs"])
     y = [repr(float(x)) for x in np.linspace(0.3, 1.2, 4)]
     command = ["node", str(SCRIPT), str(made.files[0].resolve()), "2000000", *y]
     found = [float(subprocess.run(command, check=True, capture_output=True, text=True).stdout) for _ in range(5)]
-    times = best(rivals(calls, system, "rhs", folder))
+    times = best(rivals(system, "rhs", folder))
     c, ratio = times["exported C"] / CALLS * 1e9, min(found) / (times["exported C"] / CALLS * 1e9)
     head = ["double pendulum, rhs", "ns a call", "of C's time", "at most 2"]
     page.table(head, [["C", shown(c), "1", ""], ["JavaScript", shown(min(found)), shown(ratio), verdict(ratio, 2.0)]])
@@ -120,19 +92,17 @@ def series(page: Page, folder: str) -> None:
         if case.name not in SERIES:
             continue
         system = case.system()
-        loaded, prefix = exported(system, f"{folder}/series", ["taylor"])
-        values, p = np.ascontiguousarray(system.compile().parameter_array()), np.zeros(100_000)
-        getattr(loaded, f"{prefix}prepare")(ctypes.c_void_p(values.ctypes.data), ctypes.c_void_p(p.ctypes.data))
+        functions, numbers = exported(system, f"{folder}/series", ["taylor"], 100_000)
         for tolerance in TOLERANCES:
-            run = taylor_run(getattr(loaded, f"{prefix}taylor"), case, p, tolerance)
+            run = taylor_run(functions["taylor"], case, numbers, tolerance)
             flow = lg.flow(system.compile(), method="taylor", rtol=tolerance, atol=tolerance)
             start = np.array(case.start)
             theirs = rival(case, system, "default", tolerance)
             times = best(
                 {
                     "c": run,
-                    "ours": lambda flow=flow, start=start, case=case: flow(start, 0.0, case.t_end),
-                    "heyoka": lambda theirs=theirs, start=start, case=case: theirs.run(start, case.t_end),
+                    "ours": partial(flow, start, 0.0, case.t_end),
+                    "heyoka": partial(theirs.run, start, case.t_end),
                 }
             )
             ratio, other = times["c"] / times["ours"], times["c"] / times["heyoka"]

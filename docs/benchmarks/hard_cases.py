@@ -36,7 +36,7 @@ LONGEST = 60.0
 """Seconds that a run may take."""
 
 PER_BLOCK, BLOCKS = 100_000, 100
-TIGHT = {"rtol": 1e-13, "atol": 1e-16}
+TIGHT: dict[str, Any] = {"rtol": 1e-13, "atol": 1e-16}
 HEAD = ("case", "method", "error against the truth", "time / ms", "remark")
 
 

@@ -102,7 +102,7 @@ def bodies(name: str, masses: tuple[float, ...], places: Any, velocities: Any) -
     """Return point masses in the plane that attract each other, G = 1."""
     points = [lg.coordinates(f"x{i} y{i}") for i in range(len(masses))]
     symbols = lg.parameters(" ".join(f"m{i}" for i in range(len(masses))))
-    initial = {}
+    initial: dict[Any, float] = {}
     for point, place, velocity in zip(points, places, velocities, strict=True):
         initial |= dict(zip(point, place, strict=True))
         initial |= dict(zip((q.dot for q in point), velocity, strict=True))

@@ -6,9 +6,11 @@ python docs/benchmarks/kernels.py
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import heyoka as hy
+import native
 import numpy as np
 from by_hand import PARAMETERS, ByHand
 from equations import from_lagrangian, from_sympy, textbook
@@ -48,8 +50,7 @@ def scalar(page: Page, models: Mapping[str, lg.Model]) -> None:
     hand = ByHand()
     calls = {"C by hand": (hand.address, PARAMETERS)}
     for name, model in models.items():
-        kernel: Any = model.kernel("accelerations")
-        calls[f"lagrange, {name}"] = (kernel.address, kernel.prepare(model.parameter_array()))
+        calls[f"lagrange, {name}"] = native.kernel(model, "accelerations")
     rows = []
     for states, loop, words in (
         (states_of_a_run(4000), "chained", "states of a run, each call waits for the last"),
@@ -84,8 +85,8 @@ def heyoka_calls(system: lg.System, y: NDArray[Any]) -> dict[str, Callable[[], N
     for what, equations in ways.items():
         fixed = hy.cfunc(equations(symbols, numbers), vars=symbols)
         free = hy.cfunc(equations(symbols, [hy.par[i] for i in range(5)]), vars=symbols)
-        calls[f"heyoka, {what}, parameters fixed when compiled"] = lambda f=fixed: f(y, outputs=out)
-        calls[f"heyoka, {what}, parameters given"] = lambda f=free: f(y, pars=columns, outputs=out)
+        calls[f"heyoka, {what}, parameters fixed when compiled"] = partial(fixed, y, outputs=out)
+        calls[f"heyoka, {what}, parameters given"] = partial(free, y, pars=columns, outputs=out)
     return calls
 
 
@@ -97,12 +98,12 @@ def batches(page: Page, models: Mapping[str, lg.Model], batch: int) -> None:
     calls: dict[str, Callable[[], NDArray[Any]]] = heyoka_calls(double_pendulum(), y)
     for name, model in models.items():
         kernel, p = model.kernel("accelerations"), model.parameter_array()
-        calls[f"lagrange, {name}, model.accelerations(q, v)"] = lambda m=model: m.accelerations(q, v)
-        calls[f"lagrange, {name}, kernel(t, y, p)"] = lambda k=kernel, p=p: k(0.0, y, p)
+        calls[f"lagrange, {name}, model.accelerations(q, v)"] = partial(model.accelerations, q, v)
+        calls[f"lagrange, {name}, kernel(t, y, p)"] = partial(kernel, 0.0, y, p)
     fixed = double_pendulum(numbers=True).compile()
-    calls["lagrange, textbook L with numbers, model.accelerations(q, v)"] = lambda: fixed.accelerations(q, v)
+    calls["lagrange, textbook L with numbers, model.accelerations(q, v)"] = partial(fixed.accelerations, q, v)
     reference = double_pendulum().compile("numpy")
-    calls["lagrange, textbook L, numpy target"] = lambda: reference.accelerations(q, v)
+    calls["lagrange, textbook L, numpy target"] = partial(reference.accelerations, q, v)
     _agree({name: np.array(call()) for name, call in calls.items()}, 1e-9)
     times = best(calls)
     rival = min(seconds for name, seconds in times.items() if name.startswith("heyoka"))
@@ -126,8 +127,8 @@ def chains(page: Page) -> None:
         y0 = np.concatenate([np.full(n, 0.5), np.zeros(n)])
         flow = lg.flow(model, method="rk4", step=1e-3)
         runs: dict[str, Callable[[], NDArray[Any]]] = {
-            "run": lambda flow=flow, y0=y0: flow(y0, 0.0, steps * 1e-3),
-            "batch": lambda model=model, q=q: model.accelerations(q, q),
+            "run": partial(flow, y0, 0.0, steps * 1e-3),
+            "batch": partial(model.accelerations, q, q),
         }
         times = best(runs)
         rows.append((n, shown(1e9 * times["run"] / (4 * steps)), shown(1e9 * times["batch"] / BATCH)))

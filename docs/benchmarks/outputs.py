@@ -136,7 +136,7 @@ def at_any_time(page: Page, options: Namespace) -> None:
         bar = next((AT_BARS[k] for k in sorted(AT_BARS) if n <= k), float("inf"))
         for method in options.methods:
             run = partial(lg.integrate, model, (0.0, end), initial, method=method)
-            given = {"step": end / STEPS} if method in EQUAL_STEPS else {"rtol": TOLERANCE}
+            given: dict[str, Any] = {"step": end / STEPS} if method in EQUAL_STEPS else {"rtol": TOLERANCE}
             solution = run(**given)
             if not solution.status.at_end:
                 continue

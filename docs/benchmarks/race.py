@@ -91,7 +91,7 @@ def until(rhs: Callable[[float, Any], list[float]], seconds: float) -> Callable[
     return call
 
 
-def taking_turns(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[str, float]:
+def taking_turns(calls: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
     """Return the processor seconds of one call of each, the least of its turns; long ones have fewer."""
     first = {name: clocked(call, 1) for name, call in calls.items()}
     counts = {name: max(1, math.ceil(LEAST / seconds)) for name, seconds in first.items()}
@@ -108,7 +108,7 @@ def taking_turns(calls: Mapping[str, Callable[[], None]], rounds: int) -> dict[s
     return times
 
 
-def clocked(call: Callable[[], None], count: int) -> float:
+def clocked(call: Callable[[], object], count: int) -> float:
     """Return the processor seconds of one call among so many."""
     begun = thread_time()
     for _ in range(count):

@@ -6,6 +6,7 @@ python docs/benchmarks/rotations.py    (with the packages heyoka and mujoco)
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import heyoka as hy
@@ -113,9 +114,9 @@ def beside_mujoco(page: Page, system: lg.System) -> None:
         model, data = rival(end / steps)
         own = apart(flow(start, 0.0, end)[:4], exact)
         runs: dict[str, Callable[[], Any]] = {
-            "flow": lambda end=end: flow(start, 0.0, end),
-            "run": lambda end=end: system.run(end, rtol=LOOSE),
-            "MuJoCo": lambda steps=steps, model=model, data=data: turned(model, data, steps),
+            "flow": partial(flow, start, 0.0, end),
+            "run": partial(system.run, end, rtol=LOOSE),
+            "MuJoCo": partial(turned, model, data, steps),
         }
         t = best(runs, rounds=7)
         ratios = [t["MuJoCo"] / t[name] for name in ("flow", "run")]

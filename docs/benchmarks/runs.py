@@ -5,6 +5,7 @@ python docs/benchmarks/runs.py
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
@@ -159,18 +160,19 @@ def table_of(page: Page, found: dict[str, Curve]) -> None:
     goals = [10.0**-k for k in (2, 4, 6, 8, 10, 12)]
     rows = []
     for name, curve in found.items():
-        cells = [milliseconds(seconds) if (seconds := _time_for(curve, goal)) else "" for goal in goals]
+        times = [time_for(curve, goal) for goal in goals]
+        cells = ["" if math.isnan(seconds) else milliseconds(seconds) for seconds in times]
         rows.append((f"`{name}`", *cells))
     page.table(("ms for an error of", *(f"{goal:.0e}" for goal in goals)), rows)
 
 
-def _time_for(curve: Curve, goal: float) -> float:
-    """Return the seconds that a method needs for an error, 0.0 where its line does not reach it."""
+def time_for(curve: Curve, goal: float) -> float:
+    """Return the seconds that a method needs for an error, NaN where its line does not reach it."""
     for (t0, e0), (t1, e1) in pairwise(curve):
         if e0 >= goal >= e1 and e0 > e1:
             share = np.log(e0 / goal) / np.log(e0 / e1)
             return float(np.exp(np.log(t0) + share * np.log(t1 / t0)))
-    return 0.0
+    return math.nan
 
 
 def main() -> None:

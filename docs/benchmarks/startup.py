@@ -9,7 +9,8 @@ import resource
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -51,7 +52,7 @@ def _used() -> float:
     return usage.ru_utime + usage.ru_stime
 
 
-def fastest(runs: dict[str, Callable[[], Times]]) -> dict[str, Times]:
+def fastest(runs: Mapping[str, Callable[[], Times]]) -> dict[str, Times]:
     """Return the least of each, the runs taking turns."""
     found: dict[str, list[Times]] = {name: [] for name in runs}
     for _ in range(TIMES):
@@ -65,9 +66,9 @@ def main() -> None:
     page = Page("Starting up", __file__)
     with tempfile.TemporaryDirectory() as folder:
         lines = {f"python -c '{code}'": code for code in (BARE, SYMPY, LAGRANGE, ALL)}
-        runs: dict[str, Callable[[], Times]] = {name: lambda c=code: python(c) for name, code in lines.items()}
-        runs["lagrange --help"] = lambda: command("--help")
-        runs["lagrange run double-pendulum"] = lambda: command("run", "double-pendulum", "--out", folder)
+        runs = {name: partial(python, code) for name, code in lines.items()}
+        runs["lagrange --help"] = partial(command, "--help")
+        runs["lagrange run double-pendulum"] = partial(command, "run", "double-pendulum", "--out", folder)
         times = fastest(runs)
     page.table(
         ("process", "processor, ms", "passed, ms"),

@@ -5,8 +5,6 @@ python docs/benchmarks/steps.py
 
 from __future__ import annotations
 
-import ctypes
-import itertools
 import math
 from collections.abc import Callable
 from functools import partial
@@ -15,9 +13,8 @@ from typing import Any
 import numpy as np
 from equations import lambdified
 from measure import Page, best, milliseconds, shown, verdict
-from native import compiled
-from numpy.typing import NDArray
-from runs import error, reference, start
+from native import in_turn, kernel
+from runs import error, reference, start, time_for
 from scipy.integrate import solve_ivp
 from systems import chain, double_pendulum, henon_heiles
 
@@ -42,25 +39,6 @@ GOAL = 1e-6
 """The error at the end at which methods of the same name are compared."""
 
 
-class RightSide:
-    """A loop in C over evaluations that wait for one another."""
-
-    def __init__(self) -> None:
-        self.waiting = compiled("right_side.c").waiting
-        self.waiting.argtypes = [ctypes.c_void_p] * 3 + [ctypes.c_int64] * 2
-
-    def call(self, model: lg.Model, y0: NDArray[Any]) -> Callable[[], int]:
-        """Return a call of as many evaluations as a run has steps."""
-        kernel: Any = model.kernel("rhs")
-        p = kernel.prepare(model.parameter_array())
-        size = len(y0)
-
-        def call(keep: Any = (p, y0)) -> int:
-            return int(self.waiting(kernel.address, keep[0].ctypes.data, keep[1].ctypes.data, size, STEPS))
-
-        return call
-
-
 def systems() -> dict[str, lg.System]:
     """Return what steps are taken on, by name."""
     scenes = ("pendulum", "kepler", "elastic-pendulum")
@@ -71,10 +49,10 @@ def systems() -> dict[str, lg.System]:
 
 def equal_steps(page: Page) -> None:
     """Measure explicit methods with equal steps against their evaluations."""
-    right_side, lines, worst = RightSide(), [], 0.0
+    lines, worst = [], 0.0
     for name, system in systems().items():
         model, y0 = system.compile(), start(system)
-        runs: dict[str, Callable[[], Any]] = {"": right_side.call(model, y0)}
+        runs: dict[str, Callable[[], Any]] = {"": in_turn(*kernel(model, "rhs"), y0, STEPS)}
         for method in EXPLICIT:
             try:
                 flow = lg.flow(model, method=method, step=H)
@@ -164,15 +142,6 @@ def namesakes(page: Page) -> None:
         'atol. SciPy gets the right-hand side that SymPy lambdifies with `modules="math"`, which is the faster one '
         "for single states."
     )
-
-
-def time_for(curve: list[tuple[float, float]], goal: float) -> float:
-    """Return the seconds for an error, on the line through (seconds, error) from rough to fine, both as logarithms."""
-    for (t0, e0), (t1, e1) in itertools.pairwise(curve):
-        if e0 >= goal >= e1 and e0 > e1:
-            share = math.log(e0 / goal) / math.log(e0 / e1)
-            return t0 * (t1 / t0) ** share
-    raise SystemExit(f"no tolerance gives an error of {goal:g}: {curve}")
 
 
 def main() -> None:

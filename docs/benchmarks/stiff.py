@@ -19,7 +19,7 @@ import numpy as np
 import sksundae
 from equations import from_sympy
 from measure import Page, milliseconds
-from native import compiled, load_sundials
+from native import compiled, kernel, load_sundials
 from numpy.typing import NDArray
 from race import taking_turns
 
@@ -68,10 +68,9 @@ class Native:
         self.run = compiled("cvode.c").run
         self.run.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *([ctypes.c_double] * 3), ctypes.c_void_p]
         size = 2 * model.dimension
-        rhs, jacobian = model.kernel("rhs"), model.kernel("jacobian")
-        self.kept = rhs.prepare(values), jacobian.prepare(values), np.empty((size, size))
-        pointers = (array.ctypes.data for array in self.kept)
-        self.law = _Law(rhs.address, jacobian.address, *pointers, size)
+        (rhs, for_rhs), (jacobian, for_jacobian) = (kernel(model, name, values) for name in ("rhs", "jacobian"))
+        self.kept = for_rhs, for_jacobian, np.empty((size, size))
+        self.law = _Law(rhs, jacobian, *(array.ctypes.data for array in self.kept), size)
         self.steps = ctypes.c_long()
 
     def __call__(self, y0: NDArray[Any], rtol: float, atol: float) -> NDArray[Any]:
@@ -147,12 +146,18 @@ class Case:
     def ours(self, method: str, setting: float) -> None:
         """Add a run of a registered method, unless it fails or takes too long."""
         adaptive = next(row.claims.adaptive for row in lg.methods.table() if row.name == method)
-        options = {"rtol": setting, "atol": setting} if adaptive else {"step": T_END / setting}
+        options: dict[str, Any] = {"rtol": setting, "atol": setting} if adaptive else {"step": T_END / setting}
         initial = dict(zip(("r", "theta"), self.y0[:2].tolist(), strict=True))
         try:
             probe = lg.integrate(
-                *(self.model, (0.0, T_END), initial),
-                **{"method": method, "t_eval": [T_END], "max_wall": LIMIT, "parameters": {"k": self.k}, **options},
+                self.model,
+                (0.0, T_END),
+                initial,
+                parameters={"k": self.k},
+                method=method,
+                t_eval=[T_END],
+                max_wall=LIMIT,
+                **options,
             )
         except lg.StatementError:
             self.lost[method, setting] = "not for it"

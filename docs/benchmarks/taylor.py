@@ -94,7 +94,8 @@ class Cache:
         path = self.folder / f"{name}.npy"
         if not path.exists():
             np.save(path, compute())
-        return np.load(path)
+        states: NDArray[Any] = np.load(path)
+        return states
 
 
 def error(found: Sequence[NDArray[Any]], expected: NDArray[Any]) -> float:

@@ -97,8 +97,8 @@ def cell(scene: str, target: str) -> Cell:
         done = run(made.run_commands, target, folder)
         if done.returncode:
             return Cell(f"{text}; main FAILED: {done.stderr[-200:]}", good=False, ran=True)
-        error = difference(system, done.stdout)
-        return Cell(f"{text}; {error:.0e}", good=error <= TRAJECTORY, ran=True)
+        largest = difference(system, done.stdout)
+        return Cell(f"{text}; {largest:.0e}", good=largest <= TRAJECTORY, ran=True)
 
 
 def missing_tool(target: str, commands: Any) -> str:

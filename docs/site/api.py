@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator
-from enum import EnumMeta
+from enum import Enum
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import lagrange as lg
 
-FUNCTIONS = {
+FUNCTIONS: dict[str, tuple[str, str, *tuple[tuple[str, ...], ...]]] = {
     "state": (
         "Stating a system",
         "The symbols of a statement, and energies of common parts.",
@@ -108,7 +108,7 @@ def first_line(thing: Any) -> str:
 
 def overview(kind: type) -> str:
     """Return a table of the members of a class, each with its line and a link."""
-    if not (names := list(members(kind))) or isinstance(kind, EnumMeta):
+    if not (names := list(members(kind))) or issubclass(kind, Enum):
         return ""
     rows = "".join(
         f"   * - :py:obj:`{name} <lagrange.{kind.__name__}.{name}>`\n     - {escaped(first_line(member(kind, name)))}\n"
@@ -134,7 +134,7 @@ def class_directive(name: str) -> str:
     """Return the directives that document a class with its public members."""
     kind = getattr(lg, name)
     lines = [f".. autoclass:: lagrange.{name}", ""]
-    if isinstance(kind, EnumMeta):
+    if issubclass(kind, Enum):
         lines[1:1] = ["   :no-members:"]
         values = (f'   .. py:attribute:: {one.name}\n      :value: "{one.value}"\n' for one in kind)
         return "\n".join(lines) + "\n" + "\n".join(values) + "\n"

@@ -140,8 +140,8 @@ def elastic(made: Clip, link: Link) -> str:
         ("rotate", [f"{angle:.1f}" for angle in angles]),
         ("scale", [f"{length:.1f} 1" for length in np.hypot(right, down)]),
     ]
-    zigzag = spring(np.zeros(2), np.array([1.0, 0.0]), COIL)
-    zigzag = "M" + "L".join(f"{x:.4g} {y:g}" for x, y in zigzag.T)
+    coil = spring(np.zeros(2), np.array([1.0, 0.0]), COIL)
+    zigzag = "M" + "L".join(f"{x:.4g} {y:g}" for x, y in coil.T)
     shape = f'<path class="rod" vector-effect="non-scaling-stroke" d="{zigzag}"/>'
     moving = still = shape
     for kind, values in reversed(moves):
