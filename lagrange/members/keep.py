@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lagrange.algorithm.members.along import END_SLOPE_AT, RISE, SIGNS, largest_between, lobatto
+from lagrange.algorithm.members.along import SIGNS, lobatto, raised
 from lagrange.algorithm.members.queue import COUNTED
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.machine.model import Model
@@ -226,6 +226,13 @@ def _written(expression: Any, model: Model) -> str:
 STEPS_AT_ONCE = 16384
 """Number of steps whose points are evaluated in one call."""
 
+OVERSHOOT = 2.5
+"""Bound of how far a maximum on a step exceeds its samples, in units of their largest change from one to the next.
+
+`lagrange.algorithm.members.along.raised` takes slopes to be at most twice those from sample to sample, whose distances
+differ from that to the next one by at most a factor of 2.3.
+"""
+
 NONE = np.empty(0)
 """Empty work array for the search of extremes, because the dense output of a run needs no memory for polynomials."""
 
@@ -363,58 +370,15 @@ class _Extremum:
         return float("nan") if self.best == -np.inf else SIGNS[self.reduction.how] * self.best
 
     def add(self, steps: _Steps) -> None:
-        values = steps.values(self.reduction.expression)
-        signed = values * SIGNS[self.reduction.how]
+        values, sign = steps.values(self.reduction.expression), SIGNS[self.reduction.how]
+        signed = values * sign
         self.best = max(self.best, float(np.max(signed, where=signed == signed, initial=-np.inf)))
-        for brackets in self._brackets(steps, values, signed):
-            self._search(steps, *brackets)
-
-    def _brackets(self, steps: _Steps, values: FloatArray, f: FloatArray) -> Iterator[tuple[Any, Any, Any]]:
-        """Yield brackets of maxima that may exceed `best`: steps (k,), fractions (3, k), and values (3, k) at these.
-
-        A bracket is three neighbouring points of a step, of which the middle one has the largest value. `values` are
-        the samples of the expression, and `f` the same times the sign, 1 or -1. The upper bound of a maximum is
-        explained in `lagrange.algorithm.members.along.raised`.
-        """
-        x = np.broadcast_to(lobatto()[0], f.shape)
-        a, b, c = f[:, :-2], f[:, 1:-1], f[:, 2:]
         with np.errstate(all="ignore"):
-            gaps, steep = np.diff(x), np.abs(np.diff(f) / np.diff(x))
-            steepest = 2.0 * np.maximum(steep[:, :-1], steep[:, 1:])
-            bound = np.maximum(a + b + steepest * gaps[:, :-1], b + c + steepest * gaps[:, 1:]) / 2.0
-            high = bound - self.best > RISE * abs(self.best)
-            inner = high & (b >= a) & (b >= c)
-        which, index = np.nonzero(inner)
-        three = index + np.arange(3)[:, None]
-        yield which, x[which, three], values[which, three]
-        yield self._near_end(steps, values, f, np.flatnonzero(high[:, 0] & (a[:, 0] > b[:, 0])), 0)
-        yield self._near_end(steps, values, f, np.flatnonzero(high[:, -1] & (c[:, -1] > b[:, -1])), f.shape[1] - 2)
-
-    def _near_end(
-        self, steps: _Steps, values: FloatArray, f: FloatArray, which: Any, first: int
-    ) -> tuple[Any, Any, Any]:
-        """Return brackets of maxima next to an end of the steps `which`, where the expression rises from the end.
-
-        A bracket is a step, three fractions of it, and the values there: (k,), (3, k), (3, k). The bracket is between
-        two neighbouring sample points, of which the first has the index `first`. `values` are the samples of the
-        expression, and `f` the same times the sign, 1 or -1.
-        """
-        x, near = lobatto()[0], np.full(len(which), END_SLOPE_AT if first == 0 else 1.0 - END_SLOPE_AT)
-        value = steps.inside(self.reduction.expression, which, near) if len(which) else near
-        rises = value * SIGNS[self.reduction.how] >= np.maximum(f[which, first], f[which, first + 1])
-        kept, ends = which[rises], np.ones(int(rises.sum()))
-        points = np.array([x[first] * ends, near[rises], x[first + 1] * ends])
-        return kept, points, np.array([values[kept, first], value[rises], values[kept, first + 1]])
-
-    def _search(self, steps: _Steps, which: Any, points: FloatArray, values: FloatArray) -> None:
-        """Search k brackets for the largest value of the expression times its sign, and update `best`.
-
-        Bracket i is in step `which[i]`, between fractions `points` (3, k) with the values `values` (3, k).
-        """
-        search, sign = called(largest_between.form()), SIGNS[self.reduction.how]
-        for k in range(len(which)):
-            step = partial(self._value, steps, which[k : k + 1]), 0.0, 0.0, 0.0, 0, NONE, NONE, 0
-            self.best = float(search(*step, sign, *points[:, k].tolist(), *values[:, k].tolist(), self.best))
+            reach = np.fmax.reduce(signed, axis=1) + OVERSHOOT * np.fmax.reduce(np.abs(np.diff(signed)), axis=1)
+        search, points = called(raised.form()), lobatto()[0]
+        for k in np.flatnonzero(reach > self.best).tolist():
+            step = partial(self._value, steps, np.array([k])), 0.0, 0.0, 0.0, 0, NONE, NONE, 0
+            self.best = float(search(*step, sign, self.best, values[k], points))
 
     def _value(self, steps: _Steps, which: Any, fraction: float, *_: Any) -> float:
         """Return the value of the expression at a fraction of the step with index `which` (1,)."""
