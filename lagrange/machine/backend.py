@@ -94,7 +94,7 @@ class BoundCall(Protocol):
 
     @property
     def is_final(self) -> bool:
-        """True if the code will not be compiled again."""
+        """True if the code of the procedure will not be compiled again."""
 
     def give(self, **arguments: Any) -> None:
         """Set arguments by name. Arrays and records are not copied. None stands for no array or no function.
@@ -165,7 +165,7 @@ class DensePath(Protocol):
 
     @property
     def degree(self) -> int:
-        """The degree of the polynomials."""
+        """Degree of the polynomials of the steps."""
 
     def polynomial(self) -> BlockPolynomial:
         """Return the callback that writes the polynomials of a block of steps. Raises SingularMassMatrix."""
@@ -271,7 +271,7 @@ class Machine(Protocol):
         """Return a series program that is ready to run."""
 
     def called(self, procedure: Procedure) -> LoadedProcedure:
-        """Load a procedure, once per process."""
+        """Load a procedure and return it, ready to be called. A procedure is loaded once per process."""
 
     def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[LoadedProcedure, Layout]:
         """Return the loop over the steps of a method, and its layout in memory.

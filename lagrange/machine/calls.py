@@ -78,9 +78,9 @@ FEW_ENTRIES = 64
 
 
 def surely_finite(array: FloatArray) -> bool:
-    """Return True if every entry is finite. Return False if an entry is not, or if the sum of a short array overflows.
+    """Return True if every entry is finite. Return False if not, or if the sum of a short array overflows.
 
-    Python adds few entries: NumPy would warn of an overflow, and public functions give no warnings.
+    A short array is added in Python: NumPy would warn of an overflow, and public functions give no warnings.
     """
     if array.size <= FEW_ENTRIES:
         return math.isfinite(sum(array.ravel().tolist()))

@@ -103,9 +103,9 @@ class StepDriver:
             self._call.give(**state.records())
 
     def function(self, state: DriverState) -> StepFunction:
-        """Return the compiled function that takes steps of a state, for another compiled loop.
+        """Return the compiled function that takes steps of a state, which another compiled loop calls.
 
-        After many steps another function replaces it.
+        After many steps the result is another function, with optimized code.
         """
         self._use(state)
         self._budget = None
@@ -120,7 +120,10 @@ class StepDriver:
             self._function = None
 
     def kept(self) -> tuple[Kept, ...]:
-        """Return what each solve by Newton's method keeps from step to step: for the steps, then for the starter."""
+        """Return the data that Newton's method keeps from step to step, for each system of implicit equations.
+
+        The systems of the step come first, then those of the starter, the method of the first steps.
+        """
         layout, starting = self._layout, self._layout.starting
         solves = [(layout, self._work, *pair) for pair in zip(self._newtons, layout.solves, strict=True)]
         if self._starters:
@@ -172,7 +175,7 @@ class SeriesDriver:
             self.use(parameters)
 
     def use(self, parameters: FloatArray) -> None:
-        """Continue the run with other parameters (k + sides,), which end with the sides of switching surfaces."""
+        """Continue the run with other parameters (k + sides,), which end with the signs of switching surfaces."""
         self._parameters, memory, code = parameters, self._memory, self._code
         if self._projection is not None:
             callback = self._machine.callback(self._projection, parameters[: len(parameters) - code.program.sides])
@@ -191,9 +194,10 @@ class SeriesDriver:
         self._numbers[offset : offset + len(numbers)] = numbers
 
     def _point(self, numbers: FloatArray, sizes: Sequence[int]) -> None:
-        """Set the arrays `prepared`, `constants` and `value_numbers` that the loop over steps reads.
+        """Pass parts of the array `numbers` to the loop over steps: `prepared`, `constants` and `value_numbers`.
 
-        They begin in `numbers` one after the other, with the lengths `sizes`.
+        The parts follow one another and have the lengths `sizes`. `prepared` begins with the parameters.
+        `value_numbers` belongs to the event functions.
         """
         begin = 0
         for name, size in zip(("prepared", "constants", "value_numbers"), sizes, strict=False):

@@ -34,16 +34,16 @@ def idle(program: SeriesProgram) -> EventMemory:
 
 @lru_cache(maxsize=64)
 def _tilts(dimension: int) -> FloatArray:
-    """Return factors near 1 (2n + 1,) by which the entries of a state and the time are perturbed."""
+    """Return factors near 1 (2n + 1,) that perturb a state and the time, to estimate the noise of functions."""
     return np.asarray(1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1))
 
 
 @lru_cache(maxsize=64)
 def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
-    """Return the settings of all watched functions as one read-only array, with a block for each setting.
+    """Return the settings of all watched functions, `reactions`, as one read-only array.
 
-    A block has one entry for each function, such as the direction that counts. `reactions` has the settings of each
-    function. After the blocks follow the indices of the entries of the state that resets replace.
+    For each setting, such as the direction that counts, the array has a block with one entry for each function. After
+    the blocks follow the indices of the entries of the state that resets replace.
     """
     rows = [(r.direction, r.terminal, r.first, len(r.entries), int(r.root), int(r.smooth)) for r in reactions]
     settings = [x for block in zip(*rows, strict=True) for x in block]
@@ -93,7 +93,7 @@ class EventMemory:
         self._start = bytes(self.record), self.combinations.copy()
 
     def restart(self) -> None:
-        """Prepare another run: no events, and unknown sides of the surfaces."""
+        """Prepare another run: no events, and unknown signs of the switching surfaces."""
         record, combinations = self._start
         ctypes.memmove(ctypes.addressof(self.record), record, len(record))
         self.combinations[:] = combinations
@@ -105,10 +105,11 @@ class EventMemory:
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def hold(self, sides: FloatArray, size: int) -> int:
-        """Set the sides (signs) of the switching surfaces, 1.0 or -1.0. Return where the numbers for them begin.
+        """Store the sides (signs, 1.0 or -1.0) of the switching surfaces; return where the numbers for them begin.
 
-        These are the numbers of the series that depend on the parameters and the sides. They are one array, with a
-        part of `size` entries for each combination of sides. The result is the index of the first entry of the part.
+        The numbers of a series depend on the parameters and on the sides. The driver has one array for them, with a
+        block of `size` numbers for each combination of sides. The result is the index at which the block of `sides`
+        begins. Sides for which `combination` returns -1 use the first block.
         """
         self.record.combination = self.combination(sides)
         self.record.numbers = (1 + self.record.combination) * size
@@ -128,19 +129,22 @@ class EventMemory:
         return sum(1 << i for i, side in enumerate(sides.tolist()) if side > 0)
 
     def sides_of(self, combination: int) -> FloatArray:
-        """Return the sides, 1.0 or -1.0, for a binary number that `combination` returned."""
+        """Return the signs of switching surfaces, 1.0 or -1.0, for a binary number that `combination` returned."""
         return np.array([1.0 if combination >> i & 1 else -1.0 for i in range(self.surfaces)])
 
     def switched(self) -> list[tuple[int, int]]:
-        """Return the changes of sides since the last call: pairs (row of the run, binary number of the new sides)."""
+        """Return the crossings of switching surfaces since the last call: pairs (row of the run, new signs).
+
+        The signs are a binary number, as `combination` returns it.
+        """
         count, self.record.switches = self.record.switches, 0
         return list(zip(self.switch_rows[:count].tolist(), self.switch_combinations[:count].tolist(), strict=True))
 
     def __getattr__(self, name: str) -> NDArray[np.int64]:
         """Return the part `name` of the array `sides` or `whole_scratch`: an entry for each watched function.
 
-        `PARTS` has the names of the parts. One part has the signs of the functions, another the numbers of their
-        events.
+        `PARTS` has the names of the parts. For example, `signs` has the signs of the functions, and `event_counts`
+        the numbers of their events.
         """
         array, begin = PARTS.get(name, ("", 0))
         if array not in ("sides", "whole_scratch"):
@@ -151,8 +155,8 @@ class EventMemory:
     def zeros_now(self) -> list[tuple[int, int]]:
         """Return the watched functions that are zero at the present state, as pairs (index, direction).
 
-        The direction is 1 or -1 for a change of sign, and 0 for a function that touches zero. The list is empty unless
-        one of the functions changes the motion.
+        The direction is 1 or -1 for a change of sign, and 0 for a function that touches zero. The list is empty
+        unless one of these zeros resets the state, crosses a switching surface, or ends the run.
         """
         return list(zip(*(part[: self.record.due].tolist() for part in (self.due, self.due_directions)), strict=True))
 

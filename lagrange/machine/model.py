@@ -119,10 +119,10 @@ class Model:
         return self._kernels[name]
 
     def law(self, name: str) -> Kernel:
-        """Return the kernel of a quantity that steps evaluate, given by its `name`, such as "rhs".
+        """Return the kernel of a quantity that the steps of methods evaluate, by its name, such as "rhs".
 
-        It is a quantity that `kernel` accepts, or one for steps only. Some of the latter also take the multipliers of
-        the constraints as inputs.
+        The name is one that `kernel` accepts, or that of a quantity for steps alone, such as "constrained". Some of
+        the latter also take the multipliers of the constraints as inputs.
         """
         return self._law(name) if isinstance(name, str) and name in LAW_QUANTITIES else self.kernel(name)
 

@@ -138,7 +138,7 @@ class _PythonPrinter(SourcePrinter):
         self.write(f"{names} = {made}" if names else made)
 
     def named(self, ref: int, kind: Kind) -> str:
-        """Define the result of a call with the id `ref` and its kind, and return the name of its Python variable."""
+        """Record the kind of the value with the id `ref`, a result of a call, and return its name in Python."""
         self.types[ref] = kind
         return self.name(ref)
 
@@ -288,7 +288,7 @@ class PrintedCall:
         self._arguments: dict[str, Any] = dict.fromkeys(code.names, EMPTY)
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments of the procedure by name, and ignore other names. None stands for no array or no function.
+        """Set arguments of the procedure by name, and ignore other names. None means no array or no function.
 
         Arrays and records are not copied.
         """

@@ -152,9 +152,9 @@ class DriverState:
         self.fault, self.kept = None, 0
 
     def restart_series(self) -> None:
-        """Set the record of Taylor steps to the values at the start of a run.
+        """Set the data of Taylor steps, `taylor`, to their values at the start of a run.
 
-        It is for code that reads this record before the driver begins.
+        It is for code that reads these data before the driver begins.
         """
         taylor = self.taylor
         taylor.low, taylor.scale, taylor.next_limit, taylor.limit = 0.0, 1.0, math.inf, math.inf

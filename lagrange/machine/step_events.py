@@ -99,16 +99,16 @@ class StepEventMemory:
         self.keep_start()
 
     def keep_start(self) -> None:
-        """Save copies of the records of the loop, `run` and `review`.
+        """Save copies of the data of the loop, the structures `run` and `review`.
 
         Each later run by the same driver starts from them.
         """
         self._start = bytes(self.run), bytes(self.review)
 
     def restart(self) -> None:
-        """Set the records of the loop, `run` and `review`, to their start, for another run by the same driver.
+        """Set the structures of the loop, `run` and `review`, to their saved start, for another run by the driver.
 
-        There they have no steps and no events.
+        At the start they have no steps and no events.
         """
         for record, start in zip((self.run, self.review), self._start, strict=True):
             ctypes.memmove(ctypes.addressof(record), start, len(start))

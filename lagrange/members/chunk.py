@@ -86,7 +86,7 @@ class Results:
 
     @classmethod
     def empty(cls, members: int, columns: Sequence[Column]) -> Results:
-        """Return results of a number of members in which every column has its value for unwritten rows."""
+        """Return results in which no member has a result yet: every row has the blank value of its column."""
         return cls({column.name: column.empty(members) for column in columns})
 
     def column(self, name: str) -> Any:

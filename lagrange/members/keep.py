@@ -49,7 +49,8 @@ class Column(NamedTuple):
     def dimensions(self) -> tuple[str, ...]:
         """The names of the array's dimensions in a store, after that of the members.
 
-        A column of states is stored as one variable for each entry of the state, so this dimension has no name.
+        A column of states is stored as one variable for each entry of the state. So its dimension of entries has no
+        name.
         """
         if self.name in (STATE, OUTPUTS):
             return (OUTPUT_TIME,) if self.name == OUTPUTS else ()

@@ -90,7 +90,7 @@ class MemberEvents:
 
 @dataclass(frozen=True)
 class MemberTasks:
-    """What the machine code of members does in addition to steps: reductions and events.
+    """Tasks of the machine code of members in addition to steps: reductions and events.
 
     `reductions` of expressions are computed along the steps. `path` is the dense output for reductions and events, or
     None. `varying` is True if each member has its own parameters. `watched` has the event functions, or is None.

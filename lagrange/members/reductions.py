@@ -1,4 +1,7 @@
-"""Names of the reductions, such as "max", of an expression along a run; without numpy, for the command line."""
+"""Names of the reductions of an expression along a run, such as "max".
+
+The command line imports this module, which does not import NumPy.
+"""
 
 from __future__ import annotations
 

@@ -446,7 +446,10 @@ class StoredResults:
         return self._joined(name, partial(self._blocks.row, member=member))
 
     def _joined(self, name: str, read: Callable[..., Any]) -> Any:
-        """Return the results `name`, of one variable or of one for each entry of a state, as `read` returns them."""
+        """Return the results `name` as one array, read by `read(variable, blank=...)`.
+
+        A column of states is stored as one variable for each entry of the state. Other columns are one variable.
+        """
         blank = next(column.blank for column in self._job.columns if column.name == name)
         parts = stored_names(name, self._job.problem.model.layout.names())
         variables = [read(part, blank=blank) for part in parts]

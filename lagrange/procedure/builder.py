@@ -45,7 +45,7 @@ class GivenFunction:
         self._builder, self.ref, self._callee = builder, ref, callee
 
     def __call__(self, *args: Any) -> Any:
-        """Return the result of the call: None, a value, or a tuple of values."""
+        """Add a call of the function to the procedure. Return its results: None, a value, or a tuple of values."""
         return self._builder.call_function(self.ref, self._callee.results, self._callee.parameters, args)
 
 
@@ -390,7 +390,11 @@ class Builder:
     def call_function(
         self, callee: Procedure | int, results: tuple[Kind, ...], types: tuple[Any, ...], args: Any
     ) -> Any:
-        """Call a procedure, or the function parameter with the id `callee`. `types` are those of its parameters."""
+        """Add a call of a procedure, or of the function parameter with the id `callee`, and return its results.
+
+        `results` are the kinds of the results, and `types` the types of the parameters, for the arguments `args`. The
+        call returns None, a value or a tuple of values.
+        """
         if len(args) != len(types):
             raise LagrangeError(f"procedure {self.name}: a call gives {len(args)} arguments for {len(types)}.")
         operands = tuple(

@@ -181,7 +181,7 @@ class Reduce(NamedTuple):
 
 
 class VectorLoad(NamedTuple):
-    """Adjacent entries of an array as a vector, from index `place` on."""
+    """Statement that reads adjacent entries of an array as a vector, from index `place` on."""
 
     ref: int
     vector: Vector
@@ -190,7 +190,7 @@ class VectorLoad(NamedTuple):
 
 
 class Gather(NamedTuple):
-    """Entries of an array at the indices in a vector of wholes. Where the mask is false, the entry is zero."""
+    """Statement that reads entries of an array at the indices in a vector of wholes; zero where the mask is false."""
 
     ref: int
     vector: Vector
@@ -200,7 +200,7 @@ class Gather(NamedTuple):
 
 
 class VectorStore(NamedTuple):
-    """Write a vector to adjacent entries of an array, from index `place` on, where the mask is true.
+    """Statement that writes a vector to adjacent entries of an array, from index `place` on, where the mask is true.
 
     All these entries exist: those where the mask is false may be read and written back unchanged.
     """
@@ -212,7 +212,7 @@ class VectorStore(NamedTuple):
 
 
 class Scatter(NamedTuple):
-    """Write a vector to an array at the indices in a vector of wholes, where the mask is true."""
+    """Statement that writes a vector to an array, at the indices in a vector of wholes, where the mask is true."""
 
     array: int
     places: int
@@ -235,7 +235,7 @@ class ReserveRecord(NamedTuple):
 
 
 class Part(NamedTuple):
-    """The part of an array from index `place` on."""
+    """Statement that defines the part of an array from index `start` on."""
 
     ref: int
     array: int
@@ -243,7 +243,7 @@ class Part(NamedTuple):
 
 
 class Load(NamedTuple):
-    """Read an element of an array."""
+    """Statement that reads an element of an array."""
 
     ref: int
     kind: Kind
@@ -252,7 +252,7 @@ class Load(NamedTuple):
 
 
 class Store(NamedTuple):
-    """Write an element of an array."""
+    """Statement that writes an element of an array."""
 
     array: int
     place: int
@@ -260,7 +260,7 @@ class Store(NamedTuple):
 
 
 class Read(NamedTuple):
-    """Read a field of a record: a number, or a vector if the record has lanes."""
+    """Statement that reads a field of a record: a number, or a vector if the record has lanes."""
 
     ref: int
     kind: Kind
@@ -269,7 +269,7 @@ class Read(NamedTuple):
 
 
 class Write(NamedTuple):
-    """Write a field of a record."""
+    """Statement that writes a field of a record."""
 
     record: int
     field: str
@@ -277,7 +277,7 @@ class Write(NamedTuple):
 
 
 class Declare(NamedTuple):
-    """Declare a variable with its first value, a number or a vector."""
+    """Statement that declares a variable with its first value, a number or a vector."""
 
     ref: int
     kind: Kind | Vector
@@ -285,7 +285,7 @@ class Declare(NamedTuple):
 
 
 class Get(NamedTuple):
-    """Read a variable."""
+    """Statement that reads a variable."""
 
     ref: int
     kind: Kind | Vector
@@ -293,7 +293,7 @@ class Get(NamedTuple):
 
 
 class Set(NamedTuple):
-    """Set a variable."""
+    """Statement that sets a variable."""
 
     variable: int
     value: int
@@ -309,7 +309,7 @@ class When(NamedTuple):
 
 
 class Loop(NamedTuple):
-    """A loop over an index from `start` while it is below `stop`."""
+    """A loop over an index from `start` on, in steps of `step`, while it is below `stop`."""
 
     place: int
     start: int
@@ -382,7 +382,7 @@ class Call(NamedTuple):
 
 
 class Leave(NamedTuple):
-    """Return from the procedure with its results."""
+    """Statement that returns from the procedure with its results."""
 
     values: tuple[int, ...]
 

@@ -37,7 +37,7 @@ class MemberMemory:
 
 
 class MemberVariable(NamedTuple):
-    """A variable of the new procedure.
+    """A variable of the new procedure, which runs all members at once.
 
     `level` is the number of enclosing branches, at its declaration, that only some members take.
     """
@@ -59,7 +59,7 @@ class MemberStatements:
         self.constants: dict[int, float | int | bool] = {}
 
     def new(self, kind: Kind | None = None, *, wide: bool = False) -> int:
-        """Return a new id: for a value of a kind, a vector if `wide`. Without a kind it is for memory."""
+        """Return a new id: of a value of the given kind, a vector if `wide`; or, if `kind` is None, of memory."""
         ref = next(self.unused)
         if kind is not None:
             self.kinds[ref] = kind

@@ -60,10 +60,10 @@ class MemberProcedures:
     def of(self, procedure: Procedure, signature: Signature) -> Procedure:
         """Return the rewritten procedure, which runs all members at once.
 
-        `signature` says which arguments differ between members. The first argument is the mask of the members to run.
-        An argument or result that differs is a vector. An array with own values for each member holds entry i of all
-        members side by side. If the part of each member begins at another index, the vector of these indices follows
-        the array.
+        `signature` says which arguments differ between members. The first parameter of the new procedure is the mask
+        of the members to run. An argument or result that differs is a vector. An array with own values for each
+        member holds entry i of all members side by side. If the part of each member begins at another index, the next
+        parameter is the vector of these indices.
         """
         key = procedure, signature
         if key not in self.known:
@@ -121,7 +121,7 @@ class _Rewriter(Visitor, MemberStatements):
         """The results of members that have left."""
 
     def procedure_in_lanes(self, name: str) -> Procedure:
-        """Return the rewritten procedure, which has the given name."""
+        """Return the procedure, rewritten to run all members at once, under the given name."""
         parameters = [Parameter(self.mask, "mask", self.vector(FLAG))]
         for parameter, share in zip(self.procedure.parameters, self.signature, strict=True):
             parameters += self.parameter(parameter, share)
@@ -195,7 +195,11 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(form.Declare, form.Get, form.Set)
     def variable(self, statement: form.Declare | form.Get | form.Set) -> None:
-        """Rewrite a variable. An assignment uses the mask if fewer members are active than at the declaration."""
+        """Rewrite the declaration, read or assignment of a variable for all members.
+
+        If fewer members are active than at the declaration, an assignment changes only the values of the active
+        members.
+        """
         match statement:
             case form.Declare(ref=ref, value=value):
                 self.variables[ref] = self.declared(self.value(value, wide=self.differs(ref)))
@@ -211,7 +215,7 @@ class _Rewriter(Visitor, MemberStatements):
     # --- statements
 
     def block(self, block: Block) -> None:
-        """Rewrite the statements of a block."""
+        """Add the statements that replace those of a block of the original procedure, for all members."""
         for statement in block:
             self.statement(statement)
 
@@ -229,7 +233,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(form.Let)
     def let(self, let: form.Let) -> None:
-        """Rewrite an operation."""
+        """Rewrite an operation for all members: as an operation on vectors if its result differs between members."""
         if let.op == CONSTANT:
             self.values[let.ref] = self.constant(let.kind, let.data if let.data is not None else 0.0)
             return
@@ -242,7 +246,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(form.SineCosine)
     def angle(self, pair: form.SineCosine) -> None:
-        """Rewrite a sine and a cosine of the same angle."""
+        """Rewrite a sine and a cosine of the same angle for all members: of a vector of angles if these differ."""
         wide = self.differs(pair.sine)
         angle = self.value(pair.angle, wide=wide)
         sine, cosine = (self.new(REAL, wide=wide) for _ in range(2))
@@ -277,7 +281,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(form.Load)
     def load(self, load: form.Load) -> None:
-        """Rewrite the read of an array."""
+        """Rewrite the read of an array element for all members, each of which may read a different element."""
         held, index = self.memory[load.array], self.values[load.place]
         if self.is_anywhere(load.array, load.place):
             ref, indices = self.new(load.kind, wide=True), self.indices(held, index)
@@ -291,7 +295,10 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(form.Store)
     def store(self, store: form.Store) -> None:
-        """Rewrite the write of an array."""
+        """Rewrite the write of an array element: each member in the mask writes its own element.
+
+        Raises LagrangeError if members would write the same element of a shared array.
+        """
         held, index, value = self.memory[store.array], self.values[store.place], self.value(store.value, wide=True)
         if self.is_anywhere(store.array, store.place):
             self.out.append(form.Scatter(held.ref, self.indices(held, index), value, self.mask))
@@ -306,7 +313,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(form.Read, form.Write)
     def field(self, statement: form.Read | form.Write) -> None:
-        """Rewrite the read or write of a record."""
+        """Rewrite the read or write of a field of a record, which is a vector if each member has its own record."""
         held, record = self.memory[statement.record], self.types[statement.record]
         assert isinstance(record, Record)
         kind = record.kind(statement.field)
@@ -323,7 +330,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(form.Reserve, form.ReserveRecord, form.Part)
     def local(self, local: form.Reserve | form.ReserveRecord | form.Part) -> None:
-        """Rewrite the allocation of local memory, or a part of an array."""
+        """Rewrite the allocation of a local array or record, or a part of an array, for all members."""
         ref = self.new()
         match local:
             case form.Reserve(array=array):
@@ -346,7 +353,7 @@ class _Rewriter(Visitor, MemberStatements):
 
     @visits(form.Call)
     def call_in_lanes(self, call: form.Call) -> None:
-        """Rewrite a call."""
+        """Rewrite a call as a call of the rewritten procedure, which runs all members in the mask."""
         callee = call.callee
         assert isinstance(callee, Procedure)
         signature = signature_of(call, self.spread.own, self.spread.apart)

@@ -106,17 +106,23 @@ class SourcePrinter(Visitor, Syntax):
         return name
 
     def put(self, line: str) -> None:
-        """Add a line to the text. Values whose text waits for its use are not printed before it."""
+        """Add a line to the text. Deferred values (expressions to be inserted at their use) are not printed first."""
         if line:
             self.lines.append(self.indent * self.depth + line)
 
     def write(self, line: str) -> None:
-        """Print a statement, after the values whose text waits for its use: the statement might change them."""
+        """Print a statement that may change operands of deferred values, after assignments of these values.
+
+        The expression of a deferred value would otherwise be inserted at its use, which is after the statement.
+        """
         self.settle()
         self.put(line)
 
     def settle(self) -> None:
-        """Print an assignment for every value whose text waits for its use, before its operands may change."""
+        """Print an assignment for every deferred value, before its operands may change.
+
+        The expression of a deferred value would otherwise be inserted at its use.
+        """
         for ref in list(self.waiting):
             _, text = self.texts[ref]
             self.put(self.define(self.name(ref), self.kind(ref), text))

@@ -78,7 +78,7 @@ class Literals:
     finite: Callable[[float], str] = repr
 
     def real(self, value: float) -> str:
-        """Return a double with all its digits."""
+        """Return the text of a double with all its digits; infinity and NaN have their own spelling."""
         if math.isfinite(value):
             return self.finite(value)
         return self.nan if math.isnan(value) else f"{'-' * (value < 0)}{self.infinity}"
@@ -171,7 +171,7 @@ class Syntax(ABC):
 
     @abstractmethod
     def comment(self, text: str) -> str:
-        """Return a comment of one line."""
+        """Return the text as a comment of one line."""
 
     @abstractmethod
     def opening(self, kind: str, *texts: str) -> str:

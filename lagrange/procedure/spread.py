@@ -18,9 +18,9 @@ from lagrange.procedure.visit import defined, operands
 
 
 class Share(NamedTuple):
-    """Whether an argument is the same for all members: `own` is true if it differs between members.
+    """How members share an argument: `own` is true if each member has its own value, false if all have the same.
 
-    An array is `apart` if the part that a member uses begins at another index for each member.
+    An array is also `apart` if the part that a member uses begins at another index for each member.
     """
 
     own: bool

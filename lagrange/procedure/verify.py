@@ -73,7 +73,7 @@ class _Check:
 
     @contextmanager
     def scope(self) -> Iterator[None]:
-        """Context at whose end the definitions made inside are dropped."""
+        """Context manager for a scope: values and variables that are defined in it are unknown after it."""
         known = set(self.known)
         yield
         self.known = known

@@ -28,20 +28,21 @@ HALF = Fraction(1, 2)
 
 
 def local_inputs(equations: Equations) -> dict[str, Sequence[Node]]:
-    """Return the inputs of the program `local` by name: a local state (Q, V), then the start coordinates.
+    """Return the inputs of the program `local` by name: a local state (Q, V), then the coordinates `start`.
 
-    In a local state only quaternions differ from [q, v]: q is Q of length one, and V is the velocity of the
-    quaternion `start` for the same rates of the body.
+    A step integrates a local state about the coordinates `start` at its beginning. Q and V equal q and v except for
+    quaternions: there q is Q / |Q|, and V is the velocity that the quaternion in `start` has for the same angular
+    rates of the body.
     """
     start = [equations.graph.symbol(f"start {i}", Binding.CONFIGURATION) for i in range(len(equations.q))]
     return {**equations.state, "start": start}
 
 
 def local(equations: Equations) -> Named:
-    """Return the nodes of dQ/dt, dV/dt, q and v for a local state (Q, V) about the start of a step, n of each.
+    """Return the nodes of dQ/dt, dV/dt, q and v for a local state (Q, V), n nodes of each.
 
-    Only quaternions differ from [q, v]: q is Q of length one, and v is perpendicular to it. V is the velocity of the
-    quaternion at the start of the step for the same rates of the body.
+    Q and V equal q and v except for quaternions: there q is Q / |Q|, and v is perpendicular to q. V is the velocity
+    that the quaternion at the start of the step has for the same angular rates of the body.
     """
     e, graph, start = equations, equations.graph, local_inputs(equations)["start"]
     rates, coordinates, velocities, known = [*e.rate], [*e.q], [*e.v], {}

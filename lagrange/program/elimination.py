@@ -36,7 +36,7 @@ class Elimination:
 
     @cached_property
     def rows(self) -> tuple[tuple[int, ...], ...]:
-        """Column indices k < i of the nonzero entries in each row i of L, ascending."""
+        """Column indices k < i of the nonzero entries in each row i of the factor L, ascending."""
         columns: list[set[int]] = [set() for _ in range(self.order)]
         for i, j in self.entries:
             if i > j:
@@ -53,7 +53,7 @@ class Elimination:
 
     @cached_property
     def columns(self) -> tuple[tuple[int, ...], ...]:
-        """Row indices i > j of the nonzero entries in each column j of L, ascending."""
+        """Row indices i > j of the nonzero entries in each column j of the factor L, ascending."""
         columns: list[list[int]] = [[] for _ in range(self.order)]
         for i, row in enumerate(self.rows):
             for j in row:
@@ -62,7 +62,7 @@ class Elimination:
 
     @cached_property
     def places(self) -> tuple[tuple[int, int], ...]:
-        """Index pairs of the nonzero entries of L, row by row, with the diagonal."""
+        """Index pairs of the nonzero entries of the factor L, row by row, with the diagonal."""
         return tuple((i, j) for i, row in enumerate(self.rows) for j in (*row, i))
 
     @cached_property

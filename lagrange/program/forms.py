@@ -231,9 +231,9 @@ def _term(node: Node) -> _Term:
 
 
 class _FinishedCoordinates:
-    """The coordinates whose equations are in d'Alembert's form already.
+    """Coordinates whose equations are already in d'Alembert's form: C dY/dt = f - Y dC/dt for terms C Y of momenta.
 
-    Each has its force, the slope of its momentum (the sum of Y dC/dt over terms C Y), and the difference of both.
+    Each has its force f, its slope (the sum of Y dC/dt), and the node of the difference of both.
     """
 
     def __init__(self) -> None:
@@ -241,12 +241,15 @@ class _FinishedCoordinates:
         self._places: dict[tuple[Node, ...], list[int]] = {}
 
     def add(self, force: _Term, slope: _Term, rest: Node) -> None:
-        """Add a coordinate: its force, the slope of its momentum, and the remainder `rest` of their difference."""
+        """Add a coordinate: its force f, its slope (the sum of Y dC/dt), and the node `rest` of f minus the slope."""
         self._places.setdefault(force[0], []).append(len(self._forces))
         self._forces.append((force, slope, rest))
 
     def joined(self, terms: Expansion) -> Expansion:
-        """Return `terms` with the remainder of each finished coordinate in place of its force and slope."""
+        """Return `terms` with f minus the slope of each finished coordinate replaced by the node of this difference.
+
+        f is the force of the coordinate. Its slope is the sum of Y dC/dt over the terms C Y of its momentum.
+        """
         result = dict(terms)
         todo = [index for key in result for index in self._places.get(key, ())]
         heapify(todo)

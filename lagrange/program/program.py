@@ -73,11 +73,11 @@ class ProgramBlock(NamedTuple):
 class Program:
     """A straight-line program.
 
-    The first `hoisted` instructions depend on parameters alone. `shape` is the shape of its result, `outputs` its
-    entries in C order. `inputs` are the blocks of numbers that "state" instructions read, in order. `results` divides
-    the outputs into blocks. `returned` names the results that a call from a step returns in registers; the caller
-    knows the other results already. `solved` is true if results are solutions of a system with the mass matrix: with
-    a zero inertia they are infinite or NaN.
+    The first `hoisted` instructions depend on parameters alone. `shape` is the shape of its result, and `outputs` are
+    the instructions that compute its entries, in C order. `inputs` are the blocks of numbers that "state"
+    instructions read, in order. `results` divides the outputs into blocks. `returned` names the results that a call
+    from a step returns in registers; the caller knows the other results already. `solved` is true if results are
+    solutions of a system with the mass matrix: with a zero inertia they are infinite or NaN.
     """
 
     name: str
@@ -102,7 +102,7 @@ class Program:
 
     @property
     def states(self) -> int:
-        """Total number of entries of the input blocks."""
+        """Total number of entries of the program's input blocks, such as the coordinates and velocities."""
         return sum(block.size for block in self.inputs)
 
     def part(self, name: str) -> tuple[int, ...]:

@@ -78,10 +78,10 @@ class RecurrenceBuilder:
                 self.value(node)
 
     def _pairs(self, order: Sequence[Node]) -> Counter[tuple[Node, Node]]:
-        """Return for each pair of factors the number of products that contain it.
+        """Return for each pair of factors a weight: the number of products that contain it.
 
-        A product of only these two factors counts as many times as there are products, because its series exists
-        already. The same holds for cos(q) and sin(q) times the velocity, which the series of sin(q) and cos(q) need.
+        A product of exactly two factors adds a large weight, because the series of its pair exists already. So do
+        cos(q) and sin(q) times the velocity, which the series of sin(q) and cos(q) need.
         """
         counts: Counter[tuple[Node, Node]] = Counter()
         for node in order:
@@ -102,8 +102,8 @@ class RecurrenceBuilder:
     def add(self, rule: SeriesRule, node: Node | None, constant: Node | None = None) -> int:
         """Return the index of the series value with the given rule; an equal value is reused.
 
-        `node` computes the value at order 0; None for an integral without a start. `constant` is a term of order 0
-        that is not part of the rule: x - 1 and x - 2 are two values.
+        `node` computes the value at order 0, or is None if no rule reads the value at order 0. `constant` is a term
+        of order 0 that is not part of the rule: x - 1 and x - 2 are two values.
         """
         key = rule, constant
         if key not in self.numbers:
@@ -124,7 +124,7 @@ class RecurrenceBuilder:
         return self.values[node]
 
     def constant(self, node: Node | Exact) -> int:
-        """Return the index of a constant in the table of constants."""
+        """Return the index of a constant in the table of constants of the series; a new one is added."""
         node = self.graph.node(node)
         return self.constants.setdefault(node, len(self.constants))
 
@@ -270,9 +270,9 @@ class RecurrenceBuilder:
         self.rules[value] = SeriesRule("integral", (product,), (self.constant(self.graph.sum(((sign, scale),))),))
 
     def integral(self, node: Node, rates: Mapping[Node, Node]) -> None:
-        """Give the symbol `node`, and symbols in its derivative, series values: the integrals of their derivatives.
+        """Add the series value of the symbol `node`: the integral of its derivative, which is in `rates`.
 
-        `rates` maps symbols to their derivatives.
+        `rates` maps symbols to their derivatives. Symbols inside the derivative get series values in the same way.
         """
         waiting = [node]
         reserved: dict[Node, int] = {}
@@ -331,7 +331,7 @@ class RecurrenceBuilder:
 
 
 def known_node(node: Node | None) -> Node:
-    """Return the node that computes a value at order 0, which must not be None."""
+    """Return `node`, which computes a value at order 0. Raises AssertionError if it is None."""
     if node is None:
         raise AssertionError("the value at order 0 of an integral without a start is read")
     return node

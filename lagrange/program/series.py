@@ -233,7 +233,7 @@ class SeriesProgram:
     def watched_degree(self) -> int:
         """Highest power of the state in a watched value, a switching function or an event.
 
-        A series of lower order may not contain the term of this power.
+        A series of lower order may lack the term of this power.
         """
         degrees: list[int] = []
         for op, args, _ in self.rules:
@@ -256,9 +256,11 @@ class SeriesProgram:
 
     @cached_property
     def may_cross(self) -> bool:
-        """True if the radius of convergence must not limit steps, as where two constrained motions cross.
+        """True if the radius of convergence must not limit steps: for constraints without exp, tanh, sinh or cosh.
 
-        Coefficients that grow from below rounding may be noise there.
+        Two motions of a constrained system may cross at a configuration. Near it rounding errors of the constraints
+        make the coefficients grow as if the radius were the time to the crossing. Steps within this radius would
+        never pass it.
         """
         return any(stage.plan.multipliers for stage in self.stages) and not self.hides_growth
 

@@ -28,7 +28,7 @@ NO_OPERATION = (*GIVEN, "component")
 
 
 class Signed(NamedTuple):
-    """The result with the index `ref` in the new program, or its negative."""
+    """A signed result of the simplified program: the result with the index `ref`, or its negative if `negative`."""
 
     ref: int
     negative: bool = False
@@ -39,9 +39,9 @@ Term = tuple[bool, tuple[int, ...]]
 
 
 def simplified(program: Program) -> Program:
-    """Return the program with fewer operations.
+    """Return an equivalent program with fewer operations.
 
-    It is unchanged if none can be saved or if it has more than `LONGEST_PROGRAM` instructions.
+    It is `program` itself if no operation can be saved, or for more than `LONGEST_PROGRAM` instructions.
     """
     if len(program.instructions) > LONGEST_PROGRAM:
         return program
@@ -85,7 +85,10 @@ class _Simplifier:
         return replace(self.program, instructions=instructions, hoisted=hoisted, outputs=refs)
 
     def emit(self, op: str, *args: int, **data: Any) -> int:
-        """Return the index in the new program of an instruction; an equal instruction is reused."""
+        """Return the index of the instruction `op` on the results `args` of the new program; an equal one is reused.
+
+        The new program is the simplified one. `data` has the other fields of the instruction.
+        """
         instruction = Instruction(op, args, **data)
         if instruction not in self.numbers:
             ref = self.numbers[instruction] = len(self.code)
@@ -143,7 +146,7 @@ class _Simplifier:
         return self.plain_of(self.values[ref])
 
     def plain_of(self, value: Signed) -> int:
-        """Return the index of a signed value, with its sign applied."""
+        """Return the index in the new program of a signed value, with its sign applied."""
         if not value.negative:
             return value.ref
         free = self.turned(value.ref, 0)
@@ -218,7 +221,8 @@ class _Simplifier:
     def product(self, factors: Sequence[int]) -> int:
         """Emit the product of `factors`, and return its index.
 
-        Factors of parameters alone come first. Inputs come last, because products differ most in them.
+        Factors that depend on parameters alone come first, and inputs come last. Products that differ only in inputs
+        then share the product of their other factors.
         """
         order = sorted(factors, key=lambda ref: (not self.hoisted[ref], self.code[ref].op == "state", ref))
         made = order[0]

@@ -132,7 +132,7 @@ class Solve:
 
     @property
     def count(self) -> int:
-        """Number of unknown vectors."""
+        """Number of unknown vectors that are solved for."""
         return len(self.residuals)
 
     def reach(self, unknown: int, position: int) -> list[Node]:
@@ -210,7 +210,7 @@ class StepProgram:
 
     @property
     def states(self) -> int:
-        """Number of state vectors."""
+        """Number of vectors of the state: 1 for [q, v], 2 for coordinates and velocities."""
         return LAWS[self.law].states
 
     @cached_property

@@ -27,10 +27,9 @@ SWITCHES = frozenset(("abs", "sign", "min", "max", "less", "less_equal", "equal"
 class Switched:
     """Expressions without switches: `outputs` contain `sides`, a symbol for each switching function in `surfaces`.
 
-    A side is the sign of its function: 1, -1 or 0. `stated` has the surfaces as functions of the state alone, with
-    the switches inside them. `expressions` has the surfaces as in the statement, without the conditions of their
-    branches. `starts` maps each angle that jumps on a surface to its value at order 0, which depends on the side of
-    the surface.
+    A side is the sign of its function: 1, -1 or 0. `expressions` has the same functions as in the statement, with the
+    switches inside them. `stated` has these restricted to the branches in which they are evaluated. `starts` maps
+    each angle that jumps on a surface to its value at order 0, which depends on the side of the surface.
     """
 
     outputs: tuple[Node, ...]
@@ -80,7 +79,7 @@ class _Switches:
         self.starts: dict[Node, Node] = {}
 
     def smooth(self, outputs: Sequence[Node], table: dict[Node, Node]) -> None:
-        """Add the smooth form of each node on which the outputs depend to the `table`, by node."""
+        """Add the form without switches of every node on which the outputs depend to `table`, as {node: form}."""
         for node in reachable(outputs, excluded=table.keys()):
             args = [table[arg] for arg in node.args]
             if node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > Binding.PARAMETER for a in args):
@@ -100,7 +99,10 @@ class _Switches:
         self.starts[angle] = self.graph.call("atan2", side * self.graph.call("abs", y), x)
 
     def condition(self, surface: int) -> Node:
-        """Return the condition under which a surface is watched: "true" if the surface always has a value."""
+        """Return the condition under which the function of switching surface number `surface` has a value.
+
+        It is the condition of the branch that contains the function, or 1 (true) if the function always has a value.
+        """
         limited = self.domains.limited(self.expressions[surface])
         return self.conditions[surface] if limited else self.graph.one
 

@@ -195,9 +195,9 @@ class _Assembly:
     def balance(self, right: Sequence[Node]) -> list[Node]:
         """Return the residuals M a - h - G^T lambda and G a + gamma, with symbols for a and -lambda.
 
-        `right` are the right-hand sides h and -gamma. The residuals are zero along the motion. Their coefficients with
-        the unknowns a and -lambda set to zero are the right-hand sides for the coefficients of these unknowns. The list
-        is empty if `right` is empty.
+        `right` are the right-hand sides h and -gamma; if it is empty, so is the result. The residuals are zero along
+        the motion. Their Taylor coefficients with the unknowns a and -lambda set to zero are the right-hand sides of
+        the linear system for the coefficients of the unknowns.
         """
         graph = self.equations.graph
         return [
@@ -208,8 +208,9 @@ class _Assembly:
     def constrain(self, velocities: Sequence[Node], gradient: Sequence[Node]) -> None:
         """Add the constraints to the linear system that determines the velocities.
 
-        `velocities` are psi, the constraints on velocities, and `gradient` is G by rows. The unknown of each constraint
-        is the integral of -lambda. The integral of G^T times its differential is part of the momenta, and psi = 0.
+        `velocities` are psi, the constraints on velocities, and `gradient` is G by rows. Each constraint adds the
+        equation psi = 0 and an unknown, the integral of -lambda. The integral of G^T over the differential of this
+        unknown is added to the momenta.
         """
         b, n, m = self.builder, len(self.equations.q), len(velocities)
         self.impulses = [b.add(SeriesRule("unknown", (), (n + j,)), None) for j in range(m)]
@@ -225,10 +226,11 @@ class _Assembly:
         self.forces += [None] * m
 
     def spin(self, rate: Node, pull: Node) -> int:
-        """Return the index of the series value rate - 2 * pull * t: minus twice the velocity of a quaternion entry.
+        """Return the index of the series value rate - 2 * pull * t, minus twice the velocity of a quaternion entry.
 
-        `rate` is minus twice the derivative of the entry that follows from the rates of the body. `pull` is the
-        acceleration at the start of the step that removes the change of the quaternion's length.
+        `rate` is minus twice the derivative of the entry, as the angular rates of the body give it. The length of the
+        quaternion may change along the series; `pull` is the acceleration of the entry at the start of the step that
+        removes this change.
         """
         b = self.builder
         pulled = b.add(SeriesRule("integral", (b.add(SeriesRule("constant"), pull, pull),), (b.constant(1),)), None)
@@ -246,9 +248,10 @@ class _Assembly:
         return [(self.unknowns[j], entry) for j, entry in entries.items()] if self.steady else []
 
     def impulse(self, multiplier: int, entry: Node) -> tuple[Node, int]:
-        """Return the integral of an `entry` of G times d(multiplier), as (constant factor, index of a value).
+        """Return the integral of `entry` over d(multiplier), as (constant factor, index of a series value).
 
-        `multiplier` is the index of the value that is the integral of -lambda.
+        `entry` is a node of G, the gradients of the constraints. `multiplier` is the index of the series value that
+        is the integral of -lambda.
         """
         b = self.builder
         if entry.binding <= Binding.PARAMETER:
@@ -312,7 +315,7 @@ class _Assembly:
         return convolutions(self.builder.rules), len(self.builder.rules)
 
     def program(self, name: str) -> SeriesProgram:
-        """Return the finished series program."""
+        """Return the finished series program. `name` begins the names of its programs."""
         e, b = self.equations, self.builder
         outputs = {value for value in (*self.forces, *self.watched) if value is not None}
         outputs |= self.spun.keys()

@@ -114,9 +114,9 @@ def rank_lost(problem: Problem, y: FloatArray, share: float, singular: Singular)
 
 
 def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
-    """Return the message for a run that ends at a state (2n,) where two motions cross.
+    """Return the message for a run that ends at a state (2n,) from which the motion may continue in two ways.
 
-    Errors as small as the tolerance would choose one of them. `dependent` has the constraints that are dependent
+    Errors as small as the tolerance would choose between the two. `dependent` has the constraints that are dependent
     there.
     """
     state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
@@ -130,7 +130,7 @@ def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
 def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, metric: FloatArray) -> bool:
     """Return True if the acceleration at a state y (2n,) is mostly along the direction `null` (n,).
 
-    `metric` (n,) has the weights of the coordinates in lengths of vectors: their inertia.
+    `metric` (n,) are the inertias of the coordinates, which weight them in lengths of vectors.
     """
     try:
         rate = problem.model.kernel("rhs")(t, y, problem.parameter_array)[problem.model.layout.v]
@@ -180,8 +180,8 @@ def until_dependent(
 ) -> Trajectory:
     """Return `run`, cut before the first state after which rounding errors decide its motion.
 
-    There the constraints are dependent. `accepted` has the times (S+1,) and states (S+1, 2n) of the accepted steps.
-    `rtol` is the relative tolerance.
+    At this state the constraints are dependent, and the motion may continue in several ways. `accepted` has the times
+    (S+1,) and states (S+1, 2n) of the accepted steps. `rtol` is the relative tolerance.
     """
     times, states = accepted
     stopped = not run.status.complete and run.status is not Status.STEP_TOO_SMALL

@@ -45,7 +45,7 @@ _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
 class _Prepared(threading.local):
-    """What a flow keeps between its runs in one thread: the driver, its state, and accepted states.
+    """Memory of a flow between its runs in one thread: the driver, its state, and accepted states.
 
     `times` (k,) and `states` (k, 2n) have room for `STEPS_RECORDED` steps.
     """

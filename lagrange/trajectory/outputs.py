@@ -192,10 +192,10 @@ class FollowedSteps:
         self._known = *kept, first + len(times) - keep, ended + len(break_rows), removed + len(parts)
 
     def _finish(self, times: FloatArray, states: FloatArray, *, last: bool) -> int:
-        """Evaluate the states at output times on the smooth piece of motion at the end of the run so far.
+        """Evaluate the states at output times on the last smooth piece of motion of the run so far.
 
-        `times` and `states` are its accepted rows. Return how many of the last rows must be kept. `last` is True if
-        no step follows.
+        `times` and `states` are its accepted rows. Return the number of its last rows that the next call needs.
+        `last` is True if no step follows.
         """
         if last or len(times) < 3:
             return min(1, len(times)) if last else len(times)

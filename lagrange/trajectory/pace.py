@@ -103,11 +103,12 @@ class Pace:
         self._problem, self._tries, self._t = problem, 0, problem.t0
 
     def look(self, state: DriverState, parts: Sequence[Part], result: EventResult) -> EventResult:
-        """Return the end of a run that sticks to a surface, else `result`. Raise the tolerance floors of a slow run.
+        """Return the end of a run that sticks to a switching surface, else `result`.
 
         `result` is the result of the last driver call, and `parts` are the accepted states. Sticking is tested in
         three cases: the run would reach `max_steps` at the pace since the last test; steps become too small; an
-        implicit step of any length did not converge.
+        implicit step of any length did not converge. In a slow run the floors (least absolute tolerances) are raised
+        to rounding noise.
         """
         if result.status is Status.DIVERGED and not result.detail and state.reals[DriverState.RTOL]:
             reach = UNSOLVED_REACH * abs(state.t - float(parts[-1].times[-UNSOLVED_ROWS:][0]))

@@ -63,7 +63,8 @@ def rest_of(
 def _counted(event: Event, count: int) -> Event:
     """Return the event with its `terminal` count reduced by `count`, the number of its occurrences in earlier parts.
 
-    If the terminal count does not change, the event itself is returned, because methods prepare an event object once.
+    If the terminal count does not change, the event itself is returned: a plan is used again only for the same event
+    object.
     """
     limit = max(event.terminal - count, min(event.terminal, 1))
     return event if limit == event.terminal else replace(event, terminal=limit)

@@ -159,8 +159,8 @@ class IdleDriver(NamedTuple):
     """A driver that waits for the next run with its parameters, and the driver `state` that it advanced.
 
     `first` are the `reals` of that state at the start of a run: time, step length, tolerances. `steps` is the number
-    of steps of the last run, which the first driver call of the next run takes at once; 0 if these steps took too
-    long for one call. `memory` is the memory of the watcher of events, or None.
+    of steps that the first driver call of the next run takes. It is the number of steps of the last run, or 0 if
+    these took too long for one call. `memory` is the memory of the watcher of events, or None.
     """
 
     driver: Driver

@@ -281,7 +281,7 @@ class _Run:
     def after_call(self, outcome: Outcome) -> EventResult:
         """Return the result of a driver call that ended early without an event.
 
-        If the driver needs larger floors of the tolerances, raise them; the run then goes on.
+        If the driver needs larger floors (least absolute tolerances), raise them; the run then goes on.
         """
         problem, state = self.problem, self.state
         if outcome is Outcome.PAUSED:
@@ -302,15 +302,16 @@ class _Run:
         return EventResult(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
 
     def slope_ahead(self) -> FloatArray:
-        """Return the right-hand side (2n,) a little ahead of the state of the driver."""
+        """Return the right-hand side (2n,) after a short step from the driver's state along its slope."""
         problem, state = self.problem, self.state
         h = DOMAIN_PROBE * (float(state.reals[DriverState.END]) - problem.t0)
         return slope_ahead(problem.model, state.t, state.y, problem.parameter_array, h)
 
     def ended(self, status: Status, detail: str, sentence: str) -> Trajectory:
-        """Return the trajectory of the run, which ended with a status, a `detail` for its message, and a `sentence`.
+        """Return the trajectory of the run, which ended with `status`.
 
-        Both texts may be empty.
+        `sentence` is its message. If it is empty, the message is made from the status and from `detail`, a sentence
+        on the cause, which may also be empty.
         """
         problem, rows = self.problem, self.rows
         if not sentence:
@@ -342,7 +343,10 @@ class _Run:
         return (Status.SINGULAR, message) if message else (status, detail)
 
     def final_sentence(self, status: Status, cause: str) -> str:
-        """Return the message of a run that ended with `status`. A failed step is repeated to find its cause."""
+        """Return the message of a run that ended with `status`; `cause` is a sentence on the cause, "" if unknown.
+
+        For an unknown cause the failed step is examined, since the equations may have no value near the end.
+        """
         problem, state, tolerances, t, y = self.problem, self.state, self.plan.tolerances, self.state.t, self.state.y
         if status is Status.SUCCESS and not cause:
             return message(status, problem, t, y, self.name)

@@ -53,10 +53,10 @@ Slopes = Callable[[float, FloatArray], FloatArray]
 def first_floors(
     slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, share: float
 ) -> tuple[FloatArray, float]:
-    """Return floors (2n,), the least tolerances, for a solver of another package; and the motion's natural period.
+    """Return the floors (2n,) for a solver of another package, and the natural period of the motion.
 
-    `slopes` is the right-hand side f(t, y). A floor is at least `share` times the size of its entry. `left` is the
-    remaining time of the run, signed.
+    A floor is the least absolute tolerance of an entry: at least `share` times the size of the entry. `slopes` is the
+    right-hand side f(t, y). `left` is the remaining time of the run, signed.
     """
     force_points = [(t + left * k / FORCE_SAMPLES, y) for k in range(FORCE_SAMPLES + 1)]
     sizes, coupled, period = entry_sizes(slopes, layout, t, y, left, force_points)
@@ -87,7 +87,7 @@ def entry_sizes(
     left: float,
     force_points: Sequence[tuple[float, FloatArray]],
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return the sizes (2n,) of a state's entries, the changes (2n,) that other entries cause, and a natural period.
+    """Return the sizes (2n,) of a state's entries, their changes (2n,) due to other entries, and a natural period.
 
     The changes are those during this period. `slopes` is the right-hand side f(t, y). `left` is the remaining time of
     the run, signed. `force_points` are times and states (2n,) at which forces are evaluated.
@@ -156,7 +156,7 @@ class _Response:
     def rate(self, displacement: FloatArray) -> float:
         """Return the fastest rate of the motion near the state; 0 if nothing responds to a displacement (2n,).
 
-        Only entries that are displaced themselves count, because the change of other slopes is rounding at first.
+        Only derivatives of displaced entries count. At first the changes of other derivatives may be rounding.
         """
         displaced, fastest = displacement > 0, np.inf
         for _ in range(RATE_ITERATIONS):
@@ -169,7 +169,7 @@ class _Response:
         return float(np.sqrt(fastest))
 
     def _from_rest(self, response: FloatArray, displacement: FloatArray) -> float:
-        """Return the rate by which accelerations respond to a displacement of coordinates alone.
+        """Return a rate: the largest sqrt(change of acceleration / displacement) of the displaced coordinates.
 
         `response` (2n,) are the changes of the right-hand side due to the `displacement` (2n,).
         """
@@ -300,9 +300,10 @@ REST_HALVINGS = 52
 
 
 def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
-    """Raise the tolerance floors in the `state` of a driver that returned for an estimate of sizes (UNSCALED).
+    """Raise the floors (least absolute tolerances) of a driver that returned with the outcome UNSCALED.
 
-    New floors follow from the sizes of the entries, and from their rounding noise.
+    By this outcome the driver requests an estimate of sizes. The new floors follow from the sizes of the entries of
+    the `state`, and from their rounding noise.
     """
     reals, before = state.reals, state.count(DriverState.SURVEYED)
     t, left, share = state.t, float(reals[DriverState.END]) - state.t, float(reals[DriverState.SHARE])
@@ -339,9 +340,10 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
 
 
 def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> bool:
-    """Raise the tolerance floors in a driver state to rounding noise. Return True if one more than doubled.
+    """Raise the floors (least absolute tolerances) in a driver state to rounding noise.
 
-    Without this, the steps of a chain with one moving link would decrease to resolve the noise of the other links.
+    Return True if one more than doubled. Without this, the steps of a chain with one moving link would decrease to
+    resolve the noise of the other links.
     """
     if not state.reals[DriverState.SHARE] > 0:
         return False

@@ -52,10 +52,11 @@ class ParameterHistory:
 
 
 def segment_numbers(begins: FloatArray, times: FloatArray, *, forward: bool) -> NDArray[np.intp]:
-    """Return the index of the segment at each of some times (K,). `begins` (s,) are the times at which segments begin.
+    """Return the index of the segment at each of some times (K,). `begins` (s,) are the start times of segments.
 
-    A time at which segments begin belongs to the last of these. If `times` has this time twice, the first occurrence
-    belongs to the segment before. `forward` is False for a run backwards in time.
+    A time at which a segment begins belongs to this segment; if several begin there, to the last of them. If `times`
+    has this time twice, the first occurrence belongs to the segment before. `forward` is False for a run backwards in
+    time.
     """
     sign = 1.0 if forward else -1.0
     numbers = np.searchsorted(sign * begins[1:], sign * times, side="right")

@@ -168,14 +168,17 @@ class PolynomialBlock:
 
     @inline
     def with_step(self, step: In, work: Out, out: Out) -> PolynomialBlock:
-        """Return these arguments for the block of steps `step`, without neighbours, with other memory and results."""
+        """Return a copy of the arguments for the block `step`, without neighbours, with other memory."""
         laws = self.law, self.parameters, self.jacobian, self.constants, self.invert
         numbers = self.table, self.stages, self.degree, self.dimension, self.columns
         return PolynomialBlock(*laws, *numbers, step, step, work, out)
 
     @inline
     def lay_out(self, room: Room) -> tuple[tuple[Out, ...], tuple[Out, ...], Out]:
-        """Divide the work memory by `room`: return its vectors, its rows, and the unused memory after them."""
+        """Divide the work memory into vectors and rows. Return these, and the unused memory after them.
+
+        `room` has the numbers of vectors (a state for each column) and of rows (a number for each column).
+        """
         total = self.dimension * self.columns
         first = self.work[total * SPARE.vectors + self.columns * SPARE.rows :]
         vectors = tuple(first[total * k :] for k in unrolled(room.vectors))

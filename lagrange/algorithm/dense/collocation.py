@@ -128,7 +128,11 @@ def linearize(block: PolynomialBlock, step: OwnStep) -> None:
 
 @inline
 def entry(block: PolynomialBlock, matrix: Out, row: int, column: int) -> Out:
-    """Return entry (row, column) of the Newton matrices of all steps. Their inverses follow them in each row."""
+    """Return entry (row, column) of the Newton matrix of each step: an array with one number for each step.
+
+    `matrix` has the matrices of all steps. Each row of a matrix is followed by the row of its inverse. The
+    columns of the inverse are numbered from the order of the matrix on.
+    """
     order = (block.stages - 1) * block.dimension
     return matrix[(row * 2 * order + column) * block.columns :]
 

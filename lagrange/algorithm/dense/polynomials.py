@@ -69,21 +69,21 @@ class Cubic:
 
     @inline
     def value(self, s: float, x: int) -> float:
-        """Return entry x of the cubic at the fraction s of the step."""
+        """Return entry x of the state on Hermite's cubic, at the fraction s of the step."""
         gap, first, last = self.ends(x)
         bend = gap * (1.0 - s * 2.0) + (first * (s - 1.0) + last * s)
         return self.y[x] + (gap * s + bend * (s * (s - 1.0)))
 
     @inline
     def slope(self, s: float, x: int) -> float:
-        """Return entry x of the derivative of the cubic by theta at the fraction s."""
+        """Return the derivative by theta of entry x of Hermite's cubic, at the fraction s of the step."""
         gap, first, last = self.ends(x)
         ends = first * ((1.0 - s) * (1.0 - s * 3.0)) + last * (s * (s * 3.0 - 2.0))
         return gap * (s * 6.0 * (1.0 - s)) + ends
 
     @inline
     def ends(self, x: int) -> tuple[float, float, float]:
-        """Return the change of entry x over the step, and its slopes at both ends."""
+        """Return the change of entry x of the state over the step, and its slopes at both ends of the step."""
         return self.new[x] - self.y[x], self.first[x], self.last[x]
 
 
@@ -279,9 +279,9 @@ def runge_kutta_polynomial(rows: FloatArray, abscissae: FloatArray, weights: Flo
 def runge_kutta(block: PolynomialBlock) -> None:
     """Write the polynomials of a block of steps from the stages of a method.
 
-    The table has the abscissae, the rows, and the weights for each power of theta. The weights add up to theta, so that
-    only differences of slopes from the first slope enter: weights of some hundred then multiply less rounding. If a
-    slope has no value, the step has no path, even if its coefficients are zero.
+    The table has the abscissae, the rows, and the weights for each power of theta. The weights add up to theta,
+    so that slopes enter only by their differences from the first slope: weights of some hundred then amplify
+    less rounding. If a slope has no value, the step has no path, even if its coefficients are zero.
     """
     step = steps_in(block.own, block.dimension, block.columns)
     total, stages, out = block.total, block.stages, block.out

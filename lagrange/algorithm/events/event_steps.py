@@ -237,7 +237,7 @@ class Waiting:
 
     @inline
     def accept(self) -> int:
-        """Append the steps, searched without a change of the motion, to the rows of the run.
+        """Append the steps that were searched to the rows of the run. The motion does not change on them.
 
         Return `GO_ON`, or the driver's outcome if it ends the loop.
         """
@@ -286,8 +286,8 @@ class Waiting:
     def lower_floors(self, kept: int) -> None:
         """Set the floors, the absolute tolerances of a state's entries, for the steps that are kept.
 
-        They are the floors before the steps, raised to a share of the largest magnitude in the first `kept`
-        rows.
+        A floor is the one before these steps or, if that is larger, a fraction of the largest magnitude of the
+        entry in the first `kept` rows.
         """
         share, floors, rows = self.reals[SHARE], self.reals[NUMBERS:], self.row(2)
         for j in range(self.dimension):
@@ -322,7 +322,10 @@ class EventLoop:
 
     @inline
     def path(self, first: int, steps: int) -> Samples:
-        """Return `samples` for the `steps` steps from row `first` on that are not searched for events yet."""
+        """Return the `Samples` of the next `steps` steps, which are not searched for events yet.
+
+        The first of them begins in row `first`.
+        """
         waiting = self.waiting
         run = waiting.times[first:], waiting.row(first)
         return replace(self.samples, dimension=waiting.dimension, times=run[0], states=run[1], steps=steps)
@@ -417,10 +420,10 @@ def go_back(loop: EventLoop) -> None:
 
 @procedure(apart=True, loop=loop_type)
 def reset(loop: EventLoop) -> bool:
-    """Apply the reset of the event that is due, and return True. If it is irregular, only return False.
+    """Apply the reset of the event that changes the motion at the present state, and return True.
 
-    `scratch` has space for the new state, the event functions before and after it, and the results of all
-    resets.
+    Return False if the caller must handle the reset because it is irregular. `scratch` has space for the new
+    state, the event functions before and after the reset, and the results of all resets.
     """
     waiting, n, events = loop.waiting, loop.waiting.dimension, loop.samples.events
     run, event, t, y = waiting.event_run, waiting.event_run.due - 1, waiting.reals[T], waiting.y

@@ -1,18 +1,19 @@
-"""Zeros of an event function that is a polynomial on each step: each root once, in order, with its direction.
+"""Zeros of an event function g that is a polynomial on each step: each root once, in order, with its direction.
 
-The search works like a relay. A sign counts once it exceeds the noise. A crossing is reported by the step in which the
-opposite sign first counts. A touch is reported if g has been within its noise of zero and then has the same sign again.
-So crossings alternate over a whole run, and a root at a joint of two steps is reported once, whatever the rounding on
-its two sides (by the later step, at time 0). If |g| stays above its noise there is no root. Roots between which g stays
-within its noise are one: two of them a touch, three a crossing. The two steps at a joint must agree on g there within
-their noise.
+The search passes the last sign of g from step to step, like a relay. A sign counts once |g| exceeds the noise
+of g. A crossing is reported by the step in which the opposite sign first counts. A touch is reported if g has
+been within its noise of zero and then has the same sign again. So crossings alternate over a whole run, and a
+root at a joint of two steps is reported once, whatever the rounding on its two sides (by the later step, at
+time 0). If |g| stays above its noise there is no root. Roots between which g stays within its noise are one:
+two of them a touch, three a crossing. The two steps at a joint must agree on g there within their noise.
 
-Measured on h = 1: two isolated roots merge when closer than 1e-7 to 2e-7, three at spacings below 2e-5 to 5e-5. Of
-roots distributed over the whole step, double coefficients keep up to 8 apart, 12 in six cases of ten, and never 16. A
-simple root is refined to the rounding error of g divided by its slope.
+Measured on h = 1: two isolated roots merge when closer than 1e-7 to 2e-7, three at spacings below 2e-5 to 5e-5.
+Of roots distributed over the whole step, double coefficients keep up to 8 apart, 12 in six cases of ten, and
+never 16. A simple root is refined to the rounding error of g divided by its slope.
 
-Descartes' rule bounds the number of roots by the signs of the Bernstein coefficients. A part of the step that may have
-more than one root is halved. Source: J. M. Lane, R. F. Riesenfeld, Bounds on a polynomial, BIT 21 (1981), 112-117.
+Descartes' rule bounds the number of roots by the signs of the Bernstein coefficients. A part of the step that
+may have more than one root is halved. Source: J. M. Lane, R. F. Riesenfeld, Bounds on a polynomial, BIT 21
+(1981), 112-117.
 """
 
 from __future__ import annotations

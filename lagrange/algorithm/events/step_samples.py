@@ -205,7 +205,7 @@ class Widths(NamedTuple):
 
     @classmethod
     def of(cls, columns: int) -> Widths:
-        """Return the widths for blocks of `columns` steps."""
+        """Return the numbers of columns in memory for samples of blocks of `columns` steps."""
         return cls((COARSE + 3) * columns, (DEGREE + 1) * columns, (DEGREE // columns + 1) * columns)
 
 
@@ -214,9 +214,10 @@ class Lines:
     """Work memory for samples of event functions: times and states by columns, then arrays for the events.
 
     These arrays have a column for each step. `far` is 1.0 for a step whose cubic cannot exclude events.
-    `missed` and `moved` are the event functions at the starts of steps, at perturbed states: by a small part of
-    the error of the cubic, and of the change of the state over the step. `noise` and `edge_end` are the errors
-    of event functions on a step and at its end. `doubtful` is 1.0 if an event function may be zero on the step.
+    `missed` and `moved` are the event functions at a perturbed start of each step. The state is perturbed by a
+    small part of the error of the cubic for `missed`, and of the state's change over the step for `moved`.
+    `noise` and `edge_end` are the errors of event functions on a step and at its end. `doubtful` is 1.0 if an
+    event function may be zero on the step.
     """
 
     t_end: Out
@@ -298,7 +299,7 @@ class Samples:
 
     @inline
     def block(self) -> OwnStep:
-        """Return the steps of the block."""
+        """Return the steps of the block that is sampled: their times, lengths and states."""
         return steps_in(self.own, self.dimension, self.columns)
 
     @inline
@@ -530,9 +531,9 @@ def edge_noise(value: float, moved: float) -> float:
 def path_noise(values: Reals, moved: float) -> float:
     """Return the error of an event function on a step due to the rounding of the step's dense output.
 
-    `values` are samples of the function. `moved` is its value at the start after a small part of the state's
-    change. The error scales with the change of the state, not of the function: x**2 + v**2 may be constant
-    while x and v change.
+    `values` are samples of the function. `moved` is its value after the state at the start has moved by a small
+    part of its change over the step. The error scales with the change of the state, not of the function: x**2 +
+    v**2 may be constant while x and v change.
     """
     low, high = extent(values)
     spread, gain = high - low, abs(moved - values[0]) * (1.0 / RELATIVE_PERTURBATION)

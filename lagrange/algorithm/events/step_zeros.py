@@ -172,8 +172,9 @@ class ZeroSearch:
     def begin_at_zero(self, step: int) -> bool:
         """Record which event functions are zero at the start of the motion. Return True if one is irregular.
 
-        An event with a reset is regular only if the reset led to that zero. A function with a known sign is
-        treated as at any joint of two steps.
+        An event with a reset is regular only if the reset led to that zero. A function with a known sign is not
+        recorded: its search continues with this sign, as from one step to the next. `step` is the number of the
+        step.
         """
         watch, lines, columns = self.watch, self.lines, self.samples.columns
         starts = watch.review.starts != 0 and step == watch.review.begin
@@ -359,7 +360,7 @@ class ZeroSearch:
 
     @inline
     def counts(self, j: int) -> bool:
-        """Return True if zero number `j` has a direction that counts."""
+        """Return True if the event of zero number `j` counts zeros in the direction of this zero."""
         expected, way = self.watch.direction[self.events[j]], self.directions[j]
         return expected == 0 or expected == way
 

@@ -99,8 +99,8 @@ def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real |
 def satisfied(p: Builder, plan: Elimination, a: Entries, x: Sequence[Real], right: Sequence[Real | None]) -> list[Flag]:
     """Return for each multiplier the flag that the solution x satisfies its row of the system.
 
-    If inertias differ by many digits, pivots may be large and the solution still wrong: the force on a light body is
-    then the difference of two nearly equal forces.
+    If inertias differ by many orders of magnitude, pivots may be large and the solution still wrong: the force
+    on a light body is then the difference of two nearly equal forces.
     """
     flags = []
     for i in plan.negative:

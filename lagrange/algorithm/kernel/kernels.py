@@ -155,10 +155,10 @@ def results_of(quantity: Procedure) -> int:
 
 
 def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
-    """Return the procedure of a quantity with a check: a singular matrix is reported if a divisor is zero.
+    """Return the procedure `quantity` with a check: a zero divisor in its formulas is a singular matrix.
 
-    The divisors are checked if a result is not finite. The formulas of the quantity are simplified and need not
-    compute them; the procedure `entries` does.
+    The divisors are tested only if a result is not finite. They are computed by the procedure `entries`,
+    because the simplified formulas of the quantity need not contain them.
     """
     formulas = replace(quantity, name=f"{quantity.name}_formulas")
     return replace(guarded_quantity.form(formulas=formulas, entries=entries), name=quantity.name, about=quantity.about)

@@ -72,7 +72,10 @@ def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
 
 @inline
 def measure(n: int, a: Readable[float], units: Writable[float], columns: Writable[float]) -> None:
-    """Write the reciprocal size of each row of the matrix a to `units`, and that of each column to `columns`."""
+    """Write scale factors of the rows of the matrix a to `units`, and those of its columns to `columns`.
+
+    A factor is 1 / the largest magnitude. Columns are measured with scaled rows, then rows with scaled columns.
+    """
     stride = row_stride(n)
     for j in each(n, spill=True):
         columns[j] = 1.0
@@ -88,7 +91,7 @@ def measure(n: int, a: Readable[float], units: Writable[float], columns: Writabl
 
 @inline
 def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Readable[float]) -> None:
-    """Write the reciprocal size of each row of the matrix a, with columns scaled by `columns`, to `units`."""
+    """Write 1 / the largest magnitude in each row of the matrix a, columns scaled by `columns`, to `units`."""
     for i in range(n):
         row, largest = a[i * row_stride(n) :], -math.inf
         for j in each(n, unrolled=n <= UNROLLED_ORDER):

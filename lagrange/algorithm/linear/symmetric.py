@@ -76,8 +76,8 @@ def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
     """Factor a symmetric matrix as P A = L U. Return True if it is singular within rounding errors.
 
     a is its lower triangle within the `band`: entry (i, j), i >= j, at j*band + i. `factors` takes
-    `pivoted_size` reals: row scales, exchanged rows, column scales and preferences, n each, then the columns of
-    L and U.
+    `pivoted_size` reals: n row scales, n exchanged rows, n column scales, n factors that make rows of
+    constraints preferred pivots, then the columns of L and U.
     """
     scales, exchanges, units, preferences = factors, factors[n:], factors[2 * n :], factors[3 * n :]
     nothing = scale_rows(n, band, a, scales, exchanges)
@@ -128,9 +128,8 @@ def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float], l
     """Write a scale factor for each row, and the column of the same index, of a symmetric matrix to `scales`.
 
     Return 0 times the sum of the magnitudes of all entries: NaN if one is not finite. Scaled diagonal entries
-    are 1. In a row with a zero diagonal entry the largest entry becomes 1: first among the scaled columns,
-    which scales constraints; then among all, which scales coordinates without inertia. `largest` is work
-    memory.
+    are 1, except in rows with an entry above `INDEFINITE`. Rows with a zero diagonal entry, of constraints or
+    of coordinates without inertia, are scaled by their largest entry. `largest` is work memory.
     """
     for i in range(n):
         inertia = abs(a[i * band + i])
@@ -212,7 +211,7 @@ RESIDUAL = 2.0**-40
 
 
 def least_pivot(negative: Sequence[int]) -> float:
-    """Return the least accepted pivot, relative to the terms of which it is the sum.
+    """Return the smallest pivot that is accepted, as a fraction of the size of the terms that add up to it.
 
     `negative` are the indices of negative pivots, those of multipliers.
     """

@@ -348,8 +348,8 @@ class Reduced:
     """Memory for the largest and least values and means of a member's expressions along its run.
 
     `now` and `ahead` are the values of the expressions at the start and end of the step. For each reduction
-    there are the result so far (`best`), the result with or of this step (`tried`), and the rounding error of
-    the sum (`lost`).
+    there are the result so far (`best`), the extreme with this step or the integral over it (`tried`), and the
+    rounding error of the sum (`lost`).
     """
 
     now: Out

@@ -82,7 +82,7 @@ class OccurrenceArrays:
 
 @dataclass(frozen=True)
 class FirstOccurrences:
-    """The first occurrences of `kept` events of each member, for states of a `dimension`."""
+    """The first occurrences of `kept` different events in each member's run. States have a `dimension`."""
 
     kept: int
     dimension: int
@@ -221,7 +221,7 @@ class MemberMethod(ABC):
 
     @abstractmethod
     def begin(self, job: MemberJob, member: Member) -> None:
-        """Initialize the data that the method keeps of a run."""
+        """Initialize the data that the method stores for the run of `member`, at the start of this run."""
 
     @abstractmethod
     def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:

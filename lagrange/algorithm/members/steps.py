@@ -260,11 +260,11 @@ class StepEventSearch:
     def look(
         self, memory: ReviewMemory, job: Any, member: Any, index: int, step: OwnStep, end: float
     ) -> tuple[int, float, float]:
-        """Search a step for events up to the time `end`. Return an outcome, and where the step ends.
+        """Search a step for events up to the time `end`. Return an outcome, and the end of the step.
 
-        Where it ends is a time and a fraction of the step. The outcome is PAUSED if the run continues. If an
-        event ends the run, the state at that event is in `memory.there`, and the time and the fraction are
-        those of the event. `index` is the number of the member.
+        The outcome is PAUSED if the run continues. The end is given as a time and as a fraction of the step. If
+        an event ends the run, they are those of the event, whose state is in `memory.there`. `index` is the
+        number of the member.
         """
         review, steps, watched = memory.review, member.counts.steps, job.watched
         review.written, review.starts = 0, int(steps == 1)

@@ -37,8 +37,8 @@ class TaylorEvents:
 
     `values` evaluates all of them from a time, a state, and the parameters with all values that depend on them
     alone. `changing` is true if one of them may end the run. `hides_growth` is true if a series may hide
-    growth, so that every step is inspected. `steep` is true if series are compared with the functions at the
-    end of every step, because of powers above the order.
+    growth, so that every step is inspected. `steep` is true if a function has powers above the order of the
+    series. Then the series are compared with the functions at the end of every step.
     """
 
     values: Procedure
@@ -53,8 +53,9 @@ class TaylorEvents:
 class SearchArguments(OccurrenceArrays):
     """Arguments of the search for events on Taylor steps, and the arrays for the results.
 
-    `sizes` are those of the series in memory. `settings` says for each watched function which zeros count and
-    what they do. `tilts` are factors near 1 that multiply the entries of a state to estimate rounding errors.
+    `sizes` describes the memory layout of the series. `settings` says for each watched function which zeros
+    count and what they do. `tilts` are factors near 1 that multiply the entries of a state to estimate rounding
+    errors.
     """
 
     sizes: Sizes

@@ -195,7 +195,7 @@ def differences_of(work: Out, solve: SolveLayout) -> tuple[Writable[float], ...]
 
 @inline
 def extrapolate(order: int, differences: tuple[Writable[float], ...], unknowns: Out, count: int) -> None:
-    """Write the sum of the first `order` backward differences to the unknowns, added from the highest rank on."""
+    """Write the sum of the first `order` backward differences to the unknowns. The highest are added first."""
     for k in reversed(ORDERS):
         if order == k:
             for i in each(count, spill=True, disjoint=True):
@@ -325,10 +325,11 @@ def guess(arguments: Running, t: float, h: float, *, layout: Layout, solve: Solv
 
 @inline
 def weigh_by_tolerance(arguments: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
-    """Set the weight of each unknown: its largest effect on a state at which the law is called, in tolerances.
+    """Set the weight of each unknown: its largest effect on a state, relative to the tolerance of the state.
 
-    The size of an entry of the state is at least its slope times the step, for entries that begin at zero. A
-    multiplier has no tolerance: its weight is 0, and its effect on the velocities counts.
+    The states are those at which the step evaluates the law, such as the right-hand side. The size of an entry
+    of the state is at least its slope times the step, for entries that begin at zero. A multiplier has no
+    tolerance: its weight is 0, and its effect on the velocities counts.
     """
     step, stated, rtol = layout.step, solve.solve, arguments.run.rtol
     reached = [[stated.reach(i, state) for state in unrolled(step.states)] for i in unrolled(stated.count)]
@@ -437,17 +438,17 @@ class MatrixProduct:
 
     @property
     def is_short(self) -> bool:
-        """True if the product is written out."""
+        """True if the product of matrix and vector is written out, without a loop."""
         return bool(self.terms)
 
     @inline
     def entry(self, row: int) -> float:
-        """Return entry `row` of the product."""
+        """Return entry `row` of the product of matrix and vector."""
         return self.short_sum(row) if self.terms else self.long_sum(row)
 
     @inline
     def short_sum(self, row: int) -> float:
-        """Return entry `row` of a product that is written out."""
+        """Return entry `row` of a product of matrix and vector that is written out."""
         even: Any = None
         odd: Any = None
         for column, entry in self.terms[::2]:
@@ -458,7 +459,7 @@ class MatrixProduct:
 
     @inline
     def long_sum(self, row: int) -> float:
-        """Return entry `row` of a product that is not written out."""
+        """Return entry `row` of a product of matrix and vector, computed in loops."""
         length, width, residual = self.solve.length, self.solve.width, self.residual
         stride = self.count * width
         first, second = 0.0, 0.0

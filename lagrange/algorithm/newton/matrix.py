@@ -33,7 +33,8 @@ constraints [[M, G^T], [G, 0]], which has ones on its diagonal for padding multi
 class MatrixCoefficients:
     """The coefficients beta and g of the Newton matrix of a step's equations, by rows (residual, unknown).
 
-    Each is a node: a formula that is evaluated in each step.
+    The matrix has the block beta I + g J for each residual and unknown, where J is the derivative of the law,
+    the function that the step evaluates. Each coefficient is a node: a formula that is evaluated in each step.
     """
 
     def __init__(self, layout: Layout, solve: SolveLayout) -> None:
@@ -71,7 +72,10 @@ class MatrixCoefficients:
 
     @property
     def nodes(self) -> list[Node]:
-        """All coefficients of the matrix, and the law's factors in the residuals, as one list of nodes."""
+        """All coefficients of the matrix, and the factors of the law's results in the residuals, in one list.
+
+        The law is the function that the step evaluates, such as the right-hand side.
+        """
         return [node for nodes in (self.identity, *self.blocks.values(), *self.shares) for node in nodes]
 
 
@@ -144,7 +148,10 @@ def table(vectors: StepVectors, nodes: Sequence[Node]) -> Out:
 
 @dataclass(frozen=True)
 class Matrix:
-    """The matrix of Newton's method, by rows in the work array, and the derivative of the law, by columns."""
+    """The matrix of Newton's method, by rows in the work array, and the derivative of the law, by columns.
+
+    The law is the function that the step evaluates, such as the right-hand side.
+    """
 
     layout: Layout
     solve: SolveLayout
@@ -154,7 +161,10 @@ class Matrix:
 
     @inline
     def line(self, column: int, r: int, s: int) -> In:
-        """Return a column of block (r, s) of the derivative: that of result r by argument s of the law."""
+        """Return a column of block (r, s) of the derivative of the law: that of result r by argument s.
+
+        The law is the function that the step evaluates, such as the right-hand side.
+        """
         length = self.solve.length
         return self.derivative[(column + s * length) * self.layout.rows + r * length :]
 
@@ -165,7 +175,7 @@ class Matrix:
 
     @inline
     def keep(self, row: In, target: Out) -> None:
-        """Copy a part of a row of the matrix to `target`, padded with zeros to whole blocks."""
+        """Copy `row`, a part of a row of the matrix, to `target`, padded with zeros to whole blocks."""
         solve = self.solve
         for a in each(solve.width, spill=True, disjoint=True):
             entry = row[a]

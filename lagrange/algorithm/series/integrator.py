@@ -90,7 +90,7 @@ class TaylorProcedures:
 
     @cached_property
     def packing(self) -> Packing:
-        """The packed series by which orders are chosen."""
+        """The packed series from whose cost the orders are chosen."""
         return pack(self.program, WIDEST_VECTOR)
 
     @cached_property

@@ -128,7 +128,7 @@ class JetBuilder:
         return joined(self.p, [zero if value == ZERO_LANE else (self.origin.get(value), 0) for value in operand.values])
 
     def matrices(self) -> Memory:
-        """Return the memory for matrices, which follows the rows."""
+        """Return the memory for matrices, which follows the rows of Taylor coefficients."""
         return self.rows.at((self.order + 1) * self.layout.width)
 
 
@@ -175,7 +175,7 @@ class LoopJet(JetBuilder):
         return divided(self, x, *self.shares)
 
     def part(self, x: Term) -> Term:
-        """Return x / k, where k is the order."""
+        """Return x / k, where k is the present order of the series."""
         return divided(self, x, self.high, self.low)
 
 
@@ -278,7 +278,7 @@ class WrittenJet(JetBuilder):
             self.end_order()
 
     def end_order(self) -> None:
-        """Write the row of the present order, and return if it is the last order that is asked for."""
+        """Add code that writes the row of the present order and returns if it is the last requested order."""
         self.write()
         if self.lowest <= self.k < self.highest:
             self.p.leave_if(self.order.equals(self.k), self.singular)
@@ -299,7 +299,10 @@ class WrittenJet(JetBuilder):
             self.x[chunk, self.k] = of_width(self.p, coefficient(ChunkAt(self, chunk)), len(chunk.values))
 
     def write(self) -> None:
-        """Write the row of the present order. Zeros are written too, because other runs use the same memory."""
+        """Write the row of Taylor coefficients of the present order to memory.
+
+        Zeros are written too, because other runs use the same memory.
+        """
         index = self.k * self.layout.width
         watched_at = index + self.layout.watched_at
         for chunk in self.packing.state:
@@ -309,19 +312,19 @@ class WrittenJet(JetBuilder):
             put(self.p, self.rows, i, None if watched is None else self.now(Operand((watched,))), 1, 1)
 
     def now(self, operand: Operand) -> Term:
-        """Return the coefficient of an operand at the present order."""
+        """Return the Taylor coefficients of an operand, a vector of series values, at the present order."""
         return self.at(operand, self.k)
 
     def before(self, operand: Operand) -> Term:
-        """Return the coefficient of an operand at the previous order."""
+        """Return the Taylor coefficients of an operand, a vector of series values, at the previous order."""
         return self.at(operand, self.k - 1)
 
     def first(self, operand: Operand) -> Term:
-        """Return the value of an operand at order 0."""
+        """Return an operand, a vector of series values, at order 0."""
         return self.at(operand, 0)
 
     def at(self, operand: Operand, k: int) -> Term:
-        """Return the coefficient of an operand at order k."""
+        """Return the Taylor coefficients of an operand, a vector of series values, at order k."""
         key = operand, k
         if key in self.operands:
             return self.operands[key]
@@ -335,7 +338,7 @@ class WrittenJet(JetBuilder):
         return coefficient
 
     def over(self, operand: Operand) -> Term:
-        """Return the reciprocal of an operand at order 0."""
+        """Return the reciprocals at order 0 of an operand, a vector of series values."""
         if operand not in self.reciprocals:
             first = self.first(operand)
             self.reciprocals[operand] = 1.0 / (self.p.real(0.0) if first is None else first)
@@ -363,7 +366,7 @@ class WrittenJet(JetBuilder):
         return self.scale if self.k == 1 else None
 
     def part(self, x: Term) -> Term:
-        """Return x / k, where k is the order."""
+        """Return x / k, where k is the present order of the series."""
         high, low = reciprocal(self.k)
         return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= HIGHEST_EXACT_ORDER else None)
 
@@ -378,7 +381,7 @@ class WrittenJet(JetBuilder):
         return self.totals[key]
 
     def summed(self, a: Operand, b: Operand) -> Term:
-        """Return the sum of a[j] b[k-j] over 0 < j < k."""
+        """Return the sum of a[j] b[k-j] over 0 < j < k, for Taylor coefficients of two operands at order k."""
         k, p = self.k, self.p
         pairs = sorted(range(1, k), key=lambda j: (max(j, k - j), j))
         if a != b:
@@ -539,7 +542,7 @@ class ByOrderJet(LoopJet):
             put(self.p, self.rows, index, None if operand.ranked else self.at_zero(operand), lanes, lanes)
 
     def write(self) -> None:
-        """Write the row of the present order to memory."""
+        """Write the row of Taylor coefficients of the present order to memory."""
         self.write_state(self.now)
         for operand, index in self.places.items():
             lanes = len(operand.values)
@@ -560,24 +563,24 @@ class ByOrderJet(LoopJet):
             put(self.p, row, index, None if number is None else x(Operand((number,))), 1, 1)
 
     def now(self, operand: Operand) -> Term:
-        """Return the coefficient of an operand at the present order."""
+        """Return the Taylor coefficients of an operand, a vector of series values, at the present order."""
         if operand not in self.operands:
             x = gathered(self.p, self.packing, operand, self.x.__getitem__)
             self.operands[operand] = x * self.rank if operand.ranked and x is not None else x
         return self.operands[operand]
 
     def before(self, operand: Operand) -> Term:
-        """Return the coefficient of an operand at the previous order."""
+        """Return the Taylor coefficients of an operand, a vector of series values, at the previous order."""
         return entries(self.previous, self.places[operand], len(operand.values))
 
     def first(self, operand: Operand) -> Term:
-        """Return the value of an operand at order 0."""
+        """Return an operand, a vector of series values, at order 0."""
         if self.packing.lanes > 1 and operand in self.places:
             return entries(self.rows, self.places[operand], len(operand.values))
         return self.at_zero(operand)
 
     def over(self, operand: Operand) -> Term:
-        """Return the reciprocal of an operand at order 0."""
+        """Return the reciprocals at order 0 of an operand, a vector of series values."""
         return self.reciprocals[operand]
 
     def total(self, chunk: Chunk, number: int) -> Term:

@@ -459,32 +459,32 @@ class ChunkLane(ChunkAt):
         self.i = i
 
     def read(self, array: str, index: int) -> Real:
-        """Return this lane's number of the vector that begins at index `index` of a named local array."""
+        """Return this lane's entry of the vector that begins at index `index` of a named local array."""
         number: Real = self.series.part_of(array, index)[self.i]
         return number
 
     def now(self, number: int) -> Term:
-        """Return argument number `number` of the rule at the present order, in this lane."""
+        """Return argument `number` of the rule at the present order, for the value in this lane."""
         return self.read("now", self.series.image.places[self.operand(number)])
 
     def before(self, number: int) -> Term:
-        """Return argument number `number` of the rule at the previous order, in this lane."""
+        """Return argument `number` of the rule at the previous order, for the value in this lane."""
         return self.read("previous", self.series.image.places[self.operand(number)])
 
     def first(self, number: int) -> Real:
-        """Return argument number `number` of the rule at order 0, in this lane; for OWN the value itself."""
+        """Return argument `number` of the rule at order 0, or for OWN the computed value, in this lane."""
         return self.read("first", self.series.image.places[self.operand(number)])
 
     def total(self, number: int) -> Term:
-        """Return sum number `number` of the rule, over 0 < j < k, in this lane."""
+        """Return the sum with this number that the rule reads, of x[j] y[k-j] over 0 < j < k, in this lane."""
         return self.read("totals", self.series.sums[self.chunk, number])
 
     def over(self, number: int) -> Real:
-        """Return the reciprocal of argument number `number` at order 0; for OWN that of the value itself."""
+        """Return 1 / argument `number` of the rule at order 0, for OWN 1 / the computed value, in this lane."""
         return self.read("reciprocals", self.series.divisors[self.operand(number)])
 
     def constant(self, number: int) -> Real:
-        """Return constant factor `number` of the rule for values that are computed together, in this lane."""
+        """Return the constant factor of the rule with this number, for the value in this lane."""
         known = self.known(number)
         if known is not None:
             return self.p.real(known)
@@ -499,7 +499,7 @@ class ScatteredLane(ChunkLane):
         self.lane = lane
 
     def now(self, number: int) -> Term:
-        """Return argument number `number` of the rule at the present order, in this lane."""
+        """Return argument `number` of the rule at the present order, for the value in this lane."""
         home = self.series.image.homes[self.chunk.args[number].values[self.lane]]
         return self.series.array_of(home)[home]
 
@@ -508,5 +508,5 @@ class ScatteredLane(ChunkLane):
         return self.series.common((self.chunk.coefficients[number][self.lane],))
 
     def constant(self, number: int) -> Real:
-        """Return constant factor `number` of the rule for values that are computed together, in this lane."""
+        """Return the constant factor of the rule with this number, for the value in this lane."""
         return self.series.constants[self.chunk.coefficients[number][self.lane]]

@@ -129,7 +129,7 @@ class SeriesNumbers:
         return value
 
     def systems(self, p: Builder, prepared: Memory) -> Iterator[LinearSystem | None]:
-        """Yield for each linear system the inverse of its matrix if that is constant, else None."""
+        """Yield each linear system with a constant matrix, solved by the stored inverse; else yield None."""
         begin = self.begin + self.inverses
         for stage in self.program.stages:
             if stage.plan.moving:

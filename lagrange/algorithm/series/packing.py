@@ -185,13 +185,13 @@ class Packing:
 
     @cached_property
     def place(self) -> dict[int, tuple[Chunk, int]]:
-        """The chunk and the lane of each value."""
+        """The chunk and the lane of each series value, by the index of the value."""
         chunks = (*self.coordinates, *self.unknowns, *self.computed)
         return {value: (chunk, lane) for chunk in chunks for lane, value in enumerate(chunk.values[: chunk.count])}
 
     @cached_property
     def computed(self) -> tuple[Chunk, ...]:
-        """All chunks (groups of values in one vector) that a rule computes, each once, in this order."""
+        """All chunks (vectors of values) that a rule computes, each once, in the order of evaluation."""
         parts = (part for stage in self.stages for part in (stage.trial, stage.found))
         return tuple(dict.fromkeys(chunk for part in (self.before, *parts) for chunk in part))
 
@@ -374,7 +374,7 @@ class _Packer:
     def canonical(self, rule: SeriesRule) -> SeriesRule:
         """Return a rule with its exchangeable arguments sorted by the order in which they are computed.
 
-        In a product the one that is computed last comes first. In a linear combination it is last.
+        The argument that is computed last comes first in a product, and last in a linear combination.
         """
         if rule.op == "mul":
             return rule._replace(args=tuple(sorted(rule.args, key=lambda i: (self.level[i], self.at(i)), reverse=True)))

@@ -39,19 +39,19 @@ class ChunkAt:
         self.share, self.part = series.share, series.part
 
     def operand(self, number: int) -> Operand:
-        """Return the operand that is argument `number`, or the chunk itself for OWN."""
+        """Return the operand that is argument `number` of the rule; for OWN the values that it computes."""
         return self.chunk.whole if number == OWN else self.chunk.args[number]
 
     def now(self, number: int) -> Term:
-        """Return argument `number` at the present order."""
+        """Return the Taylor coefficients of argument `number` of the rule at the present order."""
         return self.series.now(self.operand(number))
 
     def before(self, number: int) -> Term:
-        """Return argument `number` at the previous order."""
+        """Return the Taylor coefficients of argument `number` of the rule at the previous order."""
         return self.series.before(self.operand(number))
 
     def first(self, number: int) -> Term:
-        """Return argument `number` at order 0, or the chunk itself for OWN."""
+        """Return argument `number` of the rule at order 0; for OWN the values that the rule computes."""
         first = self.series.first(self.operand(number))
         return self.p.real(0.0) if first is None else first
 
@@ -60,7 +60,7 @@ class ChunkAt:
         return self.series.total(self.chunk, number)
 
     def over(self, number: int) -> Term:
-        """Return the reciprocal at order 0 of argument `number`, or of the chunk itself for OWN."""
+        """Return 1 / argument `number` of the rule at order 0; for OWN 1 / the values that it computes."""
         return self.series.over(self.operand(number))
 
     def known(self, number: int) -> float | None:
@@ -332,7 +332,10 @@ class OrderSums:
             self.totals[i] = 0.0
 
     def at(self, k: Whole) -> dict[Pair, Term]:
-        """Return the sums at order k, by pair of factors. Those at order k - 1 must have been computed."""
+        """Return all sums of x[j] y[k-j] over 0 < j < k at an order k, by pair of factors (x, y).
+
+        The sums at order k - 1 must have been computed before.
+        """
         p = self.p
         even = (k - k // 2 * 2).equals(0)
         with p.when(~even & (k > 2)):
@@ -342,7 +345,7 @@ class OrderSums:
         return {pair: total for tile in self.tiles(TILE) for pair, total in self.completed(tile, totals, k, even)}
 
     def tiles(self, size: int) -> Iterator[Sequence[OrderSum]]:
-        """Yield the vectors of sums in tiles of at most `size` vectors."""
+        """Yield the vectors of sums of x[j] y[k-j] in tiles: at most `size` vectors, computed together."""
         tile: list[OrderSum] = []
         for _, group in groupby(self.sums, key=lambda order_sum: order_sum.upper):
             members = list(group)
@@ -357,7 +360,10 @@ class OrderSums:
             yield tile
 
     def sum_two(self, sums: Sequence[OrderSum], k: Whole) -> None:
-        """Write the sums at an odd order k, and those at k + 1 without the products with order k."""
+        """Write the sums of x[j] y[k-j] over 0 < j < k at an odd order k, and most of each sum at order k + 1.
+
+        The products with coefficients of order k are missing in the latter.
+        """
         p = self.p
         first, second = ([p.variable(wide(p, None, order_sum.lanes)) for order_sum in sums] for _ in range(2))
         factors = self.factors(sums, self.row(k - 1))
@@ -376,8 +382,8 @@ class OrderSums:
     def completed(self, sums: Sequence[OrderSum], totals: Memory, k: Whole, even: Flag) -> Iterator[tuple[Pair, Term]]:
         """Yield the sums of a tile at order k, as pairs (factors, sums), read from the memory `totals`.
 
-        At an `even` order the products with order k - 1 are added. The loops run once or not at all: with
-        branches in their place the outer solar system takes 1.08 times as long.
+        At an `even` order the products with order k - 1 are added, in loops of one iteration or none. With
+        branches instead of these loops the outer solar system takes 1.08 times as long.
         """
         p = self.p
         variables = [p.variable(entries(totals, order_sum.place, order_sum.lanes)) for order_sum in sums]

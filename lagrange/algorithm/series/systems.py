@@ -145,7 +145,10 @@ class Diagonal:
         self.vectors: dict[Sequence[int], Term] = {}
 
     def read(self, rows: Rows) -> None:
-        """Gather the reciprocals to vectors; `rows` has the indices of the unknowns by vector and lane."""
+        """Gather the reciprocals of the diagonal entries to vectors, one for each vector of unknowns.
+
+        `rows` has for each vector the indices of its unknowns, by lane.
+        """
         for chunk in rows:
             if chunk not in self.vectors:
                 self.vectors[chunk] = joined(self.p, [(self.reciprocals[row], 0) for row in chunk])
@@ -180,7 +183,10 @@ class Inverse:
         return solution
 
     def read(self, rows: Rows) -> None:
-        """Gather the entries of columns to vectors; `rows` has the unknowns by vector and lane."""
+        """Gather the entries of each column of the inverse to vectors, one for each vector of unknowns.
+
+        `rows` has for each vector the indices of its unknowns, by lane.
+        """
         for chunk in rows:
             for j in range(self.size):
                 if (chunk, j) not in self.columns:

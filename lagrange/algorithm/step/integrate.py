@@ -89,7 +89,10 @@ def is_off_constraints(of: SystemFunctions, t: float, y: Out, p: In, n: int, rel
 
 @inline
 def begin(of: SystemFunctions, y: In, p: In, layout: Layout) -> Running:
-    """Return the arguments of steps that start from the state y, with new memory."""
+    """Return the arguments of the procedures that take steps, with new memory, for a run from the state y.
+
+    `of` are the functions of the system, and `p` their parameters.
+    """
     work, floors = reals(layout.size), reals(layout.dimension)
     work[: layout.dimension] = y[: layout.dimension]
     numbers = None if of.projection is None else p

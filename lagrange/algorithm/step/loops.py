@@ -288,8 +288,9 @@ def size(y: In, floors: In, rtol: float, i: int) -> float:
 def trial_rate(y: In, slope: In, floors: In, rtol: float, coordinate_count: int) -> float:
     """Return the largest rate (1 / time) of the entries of a state; it determines the length of the trial step.
 
-    It follows from the state y and its derivative `slope`, with accelerations alone. The first
-    `coordinate_count` entries of the state are coordinates, the others velocities.
+    A rate is the square root of acceleration / coordinate, or acceleration / velocity if the coordinate is
+    zero. The accelerations are in the derivative `slope` of the state y. The first `coordinate_count` entries
+    of the state are coordinates, the others velocities.
     """
     rate = 0.0
     for i in range(coordinate_count):
@@ -326,7 +327,7 @@ def first_floors(arguments: Running, h: float, longer: float, layout: Layout) ->
 def noise_floors(floors: Out, sensitivity: In, period: float, coordinate_count: int) -> None:
     """Raise floors (absolute tolerances) above the effect of rounding errors of accelerations over a `period`.
 
-    These are accelerations whose terms cancel. `sensitivity` has their changes under a relative change of the
+    Only accelerations whose terms cancel count: `sensitivity` has their changes under a relative change of the
     state, and zero for all others. The first `coordinate_count` floors are those of coordinates.
     """
     for i in range(coordinate_count):
@@ -558,7 +559,7 @@ def project_within_tolerance(
 
 @inline
 def accept(arguments: Running, norm: float, h: float, layout: Layout) -> None:
-    """Store the error norm of the accepted step, and the length h of the next one. Raise the floors."""
+    """Store the error norm of the accepted step and the length h of the next one; raise the tolerances."""
     arguments.run.previous = larger(norm, LEAST_PREVIOUS)
     arguments.run.h = h
     arguments.counts.after_reject = 0

@@ -190,9 +190,9 @@ class Kept:
     """The data of Newton's method for implicit equations with m unknown numbers, read from the work array.
 
     `inverse` (m, m) is the inverse of the derivative of the residuals by the unknowns, for steps of length
-    `step`; if that is 0, the next step builds a new one. `derivative` is the derivative of the law, (results,
-    arguments). `dampers` are the damping matrices, (2n, 2n) each. `weights` (m,) are the weights of corrections
-    in their norm.
+    `step`; if that is 0, the next step builds a new one. `derivative` is that of the law, the function that the
+    step evaluates, (results, arguments). `dampers` are the damping matrices, (2n, 2n) each. `weights` (m,) are
+    the weights of corrections in their norm.
     """
 
     step: float

@@ -100,7 +100,7 @@ class StepVectors:
 
     @inline
     def at(self, vector: int) -> Out:
-        """Return the vector with the number `vector`."""
+        """Return the vector of the step with the number `vector`, a part of the work array."""
         return self.running.work[self.layout.place(vector) :]
 
     @inline
@@ -134,7 +134,10 @@ class StepVectors:
 
     @inline
     def arguments(self, call: LawCall) -> Out:
-        """Write the arguments of a call one after the other, and return the array."""
+        """Write the arguments of a call of the law to the work array, one after the other, and return them.
+
+        The law is the function that the step evaluates, such as the right-hand side.
+        """
         arguments = self.running.work[self.layout.argument :]
         for i, argument in enumerate(call.arguments):
             self.combine(argument, arguments[i * self.layout.length :])
@@ -142,11 +145,11 @@ class StepVectors:
 
     @inline
     def evaluate(self, call: LawCall, registers: Registers = NO_REGISTERS) -> tuple[bool, Registers]:
-        """Evaluate the law of the step in a `call`. Return True if a matrix is singular, and the results.
+        """Evaluate the law in a `call`. Return True if a matrix is singular, and the results.
 
-        The results are also stored in the work array. `registers` are results of earlier calls that are in
-        registers, by vector. The results are returned in the same form if the layout keeps them in registers,
-        otherwise there are none.
+        The law is the function that the step evaluates, such as the right-hand side. The results are also
+        stored in the work array. `registers` are results of earlier calls that are in registers, by vector. The
+        results are returned in the same form if the layout keeps them in registers, otherwise there are none.
         """
         layout, running, law = self.layout, self.running, LAWS[self.layout.step.law]
         time, length = self.numbers[call.time], layout.length
@@ -171,7 +174,10 @@ class StepVectors:
 
     @inline
     def evaluate_all(self, calls: Sequence[LawCall]) -> bool:
-        """Evaluate the law for calls that do not depend on each other. Return True if a matrix is singular."""
+        """Evaluate the law for calls that do not depend on each other. Return True if a matrix is singular.
+
+        The law is the function that the step evaluates, such as the right-hand side.
+        """
         is_singular = False
         for call in calls:
             failed, _ = self.evaluate(call)
@@ -234,7 +240,7 @@ class Terms:
 
     @inline
     def entry(self, i: int) -> float:
-        """Return entry i of the combination."""
+        """Return entry i of the linear combination of vectors."""
         total, high, low = None, None, None
         for vector, factor in self.plain:
             total = plus(total, factor, abs(vector[i]) if self.sizes else vector[i])

@@ -210,9 +210,9 @@ def vanishes(c: In, count: int, s: float, noise: float) -> bool:
 def start_of_series(c: In, count: int, unit: float, tolerance: float, noise: float, margin: float) -> tuple[int, int]:
     """Return the sign of a watched function just after a start, and the order of the term that determines it.
 
-    `c` has the `count` coefficients of its series. The order is 0 if the function is not zero at the start:
-    beyond its `margin` and the rounding of its terms over the time `unit`. It is -1, with sign 0, if all terms
-    are rounding.
+    `c` has the `count` coefficients of its series. The order is 0 if the value at the start exceeds its
+    `margin` plus the rounding of the terms over the time `unit`. It is -1, with sign 0, if all terms are
+    rounding.
     """
     far = reach(c, count, unit, tolerance, noise)
     near = reals(MOST_COEFFICIENTS)
@@ -235,8 +235,8 @@ def start_of_series(c: In, count: int, unit: float, tolerance: float, noise: flo
 def comparable_unit(t: float, scale: float) -> float:
     """Return the time over which terms of a watched function's series are compared, in units of the time scale.
 
-    It is a share of |t|, at most 1. The scale of a polynomial motion is arbitrary. Motions shorter than some
-    spacings of floating-point times cannot be resolved in any case.
+    It is one time scale, or |t| / 64 if that is shorter: the scale of a polynomial motion is arbitrary. Motions
+    shorter than some spacings of floating-point times cannot be resolved in any case.
     """
     return 1.0 if t == 0.0 else larger(smaller(abs(t / scale) * (1.0 / 64), 1.0), 2.0**-40)
 

@@ -260,7 +260,10 @@ def inspected(
 
 @inline
 def move_on(arguments: Arguments, t: float, h: float, final: bool) -> None:
-    """Advance the time t by a step h, with compensation, and save the start of the step; `final` is the last step."""
+    """Advance the time t by a step h, with compensation, and save the start of the step.
+
+    `final` is true for the last step, which ends exactly at the end of the run.
+    """
     run, taylor, held = arguments.run, arguments.taylor, arguments.held
     held.t, held.low, held.scale, held.h = t, taylor.low, taylor.scale, h
     held.unproven = 1
@@ -305,9 +308,10 @@ def taylor_steps(arguments: Arguments, budget: int, *, layout: TaylorLayout) -> 
 
 @inline
 def begin_run(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: Any, layout: TaylorLayout) -> None:
-    """Reset rounding errors, limits and time scale at the start of a run; the scale has its direction.
+    """Reset rounding errors, limits and time scale at the start of a run.
 
-    An inspection for events on the first step, if the caller has asked for it, remains requested.
+    The time scale begins as 1, or as -1 for a run backwards in time. An inspection for events on the first
+    step, if the caller has asked for it, remains requested.
     """
     counts.kept = 1
     low = work[layout.lost :]

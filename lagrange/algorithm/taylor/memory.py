@@ -213,7 +213,7 @@ class TaylorLayout(Offsets):
 
     @cached_property
     def padded(self) -> int:
-        """Length of the state in whole blocks."""
+        """Length of the state, rounded up to whole blocks."""
         return whole_blocks(self.dimension, self.block)
 
     @property
@@ -223,7 +223,7 @@ class TaylorLayout(Offsets):
 
     @property
     def moving(self) -> int:
-        """First entry of the first block that contains velocities."""
+        """Index of the first entry of the first block that contains velocities."""
         return self.dimension // 2 // self.block * self.block
 
     def coefficients(self, work: NDArray[np.float64], order: int) -> NDArray[np.float64]:
@@ -233,7 +233,7 @@ class TaylorLayout(Offsets):
         return np.concatenate([rows[:, : self.dimension], rows[:, watched]], axis=1)
 
     def size(self, order: int) -> int:
-        """Return the length of the work array: twice a state and its rows."""
+        """Return the length of the work array for a series of an `order`: two states and their rows."""
         return 2 * int(self.ahead(order)) + 8
 
     @cached_property

@@ -79,7 +79,7 @@ def put_sides(view: Opened) -> None:
 def just_changed(t: float, watch: Watch) -> bool:
     """Return True if the last reset or surface crossing was just before time t.
 
-    Such changes may accumulate at a time: the caller handles them.
+    Changes may accumulate at a time. Therefore the caller handles a change that follows so soon.
     """
     return not abs(t - watch.changed) > CLOSEST * larger(abs(t), EARLIEST)
 

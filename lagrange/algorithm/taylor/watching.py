@@ -144,8 +144,8 @@ last step, and `due_directions` the directions of these zeros.
 def _begins(array: str, sizes: Mapping[str, int], end: str = "") -> dict[str, tuple[str, int]]:
     """Return where the parts of an array begin, as {part: (array, begin)}.
 
-    `sizes` has the number of entries of each part for each watched function, and `begin` counts in the same
-    unit. `end` names the part after the last one.
+    `sizes` has the number of entries of each part for one watched function. `begin` is the sum of the sizes of
+    all parts before it. `end` names the part after the last one.
     """
     names = (*sizes, end or f"end of {array}")
     return {name: (array, begin) for name, begin in zip(names, accumulate(sizes.values(), initial=0), strict=True)}
@@ -223,7 +223,7 @@ def watched_types() -> dict[str, Stated]:
 class Opened:
     """The watched functions with the parts of their arrays as attributes, such as signs and `noise`.
 
-    A part has an entry, or several, for each watched function. Other attributes are those of `Watched`, but
+    A part has an entry, or several, for each watched function. Other attributes are those of `Watched`, except
     `values`.
     """
 
@@ -293,7 +293,10 @@ def opened(watched: Watched) -> Opened:
 
 @inline
 def restore_sides(watched: Watched, layout: Any) -> None:
-    """Restore the sides before the unproven step, and drop its events."""
+    """Restore the signs of the watched functions before the last step, and drop the events on that step.
+
+    Nothing changes if the defect test has confirmed the step.
+    """
     watch, size = watched.watch, layout.watched * len(SIDES)
     if watch.unproven != 0:
         for i in range(size):

@@ -2,8 +2,9 @@
 
     void polynomial(ptr given, i64 columns, ptr own, ptr beside, ptr work, ptr out)
 
-writes the polynomials of a block of steps in the layout of `POLYNOMIAL`. `given` are addresses and numbers that depend
-on the kind of step. One function evaluates all kinds of polynomials: it calls `polynomial` by its address.
+writes the polynomials of a block of `columns` steps to `out`, in the layout of `POLYNOMIAL`. `own` are the steps of
+the block, `beside` the neighbouring steps, and `work` is working memory. `given` are addresses and numbers that
+depend on the kind of step. One function evaluates all kinds of polynomials: it calls `polynomial` by its address.
 """
 
 from __future__ import annotations

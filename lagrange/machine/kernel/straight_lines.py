@@ -1,9 +1,10 @@
 """Print a program as straight-line Python: on floats for one state, on NumPy rows for blocks of many.
 
-The printed procedures are those of `procedure.kernel`, which LLVM also compiles. `prepare` becomes the outer function,
-whose arguments are the parameters, and the kernel by value the inner function. Names are generated here and literals
-are exact, so no text of a user is run. The source handles regular states only: if Python raises, or a pivot cannot be
-trusted, the caller evaluates the program in another way.
+The text has an outer and an inner function, printed from procedures of `procedure.kernel`, which LLVM also compiles.
+The outer one takes the parameters and computes all values that depend on them alone. It contains the inner one, which
+evaluates the program at a state. Names are generated here and literals are exact, so no text of a user is run. The
+source handles regular states only: if Python raises, or a pivot cannot be trusted, the caller evaluates the program
+in another way.
 """
 
 from __future__ import annotations
@@ -161,9 +162,10 @@ class _Floats(Printer):
 
     @visits(form.Load, form.Store, form.Read, form.Write)
     def memory(self, statement: form.Load | form.Store | form.Read | form.Write) -> None:
-        """Print a read or write of the array of values that depend on parameters alone.
+        """Print the read or write of a value that depends on parameters alone, as a variable of the outer function.
 
-        The outer function sets each value as a variable; the inner function uses this variable.
+        The outer function takes the parameters and sets the variable. The inner function takes the state and reads
+        it.
         """
         assert isinstance(statement, (form.Load, form.Store))
         slot = f"p{self.constants[statement.place]}"
@@ -175,7 +177,10 @@ class _Floats(Printer):
 
     @visits(form.Let)
     def let(self, let: form.Let) -> None:
-        """Print an operation: in the outer function if it depends on parameters alone, else in the inner one."""
+        """Print an operation: in the outer function if it depends on parameters alone, else in the inner one.
+
+        The outer function takes the parameters, and the inner function the time and the state.
+        """
         fixed = all(arg in self.fixed for arg in let.args)
         if fixed:
             self.fixed[let.ref] = None
@@ -192,9 +197,9 @@ class _Floats(Printer):
         self.give(results)
 
     def refuse(self, singular: int, failure: str = "None") -> None:
-        """Print the early return for a pivot that is too small.
+        """Print a return from the function, taken if a pivot is too small.
 
-        `singular` is the flag's id, `failure` the returned value.
+        `singular` is the id of the flag for such a pivot, and `failure` the text of the returned value.
         """
         if singular in self.fixed:
             if singular not in self.constants:

@@ -105,7 +105,7 @@ class CompiledCall:
         self._quick = isinstance(code.module, TieredModule) and not code.module.is_final
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments of the procedure by name, and ignore other names. None stands for no array or no function.
+        """Set arguments of the procedure by name, and ignore other names. None means no array or no function.
 
         Arrays and records are not copied.
         """
@@ -178,8 +178,9 @@ def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
 def _steps(procedure: Procedure) -> str:
     """Return the IR of the function `steps`, of the type `TAKE_STEPS`, by which another compiled loop takes steps.
 
-    The first argument is the address of the words that hold the arguments of the call. The next three are arrays
-    whose addresses are also among the words: so LLVM knows in the caller that the steps change them.
+    The first argument is the address of the words that hold the arguments of the call. The next three are arrays,
+    whose addresses are also among the words. As arguments they tell LLVM, in the caller, that the steps change these
+    arrays.
     """
     e = Emitter()
     indices = {parameter.name: index for index, parameter in enumerate(procedure.parameters)}

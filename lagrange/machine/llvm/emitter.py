@@ -47,7 +47,7 @@ class Emitter:
         return f"{stem}{self.count}"
 
     def value(self, text: str) -> str:
-        """Emit an instruction that has a result, and return the result's name. `text` is the right-hand side."""
+        """Emit the instruction `text`, which has a result, and return the name of the result."""
         if self.accesses >= MOST_ACCESSES and not text.startswith("phi"):
             self.cut()
         name = "%" + self.fresh()

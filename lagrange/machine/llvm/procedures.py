@@ -109,7 +109,11 @@ def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = 
 
 
 def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
-    """Return the IR of a module from that of its functions, with the declarations and attributes that they need."""
+    """Return the IR of a module from the IR of its `functions`.
+
+    `declared` are the declarations of procedures in other modules. Further declarations and attributes that the
+    functions need are added.
+    """
     angles = [angle_function(width) for width in WIDTHS if any(f"@{angle_name(width)}(" in text for text in functions)]
     return "\n".join(
         [declarations(), *declared, *routines_called(functions), *angles, *functions, METADATA, ATTRIBUTES]
@@ -280,7 +284,10 @@ class Printer(Visitor):
         return memory
 
     def passes(self, statement: Statement) -> bool:
-        """Return True if a statement cannot affect the delayed stores, so that they may be printed after it."""
+        """Return True if a statement may be printed before the delayed stores to an array.
+
+        This is so if it does not access the array, or is itself a store to the next entry, which is delayed too.
+        """
         match statement:
             case form.Let() | form.SineCosine():
                 return True

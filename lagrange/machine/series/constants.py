@@ -18,7 +18,7 @@ def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArra
     """Return the constants in the recurrences of a series, and the inverse (n, n) of each of its constant matrices.
 
     The matrices are those of the linear systems that give accelerations and multipliers. An inverse is NaN if a
-    parameter is NaN, as while the side of a switching surface is unknown. Raises SingularMassMatrix.
+    parameter is NaN, for example while the sign of a switching surface is unknown. Raises SingularMassMatrix.
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.constants, 0.0, [0.0] * program.states, list(parameters))

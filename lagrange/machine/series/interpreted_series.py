@@ -76,7 +76,7 @@ class Jet:
 
     @cached_property
     def _with_systems(self) -> Arithmetic:
-        """The arithmetic of the numbers, extended by the solution of linear systems.
+        """The arithmetic of the numbers, with functions that factor matrices and solve linear systems.
 
         These systems give accelerations and multipliers at order 0.
         """
@@ -327,7 +327,7 @@ class NumpySeries(Shared):
         """Return the Taylor coefficients of the motion at the state y + `low`, with order k in row k, times scale**k.
 
         The columns are the state (2n), then the event functions and switching surfaces. `low` (2n,) is a correction
-        below the rounding of y, None for zero. The last of the `parameters` are the sides of surfaces.
+        below the rounding of y, None for zero. The last of the `parameters` are the signs of switching surfaces.
         """
         with np.errstate(all="ignore"):
             coefficients = self._jet(parameters).coefficients(t, y, order, scale, low)

@@ -125,7 +125,7 @@ def refused() -> Iterator[None]:
 
 
 class CompiledJet:
-    """Machine code that computes a Taylor series up to one order. Code for order 0 has loops for every order."""
+    """Machine code that computes a Taylor series up to one order, or, with order 0, up to any order by loops."""
 
     def __init__(self, packing: Packing, order: int) -> None:
         self.program = packing.program

@@ -262,7 +262,10 @@ class Tracer(Names):
         return number
 
     def part(self, owner: Any, lower: Any, upper: Any) -> Any:
-        """Return the part of an array from index `lower` on, or a slice of a tuple."""
+        """Return the part of an array from index `lower` on, or the slice `lower:upper` of a tuple.
+
+        Raises Error for a part of an array with an end `upper`.
+        """
         if not isinstance(owner, Memory):
             return owner[lower:upper]
         if upper is not None:

@@ -108,7 +108,10 @@ class Rewriter:
         """Names of open comprehensions and lambdas."""
 
     def function(self, free: Sequence[str] = ()) -> ast.FunctionDef:
-        """Return the rewritten function, of the tracer, the plain parameters and the variables `free`."""
+        """Return the rewritten function. Its parameters are the tracer, those of the plain function, and `free`.
+
+        `free` are the names of variables of enclosing functions. An inner function has no parameter for the tracer.
+        """
         names = [*([] if self.is_inner else [RECEIVER]), *self.parameters, *free]
         arguments = _arguments([ast.arg(name) for name in names])
         missing = [put(name, told("missing", name)) for name in sorted(self.own) if name not in self.parameters]

@@ -162,9 +162,9 @@ def dependent_passage(
     """Find the first state at which constraints are dependent, so that rounding decides the motion after it.
 
     `times` (S+1,) and `states` (S+1, 2n) are accepted states. Only states at short steps are searched. Returns the
-    index of the last earlier state whose velocities are known to sqrt(rtol), and the dependent constraints, or None.
-    If the run has `stopped`, a state counts only if the motion moved away from it: a run may end where constraints are
-    dependent.
+    index of the last earlier state whose velocities are accurate to sqrt(rtol), and the dependent constraints, or
+    None. If the run has `stopped`, a state counts only if the motion moved away from it: a run may end where
+    constraints are dependent.
     """
     count = len(times) - 1 - FIRST_STEPS
     if count < 2 or not rtol:

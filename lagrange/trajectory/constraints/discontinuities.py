@@ -228,9 +228,10 @@ class _Surface:
         return cls(values / units, sizes / units, rows / lengths[:, None], positions)
 
     def change(self, other: _Surface) -> FloatArray:
-        """Return the changes (p + m, k) from these states to `other` of phi, then of psi or G, relative to terms.
+        """Return the change (p + m, k) of each constraint from these states to the states of `other`.
 
-        For each psi the result is the larger one of its own change and the change of its row of G.
+        The changes of phi come first, then those of psi, relative to the terms of the constraint. If the row of G of
+        a psi changes by more, the result has this change instead.
         """
         signs = np.where((self.rows * other.rows).sum(axis=1) < 0, -1.0, 1.0)
         turned = np.abs(self.rows - signs[:, None] * other.rows).max(axis=1)

@@ -36,8 +36,8 @@ NEAREST = 1e-9
 class Residuals:
     """Residuals of a surface at a point (k,): m values that are zero on the surface, and their gradients (m, k).
 
-    `terms` are the sizes of the terms that cancel in each value. `sizes` are the larger of the terms and of the
-    gradient times the sizes of the entries. Rounding of the entries changes a value by the rounding of its size.
+    `terms` are the sizes of the terms that cancel in each value. `sizes` are the scales of the values, to which
+    rounding is relative: the terms, or the gradient times the entries of the point if this is larger.
     """
 
     values: FloatArray

@@ -54,7 +54,7 @@ class Projection:
     def share(self, y: FloatArray) -> float:
         """Return the largest violation of a constraint at a state (2n,), relative to the size of its residual.
 
-        A size is the larger of the constraint's terms and the change of its value by rounding of the state.
+        This size is the larger of the constraint's terms and its gradient times the size of the state's entries.
         """
         units = units_of(self.metric(y))
         return max(self._at(part, y, units).largest for part in (0, 1))
@@ -85,7 +85,10 @@ class Projection:
         return np.where(alone & (y == 0.0), completed_state, y)
 
     def solved_for(self, rows: Sequence[int], y: FloatArray) -> FloatArray | None:
-        """Return a state with the entries `rows` computed from all others; None if the others do not determine them."""
+        """Return a state with the entries `rows` computed from all others; None if that is impossible.
+
+        The constraints and the equations of coordinates without inertia determine the entries.
+        """
         fixed = [row for row in range(len(y)) if row not in rows]
         return Projection(self.model, self.t, self.parameters, fixed).reached(y)
 

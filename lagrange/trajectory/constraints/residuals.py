@@ -174,8 +174,9 @@ def _residuals(
 ) -> Residuals:
     """Return `Residuals` of `values` (m,) with their gradients `rows` (m, k) and `terms` (m,); compute their sizes.
 
-    A size is the larger of the terms of a value and of its change if the `entries` (k,) of the state change by
-    rounding. Entries times `units` (k,) are comparable: each may be wrong by the rounding of the largest.
+    The size of a value is the larger of its terms and its gradient times the size of the `entries` (k,) of the state.
+    For this all entries count as equally large after multiplication by their scales `units` (k,): as large as the
+    largest product.
     """
     largest = np.abs(units * entries).max(initial=0.0)
     # A gradient that is not finite is refused later, in a message with the constraint's name.

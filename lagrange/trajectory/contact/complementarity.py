@@ -124,11 +124,11 @@ def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArr
 
 
 def _displaces(balance: Balance, other: Balance, contacts: Sequence[Friction]) -> bool:
-    """Return True if surfaces that stick in solution `balance` and slide in `other` must stay at rest.
+    """Return True if solution `balance` excludes `other`, where a surface slides that a force could hold at rest.
 
-    By Coulomb's law a surface at rest slides only if no force in its cone holds it. All surfaces that stick in `other`
-    must stick in `balance`. Any other difference, such as a contact that opens, must follow from the slip: kinetic
-    friction could not hold what static friction holds.
+    By Coulomb's law a surface at rest slides only if no force in its friction cone holds it. All surfaces that stick
+    in `other` must stick in `balance`. Any other difference, such as a contact that opens, must follow from the slip:
+    kinetic friction could not exert the force that holds a surface.
     """
     if any(b == STICKING != a for a, b in zip(balance.states, other.states, strict=True)):
         return False
@@ -281,10 +281,11 @@ def least_solution(square: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def _by_pivoting(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> Balance | None:
-    """Return a solution by Lemke's method, or None. The cone of friction in a plane becomes a pyramid with four sides.
+    """Return a solution by Lemke's method, or None.
 
-    A contact that slides along `way` has its friction force in its column. Another contact has one unknown for each
-    side of its pyramid, and the sliding speed as a multiplier, as in Stewart and Trinkle.
+    The cone of friction in a plane becomes a pyramid with four sides. A contact that slides in the direction `way`
+    has one unknown: the normal force, to which its friction force is proportional. Another contact has one more
+    unknown for each side of its pyramid, and its sliding speed as a multiplier, as in Stewart and Trinkle.
     """
     spans, sides, ratios = [], [], []
     for (normal, along), contact in zip(rows_of(contacts), contacts, strict=True):

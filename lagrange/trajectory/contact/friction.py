@@ -135,9 +135,10 @@ def written_friction(model: Model, which: int) -> WrittenFriction | None:
 
 
 def _coupled(line: Any, response: Any, parameters: Sequence[Any]) -> bool:
-    """Return True if a force along one row causes an acceleration along another: `line` times `response` is not zero.
+    """Return True if the product of `line` and `response` is not zero.
 
-    The product is tested at irrational values of the parameters.
+    A force along one direction, such as the slip, then causes an acceleration along another, such as the gap. The
+    product is tested at irrational values of the parameters.
     """
     values = {symbol: sympy.sqrt(sympy.prime(k + 1)) for k, symbol in enumerate(parameters)}
     terms = [float((x * y).xreplace(values)) for x, y in zip(line, response, strict=True)]

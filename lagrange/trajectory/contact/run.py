@@ -158,10 +158,10 @@ class _ContactRun:
         self.parts.append(part)
 
     def _limit(self, end: float, mode: Mode, following: Mode) -> tuple[Status, str] | None:
-        """Return the status and the cause of a run that reached a limit at the time `end` between two modes, or None.
+        """Return the status and the cause of the end of a run that reached a limit between two modes, else None.
 
-        The limits are those of steps and of time, and the number of changes of the mode at one instant. The run would
-        change from `mode` to `following`.
+        The limits are those of steps and of time, and the number of changes of the mode at one instant. At the time
+        `end` the run would change from `mode` to `following`.
         """
         problem = self.problem
         if sum(part.steps + part.rejected for part in self.parts) + len(self.parts) >= problem.max_steps:
@@ -182,7 +182,7 @@ class _ContactRun:
         )
 
     def _hurry(self, limit: str) -> str:
-        """Return the cause of a run that used up the option `limit` in changes of its mode, or "" for another cause."""
+        """Return the cause if frequent changes of the mode used up `limit`, such as "max_steps", else ""."""
         recent = self.begins[-RECENT:]
         between = (recent[-1] - recent[0]) / RECENT
         if len(recent) < RECENT or between > HURRIED * (self.problem.t1 - self.problem.t0):
@@ -324,7 +324,7 @@ class _ContactRun:
         return [which for which, when in pairs if len(when) and when[-1] == self.part.span[1]]
 
     def _is_begin(self, begin: float) -> bool:
-        """Return True if the last segment ends at its begin, at a gap that opens or a slip that begins."""
+        """Return True if the last segment ends where it began, at `begin`: a gap opens or a slip begins there."""
         end, fired = self.part.span[1], self._fired()
         if not fired or abs(end - begin) > CLOSEST * max(abs(end), EARLIEST):
             return False

@@ -245,7 +245,7 @@ class Transitions:
     ) -> tuple[FloatArray, Mode, FloatArray]:
         """Return the state and the mode after a transition, for `resting` contacts with zero gap and gap rate.
 
-        The gap of `near`, the slip of `stopped`, the normal force of `released` contacts is zero. `ways` has the
+        Contacts in `near` have zero gap, in `stopped` zero slip, in `released` zero normal force. `ways` has the
         directions of beginning slips. The third result (rows,) has the time derivatives of gap rates and slips.
         """
         kin, count = self.kinematics, len(self.kinematics.contacts)

@@ -74,7 +74,7 @@ class Impact:
         return Reaction(self.direction, self.terminal, self.first, self.rows, self.root, self.smooth)
 
     def counts(self, rising: int) -> bool:
-        """Return True if a zero with a direction is an event: 1 rising, -1 falling, or 0 for a touch."""
+        """Return True if a zero with the direction `rising` is an event: 1 rising, -1 falling, 0 for a touch only."""
         return self.direction in (0, rising)
 
     def apply(self, t: float, before: FloatArray, parameters: FloatArray, state: FloatArray) -> None:
@@ -141,7 +141,10 @@ def _reset(resets: Iterable[Impact], t: float, before: FloatArray, parameters: F
 
 
 def impacts(model: Model, events: Sequence[Event]) -> tuple[Impact, ...]:
-    """Return the events of a run with expressions as nodes of a model's graph. One kernel computes all resets."""
+    """Return the events of a run as `Impact` objects, with expressions as nodes of the model's graph.
+
+    One kernel computes the new values of all resets.
+    """
     equations, rows = model.equations, state_rows(model.statement.coordinates)
     values = [value for event in events for value in event.reset.values()]
     kernel = model.function("reset", tuple(map(equations.translate, values))) if values else None

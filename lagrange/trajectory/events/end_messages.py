@@ -15,7 +15,7 @@ class EventResult:
     """Result of event processing: whether and why the run ends, and whether the state has jumped.
 
     `status` is the status of a run that ends, else None, and `detail` a sentence on its cause. `jumped` is True if
-    the state has jumped. `smooth` is True if the motion may continue although its series does not.
+    the state has jumped. `smooth` is True if the motion may continue although its Taylor series ends there.
     """
 
     status: Status | None = None
@@ -35,7 +35,7 @@ def at_rest(name: str) -> EventResult:
 
 
 def accumulating(name: str) -> EventResult:
-    """Return the end of a run in which the event `name` accumulates, so that the time does not advance."""
+    """Return the end of a run in which event `name` occurs again and again, so that time does not advance."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"Events accumulate: {name} is zero again and again within the spacing of floating-point times, as for a ball "

@@ -1,4 +1,4 @@
-"""Occurrences of events so far, and tests for events that accumulate."""
+"""Occurrences of events so far, and tests for events that occur so often that time does not advance."""
 
 from __future__ import annotations
 

@@ -68,9 +68,9 @@ class WatchedEvents:
         return self.memory.nbytes
 
     def path(self, path_of: PathOf, times: FloatArray, states: FloatArray) -> StepsPath:
-        """Return the path through accepted times (S+1,) and states (S+1, 2n), made by `path_of`.
+        """Return the dense output through accepted times (S+1,) and states (S+1, 2n).
 
-        Its code is compiled once.
+        `path_of` makes the first one. Later ones use its compiled code again.
         """
         if self.dense is not None:
             return replace(self.dense, times=times, states=states)
@@ -84,7 +84,8 @@ class WatchedEvents:
         """Return the compiled loop over steps; None if the machine has none, or if compiling seems not worth it.
 
         The remaining length of the run is estimated from the numbers of `steps` and of `changes` of the motion up to
-        time t. Without equal steps (`fixed`) the loop first tests events on the cubic through both ends of a step.
+        time t. Unless the steps are equal (`fixed`), the loop first tests each step for events on a cubic, the
+        Hermite polynomial through both ends of the step.
         """
         work, covered, span = steps + CHANGE_STEPS * changes, abs(t - problem.t0), abs(problem.t1 - problem.t0)
         if self.dense is None or work <= ENOUGH or work * span < WORTH_COMPILING * covered:

@@ -37,9 +37,9 @@ class MotionStart:
 
     `first` is True at the start of the run. Events are given by index. `stayed` maps events that count as zero to the
     size of the event function. `zeros` maps events that have just occurred to their direction: 1, -1, or 0 for a
-    touch. `rested` are events with a reset that have stayed zero on all steps since the start; their sign is
-    undecided. `jumped` are events that occurred at a jump over zero. Rounding decides on which side of a jump the
-    motion starts, so a second jump at once is the same jump.
+    touch without crossing. `rested` are events with a reset that have stayed zero on all steps since the start; their
+    sign is undecided. `jumped` are events that occurred at a jump over zero. Rounding decides on which side of a jump
+    the motion starts, so a second jump at once is the same jump.
     """
 
     first: bool = False

@@ -39,7 +39,8 @@ class EventSeries:
     ) -> EventSeries:
         """Return the series at time t and state y (2n,) in the time unit `scale`, negative for a run backwards.
 
-        `values` are the further arguments of the series: parameters and sides of surfaces. Raises SingularMassMatrix.
+        `values` are the further arguments of the series: parameters and signs of switching surfaces. Raises
+        SingularMassMatrix.
         """
         size = len(y)
         rows = series.rows(order, t, y, scale, values)
@@ -55,7 +56,7 @@ class EventSeries:
         return cls(scale, unit, rtol, rows, watched, noise)
 
     def near(self, which: int) -> FloatArray:
-        """Return the series of event function `which`, (order + 1,), scaled so that its terms are comparable."""
+        """Return the series (order + 1,) of event function `which`, scaled to a time where terms are comparable."""
         return near(self.watched[:, which : which + 1], self.unit, self.rtol, self.noise[which : which + 1])[:, 0]
 
     def leaving(self, which: int, margin: float = math.inf) -> tuple[int, int]:
@@ -89,7 +90,11 @@ def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[
 
 
 def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray) -> FloatArray:
-    """Return the columns of a series (order + 1, k) scaled to the time `unit`, or the shorter time of accuracy."""
+    """Return a series (order + 1, k) in another unit of time, so that the terms of each column are comparable.
+
+    The coefficients of order i are multiplied by s**i. Here s is `unit`, or the shorter time up to which a column is
+    accurate, by the tolerance `rtol` and its `noise` (k,).
+    """
     with np.errstate(all="ignore"):
         return np.asarray(series * np.array(reach(series, unit, rtol, noise)) ** _ranks(len(series) - 1)[:, None])
 

@@ -93,9 +93,9 @@ class SeriesWatch(EventLog):
         self.memory = memory
 
     def begin(self, state: DriverState) -> EventResult:
-        """Begin to watch a run or a new smooth piece of it: determine the sides of zero of the watched functions.
+        """Begin to watch a run or a new smooth piece of it: determine the signs of the watched functions.
 
-        A side is the known sign of a function, 1 or -1. Without surfaces the loop determines the sides.
+        A sign is 1 or -1, or 0 if it is undecided. Without switching surfaces the compiled loop determines the signs.
         """
         first, self.state = self.state is None, state
         if not self.surfaces:
@@ -104,7 +104,7 @@ class SeriesWatch(EventLog):
         return self._begin(state)
 
     def _begin(self, state: DriverState) -> EventResult:
-        """Determine the sides of zero of surfaces and events at the start of a smooth piece, without the loop."""
+        """Determine the signs of surfaces and events at the start of a smooth piece, without the loop."""
         result = self.start(state, {})
         if result.status is None:
             self.pending = self.impacts_at_once(state, ())
@@ -114,7 +114,7 @@ class SeriesWatch(EventLog):
     def process(self, state: DriverState) -> EventResult:
         """Make the change at the state where the loop over steps stopped: reset it, cross a surface, or end the run.
 
-        If no step is possible there for another reason, return this reason.
+        If there is no such change, return the reason why no step is possible there.
         """
         self.read(state)
         try:
@@ -221,9 +221,10 @@ class SeriesWatch(EventLog):
         return rootless(self.names()[roots_met[0].which]) if roots_met and result.status is None else result
 
     def _on_surface(self, zeros: Sequence[EventZero], before: Sequence[Side], state: DriverState) -> list[EventZero]:
-        """Return `zeros` of events that coincide with a surface, with directions that hold after the surface.
+        """Return the `zeros` that are events, with the directions that hold after the crossing of a surface.
 
-        For example, abs(x) turns back at x = 0, so its zero is a touch. `before` are the sides before the zeros.
+        The zeros are those of event functions at a crossed surface. For example, abs(x) turns back at x = 0, so its
+        zero is a touch. `before` are the signs of the functions before the crossing.
         """
         events = []
         for m in zeros:
@@ -290,7 +291,7 @@ class SeriesWatch(EventLog):
         return EventResult()
 
     def start(self, state: DriverState, stayed: Mapping[int, float], before: EventSeries | None = None) -> EventResult:
-        """Determine the side of zero of every surface and event at the driver's state, or just after it.
+        """Determine the sign of every surface and event function at the driver's state, or just after it.
 
         `stayed` maps the events that occurred here to the size of the event function; four times this size counts as
         zero. `before` has the series before a reset, or is None.
@@ -322,9 +323,10 @@ class SeriesWatch(EventLog):
         return EventResult()
 
     def _known(self, before: EventSeries | None, look: EventSeries, happened: Collection[int]) -> dict[int, Side]:
-        """Return the sides of zero that events keep over a reset, by index. Events in `happened` are undecided.
+        """Return the sides (known signs) that event functions keep over a reset, by the index of the event.
 
-        `before` and `look` are the series before and after the reset.
+        `before` and `look` are the series before and after the reset. Events in `happened` have just occurred: their
+        sides are undecided.
         """
         if before is None:
             return {}
@@ -334,9 +336,10 @@ class SeriesWatch(EventLog):
         return {i: side for i, side in enumerate(sides, self.surfaces) if side.sign}
 
     def at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
-        """Return a function that maps the sides of surfaces, 1, -1 or 0, to the surfaces' series at the state.
+        """Return a function that maps the signs of switching surfaces, 1, -1 or 0, to their series at the state.
 
-        The series (order + 1, surfaces) are scaled so that their terms are comparable.
+        The state is that of the driver. The series (order + 1, surfaces) are scaled so that their terms are
+        comparable.
         """
         size, scale = len(state.y), signed_scale(state)
 
@@ -349,7 +352,7 @@ class SeriesWatch(EventLog):
         return surfaces
 
     def go_on(self, state: DriverState) -> None:
-        """Pass the present sides of surfaces to the driver, and make it return at its next step for inspection."""
+        """Pass the present signs of surfaces to the driver, and make it return at its next step for inspection."""
         values = self.values
         if not self.epochs or self.epochs[-1][1].tobytes() != values.tobytes():
             self.driver.use(values)
@@ -373,7 +376,10 @@ class SeriesWatch(EventLog):
         return zeros
 
     def ahead(self, state: DriverState, y: FloatArray | None = None) -> EventSeries:
-        """Return the series at the driver's state, or at y (2n,), with the present sides. The last result is cached."""
+        """Return the series at the driver's state, or at y (2n,), with the present signs of surfaces.
+
+        The last result is cached.
+        """
         values, scale = self.values, signed_scale(state)
         y = state.y if y is None else y
         key, rtol = (state.t, scale, y.tobytes(), values.tobytes()), float(state.reals[S.RTOL])
@@ -383,7 +389,7 @@ class SeriesWatch(EventLog):
 
     @property
     def values(self) -> FloatArray:
-        """The arguments of the series after time and state: the parameters, followed by the sides of surfaces."""
+        """The arguments of the series after time and state: the parameters, then the signs of switching surfaces."""
         return np.concatenate([self.parameters, self.sides])
 
     @property
@@ -404,7 +410,7 @@ class SeriesWatch(EventLog):
         return which >= self.surfaces and self.impacts[which - self.surfaces].root
 
     def read(self, state: DriverState) -> None:
-        """Read events, sides of zero and pending events from the memory of the compiled loop."""
+        """Read events, signs of the watched functions and pending events from the memory of the compiled loop."""
         self.read_events(state)
         self.read_sides()
 
@@ -427,7 +433,7 @@ class SeriesWatch(EventLog):
             self.sides = memory.sides_of(switched[-1][1])
 
     def read_sides(self) -> None:
-        """Read the sides of zero and the pending event from the memory of the compiled loop."""
+        """Read the signs of the watched functions and the pending event from the memory of the compiled loop."""
         memory, record = self.memory, self.memory.record
         signs, nears = memory.signs.tolist(), memory.nears.tolist()
         self.zero_sides = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]
@@ -439,7 +445,7 @@ class SeriesWatch(EventLog):
             self.change_counter.begin(record.changed, record.changed_at)
 
     def write(self) -> None:
-        """Write the sides of zero of the watched functions to the memory of the compiled loop.
+        """Write the signs of the watched functions, and the counts of events, to the memory of the compiled loop.
 
         While an event is pending, the loop takes no steps.
         """
@@ -452,11 +458,11 @@ class SeriesWatch(EventLog):
 
     @property
     def unbegun(self) -> bool:
-        """True while the loop has not yet determined the sides of zero at the start of a smooth piece of motion."""
+        """True until the loop has determined the signs of functions at the start of a smooth piece of motion."""
         return bool(self.memory.record.fresh)
 
     def leave_start_to_the_loop(self, state: DriverState, *, first: bool) -> None:
-        """Let the compiled loop determine the sides of zero at the start of a smooth piece of motion.
+        """Let the compiled loop determine the signs of functions at the start of a smooth piece of motion.
 
         `first` is True at the start of the run.
         """

@@ -40,7 +40,7 @@ PathOf = Callable[[FloatArray, FloatArray], StepsPath]
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The steps of a path from number `begin` to before `end`, themselves as a path (dense output of steps)."""
+    """Part of a path (dense output of steps): the steps from index `begin` to before `end`. It is itself a path."""
 
     path: StepsPath
     begin: int

@@ -140,7 +140,7 @@ class EventDriver:
         return None
 
     def _leave_to_arrays(self) -> None:
-        """Set the number of next steps to search for events on arrays: one, and twice as many at each repetition."""
+        """Set the number of next steps to search for events on arrays: 1 at first, then twice the last number."""
         self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, LONGEST_LOOK)
 
     def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
@@ -166,7 +166,7 @@ class EventDriver:
         return self._look(state, run.begin + count - 1, waiting)
 
     def _is_compiled(self, t: float, steps: int) -> bool:
-        """Return True if the loop over steps has just been compiled, at this call.
+        """Compile the loop over steps with events if that is worth while. Return True if this call compiled it.
 
         This is decided only in the first call and at the start of a smooth piece of motion. The number of steps in
         other calls depends on measured times, but the digits of events must not depend on measured times.
@@ -324,7 +324,7 @@ class StepWatch(EventLog):
         return EventResult(Status.SUCCESS)
 
     def is_due(self, state: DriverState) -> bool:
-        """Return False: the driver reports each event at once, so no event waits where steps are impossible."""
+        """Return False: the driver stops at each event and reports it, so no event is pending at other states."""
         return False
 
     def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, steps_before: int) -> Cut | None:
@@ -352,7 +352,7 @@ class StepWatch(EventLog):
         self.memory.write(self._relay, self.occurrences, stayed, zeros)
 
     def read(self) -> None:
-        """Read events, resets and sides of zero from the memory of machine code."""
+        """Read events, resets and signs of event functions from the memory of machine code."""
         run, memory = self.shared.run, self.shared
         last = run.breaks
         self.collect()
@@ -481,10 +481,11 @@ class StepWatch(EventLog):
         return zero
 
     def _changes_at_once(self, begun: MotionStart, zero: Mapping[int, StepZeros], sample: Sample) -> bool:
-        """Return True if an event acts at the start of a motion: the motion leads through a contact, or back to it.
+        """Return True if an event acts, or the run ends, at the start of a smooth piece of motion.
 
-        The sign of such a contact's function is undecided at the start, as the module `motion_start` explains. `zero`
-        has the zeros of the event functions that start at zero.
+        It tests two cases: the motion leads through the zero of a contact, or still leads through a zero at which a
+        reset has just acted. `begun` describes the start, and `sample` is the first step. `zero` has the zeros of the
+        event functions that start at zero with an undecided sign.
         """
         for i, found_zeros in zero.items():
             sign, order = found_zeros.leaving

@@ -102,7 +102,7 @@ def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> Fl
 
 
 def clear(g: FloatArray) -> NDArray[np.bool_]:
-    """Return True for each function whose value is clearly not zero, from its Taylor series g, (order + 1, ...)."""
+    """Return a mask (...) of the functions that are clearly not zero, by their Taylor series g (order + 1, ...)."""
     return np.asarray(np.abs(g[0]) > JUMP * np.where(np.isfinite(g), np.abs(g), 0.0).max(axis=0))
 
 
@@ -149,7 +149,10 @@ class Continuations:
     continuations_in_a_row: int = 0
 
     def ahead(self, state: DriverState) -> list[float]:
-        """Return the end times to try for a leap from the state, the latest first; none if no leap is allowed."""
+        """Return the end times to try for a leap, a short step without a series, the latest first.
+
+        The list is empty if no leap from the state is allowed.
+        """
         span, left = abs(self.problem.t1 - self.problem.t0), float(state.reals[DriverState.END]) - state.t
         if not left or (state.t == self.landed and self.continuations_in_a_row >= IN_A_ROW):
             return []
@@ -160,8 +163,9 @@ class Continuations:
     def landing(self, state: DriverState, end: float, *, switched: Callable[[float], bool]) -> FloatArray | None:
         """Return the state (2n,) after a leap to the time `end`, or None if forces change too much for a leap.
 
-        `switched` takes a duration and returns True if the equations switch, at a surface, within this time. Then the
-        forces at the end are compared with those after the switch, else with those at the start.
+        A leap is a short step without a Taylor series. `switched` takes a duration and returns True if the equations
+        switch, at a surface, within this time. Then the forces at the end are compared with those after the switch,
+        else with those at the start.
         """
         part = replace(
             self.problem,
@@ -188,9 +192,9 @@ class Continuations:
         return y if self._steady(start, between, (end, y)) else None
 
     def land(self, state: DriverState, end: float, y: FloatArray, row: int) -> None:
-        """Record a leap from the accepted state with index `row`, and set the driver to its end.
+        """Record a leap (short step without a series) from the accepted state with index `row`.
 
-        The leap ends at the time `end` in the state y (2n,).
+        The driver is set to the end of the leap: the time `end` and the state y (2n,).
         """
         taylor = state.taylor
         self.rows.append(row)

@@ -123,7 +123,7 @@ class GuardedRhs:
         return slope
 
     def counted(self, slopes: Slopes) -> Slopes:
-        """Return the function `slopes` with its calls counted. Results that are not finite are no faults."""
+        """Return the function `slopes` with its calls counted. Results that are not finite are not recorded."""
 
         def evaluate(t: float, y: FloatArray) -> FloatArray:
             self.evaluations += 1

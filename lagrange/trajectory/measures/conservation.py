@@ -83,10 +83,11 @@ def _kept(
     after: float,
     share: float,
 ) -> bool:
-    """Return True if the energy `after`, at the end of a run, equals the energy `before` at its start.
+    """Return True if the energy `after`, at the end of a run, equals the energy `before` within a tolerance.
 
-    `end` is the state (2n,) at the end, and `until` its time. The tolerance is a `share` of the kinetic energy at the
-    mean speed, or rounding. Cheap tests come first.
+    `end` is the state (2n,) at the end, and `until` its time. The tolerance is the fraction `share` of the kinetic
+    energy at the mean speed of the run, or the rounding error of the energy if that is larger. Cheap tests come
+    first.
     """
     change, model = abs(after - before), problem.model
     momenta = quickly(model.kernel("momenta"), problem.parameter_array, problem.t0, end)

@@ -83,7 +83,7 @@ class Stiffness:
         return f"<Stiffness: {self.sentence()}>"
 
     def sentence(self) -> str:
-        """Return a sentence that says how far the run was stiff, and which method to use."""
+        """Return a sentence with the numbers that show the stiffness, and with the method to use."""
         where = "near" if self.product < MOST_OVERSHOOT * self.limit else "beyond"
         return (
             f"stiff: at {self.share:.0%} of the examined steps, h * {self.rate:.2g} = {self.product:.2g} is {where} "

@@ -160,7 +160,7 @@ def _number(value: Real) -> Coefficient:
 
 
 def _refusing(what: str) -> Callable[..., Any]:
-    """Return a method that raises an error with the text `what`, which has places for the method's arguments."""
+    """Return a method that raises an error. Its text is `what`, with {0}, {1}, ... for the method's arguments."""
 
     def refuse(*arguments: object, **_: object) -> NoReturn:
         raise _OtherOperationError(what.format(*arguments[1:]))

@@ -125,8 +125,8 @@ class TaylorPlan:
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: SeriesWatch | None) -> SeriesPath:
         """Return the dense output through accepted times (S+1,) and states (S+1, 2n): the Taylor series of each step.
 
-        `watch` has the parameters and sides of surfaces at each step. A step without a series has a cubic Hermite
-        path.
+        `watch` has the parameters and the signs of switching surfaces at each step. A step without a series has a
+        cubic Hermite path.
         """
         parameters = problem.parameter_array
         if watch is None:

@@ -95,7 +95,7 @@ def _by_piece(
 ) -> FloatArray:
     """Write the states at times (K,) to `states` (2n, K), and return them.
 
-    `numbers` (K,) are the numbers of the pieces of the run to which the times belong. `path_of` returns the path of a
+    `numbers` (K,) are the indices of the pieces of the run to which the times belong. `path_of` returns the path of a
     piece.
     """
     order = np.argsort(numbers, kind="stable")

@@ -61,7 +61,7 @@ BS3 = ButcherTableau(
 
 @cache
 def dopri5() -> ButcherTableau:
-    """Return the tableau of the method with this name, built and checked at the first call."""
+    """Return the tableau of the Runge-Kutta method named like this function, built and checked at the first call."""
     return ButcherTableau(
         name="dopri5",
         order=5,
@@ -97,7 +97,7 @@ def dopri5() -> ButcherTableau:
 
 @cache
 def tsit5() -> ButcherTableau:
-    """Return the tableau of the method with this name, built and checked at the first call."""
+    """Return the tableau of the Runge-Kutta method named like this function, built and checked at the first call."""
     return ButcherTableau(
         name="tsit5",
         order=5,
