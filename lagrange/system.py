@@ -530,7 +530,7 @@ class System:
         for a point that is off the constraints or has no derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
         """
         check_without_contacts(self.statement.contacts, "linearize()")
-        from lagrange.mechanics.spin import linearized
+        from lagrange.mechanics.linearization import linearized
 
         return linearized(self, at, inputs)
 

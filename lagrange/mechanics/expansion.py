@@ -184,32 +184,12 @@ def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tup
     return result, point, named
 
 
-def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint:
+def stated_point(statement: Statement, at: Any, inputs: Any = (), *, turning: bool = False) -> StatedPoint:
     """Return the expansion point from the mapping `at` of coordinates, velocities and `inputs` to their values.
 
-    Those without an entry are zero; a rotation without an entry is the identity. Raises StatementError if a rotation
-    has rates.
-    """
-    values, chosen = stated_values(statement, at, inputs)
-    if any(values[velocity_of(q)] != 0 for q in statement.coordinates if rotation_name(q) is not None):
-        raise StatementError(
-            "at gives a rotation rates: about a body that spins there are linear equations, linearize(at), and no "
-            "equilibrium: its modes are not those of a body at rest."
-        )
-    statement = with_lengths(statement)
-    return StatedPoint(
-        PlainForm(statement),
-        tuple(values[q] for q in statement.coordinates),
-        tuple(values[v] for v in statement.velocities),
-        {symbol: values.get(symbol, sympy.S.Zero) for symbol in chosen},
-    )
-
-
-def stated_values(statement: Statement, at: Any, inputs: Any) -> tuple[dict[Any, Any], tuple[Any, ...]]:
-    """Return the values of coordinates, velocities and inputs from the mapping `at`, and the inputs.
-
-    Those without an entry are zero; a rotation without an entry is the identity. Raises StatementError for unknown
-    keys, and for values that are not constant.
+    Those without an entry are zero; a rotation without an entry is the identity. With `turning` rotations may have
+    rates, unless an expression contains an entry of a quaternion; else StatementError is raised for rates, as for
+    unknown keys, and for values that are not constant.
     """
     if at is not None and not isinstance(at, Mapping):
         raise StatementError(f"at is {shown(at)}: give a dict such as {{{statement.names[0]}: 0}}.")
@@ -232,7 +212,20 @@ def stated_values(statement: Statement, at: Any, inputs: Any) -> tuple[dict[Any,
                 + suggestion(label, known)
             )
         values[rows[key]] = _constant(statement, value, f"the value of {key}")
-    return values, chosen
+    turning = turning and statement.reading is not None
+    rotating = (values[velocity_of(q)] != 0 for q in statement.coordinates if rotation_name(q) is not None)
+    if not turning and any(rotating):
+        raise StatementError(
+            "at gives a rotation rates: about a body that spins there are linear equations, linearize(at), and no "
+            "equilibrium: its modes are not those of a body at rest."
+        )
+    statement = statement if turning else with_lengths(statement)
+    return StatedPoint(
+        PlainForm(statement),
+        tuple(values[q] for q in statement.coordinates),
+        tuple(values[v] for v in statement.velocities),
+        {symbol: values.get(symbol, sympy.S.Zero) for symbol in chosen},
+    )
 
 
 def with_lengths(statement: Statement) -> Statement:

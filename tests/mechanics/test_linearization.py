@@ -12,7 +12,7 @@ from sympy import Matrix, Piecewise, acos, cos, pi, sign, sin
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
-from lagrange.mechanics import linearization
+from lagrange.mechanics import small_changes
 from lagrange.mechanics.plain_form import Shortener, numeric
 from tests.refusals import refusal
 
@@ -242,13 +242,13 @@ def test_a_key_of_thousands_of_digits_is_refused_in_a_sentence(name: str) -> Non
 
 @pytest.mark.parametrize("symbols", ["q", "inputs"])
 def test_a_wrong_linearization_is_found_by_number(monkeypatch: pytest.MonkeyPatch, symbols: str) -> None:
-    right = linearization.AtPoint.slopes
+    right = small_changes.AtPoint.slopes
 
     def wrong(self: Any, nodes: Any, leaves: Any) -> Any:
         off = leaves is self.equations.q if symbols == "q" else len(leaves) == 1
         return [[(1.001 if off else 1) * slope for slope in row] for row in right(self, nodes, leaves)]
 
-    monkeypatch.setattr(linearization.AtPoint, "slopes", wrong)
+    monkeypatch.setattr(small_changes.AtPoint, "slopes", wrong)
     with pytest.raises(RunError, match=r"the linearization of cart is wrong: a formula gives .* is compiled, at "):
         cart().linearize({theta: pi}, inputs=[u])
 

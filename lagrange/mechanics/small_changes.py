@@ -1,0 +1,396 @@
+"""Linear equations of small changes of a motion about a point.
+
+With constraints the equations are expanded in independent coordinates and velocities. The residual is r(q, v, a) - G^T
+lambda, the velocity constraints are psi(q, v) = 0 (a holonomic one differentiated), G = dpsi/dv and P = dpsi/dq.
+Changes of positions are dq = B z, with B in the null space of the gradients of the holonomic constraints. Changes of
+velocities are dv = N u + L z, with G N = 0 and G L = -P B. In the rows of independent coordinates B and N have the rows
+of a unit matrix, and L zeros; the rows of dv give z'. The rate of dv along the motion is the change of the
+accelerations. N^T times the change of the residual is free of changes of lambda. Source: A. L. Schwab, J. P. Meijaard,
+Dynamics of flexible multibody systems with non-holonomic constraints, Multibody System Dynamics 10, 2003.
+
+Rotations change by small turns x of the bodies about their own axes: dq = S x, dv = S x' + S' x, da = S x'' + 2 S' x' +
+S'' x. So M, C, K of the entries of quaternions become S^T M S, S^T (2 M S' + C S) and S^T (M S'' + C S' + K S). A body
+that spins steadily has constant matrices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import sympy
+
+from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.errors import StatementError, formula, listing
+from lagrange.graph.differentiate import tangents
+from lagrange.graph.node import Binding, Node, substitute
+from lagrange.mechanics.expansion import StatedPoint, edges
+from lagrange.mechanics.plain_form import Shortener, in_fractions, numeric
+from lagrange.statement.coordinate import t
+from lagrange.statement.rotation import rotation_of
+from lagrange.statement.space import body_rates, velocities_at, x, y, z
+
+ELIMINATION_ROUNDING = 1e-9
+"""Part of the largest entry of a row below which an entry left by elimination counts as zero."""
+
+Rows = Sequence[Sequence[Node]]
+
+
+class SmallChanges(NamedTuple):
+    """Linear equations of small changes about a point: M u' + C u + K z = (input matrix) u_input.
+
+    z are the changes of independent coordinates, and u those of independent velocities; z' are the rows `positions`
+    of N u + L z. `matrices` has M, C, K, the input matrix, and B, N and L of the module's description, by their names
+    in `Linearization`. `positions` are the indices of the independent coordinates, `speeds` of the coordinates with
+    independent velocities. `unbalanced` are the residual forces along these velocities at the point. `rates` are all
+    velocities at the point; those of a body are its rates of rotation. `carried` are the matrices `turned` and `bent`
+    of `TangentMotion`, then S, S' and S'' of the module's description.
+    """
+
+    matrices: dict[str, Any]
+    positions: list[int]
+    speeds: list[int]
+    unbalanced: Sequence[Any]
+    rates: Sequence[Any]
+    carried: tuple[Any, ...]
+
+
+class AtPoint:
+    """Evaluates expressions of a system, given as nodes of its expression graph, at the expansion point."""
+
+    def __init__(self, point: StatedPoint) -> None:
+        self.point, self.form, self.statement = point, point.form, point.form.statement
+        e = euler_lagrange(self.statement.mapped(in_fractions))
+        values = sorted(set().union(*(x.free_symbols for x in point.table.values())), key=str)
+        others = {s: e.graph.symbol(f"value {s.name}", Binding.PARAMETER) for s in values if s not in e.leaves}
+        self.equations = replace(e, leaves={**e.leaves, **others})
+        self.n, graph = len(self.form.q), self.equations.graph
+        coordinates, self.read = self.statement.coordinates, (self.statement.reading or self.statement).coordinates
+        rotations = map(rotation_of, self.statement.rotations)
+        self.bodies = [(each, [coordinates.index(q) for q in each.quaternion]) for each in rotations]
+        self.a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(self.n)]
+        e = self.equations
+        names = dict(zip((*self.form.q, *self.form.v), (*e.q, *e.v), strict=True))
+        self.here = {names[x] if x in names else e.translate(x): e.translate(value) for x, value in point.table.items()}
+        vanishes = (lambda _: False) if point.decimal else (lambda expression: point.is_zero(expression, ()))
+        self.shortener = Shortener(f"the linear equations of {self.statement.name} about this point", vanishes)
+
+    def matrix(self, rows: Rows, columns: int) -> Any:
+        """Return the values of graph nodes at the point, as a matrix of SymPy expressions in parameters.
+
+        `rows` are its rows of nodes, and `columns` is the number of its columns.
+        """
+        try:
+            nodes = substitute([x for row in rows for x in row], self.here)
+        except StatementError:  # a pole at the point
+            raise self.no_value() from None
+        return sympy.Matrix(len(rows), columns, [self._value(x) for x in nodes])
+
+    def _value(self, node: Node) -> Any:
+        value = self.equations.express(node)
+        if self.point.decimal and not value.is_Integer:
+            value = sympy.Float(float(sympy.N(value, 30))) if value.is_number else sympy.N(value, 17)
+        if value.has(sympy.nan, sympy.zoo, sympy.oo):
+            raise self.no_value()
+        return self.shortener.short(value)
+
+    def no_value(self) -> StatementError:
+        """Return the error for a point at which a force, a constraint or one of their derivatives has no value."""
+        what = "forces or constraints" if self.statement.constraints else "forces"
+        return StatementError(
+            f"the {what} of {self.statement.name}, or their derivatives, have no value at {self.point.where}: choose "
+            "another point, or coordinates that are regular at it."
+        )
+
+    def joined(self, *products: tuple[Any, ...]) -> Any:
+        """Return the sum of products of matrices. Unit matrices are left out, and products with a zero matrix."""
+        total = sympy.zeros(products[0][0].rows, products[0][-1].cols)
+        for factors in products:
+            if any(factor.is_zero_matrix for factor in factors):
+                continue
+            others = [factor for factor in factors if factor != sympy.eye(factor.rows)]
+            product = self.shortener.product(*(others or factors[:1]))
+            total = product if total.is_zero_matrix else (total + product).applyfunc(self.shortener.short)
+        return total
+
+    def turning(self, column: Sequence[Any], own: int) -> Any:
+        """Return the matrix from small turns of bodies, and `own` times changes of other coordinates, to coordinates.
+
+        The coordinates are those of the statement. The `column` of their values determines the changes of quaternions.
+        """
+        coordinates, matrix = self.statement.coordinates, sympy.zeros(self.n, len(self.read))
+        for j, q in enumerate(self.read):
+            if q in coordinates:
+                matrix[coordinates.index(q), j] = own
+        for each, rows in self.bodies:
+            for turn, axis in zip(each.turns, (x, y, z), strict=True):
+                for i, entry in zip(rows, velocities_at([column[i] for i in rows], axis, space=False), strict=True):
+                    matrix[i, self.read.index(turn)] = entry
+        return matrix
+
+    def speeds(self, q: Sequence[Any], v: Sequence[Any]) -> list[Any]:
+        """Return the velocities of small turns and of other coordinates, from coordinates and velocities."""
+        of_turns: dict[Any, Any] = {}
+        for each, rows in self.bodies:
+            rates = body_rates([q[i] for i in rows], [v[i] for i in rows])
+            of_turns |= dict(zip(each.turns, map(self.shortener.short, rates), strict=True))
+        speeds = of_turns | dict(zip(self.statement.coordinates, v, strict=True))
+        return [speeds[coordinate] for coordinate in self.read]
+
+    def slopes(self, nodes: Iterable[Node], symbols: Sequence[Node]) -> list[list[Node]]:
+        """Return the derivatives of nodes by symbols, one row for each node."""
+        listed = list(nodes)
+        columns = [tangents(listed, {x: self.equations.graph.one}) for x in symbols]
+        return [[column(node) for column in columns] for node in listed]
+
+    def rates(self, rows: Rows) -> list[list[Node]]:
+        """Return the total time derivatives of nodes in q, v and t, without terms whose rate is zero at the point."""
+        e = self.equations
+        motion = (*zip(e.q, e.v, strict=True), *zip(e.v, self.a, strict=True))
+        moving = {x: rate for x, rate in motion if self.here[rate] is not e.graph.zero}
+        along = tangents([x for row in rows for x in row], {**moving, **e.graph.rates})
+        return [[along(x) for x in row] for row in rows]
+
+
+class DependentCoordinates:
+    """Independent rows G (m, n) of constraint gradients at a point, and m dependent coordinates chosen for them.
+
+    The columns of G for the dependent coordinates are a regular matrix.
+    """
+
+    def __init__(self, shortener: Shortener, gradient: Any) -> None:
+        self.shortener, self.n = shortener, gradient.cols
+        self.kept, self.dependent = _pivots(gradient)
+        self.independent = [i for i in range(self.n) if i not in self.dependent]
+        self.gradient = gradient.extract(self.kept, list(range(self.n)))
+
+    @cached_property
+    def inverse(self) -> Any:
+        """The inverse of the columns of G for dependent coordinates, by elimination with short pivots."""
+        m = len(self.kept)
+        columns = self.gradient.extract(list(range(m)), self.dependent)
+        return self.shortener.solved(columns, sympy.eye(m))
+
+    def solved(self, right: Any) -> Any:
+        """Return the matrix X with G X = -`right`. It has n rows, and those of independent coordinates are zero."""
+        whole = sympy.zeros(self.n, right.cols)
+        if self.kept:
+            below = self.shortener.product(-self.inverse, right)
+            for k, i in enumerate(self.dependent):
+                whole[i, :] = below[k, :]
+        return whole
+
+    @cached_property
+    def null_space(self) -> Any:
+        """A basis of the null space of G, with a one in the row of each independent coordinate."""
+        unit = sympy.eye(self.n).extract(list(range(self.n)), self.independent)
+        return unit + self.solved(self.gradient * unit)
+
+    def balance(self, forces: Any) -> Any:
+        """Return the multipliers lambda with G^T lambda = `forces` in the rows of dependent coordinates."""
+        return self.shortener.product(self.inverse.T, forces.extract(self.dependent, [0]))
+
+
+def _pivots(gradient: Any) -> tuple[list[int], list[int]]:
+    """Return indices of independent rows of a matrix, and of the leftmost columns in which these rows are regular."""
+    symbols = sorted(gradient.free_symbols, key=str)
+    left = numeric(gradient, {s: sympy.Rational(13 + 7 * k, 10 + k) for k, s in enumerate(symbols)})
+    rows: list[int] = []
+    columns: list[int] = []
+    sizes = np.abs(left).max(axis=1, initial=0.0)
+    for j in range(gradient.cols):
+        share = np.abs(left[:, j]) / np.where(sizes > 0, sizes, 1.0)
+        share[rows] = 0.0
+        if len(left) and share.max() > ELIMINATION_ROUNDING:
+            pivot = int(share.argmax())
+            rows.append(pivot)
+            columns.append(j)
+            others = np.arange(len(left)) != pivot
+            left = left - np.outer(np.where(others, left[:, j] / left[pivot, j], 0.0), left[pivot])
+    return sorted(rows), columns
+
+
+def small_changes(point: StatedPoint) -> SmallChanges:
+    """Return the equations of small changes about a point.
+
+    Raises StatementError for a point off the constraints, and if the constraints are dependent or leave no motion.
+    """
+    statement = point.form.statement
+    stated = (statement.lagrangian, statement.dissipation, *statement.forces)
+    if any(edges(point.form.read(x)) for x in stated):
+        _ = point.residuals  # refuses a corner that matters; at any other both sides have the same derivatives
+    at_point = AtPoint(point)
+    e, constraints, product = at_point.equations, at_point.equations.stated, at_point.shortener.product
+    _check(at_point)
+    join, n = at_point.joined, at_point.n
+    q, v = ([point.table[x] for x in symbols] for symbols in (point.form.q, point.form.v))
+    S, S_rate = at_point.turning(q, 1), at_point.turning(v, 0)
+    whole_mass = at_point.matrix(e.mass, n)
+    mass = join((S.T, whole_mass, S))
+    G = at_point.matrix(constraints.gradient, n)
+    speeds = DependentCoordinates(at_point.shortener, join((G, S)))
+    if any(x.is_number and x.atoms(sympy.Function) for x in (*mass, *speeds.gradient)):
+        decimals = point.in_decimals()  # sums of numbers such as sin(1/3) grow with every elimination
+        if decimals.decimal and not point.decimal:
+            return small_changes(decimals)
+    if len(speeds.kept) < len(constraints) and statement.redundant == "refuse":
+        raise StatementError("the constraints are dependent at this point, so that it has no linearization.")
+    if not speeds.independent:
+        raise StatementError("the constraints leave no motion: there is nothing to linearise.")
+    kept = constraints.part(speeds.kept)
+    holonomic = [row for row, phi in zip(kept.gradient, kept.positions, strict=True) if phi is not None]
+    Phi = at_point.matrix(holonomic, n)
+    positions = DependentCoordinates(at_point.shortener, join((Phi, S)))
+    N = speeds.null_space
+    reduced = product(N.T, mass, N)
+    rest = join((S.T, at_point.matrix([[h] for h in e.bias], 1)))
+    carried = speeds.solved(at_point.matrix([[gamma] for gamma in kept.bias], 1))
+    unbalanced = product(N.T, rest - product(mass, carried))
+    pushed = carried + product(N, _driven(at_point, reduced, unbalanced))
+    rates = at_point.speeds(q, v)
+    accelerations = join((S, pushed), (S_rate, sympy.Matrix(rates)))
+    at_point.here |= {a: e.translate(x) for a, x in zip(at_point.a, accelerations, strict=True)}
+    multipliers = speeds.balance(mass * pushed - rest) if len(kept) else ()
+    residuals = _residuals(at_point, kept.gradient, multipliers)
+    turns = (S, S_rate, at_point.turning(accelerations, 0))
+    gradients = ((kept.gradient, G.extract(speeds.kept, list(range(n)))), (holonomic, Phi))
+    motion = _tangent(at_point, kept.velocities, gradients, (speeds, positions), turns)
+    damping, stiffness = (at_point.matrix(at_point.slopes(residuals, x), n) for x in (e.v, e.q))
+    C, K = motion.reduced(
+        mass,
+        join((S.T, damping, S), (S.T, 2 * whole_mass, S_rate)),
+        join((S.T, stiffness, S), (S.T, damping, S_rate), (S.T, whole_mass, turns[2])),
+    )
+    inputs = [e.translate(u) for u in point.inputs]
+    pushes = product(-N.T, join((S.T, at_point.matrix(at_point.slopes(residuals, inputs), len(inputs)))))
+    matrices = {"M": reduced, "C": C, "K": K, "input_matrix": pushes}
+    matrices |= {"basis": motion.B, "velocity_basis": N, "velocity_slope": motion.L}
+    carried_by = (motion.turned, motion.bent, *turns)
+    return SmallChanges(matrices, positions.independent, speeds.independent, unbalanced, rates, carried_by)
+
+
+def _tangent(
+    at_point: AtPoint,
+    levels: Sequence[Node],
+    gradients: Sequence[tuple[Rows, Any]],
+    chosen: tuple[DependentCoordinates, DependentCoordinates],
+    turns: tuple[Any, Any, Any],
+) -> TangentMotion:
+    """Return the small motions that independent constraints allow; `levels` are the constraints on velocities.
+
+    `gradients` are theirs by velocities, and those of holonomic constraints: nodes, and their values at the point.
+    `chosen` are the dependent velocities and the dependent coordinates, and `turns` the matrices S, S' and S''.
+    """
+    join, n, (S, S_rate, S_bend) = at_point.joined, at_point.n, turns
+    slopes = at_point.slopes(levels, at_point.equations.q)
+    (gradient, G), (holonomic, Phi), P = *gradients, at_point.matrix(slopes, n)
+    G_rate, P_rate, Phi_rate = (at_point.matrix(at_point.rates(rows), n) for rows in (gradient, slopes, holonomic))
+    rates = (
+        join((G_rate, S), (G, S_rate)),
+        join((P_rate, S), (P, S_rate), (G_rate, S_rate), (G, S_bend)),
+        join((Phi_rate, S), (Phi, S_rate)),
+    )
+    return TangentMotion(*chosen, join((P, S), (G, S_rate)), rates)
+
+
+class TangentMotion:
+    """Small motions x on the constraints: x = B z, x' = N u + L z, x'' = N u' + `turned` u + `bent` z.
+
+    z are changes of independent coordinates, and u of independent velocities. B, N, L, `turned` and `bent` are
+    matrices. They follow from gradients of the constraints: `speeds` has those by velocities, G, and chooses the
+    dependent velocities. `positions` has those of holonomic constraints, and chooses the dependent coordinates. `P`
+    has the derivatives of constraints on velocities by coordinates. `rates` are the time derivatives of G, of P and
+    of the gradients of holonomic constraints.
+    """
+
+    def __init__(
+        self, speeds: DependentCoordinates, positions: DependentCoordinates, P: Any, rates: tuple[Any, Any, Any]
+    ) -> None:
+        product, (g_rate, p_rate, phi_rate) = speeds.shortener.product, rates
+        self.product, self.N, self.B = product, speeds.null_space, positions.null_space
+        self.L = speeds.solved(product(P, self.B))
+        N_rate, B_rate = speeds.solved(product(g_rate, self.N)), positions.solved(product(phi_rate, self.B))
+        L_rate = speeds.solved(product(g_rate, self.L) + product(p_rate, self.B) + product(P, B_rate))
+        N_rows, L_rows = (x.extract(positions.independent, list(range(x.cols))) for x in (self.N, self.L))
+        self.turned, self.bent = N_rate + product(self.L, N_rows), L_rate + product(self.L, L_rows)
+
+    def reduced(self, mass: Any, damping: Any, stiffness: Any) -> tuple[Any, Any]:
+        """Return C and K for u and z, from the mass, damping and stiffness matrices of all coordinates."""
+        product, L = self.product, self.L
+        C = product(mass, self.turned) + product(damping, self.N)
+        K = product(mass, self.bent) + product(damping, L) + product(stiffness, self.B)
+        return product(self.N.T, C), product(self.N.T, K)
+
+
+def _check(at_point: AtPoint) -> None:
+    """Raise StatementError for a point off the constraints, in position or velocity, and for inputs in constraints."""
+    constraints = at_point.equations.stated
+    for constraint, phi, psi in zip(
+        at_point.statement.constraints, constraints.positions, constraints.velocities, strict=True
+    ):
+        if constraint.expression.xreplace(at_point.form.plain).has(t):
+            raise StatementError(
+                f"the constraint {constraint.name!r} depends on time: no point satisfies it at all times."
+            )
+        if driving := [u for u in at_point.point.inputs if constraint.expression.has(u)]:
+            raise StatementError(
+                f"the input {driving[0]} is in the constraint {constraint.name!r}, so that velocities follow it and B "
+                "would need its rate: leave it out of inputs, or state it in forces."
+            )
+        for node, subject, names in ((phi, "point is", "coordinates"), (psi, "velocities are", "velocities")):
+            value = sympy.S.Zero if node is None else at_point.matrix([[node]], 1)[0]
+            if not at_point.point.is_zero(value, ()):
+                raise StatementError(
+                    f"the {subject} not on the constraint {constraint.name!r}, which is {formula(value, 80)} there and "
+                    f"not zero: give values of all {names} in it."
+                )
+
+
+def _driven(at_point: AtPoint, mass: Any, left: Any) -> Any:
+    """Return the accelerations of independent velocities that the unbalanced forces `left` cause.
+
+    `mass` is the mass matrix of these velocities.
+    """
+    if left.is_zero_matrix or (at_point.point.decimal and all(at_point.point.is_zero(x, ()) for x in left)):
+        return sympy.zeros(*left.shape)
+    determinant = mass.det(method="berkowitz")
+    if mass.has(sympy.Float) and determinant != 0:
+        return mass.LUsolve(left)
+    determinant = at_point.shortener.short(determinant)
+    if determinant == 0:
+        names = [at_point.statement.names[i] for i in at_point.equations.first_order]
+        if names:
+            raise StatementError(
+                f"this point is not an equilibrium of {at_point.statement.name}, and {listing(names)} "
+                f"{'has' if len(names) == 1 else 'have'} no inertia, so that the rest there does not last: give an "
+                "equilibrium, such as one of system.equilibria()."
+            )
+        raise StatementError(
+            f"the mass matrix of {at_point.statement.name} is singular at this point, which is not an equilibrium: its "
+            "accelerations are not determined there. Choose another point."
+        )
+    return at_point.shortener.product(mass.adjugate(), left / determinant)
+
+
+def _residuals(at_point: AtPoint, gradient: Rows, multipliers: Sequence[Any]) -> list[Node]:
+    """Return the residuals M a - h - G^T lambda of the equations of motion, one node for each coordinate.
+
+    h are the forces, `gradient` is G, and `multipliers` are lambda. Terms with accelerations that are zero are left
+    out.
+    """
+    e = at_point.equations
+    a = [at_point.here[x] if at_point.here[x] is e.graph.zero else x for x in at_point.a]
+    forces = [e.translate(x) for x in multipliers]
+    return [
+        e.graph.sum(
+            [
+                *((1, m * x) for m, x in zip(row, a, strict=True)),
+                (-1, h),
+                *((-1, line[i] * force) for line, force in zip(gradient, forces, strict=True)),
+            ]
+        )
+        for i, (row, h) in enumerate(zip(e.mass, e.bias, strict=True))
+    ]
