@@ -30,7 +30,7 @@ from collections.abc import Sequence
 from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.plain import inline, procedure
-from lagrange.procedure.front.vocabulary import In, Out, Readable, Writable, each, fma, likely, quotient
+from lagrange.procedure.front.vocabulary import In, Out, Readable, Writable, each, fma, likely
 
 PIVOT = 2.0**-46
 """A symmetric matrix is singular within rounding errors if elimination with pivoting meets a scaled pivot of at most
@@ -230,6 +230,33 @@ def is_trusted(pivot: float, diagonal: float) -> bool:
 
 
 @procedure
+def factor_columns(n: int, stride: int, a: In, lower: Out, reciprocals: Out) -> bool:
+    """Factor a symmetric matrix as L D L^T without pivoting. Return True if every pivot is large enough.
+
+    `lower` has the columns of the lower triangle, `stride` reals apart, which are replaced by L below the
+    diagonal. `reciprocals` receives 1/d. The diagonal of the matrix is also read from a, with entry (i, j) at
+    j*n + i.
+    """
+    trusted = True
+    for j in range(n):
+        column = lower[j * stride :]
+        d = column[j]
+        large = is_trusted(d, a[j * n + j])
+        trusted = trusted and large
+        reciprocal = 1.0 / d
+        reciprocals[j] = reciprocal
+        # The finished column is subtracted from the later columns.
+        for k in range(j + 1, n):
+            factor, target = -(column[k] * reciprocal), lower[k * stride :]
+            if factor != 0.0:
+                for i in range(k, n):
+                    target[i] = fma(factor, column[i], target[i])
+        for i in range(j + 1, n):
+            column[i] *= reciprocal
+    return trusted
+
+
+@procedure
 def factor_symmetric(n: int, a: In, factors: Out) -> bool:
     """Factor a symmetric matrix as L D L^T without pivoting. Return True if every pivot is large enough.
 
@@ -240,24 +267,7 @@ def factor_symmetric(n: int, a: In, factors: Out) -> bool:
     for j in range(n):
         for i in range(j, n):
             columns[j * n + i] = a[j * n + i]
-    trusted = True
-    for j in range(n):
-        column = columns[j * n :]
-        d = column[j]
-        large = is_trusted(d, a[j * n + j])
-        trusted = trusted and large
-        reciprocal = 1.0 / d
-        reciprocals[j] = reciprocal
-        # The finished column is subtracted from the later columns.
-        for k in range(j + 1, n):
-            factor = -(column[k] * reciprocal)
-            target = columns[k * n :]
-            if factor != 0.0:
-                for i in range(k, n):
-                    target[i] = fma(factor, column[i], target[i])
-        for i in range(j + 1, n):
-            column[i] *= reciprocal
-    return trusted
+    return factor_columns(n, n, a, columns, reciprocals)
 
 
 @procedure
@@ -361,40 +371,6 @@ def work_size(n: int) -> int:
     return max(padded(n) ** 2 + n, n * n + factor_size(n))
 
 
-@inline
-def aligned(k: int) -> int:
-    """Return the index at which the vector of `WIDEST_VECTOR` numbers that contains index k begins."""
-    return quotient(k, WIDEST_VECTOR) * WIDEST_VECTOR
-
-
-@procedure(lower=lambda: Array(room=WIDEST_VECTOR))
-def factor_columns(n: int, stride: int, a: In, lower: Out, d: Out) -> bool:
-    """Factor a symmetric matrix as L D L^T. Return True if all pivots are large enough.
-
-    `lower` has the columns of the lower triangle, `stride` reals apart, which are replaced by L below the
-    diagonal. 1/d is written to `d`. The diagonal of the matrix is also read from a, with entry (i, j) at j*n +
-    i.
-    """
-    trusted = True
-    for j in range(n):
-        column = lower[j * stride :]
-        pivot = column[j]
-        large = is_trusted(pivot, a[j * n + j])
-        trusted = trusted and large
-        reciprocal = 1.0 / pivot
-        d[j] = reciprocal
-        for k in range(j + 1, n):
-            factor, first = -(column[k] * reciprocal), aligned(k)
-            source, target = column[first:], lower[k * stride + first :]
-            for i in each(n - first, width=WIDEST_VECTOR, spill=True, disjoint=True):
-                target[i] = fma(factor, source[i], target[i])
-        first = aligned(j + 1)
-        rest = column[first:]
-        for i in each(n - first, width=WIDEST_VECTOR, spill=True):
-            rest[i] = rest[i] * reciprocal
-    return trusted
-
-
 @procedure(lower=lambda: Array(read=True, room=WIDEST_VECTOR), x=lambda: Array(room=WIDEST_VECTOR))
 def solve_identity(n: int, stride: int, lower: In, d: In, x: Out) -> None:
     """Solve L D L^T X = I for X. `x` begins as the identity. Columns of `lower` and `x` are `stride` reals apart.
@@ -438,12 +414,9 @@ def invert(n: int, stride: int, a: In, out: Out, work: Out) -> bool:
         out[i] = 0.0
     for j in range(n):
         out[j * stride + j] = 1.0
-        first = aligned(j)
-        column = work[j * stride + first :]
-        for i in each(stride - first, width=WIDEST_VECTOR, spill=True):
-            column[i] = 0.0
+        column = work[j * stride :]
         for i in range(j, n):
-            work[j * stride + i] = a[j * n + i]
+            column[i] = a[j * n + i]
     if likely(factor_columns(n, stride, a, work, reciprocals)):
         solve_identity(n, stride, work, reciprocals, out)
         return False
