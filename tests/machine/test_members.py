@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 import random
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,36 +13,14 @@ import pytest
 
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import module
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure, Record
+from lagrange.procedure.form import REAL, Procedure, Record
 from lagrange.procedure.interpreter import run
 from lagrange.procedure.lanes import ACTIVE, MemberProcedures
-from lagrange.procedure.rewrite import bound
 from lagrange.procedure.spread import COMMON, OWN
 from lagrange.procedure.verify import verify
-from tests.procedure import random_procedures
-from tests.procedure.random_procedures import KEPT, SIZE, RandomProcedure
-from tests.procedure.test_conformance import DATA, TABLE, bits
+from tests.procedure.random_functions import DATA, SIZE, TABLE, bits, example
 
 NUMBERS = (0.75, -1.5, math.nan, 1.0, -math.inf, 0.0, 1e-308, 1e308, -0.0, 3.25)
-
-
-def functions() -> dict[str, Procedure]:
-    """The functions of random procedures, as procedures."""
-    p = Builder("compare", "The difference, and whether it is below zero.")
-    a, b = p.given("a", REAL), p.given("b", REAL)
-    p.leave(a - b, a - b < 0.0)
-    compare = p.finish(REAL, FLAG)
-    p = Builder("replace", "Put a number at the first place.")
-    x, data = p.given("x", REAL), p.array("data")
-    data[0] = x
-    p.leave(x < 0.0)
-    replace = p.finish(FLAG)
-    p = Builder("mark", "Put a whole number at the second place, or not.")
-    flag, n, data = p.given("flag", FLAG), p.given("n", WHOLE), p.array("data")
-    with p.when(flag):
-        data[1] = p.real(n)
-    return {"compare": compare, "replace": replace, "mark": p.finish()}
 
 
 def interleaved(rows: Any) -> np.ndarray[Any, Any]:
@@ -81,7 +60,7 @@ def in_lanes(procedure: Procedure, members: Any, lanes: int, active: int, life: 
     kept = np.zeros((2, lanes))
     kept[0], kept.view(np.int64)[1] = 0.25, 3
     shares = {"x": OWN, "y": OWN, "n": OWN if own_n else COMMON, "data": OWN, "table": COMMON, "kept": OWN}
-    memory = {"x": xs, "y": ys, "n": ns, "data": data, "table": TABLE, "kept": kept}
+    memory = {"x": xs, "y": ys, "n": ns, "data": data, "table": np.array(TABLE), "kept": kept}
     signature = tuple(shares[one.name] for one in procedure.parameters)
     entry = MemberProcedures(lanes).entry(procedure, signature)
     for one in (*entry.callees, entry):
@@ -102,7 +81,8 @@ def in_lanes(procedure: Procedure, members: Any, lanes: int, active: int, life: 
 
 def alone(procedure: Procedure, member: Any) -> list[Any]:
     """Run a member in the interpreter."""
-    data, kept = [*DATA, *[0.0] * 8], KEPT.structure(0.25, 3)
+    (structure,) = (one.type.structure for one in procedure.parameters if isinstance(one.type, Record))
+    data, kept = [*DATA, *[0.0] * 8], structure(0.25, 3)
     given = {"x": member[0], "y": member[1], "n": member[2], "data": data, "table": TABLE, "kept": kept}
     results = run(procedure, *(given[one.name] for one in procedure.parameters))
     plain = [int(one) if kind is not REAL else float(one) for one, kind in zip(results, procedure.results, strict=True)]
@@ -112,9 +92,9 @@ def alone(procedure: Procedure, member: Any) -> list[Any]:
 @pytest.mark.few(2)
 @pytest.mark.parametrize("lanes", [2, 4, 8])
 @pytest.mark.parametrize("seed", range(60))
-def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int) -> None:
+def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int, tmp_path: Path) -> None:
     """Half of the procedures run in the interpreter as well, which has no machine's vectors."""
-    procedure = bound(RandomProcedure(seed, fused=True).build(), functions())
+    procedure = example(seed, tmp_path).form(option=seed % 3 == 0)
     draw = random.Random(seed)
     for own_n in (True, False):
         whole = draw.randrange(-3, 8)
@@ -128,9 +108,3 @@ def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int) -> None:
             for k, member in enumerate(members):
                 if active >> k & 1:
                     assert found[k] == alone(procedure, member), (life, k, member)
-
-
-@pytest.fixture(autouse=True)
-def _no_signs_of_nan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out what copies the sign of a NaN, of which the form says nothing."""
-    monkeypatch.setattr(random_procedures, "REAL_BINARY", ("add", "sub", "mul", "div", "min", "max", "magnitude"))

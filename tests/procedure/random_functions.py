@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import random
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -34,11 +36,28 @@ def exchange(x: float, data: Rows) -> tuple[float, bool]:
     return x, False
 
 
+@procedure(apart=True)
+def exchanged(x: float, data: Rows) -> tuple[float, bool]:
+    return exchange(x, data)
+
+
 @inline
 def bounded(x: float, bound: float) -> float:
     if x > bound:
         return bound
     return -bound if x < -bound else x
+
+
+@inline
+def scaled(x):
+    """The mantissa of NaN has no digits of its own."""
+    return mantissa(x if x == x else 1.0) * two_to(min(max(exponent(x), -1022), 1023))
+
+
+@inline
+def copysign(x, y):
+    """The form does not define the sign of a NaN."""
+    return operation("copysign", x, y if y == y else 1.0)
 
 
 @inline
@@ -55,12 +74,26 @@ def example(x: float, y: float, n: int, data: Rows, table: In, kept: Kept, *, op
 SIZE = 11
 """Places of the arrays that are used."""
 
+DATA = [0.5, -1.25, 0.1, 0.0, -0.0, 1e200, -1e-200, 2.0, 7 / 3, -4.0, 1.0]
+TABLE = DATA[::-1]
+"""What the arrays hold before a call."""
+
+
+def bits(value: Any) -> Any:
+    """Tell zeros apart; all NaN are one, for the form says nothing of their signs."""
+    if isinstance(value, float):
+        return "nan" if math.isnan(value) else struct.pack("<d", value)
+    return value
+
 
 class RandomFunction:
-    """Writes one function from a seed. Names are known in all ways, or they are not read."""
+    """Writes one function from a seed. Names are known in all ways, or they are not read.
 
-    def __init__(self, seed: int) -> None:
-        self.random = random.Random(seed)
+    Without `fused` there is no `fma`.
+    """
+
+    def __init__(self, seed: int, *, fused: bool) -> None:
+        self.random, self.fused = random.Random(seed), fused
         self.lines: list[str] = []
         self.reals, self.wholes, self.flags = ["x", "y"], ["n"], ["option"]
         self.count = 0
@@ -89,24 +122,26 @@ class RandomFunction:
     # --- expressions
 
     def real(self, depth: int = 0) -> str:
-        way = self.random.randrange(9 if depth < 3 else 3)
+        way = self.random.randrange(11 if depth < 3 else 3)
         more = depth + 1
         if way < 2:
             return self.random.choice(self.reals)
         if way == 2:
-            return self.random.choice(("0.5", "-2.25", "3.0", "0.0", "1e300"))
+            return self.random.choice(("0.5", "-2.25", "3.0", "0.0", "-0.0", "math.inf", "1e300"))
         a, b = self.real(more), self.real(more)
         return [
             lambda: f"({a} {self.random.choice('+-*/')} {b})",
             lambda: f"{self.random.choice(('max', 'min', 'larger', 'smaller', 'magnitude'))}({a}, {b})",
-            lambda: f"fma({a}, {b}, {self.real(more)})",
+            lambda: f"fma({a}, {b}, {self.real(more)})" if self.fused else f"({a} * {b} + {self.real(more)})",
             lambda: f"({a} if {self.flag(more)} else {b})",
             lambda: f"data[{self.place(more)}]",
-            lambda: f"{self.random.choice(('abs', 'math.sqrt', 'sign', '-'))}(x * {a})",
+            lambda: f"{self.random.choice(('abs', 'math.sqrt', 'sign', 'nearest', '-'))}(x * {a})",
+            lambda: f"copysign({a}, {b})",
+            lambda: f"scaled({a})",
         ][way - 3]()
 
     def whole(self, depth: int = 0) -> str:
-        way = self.random.randrange(5 if depth < 3 else 2)
+        way = self.random.randrange(6 if depth < 3 else 2)
         if way < 2:
             return self.random.choice((*self.wholes, "3", "-2"))
         a, b = self.whole(depth + 1), self.whole(depth + 1)
@@ -115,6 +150,7 @@ class RandomFunction:
             lambda: f"({a} {self.random.choice('+-')} {b})",
             lambda: f"({a} {self.random.choice(('//', '%'))} {self.random.choice(('3', '-4', '7'))})",
             lambda: f"({a} if {self.flag(depth + 1)} else {b})",
+            lambda: f"exponent({self.real(depth + 1)})",
         ][way - 2]()
 
     def flag(self, depth: int = 0) -> str:
@@ -170,8 +206,8 @@ class RandomFunction:
         self.put(depth, f"{self.fresh(self.reals)} = kept.x")
 
     def call(self, depth: int, loops: int) -> None:
-        value = self.real()
-        self.put(depth, f"{self.fresh(self.reals)}, {self.fresh(self.flags)} = exchange({value}, data)")
+        value, called = self.real(), self.random.choice(("exchange", "exchanged"))
+        self.put(depth, f"{self.fresh(self.reals)}, {self.fresh(self.flags)} = {called}({value}, data)")
 
     def splice(self, depth: int, loops: int) -> None:
         value = self.real()
@@ -241,14 +277,14 @@ class RandomFunction:
         self.put(depth + 1, f"data[i{number}] = v{number} if v{number} < y else -v{number}")
         self.put(depth + 1, f"for j in range(2):\n{'    ' * (depth + 2)}v{number} = v{number} + table[j]")
         kinds = ("{0} += {1}", "{0} = max({0}, {1})", "{0} = min({0}, {1})", "{0} = larger({0}, {1})")
-        kind = self.random.choice((*kinds, "{0} = fma({1}, {1}, {0})"))
+        kind = self.random.choice((*kinds, "{0} = magnitude({0}, {1})", *["{0} = fma({1}, {1}, {0})"] * self.fused))
         self.put(depth + 1, kind.format(first, f"v{number}"))
 
 
-def example(seed: int, folder: Path) -> Any:
+def example(seed: int, folder: Path, *, fused: bool = True) -> Any:
     """Return the random function of a seed, from a file of its own."""
     path = folder / f"random_{seed}.py"
-    path.write_text(RandomFunction(seed).text())
+    path.write_text(RandomFunction(seed, fused=fused).text())
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -27,7 +27,7 @@ from lagrange.procedure.form import (
 from lagrange.procedure.interpreter import run
 from lagrange.procedure.values import Entries
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
-from tests.procedure.test_conformance import bits
+from tests.procedure.random_functions import bits
 
 SIZE = 24
 FUSED = ("fma", "fnma")
