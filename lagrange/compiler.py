@@ -38,7 +38,7 @@ from lagrange.recipes.model import Model
 from lagrange.show.files.loaded_run import loaded_run
 from lagrange.statement.expression import one_of
 from lagrange.statement.given.function import require_formulas, with_inputs
-from lagrange.statement.progress import compiling
+from lagrange.statement.progress import announced
 from lagrange.statement.run_settings import PreparationTooLongError, check_time
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.projection import Projection
@@ -122,7 +122,7 @@ def compile_model(statement: Statement, equations: Equations, target: str = "llv
     Other kernels of the model (energy, Jacobian, a batch of states) are compiled when they are first used.
     Raises StatementError for an unknown target, RunError if the check fails.
     """
-    with compiling(statement.name, enabled=True):
+    with announced("compiling", statement.name, enabled=True):
         model = model_of(statement, machine(target), equations)
         try:
             model.kernel("rhs")

@@ -21,7 +21,7 @@ from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare
 from lagrange.statement.expression import ByName, flag
 from lagrange.statement.given.function import require_values
-from lagrange.statement.progress import deriving, stating
+from lagrange.statement.progress import announced
 from lagrange.statement.scene.library import load as library_scene
 from lagrange.statement.scene.scene_reader import read_scene, stored_statement
 from lagrange.statement.scene.writer import scene_text
@@ -85,7 +85,7 @@ class System:
         maps symbols or names to dimensions or units, {m: "mass", l: "m"}; every term is then checked. `contacts` maps
         names to `lagrange.contact(gap, ...)`. `simultaneous`, "newton" or "sequence", is the law of joint impacts.
         """
-        with stating(name):
+        with announced("reading", name):
             statement = declare(
                 kinetic=kinetic,
                 potential=potential,
@@ -178,7 +178,7 @@ class System:
         The right-hand sides are the constraint forces, with their multipliers `lagrange.multiplier(name)`. The
         constraints themselves are `derivation().constraints`. Goldstein, Poole, Safko, 3rd ed., sections 1.4, 2.4.
         """
-        with deriving(self.statement.name):
+        with announced("deriving", self.statement.name):
             return EquationList(self._derivation.equations, self.statement.as_read)
 
     def accelerations(self) -> dict[Any, Any]:
@@ -187,7 +187,7 @@ class System:
         Raises StatementError for a singular mass matrix and formulas too long to print; compiled models have no limit.
         """
         second = {q: acceleration_of(q) for q in self.statement.as_read.coordinates}
-        with deriving(self.statement.name):
+        with announced("deriving", self.statement.name):
             return ExpressionDict(self._derivation.accelerations, self.statement.as_read, second)
 
     @property

@@ -179,7 +179,7 @@ def _express(node: Node, table: Mapping[Node, Any]) -> Any:
         return sympy.Mul(*args)
     if node.kind is Kind.POWER:
         return args[0] ** _rational(node.data)
-    return _SPELLING[node.data](*args)
+    return SPELLING[node.data](*args)
 
 
 def _rational(value: int | Fraction) -> Any:
@@ -202,7 +202,7 @@ def _piecewise_of(*args: Any) -> Any:
     return sympy.Piecewise(*pairs, *([] if args[-1] is sympy.nan else [(args[-1], True)]))
 
 
-_SPELLING: dict[str, Callable[..., Any]] = {
+SPELLING: dict[str, Callable[..., Any]] = {
     **{elementary.name: elementary.symbolic for elementary in ELEMENTARY.values()},
     "atan2": sympy.atan2,
     "abs": sympy.Abs,
@@ -221,3 +221,4 @@ _SPELLING: dict[str, Callable[..., Any]] = {
     "not": sympy.Not,
     "piecewise": _piecewise_of,
 }
+"""SymPy function or class by the name of a function in the graph."""

@@ -20,7 +20,7 @@ from lagrange.mechanics.plain_form import Shortener, in_decimals, numeric, simpl
 from lagrange.mechanics.small_changes import SmallChanges, small_changes
 from lagrange.statement.coordinate import t
 from lagrange.statement.given.function import require_values
-from lagrange.statement.progress import ShownAsPage, deriving
+from lagrange.statement.progress import ShownAsPage, announced
 from lagrange.statement.statement import Statement
 
 
@@ -149,7 +149,7 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)
     require_values(statement, INPUT_REMEDY)
-    with deriving(f"linear equations of {statement.name}"):
+    with announced("deriving", f"linear equations of {statement.name}"):
         point = stated_point(known_statement(statement), at, inputs, turning=True)
         changes = small_changes(point)
         linearization, model = linearized_at(point, changes), system.compile("numpy", check=False)

@@ -13,11 +13,12 @@ import sympy
 
 from lagrange.errors import StatementError
 from lagrange.graph.functions import CONDITIONS
+from lagrange.graph.sympy_nodes import SPELLING
 from lagrange.machine.model import Model
 from lagrange.program.program import Instruction, Program, uses_of
-from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
+    **SPELLING,
     "neg": lambda a: -a,
     "add": lambda a, b: a + b,
     "sub": lambda a, b: a - b,
@@ -26,18 +27,6 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "fma": lambda a, b, c: a * b + c,
     "sqrt": sympy.sqrt,
     "power": lambda a, b: a**b,
-    **{elementary.name: elementary.symbolic for elementary in ELEMENTARY.values()},
-    "atan2": sympy.atan2,
-    "sign": sympy.sign,
-    "abs": sympy.Abs,
-    "min": sympy.Min,
-    "max": sympy.Max,
-    "less": sympy.Lt,
-    "less_equal": sympy.Le,
-    "equal": sympy.Eq,
-    "and": sympy.And,
-    "or": sympy.Or,
-    "not": sympy.Not,
     "select": lambda condition, a, b: sympy.Piecewise((a, condition), (b, True)),
 }
 """SymPy expression of each operation of a program."""

@@ -54,12 +54,13 @@ from lagrange.show.figures.ensemble_figure import COMPLETE, plot_ensemble
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically, write_rows
 from lagrange.show.files.picture import picture
+from lagrange.show.files.run_files import missing_package
 from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.terminal import duration, text_table
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.event import declare_events
 from lagrange.statement.expression import flag_or_word, whole_number
-from lagrange.statement.progress import LINES, compiling, counter
+from lagrange.statement.progress import LINES, announced, counter
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.messages import message, number
@@ -262,10 +263,7 @@ class Ensemble:
         try:
             import xarray
         except ModuleNotFoundError as error:
-            raise StatementError(
-                "to_xarray() needs xarray, which is not installed: pip install xarray, or in a checkout "
-                "pip install '.[data]'."
-            ) from error
+            raise missing_package("to_xarray", "xarray") from error
         axes = {self._start_name(name): values for name, values in self.table.varied.axes.items()}
         labels = {self._start_name(label): label for label in self.table.labels}
         shape, dims = self.table.varied.shape, tuple(axes)
@@ -465,7 +463,7 @@ def _run(
     collector = Collector(job, results, len(table))
     try:
         if results.left:
-            with compiling(problem.model.statement.name, enabled=bool(progress)):
+            with announced("compiling", problem.model.statement.name, enabled=bool(progress)):
                 alone = executor is None
                 runner: Runner = ThreadRunner(job.engine(), threads) if alone else ExecutorRunner(executor, job)
             shown_bar = counter(len(table), "member", enabled=progress, before=collector.before)

@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import singledispatch
@@ -32,39 +32,24 @@ Report = Callable[[float], None]
 """Progress callback: time reached, or number of finished items."""
 
 
-def compiling(name: str, *, enabled: bool) -> AbstractContextManager[None]:
-    """Context that shows in a terminal or notebook that `name` is being compiled, after `SILENT_SECONDS` of work."""
-    return _announced(f"compiling {name}", f"compiled {name}", enabled=enabled)
-
-
-def deriving(name: str) -> AbstractContextManager[None]:
-    """Context that shows in a terminal or notebook that formulas of `name` are being derived.
-
-    Nothing is shown in the first `SILENT_SECONDS` of the work.
-    """
-    return _announced(f"deriving {name}", f"derived {name}", enabled=True)
-
-
-def stating(name: Any) -> AbstractContextManager[None]:
-    """Context that shows in a terminal or notebook that the statement of a system is being read.
-
-    `name` is that of the system, if it is a text. Nothing is shown in the first `SILENT_SECONDS` of the work.
-    """
-    said = name if isinstance(name, str) else "system"
-    return _announced(f"reading {said}", f"read {said}", enabled=True)
-
-
 _announcing: ContextVar[bool] = ContextVar("announcing", default=False)
 """True inside a block whose display shows the work, or that suppresses it. Inner blocks then show nothing."""
 
 
+WORK = {"compiling": "compiled", "deriving": "derived", "reading": "read"}
+"""Kinds of work that are announced, with the participle for the finished work."""
+
+
 @contextmanager
-def _announced(doing: str, done: str, *, enabled: bool) -> Iterator[None]:
-    """Context that shows the text `doing` after `SILENT_SECONDS`. In a notebook `done` replaces it at the end."""
+def announced(work: str, name: Any, *, enabled: bool = True) -> Iterator[None]:
+    """Context that shows in a terminal or notebook, after `SILENT_SECONDS`, that `work` on a system is being done.
+
+    `work` is a key of `WORK`, and `name` that of the system, if it is a text.
+    """
     display = None if _announcing.get() else _display_of(enabled)
-    outside = _announcing.set(True)
+    outside, system = _announcing.set(True), name if isinstance(name, str) else "system"
     try:
-        with nullcontext() if display is None else _timed(display, doing, done):
+        with nullcontext() if display is None else _timed(display, f"{work} {system}", f"{WORK[work]} {system}"):
             yield
     finally:
         _announcing.reset(outside)

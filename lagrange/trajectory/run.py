@@ -23,7 +23,7 @@ from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
 from lagrange.statement.expression import flag, real_number
 from lagrange.statement.given.function import check_span, require_values
-from lagrange.statement.progress import compiling, progress_bar
+from lagrange.statement.progress import announced, progress_bar
 from lagrange.statement.rotation import check_moments
 from lagrange.statement.run_settings import DEFAULT_METHOD, PreparationTooLongError, preparation
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
@@ -113,7 +113,7 @@ def compiled(system: Stated | Model, example: str, *, progress: bool | str = Fal
     """
     statement = stated(system, example)
     require_values(statement)
-    with compiling(statement.name, enabled=bool(progress)):
+    with announced("compiling", statement.name, enabled=bool(progress)):
         return system if isinstance(system, Model) else system.compile()
 
 
@@ -143,7 +143,7 @@ def run_stated(
             options = replace(options, rtol=rtol, atol=scene.atol if atol is None else atol)
         elif options.step is None:
             options = replace(options, step=scene.step)
-    with compiling(system.statement.name, enabled=flag(progress, "progress")):
+    with announced("compiling", system.statement.name, enabled=flag(progress, "progress")):
         try:
             with preparation(began, options.wall_limit):
                 model = system.compile(target, check=check)

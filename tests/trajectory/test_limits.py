@@ -187,7 +187,7 @@ def test_a_terminal_is_not_told_what_takes_no_time(
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setattr(progress, "SILENT_SECONDS", patience)
-    with progress.compiling("pendulum", enabled=wanted):
+    with progress.announced("compiling", "pendulum", enabled=wanted):
         time.sleep(0.1)
     assert not terminal.text
 

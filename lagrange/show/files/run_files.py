@@ -34,7 +34,7 @@ def data_frame(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mappin
     try:
         import pandas
     except ModuleNotFoundError as error:
-        raise _missing("to_pandas", "pandas") from error
+        raise missing_package("to_pandas", "pandas") from error
     columns = {name: row.copy() for name, row in rows.items()}
     frame = pandas.DataFrame(columns, index=pandas.Index(t, name="t"))
     frame.attrs.update(attributes)
@@ -49,7 +49,7 @@ def data_set(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[
     try:
         import xarray
     except ModuleNotFoundError as error:
-        raise _missing("to_xarray", "xarray") from error
+        raise missing_package("to_xarray", "xarray") from error
     kept = {key: value for key, value in attributes.items() if isinstance(value, (str, int, float))}
     return xarray.Dataset({name: ("t", row.copy()) for name, row in rows.items()}, coords={"t": t}, attrs=kept)
 
@@ -60,7 +60,8 @@ def event_arrays(times: Sequence[FloatArray], states: Sequence[FloatArray]) -> d
     return arrays | {f"y_event_{i}": event for i, event in enumerate(states)}
 
 
-def _missing(method: str, package: str) -> StatementError:
+def missing_package(method: str, package: str) -> StatementError:
+    """Return the error of a method that needs pandas or xarray, if the package is not installed."""
     return StatementError(
         f"{method}() needs {package}, which is not installed: pip install pandas xarray, or in a checkout "
         "pip install '.[data]'."

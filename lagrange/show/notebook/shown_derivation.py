@@ -29,7 +29,7 @@ from lagrange.show.terminal import DETAILS, terminal_style
 from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.expression import one_of, text
-from lagrange.statement.progress import deriving
+from lagrange.statement.progress import announced
 from lagrange.statement.statement import Statement
 
 SYSTEM_INSTEAD = "`print(system.derivation())` has it as text, `system.equations()` and the like as SymPy expressions."
@@ -154,7 +154,7 @@ class ShownDerivation(Derivation):
         """
         heading = Heading(**{field: text(value, field) for field, value in above.items()})
         chosen = terminal_style() if style is None else style
-        with deriving(self.statement.name):
+        with announced("deriving", self.statement.name):
             return render(self, chosen, self.remarks, self.detail, heading)
 
     def __str__(self) -> str:
@@ -167,7 +167,7 @@ class ShownDerivation(Derivation):
         return written_derivation, (self.statement, self.remarks, self.detail)
 
     def _repr_markdown_(self) -> str:
-        with deriving(self.statement.name):
+        with announced("deriving", self.statement.name):
             return joined(_parts(self), INSTEAD)
 
 

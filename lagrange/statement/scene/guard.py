@@ -185,10 +185,3 @@ def _check_node(node: Any) -> None:
         _check_exponent(node.exp)
     elif isinstance(node, (sympy.Min, sympy.Max)) and len(node.args) > MOST_ARGUMENTS:
         raise RefusalError(f"min and max take at most {MOST_ARGUMENTS} arguments")
-
-
-def _check_float(number: Any) -> None:
-    if abs(number) > sys.float_info.max:
-        raise RefusalError("a number here is too large for a floating-point number")
-    if not number.is_zero and float(number) == 0.0:  # SymPy says that 0.0 != 0
-        raise RefusalError("a number here is too small for a floating-point number")

@@ -174,8 +174,8 @@ class Dimension:
         listed = sorted(
             self.exponents, key=lambda entry: (BASE.index(entry[0]) if entry[0] in BASE else len(BASE), entry)
         )
-        above = "*".join(_power(name, power) for name, power in listed if power > 0)
-        below = [_power(name, -power) for name, power in listed if power < 0]
+        above = "*".join(power_text(name, power) for name, power in listed if power > 0)
+        below = [power_text(name, -power) for name, power in listed if power < 0]
         if not below:
             text = above or "a number"
         else:
@@ -184,7 +184,8 @@ class Dimension:
         return text if known in ("", text) else f"{known} ({text})"
 
 
-def _power(name: str, power: Any) -> str:
+def power_text(name: str, power: Any) -> str:
+    """Return a positive power of a dimension or unit as text, as a user types it: m**2."""
     return name if power == 1 else f"{name}**{power}" if power.denominator == 1 else f"{name}**({power})"
 
 

@@ -27,6 +27,7 @@ from lagrange.statement.units.dimension import (
     Dimension,
     check_names,
     named,
+    power_text,
     read_dimension,
     read_dimensions,
     units_in,
@@ -477,11 +478,6 @@ def _made(
         pairs = zip(choice, dimension.exponents, strict=True)
         powers = [(text, factor, power / of_unit) for (text, (factor, of_unit)), (_, power) in pairs]
         scale = math.fsum(factor * float(power) for _, factor, power in powers)
-        above = [_powered(text, power) for text, _, power in powers if power > 0]
-        below = [f"/{_powered(text, -power)}" for text, _, power in powers if power < 0]
+        above = [power_text(text, power) for text, _, power in powers if power > 0]
+        below = [f"/{power_text(text, -power)}" for text, _, power in powers if power < 0]
         yield scale, ("*".join(above) or "1") + "".join(below)
-
-
-def _powered(text: str, power: Fraction) -> str:
-    """Return a positive power of a unit as text, as a user types it: m**2."""
-    return text if power == 1 else f"{text}**{power}" if power.denominator == 1 else f"{text}**({power})"

@@ -96,11 +96,11 @@ def test_no_bar_is_shown_to_who_did_not_ask(display: Display) -> None:
 def test_a_long_compilation_is_a_line_and_a_short_one_is_none(
     display: Display, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with progress.compiling("<b>", enabled=True):
+    with progress.announced("compiling", "<b>", enabled=True):
         time.sleep(0.0)
     assert display.shown == []
     monkeypatch.setattr(progress, "SILENT_SECONDS", 0.01)
-    with progress.compiling("<b>", enabled=True):
+    with progress.announced("compiling", "<b>", enabled=True):
         time.sleep(0.2)
     assert repr(display.shown[-1]).startswith("compiled <b> in 0.") and "&lt;b&gt;" in display.shown[-1]._repr_html_()
 
