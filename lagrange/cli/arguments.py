@@ -25,8 +25,7 @@ DONE, FAILED, WRONG, INTERRUPTED = 0, 1, 2, 130
 NUMBER = re.compile(r"([+-]?)(?:([0-9.]+(?:[eE][+-]?[0-9]+)?)\*?)?(pi|deg)?(?:/([0-9.]+))?")
 """Pattern of a number with an optional factor pi or deg and an optional divisor: 9.81, -1e-3, 30deg, pi/6, 2*pi/3."""
 
-PICTURES = (".png", ".svg", ".pdf")
-"""Suffixes of files of still pictures."""
+PICTURES = (".png", ".svg", ".pdf")  # Suffixes of files of still pictures
 
 
 @dataclass(frozen=True)

@@ -19,20 +19,14 @@ from lagrange.statement.progress import counter
 if TYPE_CHECKING:
     from lagrange.system import System
 
-LARGEST_FILE = 1_000_000
-"""Largest size of a file of equations, in bytes."""
-
-LONGEST_SHOWN = 250
-"""Longest name of a file in a message, in characters."""
-
-COLUMNS = ("student", "verdict", "finding", "reading")
-"""Columns of the table of a folder of answers."""
+LARGEST_FILE = 1_000_000  # Largest size of a file of equations, in bytes
+LONGEST_SHOWN = 250  # Longest name of a file in a message, in characters
+COLUMNS = ("student", "verdict", "finding", "reading")  # Columns of the table of a folder of answers
 
 _CONTROL = re.compile(r"[\0-\x08\x0e-\x1f]|\A(?:%PDF|\{\\rtf)")
 """Matches a control character, or the first bytes of a file, that plain text does not contain."""
 
-UNREADABLE = "cannot be read"
-"""Verdict for an answer that cannot be read."""
+UNREADABLE = "cannot be read"  # Verdict for an answer that cannot be read
 
 
 def add_grade(commands: Any) -> None:

@@ -70,8 +70,7 @@ SENTENCE = "interrupted; no file was left half written."
 
 SIGNALS = [number for number in signal.Signals if number.name in ("SIGINT", "SIGTERM", "SIGHUP")]
 
-INTERVAL = 0.01
-"""Seconds after which a signal that could not be raised is sent again."""
+INTERVAL = 0.01  # Seconds after which a signal that could not be raised is sent again
 
 _IMPORTING = "<frozen importlib"
 

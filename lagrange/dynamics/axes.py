@@ -44,8 +44,7 @@ class Axis:
         return self.high - self.low
 
 
-Plane = tuple[Axis, Axis]
-"""Horizontal axis and vertical axis."""
+Plane = tuple[Axis, Axis]  # Horizontal axis and vertical axis
 
 
 def row_of(statement: Statement, key: Any, what: str) -> int:
@@ -113,8 +112,7 @@ def _example(statement: Statement) -> str:
     return f"a dict of two entries of the state, such as {{{name!r}: (-3, 3), '{name}_dot': (-5, 5)}}"
 
 
-TURN = 2.0 * math.pi
-"""Period of an angle, in radians."""
+TURN = 2.0 * math.pi  # Period of an angle, in radians
 
 
 @lru_cache(maxsize=64)

@@ -63,8 +63,7 @@ class BranchesData:
     message: str
 
 
-TIP = 12
-"""Number of values added beside a value at which a formula begins to hold."""
+TIP = 12  # Number of values added beside a value at which a formula begins to hold
 
 
 def equilibrium_branches(

@@ -148,11 +148,8 @@ def _touches(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray,
     return minima
 
 
-HALVINGS = 70
-"""Bisections of an edge: 52 bits of a double, and more for a crossing near zero."""
-
-PlaneFunction = Callable[[FloatArray, FloatArray], FloatArray]
-"""Values (k,) at points x (k,) and y (k,)."""
+HALVINGS = 70  # Bisections of an edge: 52 bits of a double, and more for a crossing near zero
+PlaneFunction = Callable[[FloatArray, FloatArray], FloatArray]  # Values (k,) at points x (k,) and y (k,)
 
 
 def zero_lines(function: PlaneFunction, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:

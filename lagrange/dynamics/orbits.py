@@ -29,18 +29,14 @@ WINDOW_MARGIN = 0.02
 """Distance outside of the window at which a run ends, as a fraction of its width. The end of the line is then out of
 sight."""
 
-PERIODS = 20
-"""Time for which an orbit is followed, in mean periods of small motions."""
+PERIODS = 20  # Time for which an orbit is followed, in mean periods of small motions
 
 SAMPLES_PER_STEP = 32
 """States in each step at which the return of an orbit and the arrival at an equilibrium are tested: a step of a Taylor
 series covers at most three periods."""
 
-CLOSED = 1e-6
-"""Distance from its start, as a part of the window, below which an orbit counts as closed."""
-
-ARRIVED = 5e-4
-"""Distance from an equilibrium, as a part of the window, at which an orbit ends there."""
+CLOSED = 1e-6  # Distance from its start, as a part of the window, below which an orbit counts as closed
+ARRIVED = 5e-4  # Distance from an equilibrium, as a part of the window, at which an orbit ends there
 
 
 @dataclass(frozen=True, eq=False)

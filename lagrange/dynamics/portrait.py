@@ -22,11 +22,8 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.consistent import with_rates
 from lagrange.trajectory.trajectory import Status
 
-FIELD = 25
-"""Number of arrows of the field along each axis."""
-
-NULLCLINE_CELLS = 240
-"""Cells along each axis for the nullclines: their lines are then exact within a pixel."""
+FIELD = 25  # Number of arrows of the field along each axis
+NULLCLINE_CELLS = 240  # Cells along each axis for the nullclines: their lines are then exact within a pixel
 
 CELLS = 22
 """Cells along each axis for orbits: one begins in each cell that no orbit has crossed, from the middle outwards."""
@@ -37,11 +34,8 @@ MOST_ORBITS, MOST_PROJECTED = 60, 8
 FEW_PERIODS = 2
 """Time for which orbits of a slice are followed, forwards only, in mean periods of small motions."""
 
-SAMPLES_PER_CELL = 64
-"""States in each step for marking the cells that an orbit crosses."""
-
-SAME_PLACE = 1e-9
-"""Distance below which two equilibria are the same, as a part of the window."""
+SAMPLES_PER_CELL = 64  # States in each step for marking the cells that an orbit crosses
+SAME_PLACE = 1e-9  # Distance below which two equilibria are the same, as a part of the window
 
 START_DISPLACEMENT = np.array([0.1, 0.0])
 """Displacement in (x, v) from an equilibrium, for the start of the motion that sets the default window."""

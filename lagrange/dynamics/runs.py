@@ -27,11 +27,8 @@ from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Trajectory
 
-Report = Callable[[float], None]
-"""Progress callback: number of finished runs."""
-
-MOST_STARTS = 1_000_000
-"""Largest number of starts in a list or an array."""
+Report = Callable[[float], None]  # Progress callback: number of finished runs
+MOST_STARTS = 1_000_000  # Largest number of starts in a list or an array
 
 
 @dataclass(frozen=True, eq=False)

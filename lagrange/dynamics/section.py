@@ -28,11 +28,8 @@ from lagrange.trajectory.trajectory import Status, Trajectory
 CROSSINGS_PER_RUN = 2000
 """Crossings after which an orbit continues in a new run, which bounds the memory for its steps."""
 
-PERIODS_PER_CROSSING = 2.0
-"""Length of the first run of an orbit: mean periods of small motions per crossing."""
-
-LONGEST_WAIT = 200
-"""Longest wait for a crossing, in mean periods of small motions; then the orbit ends."""
+PERIODS_PER_CROSSING = 2.0  # Length of the first run of an orbit: mean periods of small motions per crossing
+LONGEST_WAIT = 200  # Longest wait for a crossing, in mean periods of small motions; then the orbit ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +119,7 @@ PROBES = (1.0, 1e-3, 1e-6)
 """Velocities at which the coefficients of a quadratic energy are computed. The first one is used at which the energy
 has a value."""
 
-ENERGY_ERROR = 1e-10
-"""Largest accepted error of the energy, relative to its size and that of its terms."""
+ENERGY_ERROR = 1e-10  # Largest accepted error of the energy, relative to its size and that of its terms
 
 
 def margin(model: Model, parameters: FloatArray, states: FloatArray, row: int, energy: float) -> FloatArray:
@@ -233,8 +229,7 @@ def _out_of_reach(model: Model, starts: FloatArray, row: int, energy: float, ind
 MOST_SECTION_POINTS = 100_000_000
 """Largest number of points of an orbit: a driven system takes minutes for them."""
 
-BORDER_CELLS = 200
-"""Cells along each axis for the border of a section."""
+BORDER_CELLS = 200  # Cells along each axis for the border of a section
 
 BORDER_ROOMS = (0.5, 1.5, 4.0, 10.0, 25.0)
 """Margins around the points, as fractions of their extent, in which the border is searched in turn until it closes. An

@@ -19,10 +19,8 @@ LONGEST_DENOMINATOR = 12
 LARGEST_DEGREE = 5000
 """Bound on the cost of this search: the largest product of (degree + 1) over the variables. Its numbers have this many
 digits."""
-LONGEST_SUM = 6
-"""Largest number of terms of a sum in parentheses that is expanded, or divided by, on trial."""
-HIGHEST = 3
-"""Largest difference of the powers of such a sum in terms that are merged."""
+LONGEST_SUM = 6  # Largest number of terms of a sum in parentheses that is expanded, or divided by, on trial
+HIGHEST = 3  # Largest difference of the powers of such a sum in terms that are merged
 
 
 def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, MonomialSum]:

@@ -19,8 +19,7 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node, substitute
 from lagrange.statement.statement import Constraint
 
-TERM_ROUND_OFF = 1e-12
-"""Rounding threshold: values below this fraction of their terms count as zero."""
+TERM_ROUND_OFF = 1e-12  # Rounding threshold: values below this fraction of their terms count as zero
 
 
 @dataclass(frozen=True, eq=False)

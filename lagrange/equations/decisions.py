@@ -130,25 +130,17 @@ def _monomial_degree(stated: StatedAlgebra, monomial: Monomial) -> int | None:
     return degree
 
 
-BUDGET = 100_000
-"""Largest number of monomials of all proofs about one system: 1 to 2 s."""
-CONTEXT = precise(50)
-"""Numbers of 50 digits, in which laws are evaluated."""
-STEP = "1e-15"
-"""Step of the central difference in time: its error is some 1e-30 of the function."""
+BUDGET = 100_000  # Largest number of monomials of all proofs about one system: 1 to 2 s
+CONTEXT = precise(50)  # Numbers of 50 digits, in which laws are evaluated
+STEP = "1e-15"  # Step of the central difference in time: its error is some 1e-30 of the function
 ZERO_SHARE = CONTEXT.mpf("1e-20")
 """A value differs from zero if it exceeds this fraction of the largest number from which it is computed."""
-LAW_SAMPLES = 3
-"""Number of states at which laws are evaluated."""
-LAW_DRAWS = 24
-"""Largest number of states that are drawn for the samples: at some an expression has no value."""
+LAW_SAMPLES = 3  # Number of states at which laws are evaluated
+LAW_DRAWS = 24  # Largest number of states that are drawn for the samples: at some an expression has no value
 MOST_HELD = 16
 """Largest number of constraints for which a state that satisfies them is searched: for 16 it takes a second."""
-LAW_CORRECTIONS = 40
-"""Most Newton steps onto the constraints; each doubles the digits near them."""
-
-Verdict = bool | None
-"""True if proven, False if disproven, None if undecided."""
+LAW_CORRECTIONS = 40  # Most Newton steps onto the constraints; each doubles the digits near them
+Verdict = bool | None  # True if proven, False if disproven, None if undecided
 
 Values = dict[Node, Any]
 

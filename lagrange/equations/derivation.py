@@ -114,8 +114,7 @@ STATED = 200
 KINKED = (Abs, sign, Heaviside, Max, Min, Piecewise)
 """Functions whose second derivatives contain Dirac deltas in SymPy, at their kinks."""
 
-NAMED = 8
-"""Largest number of coordinates that a message names."""
+NAMED = 8  # Largest number of coordinates that a message names
 
 ACCELERATIONS = "the solved accelerations"
 

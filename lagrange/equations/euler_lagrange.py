@@ -134,8 +134,7 @@ def _weight(mass: Matrix, gradient_row: Sequence[Node], symbols: Sequence[Node])
     return weight if weight.binding <= Binding.PARAMETER and weight is not graph.zero else graph.one
 
 
-RELATION = "equation of "
-"""Prefix of the names of first-order equations. Names of users have no spaces."""
+RELATION = "equation of "  # Prefix of the names of first-order equations. Names of users have no spaces.
 
 
 def first_order_coordinates(

@@ -23,8 +23,7 @@ FloatArray = NDArray[np.float64]
 Values = Callable[[float, FloatArray, FloatArray], FloatArray]
 """A function of t, a state (2n,) and parameters (k,)."""
 
-RANK = 1e-13
-"""A singular value of a balanced matrix counts as zero below this fraction of the largest."""
+RANK = 1e-13  # A singular value of a balanced matrix counts as zero below this fraction of the largest
 
 NEARLY_SINGULAR = 1e-6
 """If the smallest relative singular value is above this, the message blames the mass matrix, not the constraints."""
@@ -35,11 +34,8 @@ DEPENDENT = 1e-8
 States satisfy the constraints only to 1e-12, so rows that are dependent on the constraints differ by that much.
 """
 
-NAMED_SHARE = 1e-6
-"""Entries of a null vector below this fraction of the largest are rounding noise."""
-
-NAMED_VELOCITIES = 8
-"""Largest number of velocities that a message names."""
+NAMED_SHARE = 1e-6  # Entries of a null vector below this fraction of the largest are rounding noise
+NAMED_VELOCITIES = 8  # Largest number of velocities that a message names
 
 
 class Provider(Protocol):

@@ -14,8 +14,7 @@ from sympy import Add, Expr, Function, Mul, Pow, Rational, S
 Monomial = tuple[tuple[int, Any], ...]
 """Pairs (number of a factor, exponent), sorted by number; exponents are int or Rational."""
 
-MonomialSum = dict[Monomial, Any]
-"""A sum: its monomials, each with a SymPy number."""
+MonomialSum = dict[Monomial, Any]  # A sum: its monomials, each with a SymPy number
 
 ONE: Monomial = ()
 

@@ -195,8 +195,7 @@ Two masses on two rods, six unknowns, take 0.3 s, and their formulas are a third
 EXPANDED_TERMS = 10_000
 """Largest number of monomials of an expanded solution: 0.1 s. Beyond it the formulas stay nested. Three links need
 2,000."""
-LONGEST_FORMULA = 20_000
-"""Largest number of operations in one acceleration: some 50 printed pages."""
+LONGEST_FORMULA = 20_000  # Largest number of operations in one acceleration: some 50 printed pages
 LONGEST_SLOPES = 5_500
 """Largest number of operations inside the derivatives of L by all coordinates together. 15 bodies with forces between
 all pairs have 5,000, and their derivation takes 6 s. A chain of 30 links has 2,000."""
@@ -419,11 +418,8 @@ def _unreadable(number: Any) -> bool:
 ROUNDS = 6
 """Largest number of rounds of multiplying out roots and quotients; each removes one level of nesting."""
 
-MOST_PROOF_MONOMIALS = 40_000
-"""Largest number of monomials of one proof: half a second."""
-
-_SQUARES = {sympy.sin: (sympy.cos, -1), sympy.cosh: (sympy.sinh, 1)}
-"""f**2 = 1 + sign * g**2 by function."""
+MOST_PROOF_MONOMIALS = 40_000  # Largest number of monomials of one proof: half a second
+_SQUARES = {sympy.sin: (sympy.cos, -1), sympy.cosh: (sympy.sinh, 1)}  # f**2 = 1 + sign * g**2 by function
 
 
 def is_identity(algebra: Algebra, terms: MonomialSum) -> bool:

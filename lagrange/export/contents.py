@@ -41,18 +41,12 @@ from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.splitting import check_separable
 from lagrange.trajectory.methods.tolerances import STEPS_UNDER_BRIEF_FORCE
 
-DEFAULT = ("rhs", "energy")
-"""Default contents of an export."""
+DEFAULT = ("rhs", "energy")  # Default contents of an export
 
 STEP, MAIN, TAYLOR = "step", "main", "taylor"
-STEP_METHOD, ADAPTIVE_METHOD = "rk4", "dop853"
-"""Default methods: of the content `step`, and of `main`."""
-
-INTERVALS = 1000
-"""Default number of intervals between the rows that `main` writes."""
-
-MAIN_RTOL = 1e-12
-"""Relative tolerance of `main`, unless that of the scene is tighter."""
+STEP_METHOD, ADAPTIVE_METHOD = "rk4", "dop853"  # Default methods: of the content `step`, and of `main`
+INTERVALS = 1000  # Default number of intervals between the rows that `main` writes
+MAIN_RTOL = 1e-12  # Relative tolerance of `main`, unless that of the scene is tighter
 
 
 @dataclass(frozen=True)

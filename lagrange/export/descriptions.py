@@ -24,8 +24,7 @@ from lagrange.statement.event import Event
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.letters import GREEK
 
-LONGEST_NAME = 63
-"""Longest name: the number of characters that C and Fortran distinguish."""
+LONGEST_NAME = 63  # Longest name: the number of characters that C and Fortran distinguish
 
 
 def ascii_name(name: str) -> str:
@@ -68,12 +67,10 @@ def distinct(
     return tuple(legal_names)
 
 
-TEXT_WIDTH = 110
-"""Largest length of a line of comment, or of the head of a function, in exported files."""
+TEXT_WIDTH = 110  # Largest length of a line of comment, or of the head of a function, in exported files
 
 
-DEFAULT_LINE_LENGTH = 120
-"""Default limit of characters per line, for languages without a limit."""
+DEFAULT_LINE_LENGTH = 120  # Default limit of characters per line, for languages without a limit
 
 
 def continued(line: str, room: int = DEFAULT_LINE_LENGTH, mark: str = "") -> list[str]:
@@ -285,8 +282,7 @@ LONG_TERM = 300
 operations."""
 
 
-LICENSE = "BSD-3-Clause"
-"""License of the text of exported files that is ours; the equations are the user's."""
+LICENSE = "BSD-3-Clause"  # License of the text of exported files that is ours; the equations are the user's
 
 
 def generator() -> str:

@@ -12,8 +12,7 @@ from lagrange.export.descriptions import TEST, columns, commented, integrator_of
 from lagrange.export.module import SourceModule, StepCheck
 from lagrange.procedure.spelling import Literals
 
-MOST_STEPS_PER_ROW = 10_000_000
-"""Largest number of steps between two rows of the table of `main`."""
+MOST_STEPS_PER_ROW = 10_000_000  # Largest number of steps between two rows of the table of `main`
 
 TEST_TOLERANCE, TEST_STEPS = 1e-13, 100_000
 """Tolerances of an adaptive run in the test, and its largest number of steps."""

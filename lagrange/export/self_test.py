@@ -18,20 +18,14 @@ from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.statement.statement import Statement
 
-STATES = 6
-"""Number of states of each test, the initial state among them if the quantity has values there."""
-
-TOLERANCE = 1e-12
-"""Allowed relative error of a result."""
+STATES = 6  # Number of states of each test, the initial state among them if the quantity has values there
+TOLERANCE = 1e-12  # Allowed relative error of a result
 
 WELL_CONDITIONED = 2e-14
 """Largest relative error of doubles at a preferred test state: a fiftieth of the allowed error."""
 
-STATE_DRAWS = 60
-"""Number of random states from which well-conditioned ones are chosen."""
-
-ULP = 2.0**-52
-"""Relative change of a state that estimates the condition number of its results."""
+STATE_DRAWS = 60  # Number of random states from which well-conditioned ones are chosen
+ULP = 2.0**-52  # Relative change of a state that estimates the condition number of its results
 
 NEAR_INITIAL_STATE = SampleKind("near the initial state", "initial", "default")
 """Sampling of the test states: near the initial state, with the default parameters."""
@@ -185,8 +179,7 @@ def prepared_numbers(preparing: Procedure, size: int, statement: Statement, para
     return p
 
 
-MOST_STARTS = 20
-"""Number of states from which a step is tried: the initial state, then states near it."""
+MOST_STARTS = 20  # Number of states from which a step is tried: the initial state, then states near it
 
 
 MOST_TRIES = 50

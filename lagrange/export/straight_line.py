@@ -28,8 +28,7 @@ CONDITIONS: Mapping[str, tuple[int, ...]] = {"select": (0,), "and": (0, 1), "or"
 """Indices of operands that are conditions (true or false), by operation."""
 
 SYSTEMS = ("factor", "solve", "component")
-STRUCTURE = (*GIVEN, *SYSTEMS)
-"""Operations that are not functions of numbers: arguments, and linear systems."""
+STRUCTURE = (*GIVEN, *SYSTEMS)  # Operations that are not functions of numbers: arguments, and linear systems
 
 GENERATED = re.compile(r"(?:[xfsd]|singular)\d+")
 """Names that the printer makes for values, factors, solutions and conditions."""

@@ -23,8 +23,7 @@ QUANTITIES = (
 )
 """Contents that are functions of time and state."""
 
-SOLVED = ("rhs", "accelerations", "jacobian")
-"""The quantities that divide by entries of the matrix."""
+SOLVED = ("rhs", "accelerations", "jacobian")  # The quantities that divide by entries of the matrix
 
 
 class Target(ABC):
@@ -70,8 +69,7 @@ class Target(ABC):
         return [line.format(name=self.file_name(module), program="main") for line in self.shell]
 
 
-REGISTERED: dict[str, Target] = {}
-"""The targets whose modules are loaded, by name."""
+REGISTERED: dict[str, Target] = {}  # The targets whose modules are loaded, by name
 
 
 def target_of(name: str) -> Target:

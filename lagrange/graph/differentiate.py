@@ -14,8 +14,7 @@ from lagrange.graph.branches import Domains
 from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Graph, Kind, Node, exact, reachable
 
-Partial = tuple[int, Node]
-"""Index of an argument, and the partial derivative of the node in it."""
+Partial = tuple[int, Node]  # Index of an argument, and the partial derivative of the node in it
 
 
 PARTIALS: dict[Kind, Callable[[Node], list[Partial]]] = {

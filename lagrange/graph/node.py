@@ -33,8 +33,7 @@ LONGEST_PRODUCT = 4 * LONGEST_FLAT
 """Largest number of factors in one node; a longer product becomes a product of products, because each factor has its
 own derivative."""
 
-_ADDING = threading.Lock()
-"""Lock for adding a node: threads that run one model share its graph."""
+_ADDING = threading.Lock()  # Lock for adding a node: threads that run one model share its graph
 
 
 class Binding(enum.IntEnum):

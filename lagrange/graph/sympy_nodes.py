@@ -15,8 +15,7 @@ from lagrange.errors import StatementError, formula
 from lagrange.graph.node import Graph, Kind, Node, reachable
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
-SINC_RADIUS = Fraction(1, 2)
-"""Largest |a| at which sinc(a) is computed by its series."""
+SINC_RADIUS = Fraction(1, 2)  # Largest |a| at which sinc(a) is computed by its series
 SINC_TERMS = 12
 """Terms of this series. The first omitted term, a**24/25!, is 4e-33 at the radius, its fourth derivative 1e-26."""
 

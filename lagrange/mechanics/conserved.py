@@ -215,8 +215,7 @@ def _proven(equation: SymmetryEquation, candidate: Symmetry, *, complete: bool =
         return None
 
 
-LONGEST_SHOWN = 200
-"""Largest number of characters of a quantity in a message."""
+LONGEST_SHOWN = 200  # Largest number of characters of a quantity in a message
 
 
 @refusing_deep
@@ -307,8 +306,7 @@ def _spelled(model: Model, quantity: Any) -> str:
     return formula(quantity.xreplace(dict(model.statement.plain)), LONGEST_SHOWN)
 
 
-RATE_STATES = 6
-"""Number of random states at which a rate is tested."""
+RATE_STATES = 6  # Number of random states at which a rate is tested
 
 LARGEST_RATE = 1e-8
 """Largest rate that counts as zero, relative to its terms. Accelerations in doubles are accurate to about 1e-12."""
@@ -399,11 +397,8 @@ def check_constant(model: Model, quantities: Mapping[str, Any]) -> None:
 MOST_COORDINATES = 12
 """Largest number of coordinates for which the status card has momenta: the test for 30 links takes 0.3 s."""
 
-SIZE_SAMPLES = 200
-"""Largest number of output times at which the sizes of terms are evaluated."""
-
-MOST_LINES = 3
-"""Largest number of momenta on the status card and in the plot."""
+SIZE_SAMPLES = 200  # Largest number of output times at which the sizes of terms are evaluated
+MOST_LINES = 3  # Largest number of momenta on the status card and in the plot
 
 
 def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:

@@ -24,14 +24,12 @@ from lagrange.statement.statement import Statement
 FORCE_LEFT = 1e-15
 """Largest residual force at a symbolic equilibrium, relative to its terms, evaluated with 30 digits."""
 
-FORCE_LEFT_BY_SEARCH = 1e-6
-"""Largest residual force at an equilibrium in decimals, relative to its terms."""
+FORCE_LEFT_BY_SEARCH = 1e-6  # Largest residual force at an equilibrium in decimals, relative to its terms
 
 COORDINATE_ROUNDING = 1e-15
 """Relative rounding error of a coordinate in decimals: for pi as a double, sin(pi) = 1.2e-16 is only rounding."""
 
-MOST_PLACES = 64
-"""Largest number of numerical equilibria in a list: each takes about 0.2 s to analyse."""
+MOST_PLACES = 64  # Largest number of numerical equilibria in a list: each takes about 0.2 s to analyse
 
 
 @dataclass(frozen=True, eq=False)

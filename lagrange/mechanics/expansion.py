@@ -47,8 +47,7 @@ def on_side(expr: Any, edge: Any, sign: int) -> Any:
 ROUNDED_PIECES = 2.0**-40
 """Largest difference of two pieces of a table where they meet, relative to their terms: 4,000 units of rounding."""
 
-BALANCED_FORCE = 1e-8
-"""Largest residual force at an equilibrium in decimals, relative to the stiffness."""
+BALANCED_FORCE = 1e-8  # Largest residual force at an equilibrium in decimals, relative to the stiffness
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,8 +262,7 @@ def _constant(statement: Statement, argument: Any, what: str) -> Any:
     return in_own_parameters(value, statement.parameters)
 
 
-HIGHEST = 8
-"""Largest order of an expansion: order 8 of a double pendulum's energy takes about 1 s."""
+HIGHEST = 8  # Largest order of an expansion: order 8 of a double pendulum's energy takes about 1 s
 
 _SIZE = sympy.Dummy("size", real=True)
 """Symbol for the size of the changes: expressions are expanded in its powers."""

@@ -36,8 +36,7 @@ from lagrange.statement.progress import ShownAsPage
 LARGEST_SYMBOLIC = 4
 """Largest number of coordinates for symbolic frequencies; the characteristic polynomial of five fills pages."""
 
-LONGEST_POLYNOMIAL = 3000
-"""Largest number of operations in a characteristic polynomial that is factored."""
+LONGEST_POLYNOMIAL = 3000  # Largest number of operations in a characteristic polynomial that is factored
 
 LONGEST_SIMPLIFIED = 60
 """Largest number of operations in a formula with roots that SymPy simplifies, in about 0.1 s.
@@ -45,8 +44,7 @@ LONGEST_SIMPLIFIED = 60
 A longer formula may take hours.
 """
 
-NULL_ENTRY = 1e-18
-"""Entries of a null vector below this fraction of the largest count as zero, in 30 digits."""
+NULL_ENTRY = 1e-18  # Entries of a null vector below this fraction of the largest count as zero, in 30 digits
 
 SMALL = 1e-7
 """Frequencies below this fraction of the largest count as zero: w^2 = 0 is computed to about 1e-16."""

@@ -29,8 +29,7 @@ MOST_SYMBOLS = 12
 HIGHEST_DEGREE = 100
 """Largest numerator or denominator of an exponent in an expression that is factored: x**3.001 has degree 3001."""
 
-MERGED_TERMS = 20_000
-"""Largest number of products in merging sines and cosines: about 0.2 s."""
+MERGED_TERMS = 20_000  # Largest number of products in merging sines and cosines: about 0.2 s
 
 LARGEST_FRACTION = 10
 """Largest numerator and denominator of a fraction that is kept in an expression with decimals."""
@@ -150,8 +149,7 @@ def is_zero(expression: Any) -> bool:
     return bool(simplest(expression).is_zero if expression.is_zero is None else expression.is_zero)
 
 
-STATES = 3
-"""Number of random states at which an expression must be zero to count as identically zero."""
+STATES = 3  # Number of random states at which an expression must be zero to count as identically zero
 
 RESIDUAL = 1e-20
 """Largest value of an expression that is zero, relative to its terms: two thirds of the `FORMULA_DIGITS` computed."""
@@ -245,8 +243,7 @@ class Shortener:
         return wide[:, m:]
 
 
-IMAGINARY = 1e-20
-"""Largest imaginary part, relative to the real part, that is rounding."""
+IMAGINARY = 1e-20  # Largest imaginary part, relative to the real part, that is rounding
 
 FORMULA_DIGITS = 30
 """Decimal digits of an evaluated formula: compared with doubles, its own rounding is negligible."""

@@ -21,11 +21,8 @@ from lagrange.graph.sympy_nodes import Translator
 from lagrange.machine.backend import FloatArray
 from lagrange.mechanics.plain_form import prescribed, simplest, size
 
-MOST_BRANCHES = 64
-"""Largest number of branches that are followed; n factors in each of n equations make n^n."""
-
-LONGEST_EQUATION = 400
-"""Largest number of operations in an equation that is factored."""
+MOST_BRANCHES = 64  # Largest number of branches that are followed; n factors in each of n equations make n^n
+LONGEST_EQUATION = 400  # Largest number of operations in an equation that is factored
 
 LONGEST_SYSTEM = 500
 """Largest number of operations in all equations: those of seven attracting bodies take minutes, without success."""
@@ -255,17 +252,10 @@ def _is_tangled(value: Any) -> bool:
     return bool(value.has(sympy.I)) and not (value.is_number and _is_complex(value))
 
 
-STARTS = 256
-"""Number of starting points of a search by number."""
-
-NEWTON_STEPS = 60
-"""Largest number of Newton steps from each start; near a root five suffice."""
-
-CONVERGED_STEP = 1e-9
-"""Largest last Newton step of a converged start, relative to 1 plus the largest unknown."""
-
-SMALL = 1e-8
-"""Largest residual at a root, relative to the typical residuals at the starts."""
+STARTS = 256  # Number of starting points of a search by number
+NEWTON_STEPS = 60  # Largest number of Newton steps from each start; near a root five suffice
+CONVERGED_STEP = 1e-9  # Largest last Newton step of a converged start, relative to 1 plus the largest unknown
+SMALL = 1e-8  # Largest residual at a root, relative to the typical residuals at the starts
 
 WITHIN = 1e-3
 """Largest ratio of residual to slope at a root, relative to 1 plus the largest unknown.
@@ -273,8 +263,7 @@ WITHIN = 1e-3
 It rejects end points far out, where a residual is small but never zero.
 """
 
-SAME_ROOT = 1e-6
-"""Largest distance, in the same measure, between two end points that count as the same root."""
+SAME_ROOT = 1e-6  # Largest distance, in the same measure, between two end points that count as the same root
 
 FLAT = 1e-6
 """Ratio of the least to the largest singular value of the slopes below which an end point is flat, as for y^3 at 0."""

@@ -36,11 +36,8 @@ from lagrange.statement.statement import Statement
 REAL_PART = 1e-6
 """Real parts below this fraction of the largest eigenvalue count as zero: double eigenvalues are accurate to 1e-8."""
 
-LARGEST_DEGREE = 100
-"""Largest denominator of the degree of a term of the dissipation, such as 3/2."""
-
-DEFINITE = 1e-9
-"""Eigenvalues of a symmetric matrix below this fraction of its largest entry count as zero."""
+LARGEST_DEGREE = 100  # Largest denominator of the degree of a term of the dissipation, such as 3/2
+DEFINITE = 1e-9  # Eigenvalues of a symmetric matrix below this fraction of its largest entry count as zero
 
 
 @dataclass(frozen=True)
@@ -279,8 +276,7 @@ def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool
 FOLLOWING_STEPS = 30
 """Largest number of Newton steps from the equilibrium at the previous value of the parameter."""
 
-MOST_VALUES = 10_000
-"""Largest number of values of the parameter: each takes some milliseconds."""
+MOST_VALUES = 10_000  # Largest number of values of the parameter: each takes some milliseconds
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -37,8 +37,7 @@ from lagrange.statement.expression import check_once, entries, expression, refus
 from lagrange.statement.parameters import Survey, coordinate_name, in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 
-START_RESIDUAL = 1e-9
-"""Largest residual of the new velocities, relative to the old ones and to 1."""
+START_RESIDUAL = 1e-9  # Largest residual of the new velocities, relative to the old ones and to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -504,8 +503,7 @@ def _check_routhian(routh: Routh, model: Model) -> None:
     compared("the Routhian", form.statement, values)
 
 
-MOST_PARTS = 64
-"""Largest number of parts of an interval between outputs."""
+MOST_PARTS = 64  # Largest number of parts of an interval between outputs
 
 INTEGRAL_TOLERANCE = 1e-12
 """Largest estimated error of an integral, relative to the largest change between two output times."""

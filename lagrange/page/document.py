@@ -30,19 +30,16 @@ from lagrange.trajectory.measures.sampling import fixed_points
 
 TARGET = "javascript"
 
-METHOD = "dop853"
-"""Integration method with which a page computes the motion."""
+METHOD = "dop853"  # Integration method with which a page computes the motion
 
 
-ALWAYS = ("rhs", "energy", METHOD)
-"""Quantities that every page exports; some systems add others."""
+ALWAYS = ("rhs", "energy", METHOD)  # Quantities that every page exports; some systems add others
 
 TOLERANCE = 1e-13
 """Relative and absolute tolerance of the steps. The double pendulum drifts by some 1e-12 in a minute; a picture takes
 30 us."""
 
-PAGE_STEPS = 5000
-"""Largest number of steps between two recorded states; a pendulum takes one."""
+PAGE_STEPS = 5000  # Largest number of steps between two recorded states; a pendulum takes one
 
 
 @dataclass(frozen=True)
@@ -179,8 +176,7 @@ def rate_of(t_end: float) -> float:
     return math.copysign(shown, t_end)
 
 
-SPACE = 3
-"""Dimension of space: positions with this number of entries can be turned."""
+SPACE = 3  # Dimension of space: positions with this number of entries can be turned
 
 
 def legend(statement: Statement) -> str:
@@ -204,8 +200,7 @@ def phase_choices(statement: Statement) -> str:
     return "".join(f'<option value="{k}">{escape(letter(name))}</option>' for k, name in enumerate(statement.names))
 
 
-LEAST_COLOURS = 3
-"""Least number of colours on a page: the plot of energies has three lines."""
+LEAST_COLOURS = 3  # Least number of colours on a page: the plot of energies has three lines
 
 
 def colour_rules(statement: Statement) -> str:
@@ -233,11 +228,8 @@ TEMPLATE = Path(__file__).resolve().parent / "template"
 PICTURES = ("numbers", "view", "picture", "plots", "controls", "page")
 """Scripts that draw and control a motion."""
 
-COMPUTED = ("motion", "sliders")
-"""Scripts of a motion that the page computes."""
-
-RECORDED = ("recording",)
-"""Scripts of a recorded motion."""
+COMPUTED = ("motion", "sliders")  # Scripts of a motion that the page computes
+RECORDED = ("recording",)  # Scripts of a recorded motion
 
 ENDS = re.compile(r"<(?=/script|script|!--)", re.IGNORECASE)
 """Text that would end a script element early, or open a comment inside it."""

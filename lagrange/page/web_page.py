@@ -55,8 +55,7 @@ from lagrange.trajectory.constraints.consistent import complete_start
 PARAMETER, STATE, RATE = "parameter", "state", "rate"
 """Kinds of sliders: for a parameter, an entry of the initial state, or an initial rate about an axis of a body."""
 
-EXAMPLE = (0.5, 2.0)
-"""Example of bounds in an error message."""
+EXAMPLE = (0.5, 2.0)  # Example of bounds in an error message
 
 
 @dataclass(frozen=True)
@@ -152,8 +151,7 @@ def _bounds(name: str, pair: Any) -> tuple[float, float]:
     return low, high
 
 
-NICE = (1.0, 2.0, 3.0, 5.0, 10.0)
-"""First digits of default bounds."""
+NICE = (1.0, 2.0, 3.0, 5.0, 10.0)  # First digits of default bounds
 
 LOWEST, HIGHEST = 0.1, 3.0
 """Bounds of a parameter as multiples of its value. A lower bound of zero would often leave a system without inertia."""
@@ -265,15 +263,13 @@ def _rates(model: Model, parameters: tuple[float, ...], initial: tuple[float, ..
     return [float(rate) if math.isfinite(rate) else 0.0 for rate in rates]
 
 
-OPEN = ("Stated", "Equations of motion")
-"""Sections that are open when the page loads."""
+OPEN = ("Stated", "Equations of motion")  # Sections that are open when the page loads
 
 LONGEST_SECTION = 30_000
 """Longest section, in characters; a longer one is replaced by a sentence. The accelerations of the double pendulum take
 8,000."""
 
-SHORTEST_OPERATION = 20
-"""Least number of characters of an operation with its operand, in MathML."""
+SHORTEST_OPERATION = 20  # Least number of characters of an operation with its operand, in MathML
 
 
 class FoldedFormulas(HtmlPage):
@@ -430,11 +426,8 @@ def page_of(
     return html("page.html", parts, scripts, trusted=True)
 
 
-MOST_SLIDERS = 12
-"""Largest number of sliders of a system: more are hard to use."""
-
-FRAME_WIDTH, FRAME_HEIGHT = 1100, 760
-"""Size in pixels of the frame of a page; a notebook may be narrower."""
+MOST_SLIDERS = 12  # Largest number of sliders of a system: more are hard to use
+FRAME_WIDTH, FRAME_HEIGHT = 1100, 760  # Size in pixels of the frame of a page; a notebook may be narrower
 
 
 @dataclass(frozen=True)

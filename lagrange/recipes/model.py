@@ -36,8 +36,7 @@ def entries(model: compiled.Model) -> list[str]:
     return [f"{letter} = [{ascii(', '.join(names))[1:-1]}]" for letter, names in (("y", state), ("p", parameters))]
 
 
-SYMBOLS = ("SX", "MX")
-"""CasADi's kinds of symbols: scalars, and matrices."""
+SYMBOLS = ("SX", "MX")  # CasADi's kinds of symbols: scalars, and matrices
 
 
 def casadi_function(model: compiled.Model, quantity: str, symbols: str, *, status: bool) -> Any:

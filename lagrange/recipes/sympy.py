@@ -34,8 +34,7 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
 MOST_DENOMINATOR = 64
 """Largest denominator, a power of two, of a double that is written as a fraction; others become exact Floats."""
 
-DOUBLE_DIGITS = 17
-"""Decimal digits that determine every double."""
+DOUBLE_DIGITS = 17  # Decimal digits that determine every double
 
 
 @dataclass(frozen=True, eq=False)

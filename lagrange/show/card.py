@@ -15,8 +15,7 @@ from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import row_label
 from lagrange.trajectory.solution import Solution
 
-MOST_CHANGES = 3
-"""Number of parameter changes on the card; `solution.parameter_changes` has all of them."""
+MOST_CHANGES = 3  # Number of parameter changes on the card; `solution.parameter_changes` has all of them
 
 
 def card_of(solution: Solution) -> dict[str, Any]:

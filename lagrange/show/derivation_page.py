@@ -36,8 +36,7 @@ COMPACT = (
 A formula below a heading of its own line would begin with a blank line, so headings begin the paragraph.
 """
 
-LONG_SECTION = 12
-"""Lines of formulas above which a section of an HTML page is folded."""
+LONG_SECTION = 12  # Lines of formulas above which a section of an HTML page is folded
 
 
 @dataclass(frozen=True)

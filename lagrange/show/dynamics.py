@@ -51,8 +51,7 @@ bifurcations."""
 ORBIT_STEPS = 20_000
 """Default limit of steps for an orbit of a portrait with an adaptive method: thousands of oscillations."""
 
-_MOST_PLACES = 8
-"""Largest number of equilibria or branches that a card lists."""
+_MOST_PLACES = 8  # Largest number of equilibria or branches that a card lists
 
 
 class Drawn(ABC):

@@ -38,8 +38,7 @@ if TYPE_CHECKING:
 _ROWS = 15
 """Largest number of methods in a column of the legend. With more columns the legend shows no settings."""
 
-_WIDTH = 125
-"""Letters per line below the picture."""
+_WIDTH = 125  # Letters per line below the picture
 
 
 def plot(race: Race, style: Any = "light") -> Figure:
@@ -155,11 +154,8 @@ def _mark_limits(axis: Axes, race: Race, style: FigureStyle) -> None:
 COLUMNS = tuple(field.name for field in fields(Entry))
 """Columns of the file and keys of a record: the fields of an `Entry`."""
 
-GOALS = tuple(10.0**-k for k in (3, 6, 9, 12))
-"""Errors for which the table gives the fastest method."""
-
-_FOLDED = 12
-"""Largest number of runs in a table that a notebook shows unfolded."""
+GOALS = tuple(10.0**-k for k in (3, 6, 9, 12))  # Errors for which the table gives the fastest method
+_FOLDED = 12  # Largest number of runs in a table that a notebook shows unfolded
 
 _HEADINGS = ("method", "setting", "error", "time / ms", "steps", "evaluations", "status")
 

@@ -20,8 +20,7 @@ A step changes a coordinate by at most about half of its amplitude. Then the err
 less than a pixel.
 """
 
-STATE_NOISE = 1e-9
-"""Rounding noise, relative to the largest entry of all states."""
+STATE_NOISE = 1e-9  # Rounding noise, relative to the largest entry of all states
 
 
 def stored_between(run: Trajectory) -> dict[str, FloatArray]:

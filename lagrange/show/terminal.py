@@ -46,11 +46,8 @@ def duration(seconds: float) -> str:
 LEAST_WIDTH = 40
 """Width of a terminal in columns below which lines are not wrapped, because wrapping would not help."""
 
-USUAL_WIDTH = 100
-"""Width in columns of tables for an output that is no terminal."""
-
-_FIRST_COLUMN = re.compile(r"\s*\S+(?: \S+)*\s{2,}")
-"""Matches the first column of a table row."""
+USUAL_WIDTH = 100  # Width in columns of tables for an output that is no terminal
+_FIRST_COLUMN = re.compile(r"\s*\S+(?: \S+)*\s{2,}")  # Matches the first column of a table row
 
 
 def fitted(text: str, stream: TextIO | None) -> str:

@@ -62,8 +62,7 @@ class DeclaredOrder:
 COORDINATES, PARAMETERS = DeclaredOrder(), DeclaredOrder()
 
 
-t = Symbol("t")
-"""Time; the same symbol as SymPy's ``dynamicsymbols._t``."""
+t = Symbol("t")  # Time; the same symbol as SymPy's ``dynamicsymbols._t``
 
 PREDEFINED = {t.name: "time", "pi": "a constant"}
 """Names with a fixed meaning in every statement, and this meaning as the words of a message."""
@@ -129,8 +128,7 @@ def is_ours(function: Any) -> bool:
     return "ddot" in type(function).__dict__
 
 
-_DECLARED: dict[str, Any] = {}
-"""Coordinates made so far, by name."""
+_DECLARED: dict[str, Any] = {}  # Coordinates made so far, by name
 
 
 def function_of_time(name: str, marks: Mapping[str, Any] | None = None) -> Any:
@@ -147,8 +145,7 @@ def function_of_time(name: str, marks: Mapping[str, Any] | None = None) -> Any:
     return UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand, **(marks or {}))(t)
 
 
-ROTATION = "rotation"
-"""Attribute of the coordinates of a rotation, with its name."""
+ROTATION = "rotation"  # Attribute of the coordinates of a rotation, with its name
 
 
 RATE = "rate"

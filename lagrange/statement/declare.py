@@ -62,8 +62,7 @@ from lagrange.statement.statement import EDGE, KINDS, REDUNDANT, REFUSE, Constra
 from lagrange.statement.units.dimension_check import with_dimensions
 from lagrange.statement.vocabulary.letters import NAME
 
-ORIGIN = "origin"
-"""Name of the point at zero. Links may name it; no position may redefine it."""
+ORIGIN = "origin"  # Name of the point at zero. Links may name it; no position may redefine it.
 
 
 @refusing_deep

@@ -226,11 +226,8 @@ def spring(stiffness: Any, a: Sequence[Any] | Any, b: Sequence[Any] | Any | None
     return k * (sympy.sqrt(squared) - rest) ** 2 / 2
 
 
-Place = tuple[float, float, float]
-"""A point of a body of size one, in the axes of the body."""
-
-PARTS = 24
-"""Number of straight edges that draw a circle."""
+Place = tuple[float, float, float]  # A point of a body of size one, in the axes of the body
+PARTS = 24  # Number of straight edges that draw a circle
 
 
 @dataclass(frozen=True)

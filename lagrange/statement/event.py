@@ -21,8 +21,7 @@ from lagrange.statement.rotation import reset_of_coordinates
 from lagrange.statement.statement import Statement
 from lagrange.statement.units.dimension_check import check_event_dimensions
 
-MOST_OCCURRENCES = 2**31
-"""Largest number of the occurrence that ends a run, far more than a run keeps."""
+MOST_OCCURRENCES = 2**31  # Largest number of the occurrence that ends a run, far more than a run keeps
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -32,8 +32,7 @@ from lagrange.errors import (
     suggestion,
 )
 
-TYPED_ROUNDING = 1e-6
-"""Largest relative rounding of numbers that people type, with six or more digits."""
+TYPED_ROUNDING = 1e-6  # Largest relative rounding of numbers that people type, with six or more digits
 
 
 FloatArray = NDArray[np.float64]
@@ -49,8 +48,7 @@ _FLOATS = frozenset((float,))
 _NO_NUMBERS = (bool, np.bool_, np.ma.MaskedArray)
 """Types that are refused in place of numbers; NumPy would convert them inside a list."""
 
-_DEGREES = re.compile(r" *([+-]?[0-9.]{1,30}) *(?:deg|degrees|°) *")
-"""A text that means an angle in degrees."""
+_DEGREES = re.compile(r" *([+-]?[0-9.]{1,30}) *(?:deg|degrees|°) *")  # A text that means an angle in degrees
 
 
 def real_number(value: Any, what: str) -> float:
@@ -136,8 +134,7 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
     return array
 
 
-MOST_AXES = 64
-"""Largest number of axes of an array of NumPy."""
+MOST_AXES = 64  # Largest number of axes of an array of NumPy
 
 
 def _count(value: Any, what: str, axes: int = 0) -> int:
@@ -196,8 +193,7 @@ def _from_sympy(value: Any, what: str) -> float:
 
 Value = TypeVar("Value")
 
-MOST_WORDS = 16
-"""Largest number of known words that a message lists."""
+MOST_WORDS = 16  # Largest number of known words that a message lists
 
 
 def text(value: Any, what: str) -> str:

@@ -22,14 +22,12 @@ from html import escape
 from importlib import import_module
 from typing import Any
 
-SILENT_SECONDS = 2.0
-"""Seconds of compiling or deriving before a line reports it."""
+SILENT_SECONDS = 2.0  # Seconds of compiling or deriving before a line reports it
 
 LINES = "lines"
 """Value of `progress` for lines instead of a bar where there is no terminal, as in a log file: one in ten seconds."""
 
-Report = Callable[[float], None]
-"""Progress callback: time reached, or number of finished items."""
+Report = Callable[[float], None]  # Progress callback: time reached, or number of finished items
 
 
 _announcing: ContextVar[bool] = ContextVar("announcing", default=False)
@@ -260,8 +258,7 @@ def in_notebook() -> bool:
     return shell is not None and shell.has_trait("kernel")
 
 
-PAGES = "lagrange.show.notebook.result_pages"
-"""Module that registers the pages."""
+PAGES = "lagrange.show.notebook.result_pages"  # Module that registers the pages
 
 
 @singledispatch

@@ -55,8 +55,7 @@ from lagrange.statement.space import (
     velocities_at,
 )
 
-ENTRIES = "wxyz"
-"""Suffixes of the names of a quaternion's entries: the scalar, then the vector."""
+ENTRIES = "wxyz"  # Suffixes of the names of a quaternion's entries: the scalar, then the vector
 
 AXES = "xyz"
 """Suffixes of the names of axes: R_xz is an entry of the matrix, R_body_x a rate about an axis of the body."""

@@ -14,8 +14,7 @@ from typing import Any
 
 from lagrange.errors import LagrangeError
 
-DEFAULT_T_END = 10.0
-"""Time at which a run ends if neither its caller nor its scene states one."""
+DEFAULT_T_END = 10.0  # Time at which a run ends if neither its caller nor its scene states one
 
 
 DEFAULT_METHOD = "taylor"
@@ -75,8 +74,7 @@ def preparation(began: float, seconds: float | None) -> AbstractContextManager[N
     return _UNLIMITED if seconds is None else _limited(began, seconds)
 
 
-_UNLIMITED = nullcontext()
-"""A block without a limit; short runs enter it."""
+_UNLIMITED = nullcontext()  # A block without a limit; short runs enter it
 
 
 @contextmanager

@@ -60,8 +60,7 @@ def in_space(value: Any) -> Any:
     return SpaceMatrix([as_typed(part, "an entry of the vector") for part in parts])
 
 
-x, y, z = (SpaceMatrix([int(i == k) for i in range(3)]) for k in range(3))
-"""Unit vectors along the axes."""
+x, y, z = (SpaceMatrix([int(i == k) for i in range(3)]) for k in range(3))  # Unit vectors along the axes
 
 Quaternion = tuple[Any, Any, Any, Any]
 

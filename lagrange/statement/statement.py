@@ -22,8 +22,7 @@ from lagrange.statement.units.dimension import Dimension
 ROD, SPRING, EDGE = "rod", "spring", "edge"
 KINDS = (ROD, SPRING, EDGE)
 
-CHORDS = 64
-"""Number of straight lines that draw a curved surface: they miss a circle by 1.2e-3 of its radius."""
+CHORDS = 64  # Number of straight lines that draw a curved surface: they miss a circle by 1.2e-3 of its radius
 
 
 class Link(NamedTuple):

@@ -98,8 +98,7 @@ _OWN = "y p t h parameters unused default_parameters factored solved equal small
 RESERVED = (*_STATEMENTS.split(), *_INTRINSICS.split(), *ELEMENTARY, *_OWN.split(), *CONSTANTS, *QUANTITIES)
 """Words that cannot be names of values: keywords, functions, and names of parameters of procedures."""
 
-LONGEST_LINE = 132
-"""Largest length of a line of Fortran."""
+LONGEST_LINE = 132  # Largest length of a line of Fortran
 
 LARGE = 4096
 """Size from which on local arrays need care: a compiler might keep them where two threads share them."""

@@ -39,8 +39,7 @@ OPERATORS: Mapping[str, Operator] = {
 
 LITERALS = Literals("Infinity", "NaN")
 
-MISSING = ("erf",)
-"""Elementary functions that the language does not have."""
+MISSING = ("erf",)  # Elementary functions that the language does not have
 
 _MATH = ("abs", "sqrt", "atan2", "min", "max", "sign")
 FUNCTIONS: Mapping[str, str] = {name: f"Math.{name}" for name in (*_MATH, *ELEMENTARY) if name not in MISSING}

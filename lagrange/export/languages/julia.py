@@ -45,8 +45,7 @@ HELPERS: Mapping[str, str] = {
 }
 """Helper functions that the file defines. All return NaN for NaN."""
 
-MISSING = ("erf",)
-"""Elementary functions that the language does not have."""
+MISSING = ("erf",)  # Elementary functions that the language does not have
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,

@@ -86,8 +86,7 @@ _OWN = "y p t h out parameters singular factored solved pick smaller larger powe
 RESERVED = (*_KEYWORDS.split(), *_BUILT_IN.split(), *ELEMENTARY, *_OWN.split(), *(f"{op}_of" for op in HELPERS))
 """Words that cannot be names of values: keywords, functions, and parameters and results of functions."""
 
-LONGEST_LINE = 120
-"""Largest length of a statement, in characters."""
+LONGEST_LINE = 120  # Largest length of a statement, in characters
 
 LANGUAGE = Language(
     name="Octave",

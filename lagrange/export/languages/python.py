@@ -85,8 +85,7 @@ NEEDS: Mapping[str, tuple[str, ...]] = {
 """Helper functions that other helpers call."""
 
 _RESERVED = "abs float int range math np numpy sys nan inf SimpleNamespace test main y p out t h parameters "
-RESERVED = (*keyword.kwlist, *_RESERVED.split())
-"""Words that must not be names of values."""
+RESERVED = (*keyword.kwlist, *_RESERVED.split())  # Words that must not be names of values
 
 FILES = (*keyword.kwlist, *sys.stdlib_module_names, "numpy")
 """Words that must not be the module's name: keywords, and modules that NumPy imports, which it would find in its

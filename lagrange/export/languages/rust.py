@@ -21,8 +21,7 @@ from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
-MISSING = ("erf",)
-"""Elementary functions that the language does not have."""
+MISSING = ("erf",)  # Elementary functions that the language does not have
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,

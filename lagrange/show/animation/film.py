@@ -46,20 +46,14 @@ PICTURE_WIDTH, TALLEST = 640, 400
 LEAST_SIZE, MOST_SIZE = 160, 2160
 """Least and largest side on request, in pixels: below, nothing is readable; above, a frame takes over 18 MB."""
 
-SMALLEST_SCALE = 0.85
-"""Least scale factor of all sizes: letters below 8.5 pixels are hard to read."""
-
-TRAIL_SECONDS = 2.5
-"""Default duration of a trail, in seconds on the screen."""
-
-FADES = 12
-"""Parts of a trail with different opacities."""
+SMALLEST_SCALE = 0.85  # Least scale factor of all sizes: letters below 8.5 pixels are hard to read
+TRAIL_SECONDS = 2.5  # Default duration of a trail, in seconds on the screen
+FADES = 12  # Parts of a trail with different opacities
 
 FAINT, CLEAR = 0.3, 0.85
 """Opacity of the part of a curve after the time of the frame, and of the newest part of a trail."""
 
-_DOT, _COIL = 14.0, 14.0
-"""Widths in points: of the dot of a moving point, and of the zigzag of a spring."""
+_DOT, _COIL = 14.0, 14.0  # Widths in points: of the dot of a moving point, and of the zigzag of a spring
 
 MOST_PANELS = 6
 """Largest number of panels for coordinates. With more coordinates several share a panel: a frame has no room for more

@@ -19,11 +19,8 @@ from lagrange.show.figures.style import parts_of
 SHORTEST_FRAME = 2
 """Least duration of a frame, in hundredths of a second: browsers show shorter ones for a tenth of a second."""
 
-_BLENDS = 9
-"""Shades between the background and each colour, for the edges of lines and for trails."""
-
-_CLEAR = 255
-"""Index of the transparent colour: the pixel of the previous frame stays."""
+_BLENDS = 9  # Shades between the background and each colour, for the edges of lines and for trails
+_CLEAR = 255  # Index of the transparent colour: the pixel of the previous frame stays
 
 _FOREVER = b"\x21\xff\x0bNETSCAPE2.0\x03\x01\x00\x00\x00"
 """Extension block that repeats the animation forever."""

@@ -24,11 +24,8 @@ MOST_FRAMES = 3000
 LEAST_FPS, MOST_FPS = 1.0, 60.0
 """Least and largest number of frames per second: below, motion is invisible; above, no common screen shows them."""
 
-SHORTEST_RUN = 1.0
-"""Duration in seconds below which a run is slowed down, unless a speed is given."""
-
-_TINY = 1e-290
-"""Duration of a run below which its speed overflows a double."""
+SHORTEST_RUN = 1.0  # Duration in seconds below which a run is slowed down, unless a speed is given
+_TINY = 1e-290  # Duration of a run below which its speed overflows a double
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +130,7 @@ _GAP = 2.5
 """If V and E, drawn from zero, extend the range of the energies by more than this factor, they are drawn from the least
 V."""
 
-JUMP = 1e-9
-"""Change of a state at an event, relative to the states, above which the event has reset it."""
+JUMP = 1e-9  # Change of a state at an event, relative to the states, above which the event has reset it
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,8 +30,7 @@ def around(values: FloatArray, scale: float = 0.0) -> tuple[float, float]:
     return low - room, high + room
 
 
-AXIS_MARGIN = 0.06
-"""Margin beside the values of an axis, as a fraction of their range."""
+AXIS_MARGIN = 0.06  # Margin beside the values of an axis, as a fraction of their range
 
 BLOWN_UP = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.SINGULAR, Status.DIVERGED)
 """Statuses of runs whose values may have grown without bound; any other run is drawn whole."""
@@ -39,8 +38,7 @@ BLOWN_UP = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.SINGULAR, Status.DI
 SHOWN_SHARE = 0.9
 """Least fraction of the time of which a panel shows the values. Above and below there is as much room again."""
 
-OVERSHOOT = 0.15
-"""Distance by which lines continue beyond a panel, as a fraction of its height."""
+OVERSHOOT = 0.15  # Distance by which lines continue beyond a panel, as a fraction of its height
 
 EDGE_MARGIN = 0.1
 """Margin between the extreme values and the edge of a window, as a fraction of the range of the middle values."""
@@ -140,8 +138,7 @@ def limits_of(windows: Sequence[AxisWindow | None], drawn: Sequence[FloatArray])
     return min(ends), max(ends)
 
 
-Rows = Callable[[FloatArray], FloatArray]
-"""Function from times (K,) to r values at each, (r, K)."""
+Rows = Callable[[FloatArray], FloatArray]  # Function from times (K,) to r values at each, (r, K)
 
 Points = Callable[[FloatArray], FloatArray]
 """Function from times (K,) to p points of the plane at each, (p, 2, K)."""
@@ -154,8 +151,7 @@ MOST_SAMPLES = 2**18
 """Largest number of samples of a curve; chords that are still inexact then remain. It was reached only for rounding
 noise and after 10,000 periods, where each column of pixels has the smallest and the largest of 100 samples."""
 
-_MOST_VALUES = 2**25
-"""Largest number of coordinates of all samples: 256 MB."""
+_MOST_VALUES = 2**25  # Largest number of coordinates of all samples: 256 MB
 
 _EACH_STEP, _FEWEST, _MOST_FIRST = 12, 500, 120_000
 """Initial samples per step, and the least and largest number of them: a step of order 30 covers three periods."""
@@ -167,8 +163,7 @@ _SHARE = 0.47
 """Point at which an interval is divided, as a fraction of its length. It is not 0.5: a symmetric turning point would
 lie on the middle."""
 
-_LEAST = 1e-9
-"""Intervals shorter than this fraction of the span are not divided: the values jump there."""
+_LEAST = 1e-9  # Intervals shorter than this fraction of the span are not divided: the values jump there
 
 LEVEL_RANGE = 1e-9
 """Range of values, relative to the largest, below which they are drawn as a level line: the rest is rounding noise."""

@@ -43,11 +43,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-PANEL_WIDTH, PANEL_HEIGHT = 1000.0, 800.0
-"""Size of the panel in pixels, at 160 dots per inch."""
-
-ARROW = 0.62
-"""Length of an arrow of the field, as a part of the distance to the next one."""
+PANEL_WIDTH, PANEL_HEIGHT = 1000.0, 800.0  # Size of the panel in pixels, at 160 dots per inch
+ARROW = 0.62  # Length of an arrow of the field, as a part of the distance to the next one
 
 _MARKERS = {
     "saddle": ("X", "paper"),
@@ -312,8 +309,7 @@ def plot_branches(data: BranchesData, entry: Any, ax: Any, style: Any) -> Figure
     return figure
 
 
-MOST_MODES = 8
-"""Largest number of modes in a figure: more would make it taller than a page."""
+MOST_MODES = 8  # Largest number of modes in a figure: more would make it taller than a page
 
 LARGEST_DISPLACEMENT = 0.22
 """Largest displacement in the figure, as a part of the extent of the positions at rest."""

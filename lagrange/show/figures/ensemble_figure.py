@@ -128,17 +128,10 @@ def first_drawn(runs: Ensemble) -> str:
     return event_times(0) if event_times(0) in kept else TIME
 
 
-Values = FloatArray | MemberNumbers
-"""Values along an axis: stated values, or numbers of members."""
-
-BANDS = ((0.05, 0.95), (0.25, 0.75))
-"""Quantiles between which a fan is shaded; the wider band is paler."""
-
-FAN_LINES = 12
-"""Largest number of members that are drawn as separate lines in a fan."""
-
-BINS = 60
-"""Largest number of bins of a histogram."""
+Values = FloatArray | MemberNumbers  # Values along an axis: stated values, or numbers of members
+BANDS = ((0.05, 0.95), (0.25, 0.75))  # Quantiles between which a fan is shaded; the wider band is paler
+FAN_LINES = 12  # Largest number of members that are drawn as separate lines in a fan
+BINS = 60  # Largest number of bins of a histogram
 
 MOST_CROSSES = 200
 """Largest number of failed members that are marked with a cross each on a map; more are shown by their colour only."""

@@ -59,14 +59,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-PANELS = 28
-"""Largest number of coordinates with a panel each; more coordinates share panels."""
-
-_SHORT = 10
-"""Longest name, in letters, that is written beside a panel. A longer one is written above it."""
-
-_LONGEST, _WIDEST = 120, 50
-"""Longest formula above a panel, in letters of LaTeX and of plain text."""
+PANELS = 28  # Largest number of coordinates with a panel each; more coordinates share panels
+_SHORT = 10  # Longest name, in letters, that is written beside a panel. A longer one is written above it.
+_LONGEST, _WIDEST = 120, 50  # Longest formula above a panel, in letters of LaTeX and of plain text
 
 Values = Callable[["Solution"], FloatArray]
 """Function from a solution to r rows of values (r, N) at its N outputs."""
@@ -313,17 +308,13 @@ def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[
     return [(line + k * TURN, heights) for k in range(max(1, math.ceil((high - low) / TURN - 1e-9)))]
 
 
-_ROUND_OFF = 1e-15
-"""Relative drift below which the values are rounding noise, and do not fill a panel."""
-
-_MORE = 2.0
-"""Error of the dense output is shown if its drift exceeds that of the steps by this factor."""
+_ROUND_OFF = 1e-15  # Relative drift below which the values are rounding noise, and do not fill a panel
+_MORE = 2.0  # Error of the dense output is shown if its drift exceeds that of the steps by this factor
 
 _DRIFT_ROUNDS = 3
 """Largest number of times that intervals are halved for a drift. Its rounding noise never becomes smooth."""
 
-_FEW = 3
-"""Fewer points than this are drawn as dots, because they form no line."""
+_FEW = 3  # Fewer points than this are drawn as dots, because they form no line
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,8 +42,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-AZIMUTH, ELEVATION = -60.0, 25.0
-"""Default direction of view for paths in space, in degrees."""
+AZIMUTH, ELEVATION = -60.0, 25.0  # Default direction of view for paths in space, in degrees
 
 _STILL = 1e-9
 """Extent of points in a direction, relative to their largest extent, below which nothing moves in it."""
@@ -113,11 +112,8 @@ def from_side(azimuth: float, elevation: float) -> View:
     return View(np.array([across, up]), ("", ""), towards)
 
 
-SPRING_TURNS = 8
-"""Turns of a spring, whatever its length: their distance shows how far it is stretched."""
-
-_STRAIGHT = 0.1
-"""Part of the length that is straight, at each end."""
+SPRING_TURNS = 8  # Turns of a spring, whatever its length: their distance shows how far it is stretched
+_STRAIGHT = 0.1  # Part of the length that is straight, at each end
 
 
 def spring(start: FloatArray, end: FloatArray, width: float) -> FloatArray:
@@ -135,12 +131,10 @@ def spring(start: FloatArray, end: FloatArray, width: float) -> FloatArray:
     return corners
 
 
-_LEAST_SIDE = 0.25
-"""Least side of the box relative to its largest: a thinner floor would be invisible."""
+_LEAST_SIDE = 0.25  # Least side of the box relative to its largest: a thinner floor would be invisible
 
 _TICKS = 4
-_FEWEST = 3
-"""Least number of ticks of an axis: fewer show no scale."""
+_FEWEST = 3  # Least number of ticks of an axis: fewer show no scale
 
 _STEPS = [1, 2, 2.5, 5, 10]
 
@@ -389,11 +383,8 @@ def _last_part(t: FloatArray, points: FloatArray) -> FloatArray:
     return t[np.searchsorted(gone, gone[-1] - _LONGEST * size) :]
 
 
-_DEPTHS = 6
-"""Number of depths of a path in space: near parts are wider and darker."""
-
-_FARTHEST = 0.28
-"""Share of its colour that the farthest depth has."""
+_DEPTHS = 6  # Number of depths of a path in space: near parts are wider and darker
+_FARTHEST = 0.28  # Share of its colour that the farthest depth has
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 
 Panel = TimePanel | PhasePanel | PathPanel
 
-_MOST_PHASES = 9
-"""Largest number of phase planes in one figure."""
+_MOST_PHASES = 9  # Largest number of phase planes in one figure
 
 
 class Contents:
@@ -157,8 +156,7 @@ def chosen_coordinates(of: Any, names: Sequence[str]) -> list[str] | None:
     return names_found
 
 
-DPI = 200
-"""Least resolution for which curves are computed, in dots per inch: files have 150, notebooks 160."""
+DPI = 200  # Least resolution for which curves are computed, in dots per inch: files have 150, notebooks 160
 
 _LEFT, _RIGHT, _NARROW = 6.0, 4.6, 1.9
 """Widths in inches of panels over time, of a plane, and of paths along a vertical line."""
@@ -170,8 +168,7 @@ width: smaller panels collapse."""
 MOST_QUANTITIES = 100
 """Largest number of entries of what=. A panel takes 30 ms, and 100 panels are 100 inches high."""
 
-_ONE_COLUMN = 4
-"""More coordinates than this are in two columns."""
+_ONE_COLUMN = 4  # More coordinates than this are in two columns
 
 
 @refusing_deep

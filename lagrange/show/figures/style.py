@@ -40,11 +40,8 @@ def colours(count: int, few: tuple[str, ...] = COLOURS) -> tuple[str, ...]:
     return tuple("#" + "".join(f"{round(255 * part):02x}" for part in share) for share in shares)
 
 
-NAMED_POINTS = 10
-"""Largest number of moving points with a colour and a name each; more are alike and small."""
-
-_SMALL = 0.4
-"""Factor of the size of moving points beyond `NAMED_POINTS`."""
+NAMED_POINTS = 10  # Largest number of moving points with a colour and a name each; more are alike and small
+_SMALL = 0.4  # Factor of the size of moving points beyond `NAMED_POINTS`
 
 
 def point_look(count: int, few: tuple[str, ...] = COLOURS) -> tuple[tuple[str, ...], float]:
@@ -55,8 +52,7 @@ def point_look(count: int, few: tuple[str, ...] = COLOURS) -> tuple[tuple[str, .
     return (colours(count, few), 1.0) if count <= NAMED_POINTS else ((few[0],) * count, _SMALL)
 
 
-POINTS_OF_A_LETTER = 5.0
-"""Average width of a letter of 10 points, in points."""
+POINTS_OF_A_LETTER = 5.0  # Average width of a letter of 10 points, in points
 
 _COMMAND = re.compile(r"\\\\(mathrm|dot|ddot|left|right|frac)?[a-zA-Z]*")
 _UNSEEN = str.maketrans("", "", "${}_^\\")
@@ -86,8 +82,7 @@ class FigureStyle:
     colours: tuple[str, ...]
 
 
-LINES = ("-", "--", ":", "-.")
-"""Line styles, for runs that share the colours of their rows."""
+LINES = ("-", "--", ":", "-.")  # Line styles, for runs that share the colours of their rows
 
 LIGHT = FigureStyle("light", "#ffffff", "#222222", "#737373", "#e3e3e3", COLOURS)
 DARK = FigureStyle("dark", "#16191d", "#e6e6e6", "#8b9097", "#2c3138", DARK_COLOURS)
@@ -176,11 +171,8 @@ def parts_of(colour: str) -> tuple[float, ...]:
     return tuple(int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
 
 
-_LARGEST, _SMALLEST = 5, -4
-"""Exponents: numbers from 10⁵ on, and up to 10⁻⁴, are written with powers of ten."""
-
-_MOST_DIGITS = 15
-"""Largest number of decimals: more than a double has."""
+_LARGEST, _SMALLEST = 5, -4  # Exponents: numbers from 10⁵ on, and up to 10⁻⁴, are written with powers of ten
+_MOST_DIGITS = 15  # Largest number of decimals: more than a double has
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -269,11 +261,8 @@ def new_figure(**options: Any) -> Figure:
     return figure
 
 
-_MOST_NUMBERS = 7
-"""Largest number of numbers at the ticks of a horizontal axis."""
-
-FEWEST_TICKS, MOST_TICKS = 3, 10
-"""Least and largest number of tick labels on a logarithmic scale."""
+_MOST_NUMBERS = 7  # Largest number of numbers at the ticks of a horizontal axis
+FEWEST_TICKS, MOST_TICKS = 3, 10  # Least and largest number of tick labels on a logarithmic scale
 
 
 def few_ticks(axis: Axes) -> None:
@@ -319,14 +308,12 @@ def _multiple(k: int, unit: float) -> str:
     return rf"{whole.get(halves, halves)}\pi/2"
 
 
-_MOST = 8
-"""Largest number of rows or columns of panels: more are too small to be read."""
+_MOST = 8  # Largest number of rows or columns of panels: more are too small to be read
 
 _WIDTH, _NARROW, _HEIGHT = 7.2, 5.3, 3.4
 """Size of a panel in inches: width of a single one, width of one beside others, and height."""
 
-_LONGEST = 40.0
-"""Longest side of a figure, in inches: at 160 dots per inch some 6,400 pixels."""
+_LONGEST = 40.0  # Longest side of a figure, in inches: at 160 dots per inch some 6,400 pixels
 
 
 def figure(rows: int = 1, columns: int = 1, *, size: Any = None, style: str = "light") -> Figure:

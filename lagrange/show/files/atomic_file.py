@@ -16,8 +16,7 @@ from lagrange.errors import RunError, StatementError, shortened, shown
 
 _FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up", errno.EFBIG: "it is too large"}
 
-Writer = Callable[[BinaryIO], object]
-"""Callback that writes the content of an open binary file."""
+Writer = Callable[[BinaryIO], object]  # Callback that writes the content of an open binary file
 
 
 def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
@@ -182,8 +181,7 @@ def _exchange(home: Path, targets: Mapping[str, Path], parts: Mapping[str, Path]
         sync_folder(folder)
 
 
-_ROWS_AT_ONCE = 4096
-"""Rows written in one call: one line at a time takes longer."""
+_ROWS_AT_ONCE = 4096  # Rows written in one call: one line at a time takes longer
 
 
 def write_rows(file: BinaryIO, names: Sequence[str], columns: Sequence[Iterable[object]]) -> None:

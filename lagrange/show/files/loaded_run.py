@@ -77,8 +77,7 @@ def _check_sizes(sizes: Sequence[int], path: Any, most: float) -> None:
         )
 
 
-NEEDED = ("t", "y", "names", "card", "statement")
-"""Arrays that every file of a run contains."""
+NEEDED = ("t", "y", "names", "card", "statement")  # Arrays that every file of a run contains
 
 OUTPUTS_ALONE = "a file has the outputs of a run alone. Ask at these times, or run the system again."
 

@@ -36,8 +36,7 @@ RELATIONS = {
     sympy.Unequality: "!=",
 }
 JOINED = {sympy.And: " and ", sympy.Or: " or "}
-LARGEST_WHOLE = 10**6
-"""Largest whole number that is printed without decimals if it was stated as a decimal."""
+LARGEST_WHOLE = 10**6  # Largest whole number that is printed without decimals if it was stated as a decimal
 
 
 class Typesetter:
@@ -261,10 +260,8 @@ def _base_and_exponent(factor: Any) -> tuple[Any, Any]:
     return base, exponent
 
 
-WIDEST = 100
-"""Width of a line in columns of Unicode text; a formula of this width also fills a printed page."""
-SHORT = 20
-"""Largest number of operations of a formula that fits into a line without being measured."""
+WIDEST = 100  # Width of a line in columns of Unicode text; a formula of this width also fills a printed page
+SHORT = 20  # Largest number of operations of a formula that fits into a line without being measured
 
 MEANINGS = {
     "L": "Lagrangian",

@@ -98,10 +98,8 @@ def _argument(text: str, *, alone: bool = True) -> str:
 
 DOTS = ("", "\N{DOT ABOVE}", "\N{DIAERESIS}")
 APPLY = "<mo>\N{FUNCTION APPLICATION}</mo>"
-SPACE = '<mspace width="0.17em"/>'
-"""Thin space around the name of a function; browsers add none."""
-TALL = ("<mfrac", "<mtable", "<msqrt")
-"""Elements that are taller than a line of text."""
+SPACE = '<mspace width="0.17em"/>'  # Thin space around the name of a function; browsers add none
+TALL = ("<mfrac", "<mtable", "<msqrt")  # Elements that are taller than a line of text
 CALLS = tuple(f"<mrow>{power}<mi>{name}</mi>" for name in sorted(CIRCULAR) for power in ("", "<msup>"))
 """Beginnings of the MathML of a function with a name."""
 RELATIONS = ("<", "<=", ">", ">=", "=", "!=")

@@ -19,14 +19,12 @@ if TYPE_CHECKING:
 READABLE = 150
 """Largest number of operations in a solved acceleration that a page prints; a longer one is replaced by a sentence. 150
 operations fill five lines; those of the double pendulum have 60. `accelerations()` has all of them."""
-LARGEST_MATRIX = 6
-"""Largest number of rows of a matrix that a page shows."""
+LARGEST_MATRIX = 6  # Largest number of rows of a matrix that a page shows
 WIDEST_MATRIX = 50
 """Largest number of operations in a row of a matrix, where each column is as wide as its longest entry; they fill a
 line."""
 
-WIDEST_VECTOR = 30
-"""Largest number of operations of all entries of a vector on one line."""
+WIDEST_VECTOR = 30  # Largest number of operations of all entries of a vector on one line
 
 
 @dataclass(frozen=True)

@@ -126,8 +126,7 @@ def latin(name: str) -> str:
     return "".join(LETTERS.get(mark, mark) for mark in name)
 
 
-SUM, PRODUCT, FRACTION, POWER, ATOM = range(5)
-"""Precedence of a piece: how tightly it binds."""
+SUM, PRODUCT, FRACTION, POWER, ATOM = range(5)  # Precedence of a piece: how tightly it binds
 
 CIRCULAR = frozenset(("sin", "cos", "tan", "cot", "sec", "csc", "sinh", "cosh", "tanh", "coth", "sech", "csch"))
 """Functions with no parentheses around a single symbol, and with an exponent after their name: sin² θ."""

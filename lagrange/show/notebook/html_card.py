@@ -14,12 +14,9 @@ from lagrange.show.notation.text import plain_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST_TABLE = 12_000
-"""Longest table in a notebook, in characters: some hundred rows."""
-MOST_TEXT = 600
-"""Longest sentence or entry, in characters; print() shows all of it."""
-MOST_SENTENCES = 8
-"""Largest number of sentences about one result in a notebook."""
+MOST_TABLE = 12_000  # Longest table in a notebook, in characters: some hundred rows
+MOST_TEXT = 600  # Longest sentence or entry, in characters; print() shows all of it
+MOST_SENTENCES = 8  # Largest number of sentences about one result in a notebook
 _LEFT = "style='text-align:left'"
 
 

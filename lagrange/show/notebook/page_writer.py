@@ -30,13 +30,9 @@ MOST_CHARACTERS = 20_000
 MOST_SHOWN_OPERATIONS = 600
 """Largest number of operations of an expression that is written or derived for a notebook, which takes about a second.
 All scenes of the library have fewer."""
-LONG = 12
-"""Largest number of lines of formulas, or entries of a list, that is shown unfolded."""
-NEXT_LINE = r" \\ "
-"""Separator of the lines of a formula."""
-
-Part = tuple[str, str]
-"""Name of a part of a page, and its text."""
+LONG = 12  # Largest number of lines of formulas, or entries of a list, that is shown unfolded
+NEXT_LINE = r" \\ "  # Separator of the lines of a formula
+Part = tuple[str, str]  # Name of a part of a page, and its text
 
 
 def joined(parts: Iterable[Part], instead: str, most: int = MOST_CHARACTERS) -> str:

@@ -64,8 +64,7 @@ def _system_parts(derivation: Derivation, findings: Sequence[str]) -> Iterator[P
     yield "the structure", f"{bold('Structure')}\n\n" + "\n".join(f"- {markdown_text(finding)}" for finding in findings)
 
 
-NAMED_COORDINATES = 12
-"""Largest number of coordinates that are named; more are only counted."""
+NAMED_COORDINATES = 12  # Largest number of coordinates that are named; more are only counted
 
 
 def _statement_parts(statement: Statement, writer: PageWriter) -> Iterator[Part]:

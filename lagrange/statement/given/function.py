@@ -217,8 +217,7 @@ def replaced(function: Any, values: Any) -> Mapping[Any, Any]:
     return {function: given(name_of(function), values)}
 
 
-LETTER = "S"
-"""Letter of a table; several tables are S1, S2."""
+LETTER = "S"  # Letter of a table; several tables are S1, S2
 
 
 def with_named_tables(statement: Statement) -> tuple[Statement, tuple[str, ...]]:

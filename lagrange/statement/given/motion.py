@@ -17,8 +17,7 @@ from lagrange.errors import StatementError, formula, shown
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import expression, real_array
 
-FEWEST_TABLE_POINTS = 4
-"""Least number of points of a table: those of a cubic."""
+FEWEST_TABLE_POINTS = 4  # Least number of points of a table: those of a cubic
 
 MOST_TABLE_POINTS = 200
 """Largest number of points of a table. Each interval is a branch: a hundred compile in 2 s, and `taylor` ends a step
@@ -163,8 +162,7 @@ def ranges(expression: Any) -> Iterator[tuple[Any, float, float]]:
     yield from (bounds for node in expression.atoms(sympy.Piecewise) if (bounds := table_range(node)) is not None)
 
 
-MARK = "motion"
-"""Attribute of the functions of time that are given; SymPy distinguishes functions by it."""
+MARK = "motion"  # Attribute of the functions of time that are given; SymPy distinguishes functions by it
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ from lagrange.statement.scene.lexer import Token, refuse, tokens
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 from lagrange.statement.vocabulary.words import ALIASES, FUNCTIONS, WORDS, FunctionWord
 
-DEEPEST_NESTING = 64
-"""Largest number of levels of nested parentheses, signs and powers."""
+DEEPEST_NESTING = 64  # Largest number of levels of nested parentheses, signs and powers
 
 MOST_CHAINED = 4
 """Largest number of chained comparisons in a row that lead to the same value: SymPy makes 2**n clauses of n of them."""
@@ -118,8 +117,7 @@ class ParsedValue:
     chained: bool = False
 
 
-Branch = tuple[ParsedValue, ParsedValue]
-"""A value, and the condition under which it is taken."""
+Branch = tuple[ParsedValue, ParsedValue]  # A value, and the condition under which it is taken
 
 
 class Reader:

@@ -14,19 +14,15 @@ import sympy.tensor.tensor
 from sympy.functions.elementary.piecewise import ExprCondPair
 
 LARGEST_EXPONENT = 1000
-MOST_BITS = 256
-"""Largest number of bits of an exact numerator or denominator: 77 digits."""
-MOST_BRANCHES = 32
-"""Largest number of branches of a condition."""
-MOST_ARGUMENTS = 16
-"""Largest number of arguments of min and max: SymPy compares them pair by pair."""
+MOST_BITS = 256  # Largest number of bits of an exact numerator or denominator: 77 digits
+MOST_BRANCHES = 32  # Largest number of branches of a condition
+MOST_ARGUMENTS = 16  # Largest number of arguments of min and max: SymPy compares them pair by pair
 MOST_DOUBTFUL = 5
 """Largest number of parts that may be complex in an expression that SymPy splits into real and imaginary part. Each can
 double the work."""
 MOST_COMPARED = 200
 """Largest number of parts of the expressions in a comparison, an absolute value, a minimum or a maximum."""
-CHUNK = 50
-"""Number of terms that SymPy adds at once. The exact coefficients are checked after each chunk."""
+CHUNK = 50  # Number of terms that SymPy adds at once. The exact coefficients are checked after each chunk.
 
 FEW_PARTS, MANY_SHARED, MOST_PARTS = 100_000, 1_000, 5_000_000
 """Limits on the parts of an expression: always allowed, allowed per distinct part, and the largest number.

@@ -10,8 +10,7 @@ from typing import NamedTuple, NoReturn
 from lagrange.errors import SceneError
 from lagrange.statement.vocabulary.letters import LETTER, NAME, WORD
 
-LONGEST_EVALUATED = 10_000
-"""Largest number of characters of an expression."""
+LONGEST_EVALUATED = 10_000  # Largest number of characters of an expression
 LONGEST_UNEVALUATED = 1_000_000
 """Largest number of characters of an unevaluated expression, on which SymPy does no work."""
 LONGEST_NUMBER, LONGEST_UNEVALUATED_NUMBER = 100, 400

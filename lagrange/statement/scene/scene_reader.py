@@ -48,13 +48,11 @@ KEYS = (
     *("signs", "tables", "definitions", "functions", "evaluate", "events", "contacts", "simultaneous", "rotations"),
     "surfaces",
 )
-OPEN = "open"
-"""Text in a scene for a parameter or a given function that has no value."""
+OPEN = "open"  # Text in a scene for a parameter or a given function that has no value
 NO_SIGN = "none"
 """Sign of a parameter about which SymPy assumes nothing; without an entry in [signs] a parameter is real."""
 TABLE_KEYS = ("argument", "points", "values")
-MOST_RATES = 6
-"""Highest order of derivatives of a given function that a scene can state."""
+MOST_RATES = 6  # Highest order of derivatives of a given function that a scene can state
 CONTACT_KEYS = ("gap", "slip", "restitution", "friction")
 SHAPE_KEYS = ("shape", "size", "rotation", "at")
 RUN_KEYS = ("t_end", "method", "rtol", "atol", "step")

@@ -146,8 +146,7 @@ LARGEST_FILE, LARGEST_STORED = 1_048_576, 67_108_864
 MOST_DOTS = 20_000_000
 """Largest sum over the lines of (number of dots outside of strings)**2. The time and memory of tomllib for keys such as
 a.a.a grow like this sum."""
-MOST_HEADERS = 5_000
-"""Largest number of lines that start with a bracket; tomllib takes 30 us for each."""
+MOST_HEADERS = 5_000  # Largest number of lines that start with a bracket; tomllib takes 30 us for each
 
 _POSITION = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
 _STRING = re.compile(r"\"(?:[^\"\\\n]|\\.)*+(?:\"|$)|'[^'\n]*(?:'|$)", re.MULTILINE)

@@ -30,11 +30,8 @@ from lagrange.statement.units.dimension import named
 from lagrange.statement.vocabulary.letters import NAME
 from lagrange.statement.vocabulary.words import WORDS
 
-SHARED = 40
-"""Smallest length, in characters, of a part that gets a definition because it occurs twice."""
-
-LONG_PART = 400
-"""Largest number of characters of a part inside another one. A longer part has a definition."""
+SHARED = 40  # Smallest length, in characters, of a part that gets a definition because it occurs twice
+LONG_PART = 400  # Largest number of characters of a part inside another one. A longer part has a definition.
 
 DEEP = 12
 """Largest number of levels of a part; each has at most four of the `expressions.DEEPEST` levels. A deeper part has a

@@ -62,8 +62,7 @@ OTHERS = {
 KNOWN_EXAMPLES = "dimensions such as 'length' and 'torque', and units such as 'm', 'cm', 'inch', 'kg', 'N*m' and 'rpm'"
 """End of a sentence on a name that is not known."""
 
-FUNCTIONS_TOO = ("min", "sec")
-"""Units whose names are also names of functions in expressions."""
+FUNCTIONS_TOO = ("min", "sec")  # Units whose names are also names of functions in expressions
 
 SIGNS = {"^": "**", "µ": "u", "μ": "u", "·": "*", "⋅": "*", "²": "**2", "³": "**3", "\u2126": "ohm", "\u03a9": "ohm"}
 """Signs in texts of units, and their plain spelling."""
@@ -109,8 +108,7 @@ DERIVED: Mapping[str, str] = {
 NAMED_FIRST = ("length", "time", "velocity", "acceleration", "mass", "force", "energy", "power", "momentum", "action")
 """Dimensions that messages name."""
 
-BASE = ("mass", "length", "time")
-"""Base dimensions of mechanics, in the order in which messages write them."""
+BASE = ("mass", "length", "time")  # Base dimensions of mechanics, in the order in which messages write them
 
 Exponents = tuple[tuple[str, Any], ...]
 
@@ -189,8 +187,7 @@ def power_text(name: str, power: Any) -> str:
     return name if power == 1 else f"{name}**{power}" if power.denominator == 1 else f"{name}**({power})"
 
 
-DIMENSIONLESS = Dimension((), 0.0)
-"""Dimension of a number, and of an angle in radians."""
+DIMENSIONLESS = Dimension((), 0.0)  # Dimension of a number, and of an angle in radians
 
 
 @cache

@@ -340,23 +340,18 @@ def _without_own_numbers(value: Any, like: Any, known: Mapping[Any, Dimension]) 
     return without_own_numbers(value, is_time, is_ratio)
 
 
-COHERENT = {"mass": "kg", "length": "m", "time": "s"}
-"""Base units of N, J, W and other units of the SI."""
+COHERENT = {"mass": "kg", "length": "m", "time": "s"}  # Base units of N, J, W and other units of the SI
 
 DERIVED = ("N", "N*m", "N/m", "N*s/m", "W")
 """Derived units that a remedy writes in place of products of kg, m and s."""
 
-LARGEST = 700.0
-"""Largest logarithm of a factor that is printed as a number: doubles overflow at 709."""
+LARGEST = 700.0  # Largest logarithm of a factor that is printed as a number: doubles overflow at 709
 
 FIT = "state all symbols in units that fit together, such as kg, m and s, and angles in rad."
 """The remedy for units that do not fit together."""
 
-MOST_TRIED = 12
-"""Most symbols of which another unit is tried as a remedy. Each takes the time of one check."""
-
-MOST_REMEDIES, MOST_NAMED = 2, 4
-"""Most remedies, and most stated units, that a message lists."""
+MOST_TRIED = 12  # Most symbols of which another unit is tried as a remedy. Each takes the time of one check.
+MOST_REMEDIES, MOST_NAMED = 2, 4  # Most remedies, and most stated units, that a message lists
 
 
 def with_scales(

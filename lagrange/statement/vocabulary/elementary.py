@@ -17,8 +17,7 @@ import numpy as np
 import sympy
 from mpmath import libmp
 
-Rule = Callable[..., Any]
-"""A formula in numbers with Python's operators, such as nodes of a graph."""
+Rule = Callable[..., Any]  # A formula in numbers with Python's operators, such as nodes of a graph
 
 
 @dataclass(frozen=True)

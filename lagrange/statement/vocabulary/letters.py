@@ -41,8 +41,7 @@ GREEK = {
 """Greek letters that a name may contain, with their names. Pi is missing because it is a constant; others because they
 look like Latin letters."""
 
-LETTER = f"A-Za-z{''.join(GREEK)}"
-"""The letters of names, as part of a regular expression."""
+LETTER = f"A-Za-z{''.join(GREEK)}"  # The letters of names, as part of a regular expression
 
 NAME = re.compile(f"[{LETTER}][{LETTER}0-9_]{{0,63}}")
 

@@ -44,8 +44,7 @@ WORDS: dict[str, FunctionWord] = {
 ALIASES = {"Abs": "abs", "Min": "min", "Max": "max", "ln": "log", "Heaviside": "heaviside", "Mod": "mod"}
 """Other spellings of functions in texts."""
 
-FUNCTIONS = frozenset((*WORDS, *ALIASES))
-"""Names of functions in every spelling."""
+FUNCTIONS = frozenset((*WORDS, *ALIASES))  # Names of functions in every spelling
 
 SYMPY_CLASSES: frozenset[Any] = frozenset(
     word.build for word in WORDS.values() if isinstance(word.build, type)
