@@ -116,7 +116,7 @@ class _Pass:
         return tuple(reversed(kept))
 
     def statement(self, statement: Statement) -> Statement:
-        """Return a statement with pruned blocks and callees, and record the ids of its operands as needed."""
+        """Return a statement with pruned blocks and callees, and add the ids of its operands to `needed`."""
         self.needed.update(operands(statement))
         if isinstance(statement, form.Call) and isinstance(statement.callee, Procedure):
             return statement._replace(callee=self.pruner.pruned(statement.callee))

@@ -136,7 +136,11 @@ class Solve:
         return len(self.residuals)
 
     def reach(self, unknown: int, position: int) -> list[Node]:
-        """Return the coefficients of an unknown in argument `position` (0 or 1) of each call in the residuals."""
+        """Return the coefficients of unknown vector number `unknown` in argument `position` of all `calls`.
+
+        Each argument of a call is a linear combination of vectors. Arguments 0 and 1 are the law's state
+        vectors.
+        """
         return [
             factor
             for call in self.calls

@@ -81,7 +81,7 @@ SPARE = Room(vectors=2, rows=1)
 def block_size(dimension: int, columns: int) -> int:
     """Return the length of `OwnStep.memory`, in doubles, for `columns` steps with states of a `dimension`.
 
-    A step takes its start time, length and side of the neighbour, and the states at both ends.
+    The memory has for each step its start time, its length, `OwnStep.side`, and the states at both ends.
     """
     return (2 * dimension + 3) * columns
 

@@ -484,7 +484,7 @@ class ChunkLane(ChunkAt):
         return self.read("reciprocals", self.series.divisors[self.operand(number)])
 
     def constant(self, number: int) -> Real:
-        """Return the constant factor of the rule with this number, for the value in this lane."""
+        """Return constant factor number `number` of the rule, for the value in this lane."""
         known = self.known(number)
         if known is not None:
             return self.p.real(known)
@@ -508,5 +508,5 @@ class ScatteredLane(ChunkLane):
         return self.series.common((self.chunk.coefficients[number][self.lane],))
 
     def constant(self, number: int) -> Real:
-        """Return the constant factor of the rule with this number, for the value in this lane."""
+        """Return constant factor number `number` of the rule, for the value in this lane."""
         return self.series.constants[self.chunk.coefficients[number][self.lane]]

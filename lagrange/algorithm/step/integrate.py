@@ -81,7 +81,11 @@ def one_step(of: SystemFunctions, t: float, h: float, y: Out, p: In, *, layout: 
 
 @inline
 def is_off_constraints(of: SystemFunctions, t: float, y: Out, p: In, n: int, relations: bool) -> bool:
-    """Return True if a state is too far from the constraints, so that its projection would start another motion."""
+    """Return True if the state y at time t violates the constraints too much to start from it.
+
+    `p` are the parameters, and `n` is the length of the state. With `relations` some velocities follow from the
+    constraints: y is moved onto the constraints, and only the violation of the other constraints is limited.
+    """
     return of.projection is not None and not starts_on_constraints(
         of.projection, p, t, y, dimension=n, relations=relations
     )

@@ -190,8 +190,9 @@ def fits(arguments: Arguments, exponent: float, reach: float, is_ending: bool) -
 
 @procedure(apart=True)
 def rescale(taylor: TaylorState, exponent: float, reach: float, terminates: bool) -> Outcome:
-    """Change the time scale to about the step length, for a new series. Return PAUSED, or else NON_FINITE.
+    """Change the time scale to about the step length, for a new series, and return PAUSED.
 
+    Return NON_FINITE, without a change, if the scale is too short or was changed `MOST_RESCALINGS` times.
     `exponent` is the binary logarithm of the step, and `reach` that of the longest step, in units of the scale.
     The scale becomes shorter if a coefficient overflowed. If the series `terminates`, it becomes as long as the
     longest step.

@@ -113,7 +113,10 @@ def polynomial(x: float, coefficients: Sequence[float]) -> float:
 
 @procedure(floors=floors_type, work=work_type)
 def raise_floors(share: float, floors: Out, work: Out, *, layout: TaylorLayout) -> None:
-    """Raise the floor (absolute tolerance) of each entry of the state to at least `share` times its size."""
+    """Raise the floor (absolute tolerance) of each entry of the state to at least `share` times its size.
+
+    The state is at the beginning of `work`.
+    """
     for i in each(layout.padded, **layout.loop):
         floors[i] = max(floors[i], share * abs(work[i]))
 
@@ -160,7 +163,10 @@ def largest(values: Sequence[float]) -> float:
 
 @procedure(floors=floors_type, weights=weights_type, work=work_type)
 def weigh(rtol: float, floors: In, weights: Out, work: Out, *, layout: TaylorLayout) -> None:
-    """Write the weights, 1 / tolerance of each entry, from its size in the step and its floor."""
+    """Write 1 / (rtol * size + floor) of each entry of the state to `weights`.
+
+    The size is the larger of the entry and its Taylor coefficient of order 1, in magnitude; both are in `work`.
+    """
     first = row(work, 1, layout)
     for i in each(layout.padded, **layout.loop):
         weights[i] = 1.0 / fma(rtol, magnitude(work[i], first[i]), floors[i])

@@ -204,9 +204,10 @@ def foreign_type(kind: Type) -> str:
 
 
 def convention(results: Sequence[Type]) -> str:
-    """Return LLVM's keyword for the calling convention of a function with these results that other code calls.
+    """Return LLVM's keyword for the calling convention of a callback, or of a function that other code calls.
 
-    Several results are returned in registers.
+    `results` are the types of its results. The keyword is "swiftcc " for several results, which are then
+    returned in registers, and empty (C's convention) for one result or none.
     """
     return "swiftcc " if len(results) > 1 else ""
 

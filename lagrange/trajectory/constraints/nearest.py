@@ -67,7 +67,7 @@ class Nearest:
         self._free = np.flatnonzero(free)
 
     def of(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
-        """Return the point nearest to `start`, and its residuals.
+        """Return the point of the surface nearest to `start`, and its residuals.
 
         If Newton's method does not converge, return the last iterate.
         """

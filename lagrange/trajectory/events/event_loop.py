@@ -127,7 +127,7 @@ class WatchedEvents:
     def collect(self, log: EventLog, breaks: Breaks) -> None:
         """Copy the events and resets that the compiled loop has found to `log` and `breaks`.
 
-        Events on steps that are not yet searched completely count once these steps are accepted.
+        Events on steps that are not yet searched completely begin to count when these steps are accepted.
         """
         memory = self.memory
         waits, proven, happened = memory.waits, memory.run.proven, memory.happened()
