@@ -285,7 +285,8 @@ class System:
         from lagrange.evidence.check import check_stated
 
         require_values(self.statement)
-        return check_stated(self, target, points, seed)
+        with announced("checking", self.statement.name):
+            return check_stated(self, target, points, seed)
 
     def consistent(
         self,

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+import numpy as np
 import sympy
 
 from lagrange.evidence.precise import OutsideDomain, Precise, children
@@ -126,7 +127,7 @@ def leaves(expression: Any) -> frozenset[Any]:
     return frozenset(node for node in visited if not children(node))
 
 
-StateFunction = Callable[[Sequence[Any], Sequence[Any], Any], Any]
+StateFunction = Callable[[Any, Any, Any], Any]
 Nudge = Callable[[str, int], Any]
 
 
@@ -266,17 +267,10 @@ def residual(
     t: Any,
     steps: DifferenceSteps,
     rows: Sequence[int] | None = None,
-    entry: int | None = None,
 ) -> Numbers:
-    """Return dp/dt - f, n numbers, or only the entries listed in `rows`. It is zero for the right accelerations `a`.
-
-    With `entry`, an index in (q, v), terms of dp/dt that do not depend on this entry are left out.
-    """
-    n = len(q)
-    rows = range(n) if rows is None else rows
-    rated = [i for i in rows if entry is None or entry in source.read(i) or entry - n in source.read(i)]
-    rate = dict(zip(rated, momentum_rate(source, q, v, a, t, steps, rated), strict=True))
-    return [rate.get(i, 0) - f for i, f in zip(rows, forces(source, q, v, t, steps, rows), strict=True)]
+    """Return dp/dt - f, n numbers, or only the entries listed in `rows`. It is zero for the right accelerations `a`."""
+    rates, loads = momentum_rate(source, q, v, a, t, steps, rows), forces(source, q, v, t, steps, rows)
+    return [rate - load for rate, load in zip(rates, loads, strict=True)]
 
 
 def energy(source: Sources, v: Numbers, p: Numbers, lagrangian: Any) -> Any:
@@ -284,28 +278,51 @@ def energy(source: Sources, v: Numbers, p: Numbers, lagrangian: Any) -> Any:
     return sum((source.nudge("energy", i) * x * y for i, (x, y) in enumerate(zip(v, p, strict=True))), -lagrangian)
 
 
-def residual_slopes(
-    at: Callable[[Numbers, Numbers, int], Numbers],
-    q: Numbers,
-    v: Numbers,
-    steps: DifferenceSteps,
-    columns: Sequence[int],
-) -> list[Numbers]:
-    """Return the derivatives of a residual with respect to y_j, for each j in `columns`, where y = (q, v).
-
-    `at(q, v, j)` returns the residual at fixed accelerations; it may omit terms that do not depend on y_j.
-    Differentiating M a = h gives M da/dy_j = -d(dp/dt - f)/dy_j. So the Jacobian of the accelerations needs no solution
-    at displaced states, and only a fraction of the evaluations.
-    """
+def slope(function: StateFunction, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, j: int) -> Any:
+    """Return the derivative by entry j of (q, v) of a function of (q, v, t), whose value is a number or an array."""
     n = len(q)
-    slopes = []
-    for j in columns:
+    h = steps.q[j] if j < n else steps.v[j - n]
+    ahead, behind = (
+        function(moved(q, j, by), v, t) if j < n else function(q, moved(v, j - n, by), t) for by in (h, -h)
+    )
+    return (ahead - behind) / (2 * h)
 
-        def beside(x: Any, j: int = j) -> Numbers:
-            return at(moved(q, j, x), v, j) if j < n else at(q, moved(v, j - n, x), j)
 
-        slopes.append(central(beside, steps.q[j] if j < n else steps.v[j - n]))
-    return slopes
+def residual_slopes(
+    source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps, columns: Sequence[int]
+) -> list[Row]:
+    """Return the derivatives of dp/dt - f by y_j, {equation: slope}, for each j in `columns`, where y = (q, v).
+
+    Differentiating M a = h gives M da/dy_j = -d(dp/dt - f)/dy_j. So the Jacobian of the accelerations needs no solution
+    at displaced states. Its right-hand side is the residual with dL/dy_j, dQ/dy_j and dD/dy_j in place of L, Q and D.
+    For a velocity v_k it has the additional term dp/dq_k, as dp/dt contains v_k dp/dq_k. Entry y_j is displaced last,
+    for one column after another, since a program then repeats only the operations that depend on it.
+    """
+    n, drag = len(q), source.dissipation
+    touched = {j: frozenset(source.touched(j)) for j in columns}
+    applied = {j: slope(lambda q, v, t: np.array(source.forces(q, v, t)), q, v, t, steps, j) for j in columns}
+
+    def row(i: int) -> Row:
+        listed, read = [j for j in columns if i in touched[j]], source.read(i)
+
+        def by_columns(function: StateFunction, entries: Collection[int]) -> StateFunction:
+            return lambda q, v, t: np.array([slope(function, q, v, t, steps, j) if j in entries else 0 for j in listed])
+
+        differentiated = replace(
+            source,
+            for_momenta=lambda i: by_columns(source.for_momenta(i), read),
+            for_forces=lambda i: by_columns(source.for_forces(i), listed),
+            forces=lambda q, v, t: {i: np.array([applied[j][i] for j in listed])},
+            dissipation=None if drag is None else lambda i: by_columns(drag(i), listed),
+        )
+        entries = dict(zip(listed, residual(differentiated, q, v, a, t, steps, [i])[0], strict=True)) if listed else {}
+        for k in (j - n for j in listed if j - n in read):
+            change = slope(lambda q, v, t: momenta(source, q, v, t, steps, [i])[0], q, v, t, steps, k)
+            entries[n + k] += source.nudge("velocity", k) * change
+        return entries
+
+    rows = [row(i) for i in range(n)]
+    return [{i: entries[j] for i, entries in enumerate(rows) if j in entries} for j in columns]
 
 
 def solve(matrix: Sequence[Row], right: Sequence[Row], threshold: Any) -> list[Row]:

@@ -15,6 +15,8 @@ from functools import partial
 from itertools import chain
 from typing import Any
 
+import numpy as np
+
 from lagrange.evidence import laws
 from lagrange.evidence.laws import (
     DifferenceSteps,
@@ -334,27 +336,32 @@ class Reference:
         `columns` has the indices of these entries in (q, v). `state` is (q, v, t), `motion` has the accelerations and
         the multipliers there. `solve` solves the linear systems for accelerations.
         """
-        (q, v, t), (a, multipliers), n = state, motion, len(state[0])
+        (q, v, t), (a, multipliers), n, zero = state, motion, len(state[0]), self.number(0)
         settled = partial(self._settled, relations, t, steps)
 
-        def rows(j: int) -> Sequence[int]:
-            return range(n + len(multipliers)) if self.first_order or self.holonomic else source.touched(j)
-
-        def residual(q: Numbers, v: Numbers, j: int) -> Numbers:
-            v = settled(q, v)
-            free = laws.residual(source, q, v, a, t, steps, rows(j)[:n], None if self.settled else j)
-            rates = acceleration_level(relations, q, v, a, t, steps) if self.first_order else ()
-            for i, rate in zip(self.first_order, rates, strict=True):
-                free[i] = rate
+        def further(q: Any, v: Any, t: Any) -> Any:
+            """Return [dp/dt - f - G^T lambda, G a + gamma], without dp/dt - f unless coordinates lack inertia."""
+            free, v = [zero] * n, settled(q, v)
+            if self.first_order:
+                free = laws.residual(source, q, v, a, t, steps)
+                rates = acceleration_level(relations, q, v, a, t, steps)
+                for i, rate in zip(self.first_order, rates, strict=True):
+                    free[i] = rate
             if not self.holonomic:
-                return free
+                return np.array(free)
             exerted = reactions(gradient(constraints, q, v, t, steps), multipliers)
             balance = [x - sum(column) for x, column in zip(free, zip(*exerted, strict=True), strict=True)]
-            return [*balance, *acceleration_level(constraints, q, v, a, t, steps)]
+            return np.array([*balance, *acceleration_level(constraints, q, v, a, t, steps)])
 
-        changes = laws.residual_slopes(residual, q, v, steps, columns)
-        moving = laws.residual_slopes(lambda q, v, j: settled(q, v), q, v, steps, columns)
-        jacobian = solve([dict(zip(rows(j), change, strict=True)) for j, change in zip(columns, changes, strict=True)])
+        slopes: list[Row] = [{} for _ in columns]
+        if not self.first_order:
+            slopes = laws.residual_slopes(source, q, v, a, t, steps, columns)
+        if self.first_order or self.holonomic:
+            for row, j in zip(slopes, columns, strict=True):
+                for i, change in enumerate(laws.slope(further, q, v, t, steps, j)):
+                    row[i] = row.get(i, 0) + change
+        moving = [laws.slope(lambda q, v, t: np.array(settled(q, v)), q, v, t, steps, j) for j in columns]
+        jacobian = solve(slopes)
         return {
             "velocity_jacobian": {k * n + i: x for k, column in enumerate(moving) for i, x in enumerate(column) if x},
             "jacobian": {k * n + i: -x for k, column in enumerate(jacobian) for i, x in column.items() if i < n},

@@ -34,7 +34,7 @@ _announcing: ContextVar[bool] = ContextVar("announcing", default=False)
 """True inside a block whose display shows the work, or that suppresses it. Inner blocks then show nothing."""
 
 
-WORK = {"compiling": "compiled", "deriving": "derived", "reading": "read"}
+WORK = {"compiling": "compiled", "checking": "checked", "deriving": "derived", "reading": "read"}
 """Kinds of work that are announced, with the participle for the finished work."""
 
 
