@@ -19,7 +19,7 @@ from lagrange.members.job import ChunkResult, Engine, Job, run_chunk, timed
 from lagrange.members.singly import BY_NUMPY
 from lagrange.members.table import MemberTable
 from lagrange.statement.expression import whole_number
-from lagrange.trajectory.pace import MEMORY_DIVISOR, machine_memory
+from lagrange.trajectory.integrator import MEMORY_DIVISOR, machine_memory
 
 MOST_WORKERS = 1024
 """Largest accepted number of threads. No machine has more processors."""

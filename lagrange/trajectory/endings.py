@@ -60,14 +60,8 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     """
     model, parameters = problem.model, problem.parameter_array
     if len(model.equations.constraints):
-        start = matrices_at(model, model.equations, problem.t0, problem.y0, parameters)
-        scale = scales(*start)
-        first = least_regular(*start, scale)
-        singular = least_regular(*matrices_at(model, model.equations, t, y, parameters), scale)
-        if first is None or singular is None or not first.regularity:
-            return ""
-        share = singular.regularity / first.regularity
-        return rank_lost(problem, y, share, singular) if share < LOST_INERTIA else ""
+        singular = remaining_regularity(problem, t, y)
+        return rank_lost(problem, y, singular) if singular is not None and singular.regularity < LOST_INERTIA else ""
     kernel = model.kernel("mass_matrix")
     initial_mass, mass = kernel(problem.t0, problem.y0, parameters), kernel(t, y, parameters)
     sizes = np.abs(np.diag(initial_mass))
@@ -89,13 +83,53 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     )
 
 
-def rank_lost(problem: Problem, y: FloatArray, share: float, singular: Singular) -> str:
+def remaining_regularity(problem: Problem, t: float, y: FloatArray) -> Singular | None:
+    """Return what is nearest to singular at a state (2n,) of a run with constraints: dependent rows, or a motion.
+
+    `regularity` is the least singular value of the constraint gradients G or of the mass matrix M there, divided by
+    that at the start. Return None if a matrix is not finite, or singular at the start.
+    """
+    model, parameters = problem.model, problem.parameter_array
+    start = matrices_at(model, model.equations, problem.t0, problem.y0, parameters)
+    if not all(np.isfinite(part).all() for part in start):
+        return None
+    scale = scales(*start)
+    first = least_regular(*start, scale)
+    singular = least_regular(*matrices_at(model, model.equations, t, y, parameters), scale)
+    if first is None or singular is None or not first.regularity:
+        return None
+    return replace(singular, regularity=singular.regularity / first.regularity)
+
+
+PLACES_AHEAD, MUCH_NEARER = 65, 0.1
+"""Search for a crossing on the two steps after a failed one: number of points, and the required decrease of the least
+singular value.
+"""
+
+
+def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> str:
+    """Return the message for a run with equal steps that fails because two motions cross ahead of y (2n,), else ""."""
+    if not len(problem.model.equations.constraints):
+        return ""
+    try:
+        slope = problem.model.kernel("rhs")(t, y, problem.parameter_array)
+    except SingularMassMatrix:
+        return ""
+    ahead = [remaining_regularity(problem, t + h, y + h * slope) for h in step * np.linspace(0.0, 2.0, PLACES_AHEAD)]
+    present, nearest = ahead[0], min(filter(None, ahead), key=lambda singular: singular.regularity, default=None)
+    if present is None or nearest is None or not nearest.rows:
+        return ""
+    return crossing(problem, nearest, y) if nearest.regularity <= MUCH_NEARER * present.regularity else ""
+
+
+def rank_lost(problem: Problem, y: FloatArray, singular: Singular) -> str:
     """Return the message for a run that ends at a state (2n,) where constraints or inertia become singular.
 
-    `share` is the least singular value of the constraint gradients G or of the mass matrix M there, divided by that
-    at the start. `singular` has the dependent constraints, or the motion without inertia.
+    `singular` has the dependent constraints, or the motion without inertia, and what their least singular value is
+    divided by that at the start.
     """
     state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
+    share = singular.regularity
     left = f"{share:.2g} of what it was at the start"
     if singular.motion is not None:
         return (

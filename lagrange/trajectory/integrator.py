@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
@@ -235,3 +237,27 @@ def method_repr(method: Integrator, **options: float | None) -> str:
     """Return the repr of a method: its name, order and the options that are set, without coefficients."""
     listed = "".join(f", {name} = {shown(value)}" for name, value in options.items() if value is not None)
     return f"<{method.name}: a method of order {method.claims.order}{listed}>"
+
+
+MEMORY_DIVISOR = 4
+"""The default memory limit of a run is the memory of the machine divided by this. At the end the states are joined to
+one array, and derived quantities, such as the energy, need as much memory again.
+"""
+
+ASSUMED_MEMORY = 8 * 2**30
+"""Number of bytes of memory that are assumed if the machine does not report it."""
+
+
+def memory_limit(problem: Problem) -> float:
+    """Return the number of bytes that stored states may take: `max_memory`, or a part of the machine's memory."""
+    return machine_memory() / MEMORY_DIVISOR if problem.max_memory is None else problem.max_memory
+
+
+@cache
+def machine_memory() -> int:
+    """Return the memory of this machine in bytes."""
+    names = getattr(os, "sysconf_names", {})  # not available on Windows
+    if not {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= names.keys():
+        return ASSUMED_MEMORY
+    pages = os.sysconf("SC_PHYS_PAGES")
+    return pages * os.sysconf("SC_PAGE_SIZE") if pages > 0 else ASSUMED_MEMORY

@@ -12,8 +12,7 @@ import numpy as np
 from lagrange.errors import listing
 from lagrange.graph.node import Kind, reachable
 from lagrange.statement.rotation import symbols_of_entries
-from lagrange.trajectory.integrator import LEAST_ATOL, Problem, Tolerances
-from lagrange.trajectory.pace import memory_limit
+from lagrange.trajectory.integrator import LEAST_ATOL, Problem, Tolerances, memory_limit
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _SENTENCES: dict[Status, str] = {

@@ -1,12 +1,10 @@
-"""Tests whether a slow run is due to rounding noise or sticks to a surface; limits of compile time and of memory."""
+"""Tests whether a slow run is due to rounding noise, sticks to a surface, or nears a singularity; compile limit."""
 
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 
@@ -16,6 +14,7 @@ from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState
 from lagrange.program.switching import switch
 from lagrange.statement.run_settings import COMPILE_SECONDS
+from lagrange.trajectory.endings import rank_lost, remaining_regularity
 from lagrange.trajectory.events.actions import rates
 from lagrange.trajectory.events.end_messages import EventResult, sliding
 from lagrange.trajectory.integrator import Problem
@@ -92,6 +91,13 @@ noise. Computing the noise takes 1 to 20 ms; 4,096 steps of a small system take 
 """
 
 
+LONG_APPROACH, NEARLY_DEPENDENT, NEARER = 2**19, 1e-2, 0.75
+"""A slow run with constraints ends as singular after this many trial steps if their least singular value is below this
+fraction of that at the start, and has decreased by this factor since the last test. A run that only passes near a
+singular state needs fewer steps.
+"""
+
+
 class Pace:
     """Tests, between two calls of the driver, whether a run is slow because of rounding noise or sticks to a surface.
 
@@ -100,7 +106,7 @@ class Pace:
 
     def __init__(self, problem: Problem) -> None:
         self.next_look = FIRST_LOOK
-        self._problem, self._tries, self._t = problem, 0, problem.t0
+        self._problem, self._tries, self._t, self._regularity = problem, 0, problem.t0, 1.0
 
     def look(self, state: DriverState, parts: Sequence[Part], result: EventResult) -> EventResult:
         """Return the end of a run that sticks to a switching surface, else `result`.
@@ -124,8 +130,24 @@ class Pace:
         needed = new * abs(problem.t1 - state.t) / covered if covered else math.inf
         if needed > SLOW * tries and not vanished:
             raise_to_noise(problem.model, problem.parameter_array, state)
-        sticking = stuck(problem, state.t, parts, covered) if vanished or needed > problem.max_steps else None
-        return sticking or result
+        if not vanished and needed <= problem.max_steps:
+            return result
+        return stuck(problem, state.t, parts, covered) or self._approaching(state) or result
+
+    def _approaching(self, state: DriverState) -> EventResult | None:
+        """Return the end of a run with constraints that approaches a singular state without reaching it, else None.
+
+        For example a mass on a rod whose length r shrinks to zero turns faster and faster: it needs about 1/r steps.
+        """
+        if not len(self._problem.model.equations.constraints):
+            return None
+        singular, before = remaining_regularity(self._problem, state.t, state.y), self._regularity
+        if singular is None:
+            return None
+        self._regularity = singular.regularity
+        if self._tries < LONG_APPROACH or singular.regularity > min(NEARLY_DEPENDENT, NEARER * before):
+            return None
+        return EventResult(Status.SINGULAR, rank_lost(self._problem, state.y, singular))
 
 
 def limiting_entry(problem: Problem, state: DriverState) -> tuple[int, int] | None:
@@ -146,30 +168,6 @@ def limiting_entry(problem: Problem, state: DriverState) -> tuple[int, int] | No
     largest = kind.start + int(np.argmax(tolerances[kind]))
     small = ratios[limiting] > 0 and tolerances[limiting] < SMALL_FLOOR * tolerances[largest]
     return (limiting, largest) if small else None
-
-
-MEMORY_DIVISOR = 4
-"""The default memory limit of a run is the memory of the machine divided by this. At the end the states are joined to
-one array, and derived quantities, such as the energy, need as much memory again.
-"""
-
-ASSUMED_MEMORY = 8 * 2**30
-"""Number of bytes of memory that are assumed if the machine does not report it."""
-
-
-def memory_limit(problem: Problem) -> float:
-    """Return the number of bytes that stored states may take: `max_memory`, or a part of the machine's memory."""
-    return machine_memory() / MEMORY_DIVISOR if problem.max_memory is None else problem.max_memory
-
-
-@cache
-def machine_memory() -> int:
-    """Return the memory of this machine in bytes."""
-    names = getattr(os, "sysconf_names", {})  # not available on Windows
-    if not {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= names.keys():
-        return ASSUMED_MEMORY
-    pages = os.sysconf("SC_PHYS_PAGES")
-    return pages * os.sysconf("SC_PAGE_SIZE") if pages > 0 else ASSUMED_MEMORY
 
 
 def compiled_late(problem: Problem) -> str:

@@ -31,13 +31,12 @@ from lagrange.trajectory.constraints.dependence import check_independent, refuse
 from lagrange.trajectory.contact.run import run_through_contacts
 from lagrange.trajectory.endings import table_left, with_resolution, with_touching_bodies
 from lagrange.trajectory.flow import Flow
-from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Integrator, Problem, RunOptions, run_by
+from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Integrator, Problem, RunOptions, memory_limit, run_by
 from lagrange.trajectory.measures.conservation import energy, verified
 from lagrange.trajectory.measures.stiffness import with_stiff_end
 from lagrange.trajectory.messages import interrupted
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.outputs import output_times
-from lagrange.trajectory.pace import memory_limit
 from lagrange.trajectory.parts import run_in_segments
 from lagrange.trajectory.plan import locates_events
 from lagrange.trajectory.run_loop import not_begun

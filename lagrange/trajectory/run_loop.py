@@ -17,6 +17,7 @@ from lagrange.statement.run_settings import PreparationTooLongError, preparation
 from lagrange.trajectory.constraints.discontinuities import Discontinuities, may_be_discontinuous
 from lagrange.trajectory.endings import (
     DOMAIN_PROBE,
+    dependent_ahead,
     lost_inertia,
     slope_ahead,
     table_left,
@@ -28,7 +29,7 @@ from lagrange.trajectory.events.event_log import EventLog
 from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.events.time_switches import TimeSwitches
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.integrator import Problem, memory_limit
 from lagrange.trajectory.messages import (
     UNPROJECTED,
     coarse,
@@ -41,7 +42,7 @@ from lagrange.trajectory.messages import (
     without_tolerance,
 )
 from lagrange.trajectory.outputs import AcceptedStates
-from lagrange.trajectory.pace import Pace, compiled_late, limiting_entry, memory_limit
+from lagrange.trajectory.pace import Pace, compiled_late, limiting_entry
 from lagrange.trajectory.paths.step_paths import MotionsPath, OutputPath, StepPath
 from lagrange.trajectory.plan import PathFunction, Plan, Planned, PreparedPlan, StepPlan, Watcher, prepared
 from lagrange.trajectory.sizes import raise_to_noise, survey
@@ -340,6 +341,8 @@ class _Run:
         step = 0.0 if self.plan.tolerances.rtol else float(state.reals[DriverState.STEP])
         if not message and stuck and self.rows.discontinuities is not None:
             message = self.rows.discontinuities.ahead(state.t, state.y, step)
+        if not message and step and status is Status.DIVERGED:
+            message = dependent_ahead(problem, state.t, state.y, step)
         return (Status.SINGULAR, message) if message else (status, detail)
 
     def final_sentence(self, status: Status, cause: str) -> str:

@@ -163,6 +163,16 @@ def test_taylor_follows_flat_ladders_as_the_parallelogram(loops: int, rtol: floa
         assert np.abs(apart).max() < 1e-5
 
 
+@pytest.mark.parametrize("method", ["gauss2", "gauss3", "rattle", "lobatto4"])
+def test_equal_steps_with_a_matrix_say_where_they_end(method: str) -> None:
+    """Newton's method has no regular matrix at a crossing."""
+    run = shared_scene("four-bar-change-point").run(2.0, method=method, step=0.01, check=False)
+    assert run.status is lg.Status.SINGULAR, run.message
+    assert min(abs(run.t[-1] - 0.722), abs(run.t[-1] - 1.244)) < 0.011
+    assert "'x'" in run.message and "pass it with equal steps, such as those of rk4" in run.message
+    assert np.abs(run.y[0] - reduced().at(run.t)[0]).max() < 1e-3
+
+
 def test_an_arm_that_is_pulled_beyond_its_reach_is_not_led_on() -> None:
     """Its end is carried outwards: the arm is stretched out at t = 1, and no motion goes on."""
     arm = lg.System(
@@ -322,3 +332,22 @@ def test_a_constraint_that_comes_to_restrict_nothing_ends_a_run(method: str) -> 
     turning = held(x.dot**2 + y.dot**2 - 1, {x.dot: 1.0}, forces={x: -5 * y.dot, y: 5 * x.dot})
     turned = turning.run(3.0, method="rk4", step=0.3, check=False)
     assert turned.status is lg.Status.SUCCESS, turned.message
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
+def test_a_rod_that_shrinks_to_a_point_ends_a_run_long_before_its_steps_are_used_up(method: str) -> None:
+    rod = held(x**2 + y**2 - (1 - lg.t) ** 2, {x: 1.0, x.dot: -1.0}, 9.81 * y)
+    run = rod.run(2.0, t_eval=[0.5], method=method, check=False)
+    assert run.status is lg.Status.SINGULAR and run.trajectory.steps < 1.2e6
+    assert (
+        "the constraint 'wire' restricts no velocity" in run.message and "of what they were at the start" in run.message
+    )
+    fewer = rod.run(2.0, method=method, max_steps=1000, check=False)
+    assert fewer.status is lg.Status.MAX_STEPS
+
+
+def test_a_rod_that_shrinks_nearly_to_a_point_and_grows_again_is_followed() -> None:
+    rod = held(x**2 + y**2 - (1 - lg.t) ** 2 - 1e-8, {x: 1.0, x.dot: -1.0}, 9.81 * y)
+    run = rod.run(2.0, t_eval=[2.0], method="dop853", check=False)
+    assert run.status is lg.Status.SUCCESS and run.trajectory.steps > 10_000
