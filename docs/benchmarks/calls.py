@@ -7,16 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import sympy
-from equations import lambdified, plain_accelerations
+from equations import accelerations_of, lambdified
 from measure import Page, best, microseconds, milliseconds, shown, verdict
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from systems import chain, double_pendulum, henon_heiles
+from taylor_systems import springs
 
 import lagrange as lg
 
@@ -30,27 +29,12 @@ WRAPPER_BAR, SOLVE_BAR, RUN_BAR, SHORT_BAR = 1.3, 0.9, 1.3, 60.0
 TOLERANCES: dict[str, Any] = {"rtol": 1e-8, "atol": 1e-8}
 
 
-def springs(n: int) -> lg.System:
-    """Return n unit masses in a row between walls, on springs that stiffen: what lambdify can write out at any n."""
-    q = lg.coordinates(" ".join(f"q{i + 1}" for i in range(n)))
-    ends = [0, *q, 0]
-    stretched = [b - a for a, b in pairwise(ends)]
-    potential = sum(s**2 / 2 + s**4 / 8 for s in stretched)
-    return lg.System(
-        kinetic=sum(x.dot**2 for x in q) / 2,
-        potential=potential,
-        coordinates=q,
-        initial={x: 0.3 * (i % 3) for i, x in enumerate(q)},
-        name=f"{n} masses on springs",
-    )
-
-
 def systems() -> dict[str, lg.System]:
     """Return systems of 2, 5 and 10 coordinates whose accelerations SymPy can write out."""
     return {
         "double pendulum": double_pendulum(),
         "chain of 5": lg.System(**chain(5)),
-        "10 masses on springs": springs(10),
+        "10 masses on springs": springs(10, cubic=False),
     }
 
 
@@ -60,11 +44,8 @@ def state_of(system: lg.System) -> NDArray[Any]:
 
 
 def of_columns(system: lg.System) -> Callable[[NDArray[Any]], NDArray[Any]]:
-    """Return the right-hand side of many states at once by lambdify(modules="numpy", cse=True)."""
-    symbols, accelerations = plain_accelerations(system)
-    numbers = {sympy.Symbol(symbol.name): value for symbol, value in system.parameters.items()}
-    call = sympy.lambdify(symbols, [a.subs(numbers) for a in accelerations], modules="numpy", cse=True)
-    n = len(system.coordinates)
+    """Return the right-hand side of many states at once by lambdify."""
+    call, n = accelerations_of(system, "numpy"), len(system.coordinates)
     return lambda y: np.concatenate([y[n:], call(*y)])
 
 
@@ -129,7 +110,7 @@ def agree(calls: dict[str, Callable[[], Any]]) -> None:
 def quantities(page: Page) -> None:
     """Measure the other calls of one state on llvm."""
     rows = []
-    for system in (double_pendulum(), lg.System(**chain(10)), springs(10)):
+    for system in (double_pendulum(), lg.System(**chain(10)), springs(10, cubic=False)):
         model, y = system.compile(), state_of(system)
         n = model.dimension
         q, v = y[:n].copy(), y[n:].copy()

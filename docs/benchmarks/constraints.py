@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 import sksundae
 import sympy
-from measure import Page, best, milliseconds, shown
+from measure import Page, best, milliseconds, shown, verdict
 from native import compiled, load_sundials
 from numpy.typing import NDArray
-from race import taking_turns
+from taylor import PATIENCE
 
 import lagrange as lg
 from lagrange.equations.euler_lagrange import Equations
@@ -199,7 +199,7 @@ def against_ida(page: Page, rounds: int) -> None:
         rivals = {NATIVE: case.by_c, DIRECT: case.by_python, **{method: case.ours(method) for method in OURS}}
         good = {label: first_good(case, run) for label, run in rivals.items()}
         calls = {label: partial(rivals[label], found[0]) for label, found in good.items() if found}
-        seconds = taking_turns(calls, rounds)
+        seconds = best(calls, rounds=rounds, patience=PATIENCE)
         cells = [name]
         for label in rivals:
             found = good[label]
@@ -209,7 +209,7 @@ def against_ida(page: Page, rounds: int) -> None:
             cells.append(f"{milliseconds(seconds[label])} ({found[0]:.0e}, {found[1]:.0e})")
         for label in (NATIVE, DIRECT):
             ratio = seconds[label] / seconds["taylor"] if label in seconds and "taylor" in seconds else np.inf
-            cells.append(f"{shown(ratio)} {'yes' if ratio >= BARS[label] else '**no**'}")
+            cells.append(f"{shown(ratio)} {verdict(BARS[label], ratio)}")
         rows.append(cells)
         print(cells, flush=True)
     page.text(f"## Against IDA: ms of a run whose error is at most {GOAL:.0e} (tolerance, error)")

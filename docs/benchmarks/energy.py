@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from time import thread_time
 
 import numpy as np
-from long_runs import LongRun, long_run
+from long_runs import LongRun, blocks, long_run
 from matplotlib.figure import Figure
 from measure import Page, saved, shown
 from systems import double_pendulum, henon_heiles
@@ -48,7 +48,7 @@ def runs(page: Page, system: lg.System) -> dict[str, LongRun]:
             if row.claims.adaptive:
                 run = adaptive_run(model, row.name, step)
             else:
-                run = long_run(model, row.name, step, PER_BLOCK, BLOCKS)
+                run = long_run(blocks(model, row.name, step * PER_BLOCK, BLOCKS, step=step))
         except ENDED as error:
             rows.append((f"`{row.name}`", "", "", "", "", "", str(error).split(". ")[0]))
             continue

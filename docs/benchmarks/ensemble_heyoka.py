@@ -8,7 +8,7 @@ from collections.abc import Callable
 import heyoka as hy
 import numpy as np
 from ensemble_measures import SAMPLED, SPANS, Array, Errors, best, ours, starts
-from measure import Page, microseconds, shown
+from measure import Page, microseconds, shown, verdict
 from taylor_systems import CASES, MODES, Case, equations
 
 import lagrange as lg
@@ -92,7 +92,9 @@ def against_heyoka(page: Page, options: Namespace) -> None:
                 "at its error": ours(case, system, y0, rtol=asked, atol=asked),
             }
             form, mine = here["at its tolerance"]().form, errors.of(here["at its tolerance"]().y.T)
-            times = {name: seconds / len(y0) for name, seconds in best({**here, **theirs}, options.rounds).items()}
+            times = {
+                name: seconds / len(y0) for name, seconds in best({**here, **theirs}, rounds=options.rounds).items()
+            }
             fastest = min(theirs, key=times.__getitem__)
             other, bar = times[fastest], BARS[case.name]
             plain, equal = (other / times[name] for name in here)
@@ -110,7 +112,7 @@ def against_heyoka(page: Page, options: Namespace) -> None:
                     f"{reached:.1e}",
                     shown(equal),
                     f"{bar:g}",
-                    "yes" if equal >= bar else "**no**",
+                    verdict(bar, equal),
                 )
             )
     page.text(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from time import process_time
 from typing import Any
 
+import measure
 import numpy as np
 from numpy.typing import NDArray
 from taylor_systems import Case, reference
@@ -44,15 +45,8 @@ def ours(case: Case, system: lg.System, y0: Array, **options: Any) -> Callable[[
     return partial(lg.ensemble, system, SPANS[case.name], initial, workers=1, **options)
 
 
-def best(runs: Mapping[str, Callable[[], Any]], rounds: int) -> dict[str, float]:
-    """Return the processor seconds of one call of each, on all threads of this process, the least of some rounds."""
-    times = dict.fromkeys(runs, float("inf"))
-    for _ in range(rounds):
-        for name, run in runs.items():
-            began = process_time()
-            run()
-            times[name] = min(times[name], process_time() - began)
-    return times
+best = partial(measure.best, least=0.0, clock=process_time)
+"""The least processor seconds of one call of each, on all threads of this process."""
 
 
 class Errors:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from dask.distributed import Client, LocalCluster
-from measure import Page, shown
+from measure import Page, shown, verdict
 
 import lagrange as lg
 
@@ -40,19 +40,7 @@ def with_workers(page: Page, options: Namespace) -> None:
         f"## Two workers\n\nA grid of {members} starts of the double pendulum over 5 s at 1e-9, seconds on the clock, "
         f"with all that is compiled. All three give {same}."
     )
-    rows = [
-        ("one thread", f"{one:.1f}", "1", ""),
-        ("two threads", f"{two:.1f}", shown(one / two), f"at least {THREADS_BAR:g}: {met(one >= THREADS_BAR * two)}"),
-        (
-            "Dask, two workers",
-            f"{dask:.1f}",
-            shown(one / dask),
-            f"at least {CLUSTER_BAR:g}: {met(one >= CLUSTER_BAR * dask)}",
-        ),
-    ]
+    rows = [("one thread", f"{one:.1f}", "1", "")]
+    for name, seconds, bar in (("two threads", two, THREADS_BAR), ("Dask, two workers", dask, CLUSTER_BAR)):
+        rows.append((name, f"{seconds:.1f}", shown(one / seconds), f"at least {bar:g}: {verdict(bar, one / seconds)}"))
     page.table(("where", "s", "times one thread", "asked for"), rows)
-
-
-def met(yes: bool) -> str:
-    """Return a word for it."""
-    return "yes" if yes else "**no**"

@@ -14,7 +14,7 @@ from ensemble_diffrax import against_diffrax
 from ensemble_heyoka import SMALL, against_heyoka
 from ensemble_measures import SPANS, Array, best, ours, starts
 from ensemble_workers import with_workers
-from measure import Page, microseconds, shown
+from measure import Page, microseconds, shown, verdict
 from taylor_systems import CASES
 
 import lagrange as lg
@@ -39,9 +39,9 @@ def against_single_runs(page: Page, options: Namespace) -> None:
             here = ours(case, system, y0, method=method, **settings)
             assert "side by side" in here().form
             single = partial(one_by_one, lg.flow(system.compile(), method=method, **settings), y0, end)
-            times = best({"lanes": here, "single": single}, options.rounds)
+            times = best({"lanes": here, "single": single}, rounds=options.rounds)
             lanes, alone = times["lanes"] / len(y0), times["single"] / len(y0)
-            met = "yes" if alone >= SINGLE_BAR * lanes else "**no**"
+            met = verdict(SINGLE_BAR, alone / lanes)
             rows.append((case.name, method, microseconds(lanes), microseconds(alone), shown(alone / lanes), met))
     page.text("## Against our own runs, one after the other")
     head = ("system", "method", "us a member in lanes", "us alone, lg.flow", "ratio", f"at least {SINGLE_BAR:g}")

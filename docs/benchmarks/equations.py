@@ -32,15 +32,22 @@ def from_sympy(system: lg.System, y: Sequence[Any], p: Sequence[Any]) -> list[An
     return [hy.from_sympy(acceleration, s_dict=values) for acceleration in accelerations]
 
 
-def lambdified(system: lg.System, modules: str) -> Callable[[float, Any], list[float]]:
-    """Return the right-hand side f(t, y) by lambdify(cse=True).
+def accelerations_of(system: lg.System, modules: str) -> Callable[..., list[Any]]:
+    """Return the accelerations as a function of the numbers of a state by lambdify(cse=True).
 
     `modules` is "numpy", lambdify's default, or "math" for Python's own floats, which is faster for one state.
     """
     symbols, accelerations = plain_accelerations(system)
     numbers = {sympy.Symbol(symbol.name): value for symbol, value in system.parameters.items()}
-    call = sympy.lambdify(symbols, [a.subs(numbers) for a in accelerations], modules=modules, cse=True)
-    n = len(system.coordinates)
+    call: Callable[..., list[Any]] = sympy.lambdify(
+        symbols, [a.subs(numbers) for a in accelerations], modules=modules, cse=True
+    )
+    return call
+
+
+def lambdified(system: lg.System, modules: str) -> Callable[[float, Any], list[float]]:
+    """Return the right-hand side f(t, y) of one state by `accelerations_of`."""
+    call, n = accelerations_of(system, modules), len(system.coordinates)
 
     def rhs(_t: float, y: Any) -> list[float]:
         numbers = y.tolist()

@@ -60,12 +60,10 @@ class Run:
 
     def integrate(self, method: str, tolerance: float, count: int) -> lg.Solution:
         """Run by a method of ours with the first so many events."""
-        names = (*self.model.statement.names, *(f"{name}_dot" for name in self.model.statement.names))
-        initial = dict(zip(names, self.case.starts()[0], strict=True))
         return lg.integrate(
             self.model,
             (0.0, SPANS[self.case.name]),
-            initial,
+            self.case.initial(self.model),
             method=method,
             rtol=tolerance,
             events=list(self.watched[:count]),

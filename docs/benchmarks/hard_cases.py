@@ -12,12 +12,14 @@ from typing import Any
 
 import hard_systems as systems
 import numpy as np
-from long_runs import long_run
+import taylor_systems
+from long_runs import blocks, long_run
 from measure import Page, milliseconds, shown
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import mathieu_a
 from systems import henon_heiles
+from taylor_systems import final_state
 
 import lagrange as lg
 
@@ -100,7 +102,7 @@ def against(
 
 def kepler() -> Iterator[Line]:
     """Near-parabolic orbits, three and a bit revolutions from the pericentre, against Kepler's equation."""
-    model = systems.kepler().compile()
+    model = taylor_systems.kepler().compile()
     for e in (0.99, 0.9999):
         start = systems.pericentre(e)
         end = 20.0
@@ -119,7 +121,7 @@ def three_bodies() -> Iterator[Line]:
     """Burrau's bodies at rest, and the figure-eight."""
     burrau, eight = systems.burrau(), systems.figure_eight()
     for end in (10.0, 60.0):
-        truth, doubt = systems.reference(burrau, end)
+        truth, doubt = final_state(burrau, end)
         remark = f"80-bit Taylor run, known to {doubt:.0e}"
         yield from against(f"Burrau's three bodies, t = {end:g}", burrau.compile(), end, truth, remark=remark)
     yield systems_end(burrau)
@@ -193,7 +195,7 @@ def spherical() -> Iterator[Line]:
 def thin() -> Iterator[Line]:
     """A double pendulum whose lower mass is next to nothing: the upper one does not feel it."""
     system = systems.light_double_pendulum(1e-12)
-    truth, doubt = systems.reference(system, 10.0)
+    truth, doubt = final_state(system, 10.0)
     alone = systems.pendulum_angle(1.0, 9.81, 10.0)
     near = abs(truth[0] - alone)
     remark = f"80-bit Taylor run, known to {doubt:.0e}; its upper angle is a single pendulum's to {near:.0e}"
@@ -205,7 +207,7 @@ def stiff() -> Iterator[Line]:
     for k in (1e2, 1e4, 1e6, 1e8, 1e10):
         system = systems.elastic_pendulum(k)
         end = 1.0
-        truth, doubt = systems.reference(system, end)
+        truth, doubt = final_state(system, end)
         remark = f"80-bit Taylor run, known to {doubt:.0e}; {np.sqrt(k) * end / (2 * np.pi):.0f} oscillations"
         options = {"rtol": 1e-10, "atol": 1e-12}
         yield from against(
@@ -235,10 +237,10 @@ def ten_million() -> Iterator[Line]:
     for row in lg.methods.table():
         if not (row.claims.symplectic or row.name == "rk4") or row.claims.adaptive:
             continue
-        blocks = BLOCKS if row.claims.explicit else BLOCKS // 10
-        case = f"Henon-Heiles, {blocks * PER_BLOCK:.0e} steps of 0.05"
+        count = BLOCKS if row.claims.explicit else BLOCKS // 10
+        case = f"Henon-Heiles, {count * PER_BLOCK:.0e} steps of 0.05"
         try:
-            run = long_run(model, row.name, 0.05, PER_BLOCK, blocks)
+            run = long_run(blocks(model, row.name, 0.05 * PER_BLOCK, count, step=0.05))
         except lg.LagrangeError as error:
             yield Line(case, row.name, "-", 0.0, str(error).split(". ")[0])
             continue

@@ -15,54 +15,14 @@ from numpy.typing import NDArray
 from scipy.special import ellipj, ellipk
 from sympy import cos, sin, sqrt
 from systems import GRAVITY, double_pendulum
-from taylor_systems import CHECK, REFERENCE, Case, equations
+from taylor_systems import LONG, Case, equations, in_80_bits, kepler, propagated
 
 import lagrange as lg
 
-LONG = np.longdouble
 EIGHT_PERIOD = 6.32591398292621
 SPHERICAL_END = 20.0
 MOMENTS, START_RATES = (1.0, 2.0, 3.0), (1.0, 0.0, float(np.sqrt((1 + 1e-4) / 3)))
 BODY_END = 120.0
-
-
-@cache
-def _long(key: str, system: lg.System) -> tuple[Any, Any]:
-    case = Case(key, "", lambda: system, (0.0,), 0.0)
-    right = equations(case, system, LONG)
-    zero = np.zeros(2 * len(system.coordinates), dtype=LONG)
-    made = [
-        hy.taylor_adaptive(right, zero, tol=LONG(tolerance), fp_type=LONG, compact_mode=True, high_accuracy=True)
-        for tolerance in (REFERENCE, CHECK)
-    ]
-    return made[0], made[1]
-
-
-def propagated(taylor: Any, start: NDArray[Any], times: list[float]) -> NDArray[Any]:
-    """Return the states at rising times, (K, 2n), of a run of heyoka's from time 0."""
-    taylor.time = LONG(0)
-    taylor.state[:] = start.astype(LONG)
-    states = []
-    for time in times:
-        taylor.propagate_until(LONG(time))
-        states.append(taylor.state.copy())
-    return np.array(states)
-
-
-def reference(system: lg.System, end: float) -> tuple[NDArray[Any], float]:
-    """Return the state at the end in 80-bit arithmetic, and how far two tolerances are apart."""
-    start = np.array(system.statement.initial)
-    fine, rough = (propagated(taylor, start, [end])[0] for taylor in _long(system.name, system))
-    return fine, float(np.abs(fine - rough).max())
-
-
-def kepler() -> lg.System:
-    """Return a planet of unit mass."""
-    x, y = lg.coordinates("x y")
-    mu = lg.parameters("mu")
-    return lg.System(
-        kinetic=lg.kinetic_energy(1, (x, y)), potential=-mu / sqrt(x**2 + y**2), parameters={mu: 1.0}, name="Kepler"
-    )
 
 
 def pericentre(e: float) -> dict[str, float]:
@@ -170,13 +130,10 @@ def cartesian(theta: float, phi: float) -> NDArray[Any]:
 
 
 @cache
-def _sphere() -> tuple[Any, Any]:
+def _sphere() -> list[Any]:
     x, y, z, u, v, w = symbols = hy.make_vars("x", "y", "z", "u", "v", "w")
     pull = z - (u * u + v * v + w * w)
-    right = list(zip(symbols, (u, v, w, pull * x, pull * y, pull * z - LONG(1)), strict=True))
-    zero = np.zeros(6, dtype=LONG)
-    made = [hy.taylor_adaptive(right, zero, tol=LONG(tol), fp_type=LONG, compact_mode=True) for tol in (1e-19, 1e-18)]
-    return made[0], made[1]
+    return in_80_bits(list(zip(symbols, (u, v, w, pull * x, pull * y, pull * z - LONG(1)), strict=True)))
 
 
 def spherical_truth(theta: float, turn: float, end: float) -> tuple[NDArray[Any], float]:
@@ -320,7 +277,7 @@ class Claims:
         self.span, self.error = span, error
         self.system = double_pendulum()
         self.model = self.system.compile()
-        self.truth = _long("trust", self.system)[0]
+        self.truth = in_80_bits(equations(Case("trust", "", double_pendulum, (), span), self.system, LONG))[0]
 
     def held(self, seed: int, method: str, options: Mapping[str, Any]) -> tuple[float, float]:
         """Return the horizon of a run, and its largest error at ten times until then."""

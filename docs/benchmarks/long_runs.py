@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from time import thread_time
 from typing import Any
@@ -43,27 +43,24 @@ class LongRun:
         return not abs(slope) <= width
 
 
-def states(model: lg.Model, method: str, step: float, per_block: int, blocks: int) -> Iterator[lg.Solution]:
+def blocks(model: lg.Model, method: str, seconds: float, count: int, **options: Any) -> Iterator[lg.Solution]:
     """Yield the blocks of a run, each beginning where the last one ended; the system must not know the time."""
-    names = model.statement.names
-    rows = (*names, *(f"{name}_dot" for name in names))
     initial: dict[str, float] = {}
-    for _ in range(blocks):
-        solution = lg.integrate(model, (0.0, step * per_block), initial, method=method, step=step)
+    for _ in range(count):
+        solution = lg.integrate(model, (0.0, seconds), initial, method=method, **options)
         yield solution.require()
-        initial = dict(zip(rows, solution.y[:, -1].tolist(), strict=True))
+        initial = dict(zip(model.layout.names(), solution.y[:, -1].tolist(), strict=True))
 
 
-def long_run(model: lg.Model, method: str, step: float, per_block: int, blocks: int) -> LongRun:
-    """Run a method with equal steps from the initial state of the model."""
-    n = model.dimension
-    start = np.array(model.statement.initial)
-    first = float(model.energy(start[:n], start[n:]))
-    means, largest, seconds, began = [], [], 0.0, thread_time()
-    for solution in states(model, method, step, per_block, blocks):
+def long_run(solutions: Iterable[lg.Solution], scale: float = 1.0) -> LongRun:
+    """Return the energy errors of a run in blocks, as multiples of a scale, and the seconds that the blocks took."""
+    first: float | None = None
+    means, largest, block, seconds, began = [], [], 0.0, 0.0, thread_time()
+    for solution in solutions:
         seconds += thread_time() - began
-        off = solution.energy[1:] - first
+        first = solution.energy[0] if first is None else first
+        off = (solution.energy[1:] - first) / scale
         means.append(off.mean())
         largest.append(np.abs(off).max())
-        began = thread_time()
-    return LongRun(np.array(means), np.array(largest), step * per_block, seconds)
+        block, began = float(solution.t[-1]), thread_time()
+    return LongRun(np.array(means), np.array(largest), block, seconds)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
 import platform
 import subprocess
@@ -26,39 +27,52 @@ OUT = FOLDER.parents[1] / "out" / "benchmarks"
 PACKAGES = ("numpy", "scipy", "sympy", "llvmlite", "heyoka")
 
 
-def best(runs: Mapping[str, Callable[[], Any]], *, rounds: int = 30, least: float = 0.02) -> dict[str, float]:
+def best(
+    runs: Mapping[str, Callable[[], Any]],
+    *,
+    rounds: int = 30,
+    least: float = 0.02,
+    patience: float = math.inf,
+    clock: Callable[[], float] = thread_time,
+) -> dict[str, float]:
     """Return the processor seconds of one call of each, the least of many rounds.
 
     The rivals take turns, each called for at least `least` seconds in every round, so that a busy moment of the machine
-    falls on all of them. All run on one thread, whose processor time is the time on the clock when nothing else runs.
+    falls on all of them. If `least` is 0, each is called once a round and not before. A rival whose rounds have taken
+    more than `patience` seconds has no more. All run on one thread, whose processor time is the time on the clock when
+    nothing else runs; of several threads the clock is `process_time`.
     """
-    counts = {name: _repetitions(run, least) for name, run in runs.items()}
-    times = dict.fromkeys(runs, float("inf"))
+    counts = {name: _repetitions(run, least, clock) if least else 1 for name, run in runs.items()}
+    times = dict.fromkeys(runs, math.inf)
+    spent = dict.fromkeys(runs, 0.0)
     collecting = gc.isenabled()
     gc.disable()
     try:
         for _ in range(rounds):
             for name, run in runs.items():
-                times[name] = min(times[name], _timed(run, counts[name]) / counts[name])
+                if spent[name] <= patience:
+                    seconds = _timed(run, counts[name], clock)
+                    times[name] = min(times[name], seconds / counts[name])
+                    spent[name] += seconds
     finally:
         if collecting:
             gc.enable()
     return times
 
 
-def _repetitions(run: Callable[[], Any], least: float) -> int:
+def _repetitions(run: Callable[[], Any], least: float, clock: Callable[[], float]) -> int:
     run()
     count = 1
-    while (seconds := _timed(run, count)) < least:
+    while (seconds := _timed(run, count, clock)) < least:
         count = max(2 * count, int(1.2 * count * least / max(seconds, 1e-9)))
     return count
 
 
-def _timed(run: Callable[[], Any], count: int) -> float:
-    start = thread_time()
+def _timed(run: Callable[[], Any], count: int, clock: Callable[[], float]) -> float:
+    start = clock()
     for _ in range(count):
         run()
-    return thread_time() - start
+    return clock() - start
 
 
 def machine() -> list[str]:

@@ -53,11 +53,11 @@ def address(function: Any) -> int:
     return ctypes.cast(function, ctypes.c_void_p).value or 0
 
 
-def kernel(model: lg.Model, quantity: str, values: NDArray[Any] | None = None) -> tuple[int, NDArray[Any]]:
+def kernel(model: lg.Model, quantity: str) -> tuple[int, NDArray[Any]]:
     """Return the address of a compiled kernel, and the numbers that it reads: parameters, and what depends on them."""
     code = model.kernel(quantity)
     assert isinstance(code, LlvmKernel)
-    return code.address, code.prepare(model.parameter_array() if values is None else values)
+    return code.address, code.prepare(model.parameter_array())
 
 
 def in_turn(address: int, numbers: NDArray[Any], y: NDArray[Any], count: int) -> Callable[[], int]:

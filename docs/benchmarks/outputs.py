@@ -68,8 +68,7 @@ def runs_of(case: Case, system: lg.System, model: lg.Model) -> tuple[dict[str, C
     """Return the runs of a case with and without output times, and how far ours differ from heyoka's at most."""
     end, _ = SPANS[case.name]
     start = case.starts()[0]
-    names = (*model.statement.names, *(f"{name}_dot" for name in model.statement.names))
-    initial = dict(zip(names, start, strict=True))
+    initial = case.initial(model)
     theirs = propagated(case, system)
     calls: dict[str, Callable[[], Any]] = {"heyoka": partial(theirs, None)}
     for method in OURS:
@@ -130,8 +129,7 @@ def at_any_time(page: Page, options: Namespace) -> None:
         model = system.compile()
         end, _ = SPANS[case.name]
         times = rng.uniform(0.0, end, RANDOM)
-        names = (*model.statement.names, *(f"{name}_dot" for name in model.statement.names))
-        initial = dict(zip(names, case.starts()[0], strict=True))
+        initial = case.initial(model)
         n = len(system.coordinates)
         bar = next((AT_BARS[k] for k in sorted(AT_BARS) if n <= k), float("inf"))
         for method in options.methods:

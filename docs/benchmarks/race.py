@@ -5,7 +5,6 @@ python docs/benchmarks/race.py --cache /tmp/cache
 
 from __future__ import annotations
 
-import gc
 import math
 import tempfile
 from argparse import ArgumentParser, Namespace
@@ -32,8 +31,6 @@ BASE, HEYOKA = "lagrange taylor", "heyoka taylor_adaptive"
 LABELS = (BASE, "lagrange dop853", HEYOKA, *(f"SciPy {name}" for name in SCIPY))
 LIMIT = 2.0
 """Seconds of one run, beyond which a solver of SciPy is not waited for."""
-LEAST, SHARE, FEWEST = 0.01, 1.0, 2
-"""Seconds of a turn, and of all turns of one run, which has the fewest turns however long they are."""
 
 
 class TooSlowError(Exception):
@@ -70,14 +67,6 @@ class Race(Measured):
         for start in self.y0:
             solve(rhs, (0.0, self.case.t_end), start)
 
-    def times(self, rounds: int) -> list[Point]:
-        """Return all points, timed in turns."""
-        found = taking_turns(self.calls, rounds)
-        return [
-            Point(label, tolerance, found[name] / len(self.y0), off, steps)
-            for name, (label, tolerance, off, steps) in self.points.items()
-        ]
-
 
 def until(rhs: Callable[[float, Any], list[float]], seconds: float) -> Callable[[float, Any], list[float]]:
     """Return a right-hand side that raises after so many seconds."""
@@ -89,31 +78,6 @@ def until(rhs: Callable[[float, Any], list[float]], seconds: float) -> Callable[
         return rhs(t, y)
 
     return call
-
-
-def taking_turns(calls: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, float]:
-    """Return the processor seconds of one call of each, the least of its turns; long ones have fewer."""
-    first = {name: clocked(call, 1) for name, call in calls.items()}
-    counts = {name: max(1, math.ceil(LEAST / seconds)) for name, seconds in first.items()}
-    turns = {name: max(FEWEST, int(SHARE / (first[name] * counts[name]))) for name in calls}
-    times = dict(first)
-    gc.disable()
-    try:
-        for k in range(1, rounds):
-            for name, call in calls.items():
-                if k < turns[name]:
-                    times[name] = min(times[name], clocked(call, counts[name]))
-    finally:
-        gc.enable()
-    return times
-
-
-def clocked(call: Callable[[], object], count: int) -> float:
-    """Return the processor seconds of one call among so many."""
-    begun = thread_time()
-    for _ in range(count):
-        call()
-    return (thread_time() - begun) / count
 
 
 def measure(page: Page, case: Case, rounds: int, cache: Cache) -> list[Point]:

@@ -5,11 +5,11 @@ python docs/benchmarks/rattle.py
 
 from __future__ import annotations
 
-from time import thread_time
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from long_runs import LongRun
+from long_runs import LongRun, blocks, long_run
 from measure import Page, shown
 from scipy.special import ellipk
 
@@ -48,22 +48,18 @@ def pendulum() -> lg.System:
 
 def swings(model: lg.Model, method: str, options: dict[str, Any]) -> tuple[LongRun, int, float]:
     """Return a run in blocks, its steps, and the largest violation of the constraint on coordinates."""
-    start = np.array(model.statement.initial)
-    first = float(model.energy(start[:2], start[2:]))
-    scale = GRAVITY * LENGTH * (1 - np.cos(ANGLE))
-    means, largest, steps, violated, seconds = [], [], 0, 0.0, 0.0
-    for _ in range(BLOCKS):
-        names = ("x", "y", "x_dot", "y_dot")
-        began = thread_time()
-        span = 0.0, PER_BLOCK * PERIOD
-        found = lg.integrate(model, span, dict(zip(names, start, strict=True)), method=method, **options).require()
-        seconds += thread_time() - began
-        off = (found.energy[1:] - first) / scale
-        means.append(off.mean())
-        largest.append(np.abs(off).max())
-        violated = max(violated, float(np.abs(found.y[0] ** 2 + found.y[1] ** 2 - LENGTH**2).max()) / LENGTH**2)
-        steps, start = steps + found.steps, found.y[:, -1]
-    return LongRun(np.array(means), np.array(largest), PER_BLOCK * PERIOD, seconds), steps, violated
+    steps, violated = 0, 0.0
+
+    def watched() -> Iterator[lg.Solution]:
+        nonlocal steps, violated
+        for block in blocks(model, method, PER_BLOCK * PERIOD, BLOCKS, **options):
+            x, y = block.y[:2]
+            steps += block.steps
+            violated = max(violated, float(np.abs(x**2 + y**2 - LENGTH**2).max()) / LENGTH**2)
+            yield block
+
+    run = long_run(watched(), GRAVITY * LENGTH * (1 - np.cos(ANGLE)))
+    return run, steps, violated
 
 
 def main() -> None:

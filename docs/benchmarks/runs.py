@@ -10,15 +10,15 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
-import heyoka as hy
 import numpy as np
 from by_hand import ByHand
-from equations import from_sympy, lambdified
+from equations import lambdified
 from measure import Page, best, microseconds, milliseconds, shown, verdict
 from numpy.typing import NDArray
 from picture import Curve, work_precision
 from scipy.integrate import solve_ivp
 from systems import double_pendulum, henon_heiles
+from taylor_systems import final_state
 
 import lagrange as lg
 
@@ -34,18 +34,6 @@ SHORT, LONGEST = 0.02, 1.0
 def start(system: lg.System) -> NDArray[Any]:
     """Return the initial state [q, v]."""
     return np.array(system.statement.initial)
-
-
-def reference(system: lg.System) -> NDArray[Any]:
-    """Return the state at the end by heyoka's Taylor method in extended precision (80 bits), tolerance 1e-19."""
-    y0 = start(system).astype(np.longdouble)
-    n = len(system.coordinates)
-    symbols = hy.make_vars(*(f"y{i}" for i in range(2 * n)))
-    values = [hy.expression(np.longdouble(value)) for value in system.parameters.values()]
-    slopes = [*symbols[n:], *from_sympy(system, symbols, values)]
-    taylor = hy.taylor_adaptive(list(zip(symbols, slopes, strict=True)), y0, fp_type=np.longdouble)
-    taylor.propagate_until(np.longdouble(T_END))
-    return np.array(taylor.state, dtype=float)
 
 
 def error(y: NDArray[Any], expected: NDArray[Any]) -> float:
@@ -179,7 +167,7 @@ def main() -> None:
     """Measure, print and write the page and the picture."""
     page = Page("Whole runs", __file__)
     pendulum, stars = double_pendulum(), henon_heiles()
-    expected = {system.name: reference(system) for system in (pendulum, stars)}
+    expected = {system.name: final_state(system, T_END)[0].astype(float) for system in (pendulum, stars)}
     equal_steps(page, pendulum, expected[pendulum.name])
     adaptive(page, pendulum, expected[pendulum.name])
     flows(page, pendulum)

@@ -14,9 +14,10 @@ import numpy as np
 from equations import lambdified
 from measure import Page, best, milliseconds, shown, verdict
 from native import in_turn, kernel
-from runs import error, reference, start, time_for
+from runs import T_END, error, start, time_for
 from scipy.integrate import solve_ivp
 from systems import chain, double_pendulum, henon_heiles
+from taylor_systems import final_state
 
 import lagrange as lg
 from lagrange.trajectory.methods.registry import find
@@ -114,7 +115,7 @@ def stages_of(name: str, model: lg.Model) -> int:
 def namesakes(page: Page) -> None:
     """Measure adaptive methods against SciPy's of the same name, on a lambdified right-hand side."""
     system = double_pendulum()
-    model, y0, expected = system.compile(), start(system), reference(system)
+    model, y0, expected = system.compile(), start(system), final_state(system, T_END)[0].astype(float)
     slow = lambdified(system, "math")
     lines, least = [], math.inf
     for method, name in NAMESAKES.items():
@@ -122,8 +123,8 @@ def namesakes(page: Page) -> None:
         for tolerance in TOLERANCES:
             options: dict[str, Any] = {"rtol": tolerance, "atol": tolerance}
             calls: dict[str, Callable[[], Any]] = {
-                "ours": partial(lg.integrate, model, (0.0, 20.0), method=method, **options),
-                "theirs": partial(solve_ivp, slow, (0.0, 20.0), y0, method=name, **options),
+                "ours": partial(lg.integrate, model, (0.0, T_END), method=method, **options),
+                "theirs": partial(solve_ivp, slow, (0.0, T_END), y0, method=name, **options),
             }
             errors = [error(call().y[:, -1], expected) for call in calls.values()]
             times = best(calls, rounds=5)

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import heyoka as hy
 import numpy as np
 import sksundae
-from equations import from_sympy
-from measure import Page, milliseconds
+from measure import Page, best, milliseconds
 from native import compiled, kernel, load_sundials
 from numpy.typing import NDArray
-from race import taking_turns
+from systems import elastic_pendulum
+from taylor import PATIENCE
+from taylor_systems import final_state
 
 import lagrange as lg
 
@@ -63,12 +63,12 @@ class _Law(ctypes.Structure):
 class Native:
     """CVODE from the libraries that scikit-sundae brings, called by C around a model's machine code."""
 
-    def __init__(self, model: lg.Model, values: NDArray[Any]) -> None:
+    def __init__(self, model: lg.Model) -> None:
         load_sundials("cvode")
         self.run = compiled("cvode.c").run
         self.run.argtypes = [ctypes.c_void_p, ctypes.c_void_p, *([ctypes.c_double] * 3), ctypes.c_void_p]
         size = 2 * model.dimension
-        (rhs, for_rhs), (jacobian, for_jacobian) = (kernel(model, name, values) for name in ("rhs", "jacobian"))
+        (rhs, for_rhs), (jacobian, for_jacobian) = (kernel(model, name) for name in ("rhs", "jacobian"))
         self.kept = for_rhs, for_jacobian, np.empty((size, size))
         self.law = _Law(rhs, jacobian, *(array.ctypes.data for array in self.kept), size)
         self.steps = ctypes.c_long()
@@ -85,8 +85,8 @@ class Native:
 class Direct:
     """CVODE as scikit-sundae calls it: a Python function around the same machine code, no steps kept."""
 
-    def __init__(self, model: lg.Model, values: NDArray[Any]) -> None:
-        self.values = values
+    def __init__(self, model: lg.Model) -> None:
+        self.values = model.parameter_array()
         self.kernels = model.kernel("rhs"), model.kernel("jacobian")
         self.calls = 0
 
@@ -112,29 +112,18 @@ class Direct:
 class Case:
     """The pendulum at one stiffness, its reference, and all runs."""
 
-    def __init__(self, system: lg.System, model: lg.Model, k: float) -> None:
-        self.model, self.k = model, k
-        self.values = {symbol.name: value for symbol, value in model.parameter_values({"k": k}).items()}
-        self.parameters = model.parameter_array({"k": k})
-        m, g, rest = (self.values[name] for name in ("m", "g", "rest"))
+    def __init__(self, k: float) -> None:
+        self.k = k
+        values = {symbol.name: value for symbol, value in lg.scene("elastic-pendulum").parameters.items()}
+        m, g, rest = (values[name] for name in ("m", "g", "rest"))
         # On the slow motion k (r - rest) = m (g cos(theta) + r theta_dot**2 - r_ddot), r_ddot from that without it.
         weight, bend = m * g * math.cos(ANGLE), 3 * (m * g * math.sin(ANGLE)) ** 2 / rest
-        self.y0 = np.array([rest + (weight - bend / k) / k, ANGLE, 0.0, 0.0])
-        self.expected = self._reference(system)
+        system = elastic_pendulum(k, {"r": rest + (weight - bend / k) / k, "theta": ANGLE})
+        self.model, self.y0 = system.compile(), np.array(system.statement.initial)
+        self.expected = final_state(system, T_END)[0].astype(float)
         self.points: dict[str, Point] = {}
         self.calls: dict[str, Callable[[], Any]] = {}
         self.lost: dict[tuple[str, float], str] = {}
-
-    def _reference(self, system: lg.System) -> NDArray[Any]:
-        """Return the state at the end by heyoka's Taylor method in extended precision (80 bits), tolerance 1e-19."""
-        symbols = hy.make_vars(*(f"y{i}" for i in range(4)))
-        values = [hy.expression(np.longdouble(self.values[symbol.name])) for symbol in system.parameters]
-        slopes = [*symbols[2:], *from_sympy(system, symbols, values)]
-        taylor = hy.taylor_adaptive(
-            list(zip(symbols, slopes, strict=True)), self.y0.astype(np.longdouble), fp_type=np.longdouble
-        )
-        taylor.propagate_until(np.longdouble(T_END))
-        return np.array(taylor.state, dtype=float)
 
     def add(self, label: str, setting: float, call: Callable[[], NDArray[Any]], steps: Callable[[], int]) -> None:
         """Add a run that is made outside lagrange."""
@@ -147,18 +136,8 @@ class Case:
         """Add a run of a registered method, unless it fails or takes too long."""
         adaptive = next(row.claims.adaptive for row in lg.methods.table() if row.name == method)
         options: dict[str, Any] = {"rtol": setting, "atol": setting} if adaptive else {"step": T_END / setting}
-        initial = dict(zip(("r", "theta"), self.y0[:2].tolist(), strict=True))
         try:
-            probe = lg.integrate(
-                self.model,
-                (0.0, T_END),
-                initial,
-                parameters={"k": self.k},
-                method=method,
-                t_eval=[T_END],
-                max_wall=LIMIT,
-                **options,
-            )
+            probe = lg.integrate(self.model, (0.0, T_END), method=method, t_eval=[T_END], max_wall=LIMIT, **options)
         except lg.StatementError:
             self.lost[method, setting] = "not for it"
             return
@@ -166,12 +145,12 @@ class Case:
             self.lost[method, setting] = f"over {LIMIT:g} s" if probe.status is lg.Status.MAX_WALL else "fails"
             return
         flow = lg.flow(self.model, method=method, **options)
-        self.add(method, setting, partial(flow, self.y0, 0.0, T_END, {"k": self.k}), lambda: probe.steps)
+        self.add(method, setting, partial(flow, self.y0, 0.0, T_END), lambda: probe.steps)
 
 
 def measure(page: Page, case: Case, methods: Sequence[str], rounds: int) -> tuple[list[Point], float]:
     """Measure at one stiffness, and add its table; return the points, and the price of a call through Python."""
-    native, direct = Native(case.model, case.parameters), Direct(case.model, case.parameters)
+    native, direct = Native(case.model), Direct(case.model)
     prices: list[tuple[str, str, int]] = []
     for tolerance in TOLERANCES:
         case.add(NATIVE, tolerance, partial(native, case.y0, tolerance, tolerance), lambda: native.steps.value)
@@ -181,7 +160,7 @@ def measure(page: Page, case: Case, methods: Sequence[str], rounds: int) -> tupl
     for method in methods:
         for setting in TOLERANCES if claims[method].adaptive else STEPS:
             case.ours(method, setting)
-    for name, seconds in taking_turns(case.calls, rounds).items():
+    for name, seconds in best(case.calls, rounds=rounds, patience=PATIENCE).items():
         case.points[name].seconds = seconds
     at = {(p.label, k): p for p in case.points.values() for k in [p.setting]}
     rows = []
@@ -230,12 +209,10 @@ def main() -> None:
     here = lg.methods.names()
     methods = [name for name in options.methods if name in here]
     page = Page("Stiff runs", __file__)
-    system = lg.scene("elastic-pendulum")
-    model = system.compile()
     page.text(f"scikit-sundae {sksundae.__version__}, SUNDIALS {sksundae.SUNDIALS_VERSION}")
     found, prices = {}, []
     for k in options.stiffness:
-        found[k], price = measure(page, Case(system, model, k), methods, options.rounds)
+        found[k], price = measure(page, Case(k), methods, options.rounds)
         prices.append(price)
     summary(page, found, methods)
     page.text(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from sympy import cos, sin
@@ -66,6 +67,18 @@ def double_pendulum(*, cartesian: bool = False, numbers: bool = False) -> lg.Sys
         parameters={} if numbers else DOUBLE,
         initial={a: 0.5, b: 0.5},
         name="double pendulum",
+    )
+
+
+def elastic_pendulum(k: float, initial: Mapping[Any, float] | None = None) -> lg.System:
+    """Return the library's elastic pendulum with a spring constant k in N/m."""
+    scene = lg.scene("elastic-pendulum")
+    return lg.System(
+        lagrangian=scene.statement.lagrangian,
+        coordinates=scene.coordinates,
+        parameters={symbol: k if symbol.name == "k" else value for symbol, value in scene.parameters.items()},
+        initial=initial,
+        name="elastic pendulum",
     )
 
 

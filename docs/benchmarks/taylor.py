@@ -29,6 +29,8 @@ METHOD = "taylor"
 TOLERANCES = (1e-6, 1e-8, 1e-11, 1e-14, 1e-16)
 COMPARED = (1e-6, 1e-11, 1e-16)
 SWEEP = tuple(10.0**-k for k in range(2, 17))
+PATIENCE = 1.0
+"""Seconds of all rounds of a run, beyond which it has no more."""
 TRUSTED = 0.05
 """The largest doubt about the reference, as a share of the least error that is measured with it."""
 RELATIVE = (10, 30)
@@ -139,7 +141,7 @@ class Measured:
 
     def times(self, rounds: int) -> list[Point]:
         """Return all points, timed side by side."""
-        found = best(self.calls, rounds=rounds)
+        found = best(self.calls, rounds=rounds, patience=PATIENCE)
         return [
             Point(label, tolerance, found[name] / len(self.y0), off, steps)
             for name, (label, tolerance, off, steps) in self.points.items()
@@ -149,9 +151,8 @@ class Measured:
         self.points[name] = (label, tolerance, off, steps)
 
     def _steps(self, model: lg.Model, method: str, tolerance: float) -> float:
-        names = (*model.statement.names, *(f"{name}_dot" for name in model.statement.names))
         span = (0.0, self.case.t_end)
-        start = dict(zip(names, self.y0[0], strict=True))
+        start = dict(zip(model.layout.names(), self.y0[0], strict=True))
         return float(lg.integrate(model, span, start, method=method, rtol=tolerance, atol=tolerance).steps)
 
     def _flow(self, flow: Any) -> None:

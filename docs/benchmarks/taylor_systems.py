@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations, pairwise
@@ -22,6 +22,7 @@ import lagrange as lg
 STARTS, SPREAD = 4, 2e-3
 """Each system starts from so many states, each this much larger than the last, for errors near round-off are chance."""
 
+LONG = np.longdouble
 MODES = {"compact": True, "default": False}
 REFERENCE, CHECK = 1e-19, 1e-18
 """Tolerances of the reference in 80-bit arithmetic, and of the run that it must agree with."""
@@ -55,6 +56,10 @@ class Case:
     def starts(self) -> NDArray[Any]:
         """Return the initial states, one per row."""
         return np.array([np.array(self.start) * (1 + SPREAD * k) for k in range(STARTS)])
+
+    def initial(self, model: lg.Model) -> dict[str, float]:
+        """Return the initial state by the names of its numbers."""
+        return dict(zip(model.layout.names(), self.start, strict=True))
 
 
 def pendulum() -> lg.System:
@@ -217,22 +222,38 @@ def rival(case: Case, system: lg.System, mode: str, tolerance: float) -> Rival:
     return Rival(mode, tolerance, made, perf_counter() - begun)
 
 
+def in_80_bits(equations: Sequence[tuple[Any, Any]]) -> list[Any]:
+    """Return heyoka's integrators in 80-bit arithmetic: that of the reference, and the one that it must agree with."""
+    zero = np.zeros(len(equations), dtype=LONG)
+    return [
+        hy.taylor_adaptive(equations, zero, tol=LONG(tolerance), fp_type=LONG, compact_mode=True, high_accuracy=True)
+        for tolerance in (REFERENCE, CHECK)
+    ]
+
+
+def propagated(taylor: Any, start: NDArray[Any], times: Sequence[float]) -> NDArray[Any]:
+    """Return the states at rising times, (K, 2n), of a run of heyoka's from time 0 in 80-bit arithmetic."""
+    taylor.time = LONG(0)
+    taylor.state[:] = start.astype(LONG)
+    states = []
+    for time in times:
+        taylor.propagate_until(LONG(time))
+        states.append(taylor.state.copy())
+    return np.array(states)
+
+
 def reference(case: Case, system: lg.System, starts: NDArray[Any] | None = None) -> NDArray[Any]:
     """Return the states at the end in 80-bit arithmetic, for two tolerances: (2, starts, 2n).
 
     `starts` (m, 2n) stand in the place of those of the case.
     """
-    real = np.longdouble
-    right = equations(case, system, real)
-    ends = []
-    for tolerance in (REFERENCE, CHECK):
-        y0 = (case.starts() if starts is None else starts).astype(real)
-        taylor = hy.taylor_adaptive(
-            right, y0[0], tol=real(tolerance), fp_type=real, compact_mode=True, high_accuracy=True
-        )
-        for start in y0:
-            taylor.time = real(0)
-            taylor.state[:] = start
-            taylor.propagate_until(real(case.t_end))
-            ends.append(taylor.state.copy())
-    return np.array(ends).reshape(2, len(y0), -1)
+    y0 = case.starts() if starts is None else starts
+    integrators = in_80_bits(equations(case, system, LONG))
+    return np.array([[propagated(taylor, start, [case.t_end])[0] for start in y0] for taylor in integrators])
+
+
+def final_state(system: lg.System, end: float) -> tuple[NDArray[Any], float]:
+    """Return the state at the end in 80-bit arithmetic, and how far two tolerances are apart."""
+    start = np.array(system.statement.initial)
+    fine, rough = reference(Case(system.name, "", lambda: system, (), end), system, start[None])[:, 0]
+    return fine, float(np.abs(fine - rough).max())
