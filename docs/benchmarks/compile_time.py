@@ -13,7 +13,7 @@ from itertools import pairwise
 from time import perf_counter, process_time
 from typing import Any
 
-from measure import Page, milliseconds, verdict
+from measure import Page, in_new_process, milliseconds, verdict
 
 BARS = {2: 0.2, 5: 0.3, 10: 0.6, 20: 1.2, 30: 2.5}
 RELATIVE = 2.0
@@ -88,12 +88,10 @@ def by_sympy(n: int) -> float:
 
 def side_by_side(n: int) -> dict[str, float] | None:
     """Return the seconds of both, taken in one new process, or None where SymPy takes too long."""
-    command = [sys.executable, __file__, "--peer", str(n)]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE)
+        found: dict[str, float] = in_new_process(__file__, "--peer", str(n), seconds=PATIENCE)
     except subprocess.TimeoutExpired:
         return None
-    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
     return found
 
 
@@ -110,8 +108,7 @@ def peer(n: int) -> None:
 
 def first_costs() -> dict[str, float]:
     """Return, from the best of several new processes, what is paid once: imports, LLVM, the first compilation."""
-    command = [sys.executable, __file__, "--first"]
-    found = [json.loads(subprocess.check_output(command, text=True).splitlines()[-1]) for _ in range(5)]
+    found = [in_new_process(__file__, "--first") for _ in range(5)]
     return {name: min(run[name] for run in found) for name in found[0]}
 
 

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,7 +17,7 @@ from typing import Any
 
 import heyoka as hy
 import numpy as np
-from measure import Page, best, microseconds, milliseconds, shown, verdict
+from measure import Page, best, in_new_process, microseconds, milliseconds, shown, verdict
 from scipy.integrate import solve_ivp
 from stadium import START, reflections, rival_stadium, stadium, walls
 from sympy import Abs, Expr, Max, cos, lambdify, sign
@@ -227,7 +225,7 @@ def million(kind: str) -> None:
     before, started = peak(), thread_time()
     found = bounce(model, floor, period, BOUNCES, **options)
     seconds = thread_time() - started
-    print(json.dumps([seconds, len(found.t_events[0]), before, peak(), str(found.status)]))
+    print(json.dumps([seconds, len(found.t_events[0]), before, peak(), found.status.value]))
 
 
 def peak() -> float:
@@ -250,9 +248,7 @@ def bounces(page: Page, options: Namespace) -> None:
     page.table(("method", "bounces", "us a bounce", f"taylor: at most {BOUNCE_BAR:g}"), rows)
     rows = []
     for kind, words in (("all", "all steps are kept"), ("outputs", f"101 outputs, `max_memory={ROOM:g}`")):
-        given = [sys.executable, __file__, "--million", kind]
-        printed = subprocess.run(given, check=True, capture_output=True, text=True).stdout
-        seconds, found, before, after, status = json.loads(printed)
+        seconds, found, before, after, status = in_new_process(__file__, "--million", kind)
         size = f"{after - before:.0f}"
         rows.append((words, found, status, f"{seconds:.2f}", verdict(seconds, MILLION_BAR), f"{before:.0f}", size))
     page.text(
@@ -303,7 +299,7 @@ def switching(page: Page, options: Namespace) -> None:
         run = partial(lg.integrate, model, (0.0, 10_000.0), rtol=COARSE, max_steps=MOST_STEPS)
         count, solution = len(run(events=[surface]).t_events[0]), run()
         each = 1e6 * best({"run": run}, rounds=options.rounds)["run"] / count
-        rows.append((name, count, solution.steps, str(solution.status), shown(each), verdict(each, SURFACE_BAR)))
+        rows.append((name, count, solution.steps, solution.status.value, shown(each), verdict(each, SURFACE_BAR)))
     page.text(
         f"## Crossing a switching surface, `taylor`, rtol = {COARSE:g}\n\nThe time is that of the whole run for each "
         "crossing, with its steps. The friction is that of a body which is driven so that it does not stick."

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import gc
 import json
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from time import process_time
 from typing import Any
 
-from measure import Page, milliseconds
+from measure import Page, in_new_process, milliseconds
 
 PROCESSES = 1
 """So many processes measure each row; the least counts. With one, rows differ by up to a fifth from time to time."""
@@ -84,8 +83,7 @@ def rows() -> Iterator[tuple[str, ...]]:
     """Measure each row in new processes."""
     for system in systems():
         for run, options in RUNS.items():
-            command = [sys.executable, __file__, system, run]
-            found = [json.loads(subprocess.check_output(command, text=True)) for _ in range(PROCESSES)]
+            found = [in_new_process(__file__, system, run) for _ in range(PROCESSES)]
             least = {name: min(one[name] for one in found) for name in found[0]}
             tolerances = milliseconds(least["all"]) if options["method"] == "taylor" else ""
             yield system, run, milliseconds(least["alone"]), milliseconds(least["later"]), tolerances

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import json
 import math
 import os
 import platform
@@ -42,9 +43,11 @@ def best(
     more than `patience` seconds has no more. All run on one thread, whose processor time is the time on the clock when
     nothing else runs; of several threads the clock is `process_time`.
     """
-    counts = {name: _repetitions(run, least, clock) if least else 1 for name, run in runs.items()}
-    times = dict.fromkeys(runs, math.inf)
-    spent = dict.fromkeys(runs, 0.0)
+    counts, spent, times = dict.fromkeys(runs, 1), dict.fromkeys(runs, 0.0), dict.fromkeys(runs, math.inf)
+    for name, run in runs.items():
+        if least:
+            counts[name], spent[name] = _first_round(run, least, clock)
+            times[name] = spent[name] / counts[name]
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -60,12 +63,13 @@ def best(
     return times
 
 
-def _repetitions(run: Callable[[], Any], least: float, clock: Callable[[], float]) -> int:
+def _first_round(run: Callable[[], Any], least: float, clock: Callable[[], float]) -> tuple[int, float]:
+    """Return how many calls take at least `least` seconds, and the seconds that they took."""
     run()
     count = 1
     while (seconds := _timed(run, count, clock)) < least:
         count = max(2 * count, int(1.2 * count * least / max(seconds, 1e-9)))
-    return count
+    return count, seconds
 
 
 def _timed(run: Callable[[], Any], count: int, clock: Callable[[], float]) -> float:
@@ -73,6 +77,12 @@ def _timed(run: Callable[[], Any], count: int, clock: Callable[[], float]) -> fl
     for _ in range(count):
         run()
     return clock() - start
+
+
+def in_new_process(script: str, *arguments: str, seconds: float | None = None) -> Any:
+    """Return what a script prints as JSON in its last line, from a new process that may take so many seconds."""
+    done = subprocess.run([sys.executable, script, *arguments], stdout=subprocess.PIPE, check=True, timeout=seconds)
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def machine() -> list[str]:
