@@ -342,7 +342,6 @@ def test_other_defaults_change_the_values_and_compile_nothing(target: str) -> No
 # --- refusals -------------------------------------------------------------------------------------------------
 # What a model cannot be asked is refused in the system's own names.
 
-
 REFUSED: dict[str, tuple[Callable[[Model], Any], str]] = {
     "short": (
         lambda of: of.accelerations([1.0], [1.0]),

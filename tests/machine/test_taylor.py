@@ -16,13 +16,13 @@ import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from lagrange.algorithm.series.cost import LARGEST_WRITTEN_OUT, is_large, operations
+from lagrange.algorithm.series.cost import operations
 from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.llvm.address import address
-from lagrange.machine.series import interpreted_series, llvm_series
+from lagrange.machine.series import interpreted_series
 from lagrange.machine.series.interpreted_series import Jet, NumpySeries
 from lagrange.machine.series.llvm_series import CompiledJet
 from lagrange.program.catalogue import program_of
@@ -34,7 +34,7 @@ from lagrange.trajectory.events.surfaces import stated_sides
 from tests.covering import examples
 from tests.laws.mechanisms import functions_of, potentials
 from tests.laws.test_random_systems import bent_energies, kinetic_energies
-from tests.models import SYSTEMS, TARGETS, chain, k, stated, x, y
+from tests.models import SYSTEMS, TARGETS, k, stated, x, y
 from tests.series import NUMBER, jet, numbers
 from tests.series_systems import HELD, LARGER
 
@@ -182,49 +182,6 @@ def test_a_constant_mass_matrix_that_is_singular_is_told_before_any_step() -> No
         compiled("coupled masses", 8, 6).rows(6, 0.0, np.array(statement.initial), 1.0, given)
 
 
-# --- packing --------------------------------------------------------------------------------------------------
-
-
-def assert_packed(program: SeriesProgram, lanes: int) -> None:
-    """Hold a packing to what the kernels count on: each value once, like with like, arguments before their use."""
-    packed = pack(program, lanes)
-    n, given = program.dimension, [unknown for stage in program.stages for unknown in stage.unknowns]
-    parts = [(packed.before, program.before)]
-    for stage, trial, after in zip(packed.stages, program.trials, program.found, strict=True):
-        parts += [(stage.trial, trial), (stage.found, after)]
-    for chunks, members in parts:
-        found = [value for chunk in chunks for value in chunk.values[: chunk.count]]
-        assert sorted(found) == [i for i in members if i >= 2 * n]
-        known = {*range(n), *given} | ({*program.before} if members is not program.before else set())
-        for chunk in chunks:
-            assert len(chunk.values) in (1, 2, 4, 8) and len(chunk.values) <= lanes
-            assert 0 < chunk.count <= len(chunk.values) < 2 * chunk.count or chunk.count == len(chunk.values)
-            assert set(chunk.values[chunk.count :]) <= {chunk.values[chunk.count - 1]}
-            for lane, value in enumerate(chunk.values):
-                rule = program.rules[value]
-                assert rule.op == chunk.op and set(program.direct(value)) <= known
-                args = [operand.values[lane] for operand in chunk.args]
-                places = [lanes_[lane] for lanes_ in chunk.coefficients]
-                assert sorted(args) == sorted(rule.args)
-                if rule.op == "linear":
-                    pairs = zip(rule.args, rule.coefficients, strict=True)
-                    assert sorted(zip(args, places, strict=True)) == sorted(pairs)
-                else:
-                    assert args == list(rule.args) or rule.op == "mul"
-                    assert tuple(places) == rule.coefficients
-            known |= set(chunk.values)
-    for chunks, values in ((packed.coordinates, list(range(n))), (packed.unknowns, given)):
-        assert [value for chunk in chunks for value in chunk.values[: chunk.count]] == values
-    assert all(max(chunk.values) < 2 * n for chunk in packed.state)
-    assert set(packed.place) >= program.kept | program.lagged | program.ranked
-
-
-@pytest.mark.parametrize("lanes", LANES)
-@pytest.mark.parametrize("name", ALL)
-def test_a_packing_has_every_value_once_and_in_order(name: str, lanes: int) -> None:
-    assert_packed(system(name)[1], lanes)
-
-
 @few
 @given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y, x.dot, y.dot), functions_of(x, y))
 def test_random_systems(T: Any, V: Any, Q: Any, A: Any) -> None:
@@ -232,8 +189,6 @@ def test_random_systems(T: Any, V: Any, Q: Any, A: Any) -> None:
     statement = stated(lagrangian=T - V + A * x.dot, forces={x: Q, y: sp.cos(t) - y.dot}, coordinates=[x, y])
     program, _ = series_program(euler_lagrange(statement))
     state = np.array([0.3, -0.4, 0.2, 0.5])
-    for lanes in LANES:
-        assert_packed(program, lanes)
     for lanes, order in ((2, 6), (4, 0), (8, 10)):
         assert_same_rows(CompiledJet(pack(program, lanes), order), order or 12, 0.3, state, np.empty(0))
 
@@ -312,44 +267,6 @@ def test_coordinates_are_integrated_from_their_rates(name: str, order: int) -> N
         assert found == pytest.approx(expected, rel=1e-11, abs=1e-13)
 
 
-@pytest.mark.few(4)
-@pytest.mark.parametrize(
-    ("name", "order", "expected"),
-    [
-        ("Henon-Heiles", 6, []),
-        ("Henon-Heiles", 0, []),
-        ("spherical pendulum", 6, []),
-        ("spherical pendulum", 0, []),
-        ("double pendulum", 6, ["invert_dense"]),
-        ("double pendulum", 0, ["invert_dense"]),
-        ("chain of 13", 0, ["invert_dense", "invert"]),
-    ],
-)
-def test_a_linear_solver_is_compiled_for_a_jet_that_calls_it(
-    name: str, order: int, expected: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It was compiled for every series."""
-    asked: list[str] = []
-
-    def counted(which: str) -> Any:
-        real = getattr(llvm_series, which)
-
-        def compile_it(*procedures: Any, **how: bool) -> Any:
-            asked.append(which)
-            return real(*procedures, **how)
-
-        return compile_it
-
-    for which in ("linear_solver", "calling_solver"):
-        monkeypatch.setattr(llvm_series, which, counted(which))
-    statement = chain(13) if name == "chain of 13" else SYSTEMS[name]()
-    program = series_program(euler_lagrange(statement))[0]
-    ir = CompiledJet(pack(program, 4), order).ir
-    assert asked == [{"invert_dense": "linear_solver", "invert": "calling_solver"}[one] for one in expected[-1:]]
-    assert [one for one in ("invert_dense", "invert") if f"@{one}(" in ir] == expected
-    assert ir.count("declare i1 @invert") == len(expected)
-
-
 # --- taylor cost ----------------------------------------------------------------------------------------------
 # What a series costs is counted from its vectors, and orders and forms follow: counted here from its code as well.
 
@@ -375,13 +292,6 @@ def written(name: str, order: int) -> int:
 def test_operations_are_those_of_the_code(name: str, order: int) -> None:
     """0.82 to 1.07 of the count were found in the code, which shares what order 0 has in common with a mass matrix."""
     assert 0.75 < written(name, order) / operations(packed(name), order) < 1.15
-
-
-def test_a_series_is_written_out_up_to_so_many_operations() -> None:
-    for name in NAMES:
-        for order in range(4, 33):
-            assert is_large(packed(name), order) == (operations(packed(name), order) > LARGEST_WRITTEN_OUT)
-    assert not is_large(packed("double pendulum"), 32)
 
 
 # --- interpreted series ---------------------------------------------------------------------------------------

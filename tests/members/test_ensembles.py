@@ -248,7 +248,6 @@ def test_grids_and_samples_refuse_in_words(make: Any, text: str) -> None:
 
 
 # --- flows ----------------------------------------------------------------------------------------------------
-
 # Members one after the other of which only the last state is kept: they end as runs do, and fail as runs do.
 
 

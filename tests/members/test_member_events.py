@@ -257,7 +257,6 @@ def test_last_states_alone_are_those_after_events(change: str, method: str, list
 
 
 # --- series in loops over orders ------------------------------------------------------------------------------
-
 # Members whose series are computed in a loop over orders: they end, and find events, as a run of their own does.
 #
 # A wrong series would not conserve the energy, and a run alone would take its place: these are counted.

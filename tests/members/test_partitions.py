@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import subprocess
 import sys
@@ -18,9 +17,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.members import store, work
-from tests.members import kills
 
-ROOT = Path(__file__).resolve().parents[2]
 COUNT = 53
 """Members: lanes run out of them at different times, and some leave."""
 ORDER = np.random.default_rng(1).permutation(COUNT)
@@ -146,35 +143,6 @@ def test_there_are_twenty() -> None:
     assert len(PARTITIONS) + len(ELSEWHERE) == 20
     codes = whole("taylor")["status"]
     assert len(set(codes.tolist())) == 2, "all members end in the same way"
-
-
-def killed(kind: str, trials: int) -> dict[str, Any]:
-    pytest.importorskip("zarr")
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-m", "tests.members.kills", kind, str(trials)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    return found
-
-
-@pytest.mark.slow
-def test_a_program_that_is_killed_and_called_again() -> None:
-    found = killed("program", 1)
-    assert found["sound"] and found["kills"] and found["trials"] == 1, found
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", sorted(kills.KINDS))
-def test_kills_at_random_moments(kind: str) -> None:
-    if kind == "dask":
-        pytest.importorskip("distributed")
-    found = killed(kind, 4)
-    assert found["sound"] and found["kills"] and found["trials"] == 4, found
-    assert found["gave_up"] <= (found["kills"] if kind == "processes" else 0), found
 
 
 # The largest memory since this program began; that of `getrusage` counts what the process had that started it.

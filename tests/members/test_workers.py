@@ -63,7 +63,6 @@ def test_a_machine_without_a_compiler_runs_ensembles_by_numpy() -> None:
 
 
 # --- threads --------------------------------------------------------------------------------------------------
-
 # The number of threads of an ensemble.
 
 

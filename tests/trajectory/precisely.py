@@ -71,11 +71,6 @@ def _henon_heiles(t: Any, y: Any) -> Any:
     return array([y[2], y[3], -y[0] - 2 * y[0] * y[1], -y[1] - y[0] ** 2 + y[1] ** 2])
 
 
-def _kepler(t: Any, y: Any) -> Any:
-    cube = mpmath.sqrt(y[0] ** 2 + y[1] ** 2) ** 3
-    return array([y[2], y[3], -y[0] / cube, -y[1] / cube])
-
-
 def separable(rhs: Rhs, *start: str) -> Law:
     """Return a law of masses 1, whose momenta are the velocities."""
     return Law(rhs, lambda t, q, v: (v, rhs(t, np.concatenate([q, v]))[len(q) :]), unit_mass, start)
@@ -101,7 +96,7 @@ def _mass_of_double_pendulum(q: Any) -> Any:
 
 DRIVEN_PENDULUM = separable(_driven_pendulum, "0.4", "0.3")
 HENON_HEILES = separable(_henon_heiles, "0.4", "0.3", "0.2", "-0.5")
-KEPLER = separable(_kepler, "0.8", "0.3", "-0.4", "0.9")
+
 DOUBLE_PENDULUM = Law(
     _double_pendulum, _momenta_of_double_pendulum, _mass_of_double_pendulum, ("0.4", "0.3", "0.2", "-0.5")
 )

@@ -223,7 +223,6 @@ def test_redundant_constraints_that_are_allowed_change_nothing(method: str) -> N
 
 
 # --- Radau's step on index 2 ----------------------------------------------------------------------------------
-
 # Radau's step on index 2: its multipliers, its tolerances, and the floors of vectors of a state.
 
 

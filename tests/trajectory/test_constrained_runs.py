@@ -248,9 +248,7 @@ def test_a_change_that_a_step_passes_over_is_no_error_to_be_projected_away(metho
 
 
 # --- resets ---------------------------------------------------------------------------------------------------
-
 # Resets under constraints: the state behind one is held to them, as an initial state is.
-
 
 METHODS: list[tuple[str, dict[str, Any]]] = [
     ("taylor", {}), ("dop853", {}), ("rk4", {"step": 0.01}), ("rattle", {"step": 0.01}), ("radau5-index2", {}),

@@ -184,7 +184,6 @@ def test_files_have_the_multipliers(tmp_path: Path) -> None:
 
 
 # --- drift from the constraints -------------------------------------------------------------------------------
-
 # How far a run is from its constraints: the numbers, the line on the card, and the files.
 
 

@@ -106,9 +106,7 @@ def test_bounces_that_grow_faster_end_where_they_accumulate(method: str, factor:
 
 
 # --- events that saturate -------------------------------------------------------------------------------------
-
 # Events that saturate: where they are flat, their series knows nothing of the zero that lies ahead.
-
 
 UPWARDS = lg.System(kinetic=x.dot**2 / 2, potential=x, initial={x.dot: 10})
 FREE = lg.System(kinetic=x.dot**2 / 2, potential=0, initial={x.dot: 1})
@@ -150,9 +148,7 @@ def test_what_jumps_is_not_what_saturates() -> None:
 
 
 # --- balls that touch -----------------------------------------------------------------------------------------
-
 # Balls that touch: impacts at one place act one after the other, and a wrong order is said.
-
 
 beads = lg.coordinates("ball0 ball1 ball2 ball3 ball4 ball5 ball6")  # names that no other file declares
 m, g, l = lg.parameters("m g l")

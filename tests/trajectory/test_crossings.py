@@ -240,9 +240,7 @@ def test_a_start_beside_a_crossing_hides_it_from_nobody(method: str, rtol: float
 
 
 # --- jumps and corners ----------------------------------------------------------------------------------------
-
 # Constraints that jump, have corners, or restrict nothing on the way: a run ends before, and says which and where.
-
 
 x, y = lg.coordinates("x y")
 STOPPED_METHODS = ("taylor", "dop853", "rk4", "rattle", "radau5", "lobatto4", "bdf2")

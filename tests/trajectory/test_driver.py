@@ -374,9 +374,7 @@ def test_ctrl_c_on_the_way_back_from_a_burst_loses_none_of_it(target: str, monke
 
 
 # --- times of a flow ------------------------------------------------------------------------------------------
-
 # States of a flow at many times in one call: those of a run with the same output times.
-
 
 SETTINGS: dict[str, dict[str, Any]] = {"taylor": {}, "dop853": {}, "rk4": {"step": 1e-3}}
 

@@ -110,11 +110,7 @@ def test_the_length_of_the_run_does_not_blur_an_apex(end: float) -> None:
     assert found.t_events[0] - FALL == pytest.approx([-math.sqrt(1e-9) * FALL, math.sqrt(1e-9) * FALL], rel=1e-4)
 
 
-# Starts and ends
-
-
 # --- resets ---------------------------------------------------------------------------------------------------
-
 # Resets at events: impacts by their laws, over thousands of them, and every end where no law says how to go on.
 
 

@@ -127,21 +127,6 @@ def test_lobattos_pairs_follow_the_formula(name: str, system: str, target: str) 
 
 # --- claims ---------------------------------------------------------------------------------------------------
 
-COUNTS = {1: (800, 1131, 1600), 2: (200, 283, 400), 4: (40, 57, 80), 6: (16, 22, 30)}
-
-
-@pytest.mark.parametrize("system", ["cart and pole", "elastic pendulum", "bead on a hoop"])
-@pytest.mark.parametrize("name", EQUAL)
-def test_the_observed_order_is_the_claimed_one(name: str, system: str) -> None:
-    """With forces, dissipation, explicit time and mass matrices that move."""
-    compiled, claims, end = model(system), find(name).claims, 1.2
-    truth = exact(compiled, end).y[:, -1]
-    counts = COUNTS[claims.order]
-    errors = [np.abs(run(compiled, end, name, step=end / n).y[:, -1] - truth).max() for n in counts]
-    assert min(errors) > 1e-12 and max(errors) < 0.2
-    order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
-    assert order == pytest.approx(claims.order, abs=0.15), errors
-
 
 @pytest.mark.few(2)
 @pytest.mark.parametrize("system", ["pendulum", "double pendulum", "elastic pendulum", "Henon-Heiles"])

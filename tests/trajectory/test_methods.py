@@ -95,37 +95,6 @@ def test_steps_follow_the_formula(name: str, target: str) -> None:
 # --- claims ---------------------------------------------------------------------------------------------------
 
 
-SEPARABLE = {"Henon-Heiles": 3.0, "pendulum": 1.0}
-GENERAL = {"cart and pole": 1.2, "double pendulum": 0.5}
-COUNTS = tuple(round(4 * 2 ** (i / 2)) for i in range(18))
-"""Numbers of steps, from 4 to 1448, by factors of the square root of 2."""
-FLOOR = 3e-11
-"""Errors below this are left out: round-off, some 1e-14, would move a measured order by a tenth where they double."""
-
-
-@pytest.mark.few(5)
-@pytest.mark.parametrize("name", [name for name in STEPPED if find(name).claims.order <= 4])
-def test_the_observed_order_is_the_claimed_one(name: str) -> None:
-    """On two non-linear systems, by the four runs with the smallest errors above round-off.
-
-    Methods of higher order come down to round-off before their errors fall by that order alone; those are measured
-    in more digits, in `test_tableau.py`.
-    """
-    claims = find(name).claims
-    for system, end in (SEPARABLE if name in SPLITTINGS else GENERAL).items():
-        compiled = model(system)
-        truth = exact(compiled, end).y[:, -1]
-        kept: list[tuple[int, float]] = []
-        for n in COUNTS:
-            error = np.abs(run(compiled, end, stepped(name, end / n)).y[:, -1] - truth).max()
-            if error < FLOOR:
-                break
-            kept.append((n, error))
-        counts, errors = zip(*kept[-4:], strict=True)
-        order = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
-        assert order == pytest.approx(claims.order, abs=0.15), (system, kept)
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in (*SPLITTINGS, *EQUAL) if find(name).claims.symplectic])
 def test_energy_stays_bounded_without_drift(name: str) -> None:

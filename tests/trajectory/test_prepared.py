@@ -290,9 +290,7 @@ def test_the_first_step_is_less_than_two_growths_away(name: str, method: str, rt
 
 
 # --- runs with events -----------------------------------------------------------------------------------------
-
 # What a model keeps of runs with events and output times: a second run begins as if there had been none.
-
 
 WATCHED: dict[str, Any] = {"none": [], "one": [x], "five": [x, x.dot, x - 0.5, x + 0.5, x.dot - x]}
 WATCHED["jumps"] = [event(x + 0.2, direction=-1, reset={x.dot: -0.9 * x.dot}), x.dot, event(x, terminal=99)]

@@ -11,14 +11,22 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from lagrange.algorithm.events.roots import roots as isolation
 from lagrange.algorithm.taylor.event_series import keeps_sign
+from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.python_source import called
 from lagrange.trajectory.events.zeros_on_step import Root, Side, roots
 from lagrange.trajectory.trajectory import FloatArray
 from tests.covering import Share
 
-pytestmark = pytest.mark.usefixtures("isolation")
 
+@pytest.fixture(autouse=True)
+def _in_machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Isolate roots in machine code; `tests/procedure/test_root_isolation.py` compares it with printed Python."""
+    monkeypatch.setattr("lagrange.trajectory.events.zeros_on_step.printed", lambda: LlvmMachine().called(ISOLATE))
+
+
+ISOLATE = isolation.form()
 EPSILON = 2.0**-52
 GRID = 2**40
 """Roots are multiples of 1 / GRID, so that the coefficients of their product are integers."""

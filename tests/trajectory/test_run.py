@@ -247,9 +247,7 @@ def test_an_absolute_tolerance_that_leaves_an_entry_few_digits_is_spoken_of() ->
 
 
 # --- unresolved coordinates -----------------------------------------------------------------------------------
-
 # Coordinates so large that doubles do not resolve what the forces change on.
-
 
 theta = lg.coordinate("theta")
 

@@ -119,9 +119,7 @@ def test_errors_of_the_model_are_not_swallowed(method: Any) -> None:
 
 
 # --- events ---------------------------------------------------------------------------------------------------
-
 # Events with solvers of other packages: started anew after a reset, on a path that is a polynomial on each step.
-
 
 MULTISTEP = [name for name in OUTSIDE if name in ("scipy-bdf", "scipy-lsoda", "cvode")]
 """Methods that start with a path of order 1."""

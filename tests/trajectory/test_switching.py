@@ -121,11 +121,9 @@ def test_a_flow_knows_the_sides(target: str) -> None:
 
 
 # --- sides at the start ---------------------------------------------------------------------------------------
-
 # The sides on which a run starts, from the state alone: no mass matrix is asked for on sides that are not the state's.
 #
 # With a side of zero |v|**(3/2) has an infinite inertia, |v|**3 none, and a branch without inertia is taken.
-
 
 a, b, c = x.dot, y.dot, z.dot
 
@@ -183,9 +181,7 @@ def test_a_surface_that_depends_on_the_side_of_another() -> None:
 
 
 # --- switches in time -----------------------------------------------------------------------------------------
-
 # Forces that switch at times: every adaptive method ends its steps there, with and without events.
-
 
 METHODS = ("dop853", "verner9", "tsit5", "dopri5", "radau5")
 FORCES: dict[str, Any] = {

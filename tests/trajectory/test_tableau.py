@@ -54,7 +54,6 @@ from tests.trajectory.precisely import (
     DOUBLE_PENDULUM,
     DRIVEN_PENDULUM,
     HENON_HEILES,
-    KEPLER,
     Law,
     Rhs,
     array,
@@ -339,43 +338,6 @@ def test_a_step_back_undoes_a_step_where_that_is_claimed(name: str) -> None:
         assert error < 1e-50
     else:
         assert error > 1e-12
-
-
-@pytest.mark.few(6)
-@pytest.mark.parametrize("name", [*EXPLICIT, *SOLVED])
-def test_what_is_symplectic_conserves_angular_momentum(name: str) -> None:
-    """Noether's theorem for steps: an action that rotations leave alone; Marsden and West, 2001, section 1.3.3."""
-    with mpmath.workdps(DIGITS):
-        start = KEPLER.start
-        end = precise_step(program(name), KEPLER, mpmath.mpf(0), start, mpmath.mpf(COARSE[name in EXPLICIT]) / 4)
-        error = float(abs(moment(end) - moment(start)))
-    if find(name).claims.symplectic:
-        assert error < 1e-50
-    else:
-        assert error > 1e-12
-
-
-def moment(y: Any) -> Any:
-    return y[0] * y[3] - y[1] * y[2]
-
-
-@pytest.mark.few(6)
-@pytest.mark.parametrize("name", [*EXPLICIT, *SOLVED])
-def test_what_claims_to_conserve_energy_does_so_in_a_step(name: str) -> None:
-    """The energy of Henon and Heiles is a cubic, on which the quadrature of a mean gradient is exact."""
-    with mpmath.workdps(DIGITS):
-        start = HENON_HEILES.start
-        end = precise_step(program(name), HENON_HEILES, mpmath.mpf(0), start, mpmath.mpf(1) / 2)
-        error = float(abs(energy(end) - energy(start)))
-    if find(name).claims.energy:
-        assert error < 1e-50
-    else:
-        assert error > 1e-12
-
-
-def energy(state: Any) -> Any:
-    x, y, vx, vy = state
-    return (vx**2 + vy**2 + x**2 + y**2) / 2 + x**2 * y - y**3 / 3
 
 
 @cache

@@ -111,9 +111,6 @@ def test_energy_walks_and_does_not_drift(name: str, end: float) -> None:
     assert np.abs(energy / energy[0] - 1).max() < 20 * 2.0**-53 * math.sqrt(found.steps)
 
 
-# --- the path -------------------------------------------------------------------------------------------------
-
-
 # --- series that end, or have gaps ----------------------------------------------------------------------------
 
 
@@ -149,9 +146,6 @@ def test_tolerances_below_round_off_are_raised_and_said(rtol: float, target: str
     assert np.abs(found.y[:, -1] - truth("pendulum", 1.5)).max() < 1e-13
     told = run(model("pendulum", target), 1.5, "taylor", rtol=2e-16, atol=0.0)
     assert "raised" not in told.message
-
-
-# --- units ----------------------------------------------------------------------------------------------------
 
 
 # --- ends -----------------------------------------------------------------------------------------------------
