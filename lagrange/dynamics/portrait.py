@@ -106,9 +106,9 @@ class _Portrait:
         except RunError:
             # At some point the mass matrix is singular: the others are evaluated one by one.
             slopes = np.full_like(states, np.nan)
-        for k, column in enumerate(states.T):
-            with suppress(RunError):
-                slopes[:, k] = self._slopes(column[:, None])[:, 0]
+            for k, column in enumerate(states.T):
+                with suppress(RunError):
+                    slopes[:, k] = self._slopes(column[:, None])[:, 0]
         return slopes[[self.plane[0].row, self.plane[1].row]]
 
     def _slopes(self, states: FloatArray) -> FloatArray:
