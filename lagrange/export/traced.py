@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -148,7 +148,9 @@ class Library:
 
     - `head` are the first lines of a file, and `setting` is a line that follows them in a module.
     - `systems` is the text of the functions for linear systems.
-    - `functions` returns the text of a program's functions, from their name and the names of values by instruction.
+    - `functions` is the text of a program's two functions, with fields in braces: its name, and that with the suffix
+      _checked, which also returns whether a mass matrix is singular. `results` are templates of a result that is a
+      number, a vector or a matrix.
     - `use` explains in the docstring of a module how its functions are called; `alone` does so for a single function.
     - `evaluated` is the text of `evaluated(function, times, states)`, with which the test calls a function.
     """
@@ -156,7 +158,8 @@ class Library:
     language: Language
     head: str
     systems: str
-    functions: Callable[[Program, str, Mapping[int, str]], str]
+    functions: str
+    results: tuple[str, str, str]
     use: str
     alone: str
     evaluated: str
@@ -175,7 +178,7 @@ class Library:
         """
         title = f"{name}(t, y, p) for {self.language.name}: {described(program)}."
         text = "\n".join([title, "", self.alone.format(name=name), *(("", *about) if about else ())])
-        return f'"""{text}\n"""\n\n{self.text_before(program)}\n\n\n{self.functions(program, name, {})}'
+        return f'"""{text}\n"""\n\n{self.text_before(program)}\n\n\n{self.printed(program, name, {})}'
 
     def module(self, module: SourceModule) -> str:
         """Return the text of a module with the functions of all quantities."""
@@ -195,8 +198,21 @@ class Library:
         ]
         for quantity in module.quantities:
             lines += ["", "", *commented(f"{quantity.about} Results: {', '.join(quantity.results)}.", "#")]
-            lines += self.functions(quantity.program, quantity.name, names.of(quantity.program)).splitlines()
+            lines += self.printed(quantity.program, quantity.name, names.of(quantity.program)).splitlines()
         return "\n".join([*lines, ""])
+
+    def printed(self, program: Program, name: str, names: Mapping[int, str]) -> str:
+        """Return the text of the two functions of a program. `names` maps an instruction to the name of its value."""
+        lines, singular = function_body(program, self.language, names)
+        return self.functions.format(
+            name=name,
+            described=described(program),
+            body=textwrap.indent("\n".join(lines), "    "),
+            singular=singular,
+            states=program.states,
+            parameters=program.parameters,
+            results=self.results[len(program.shape)].format(program.shape),
+        )
 
     @property
     def script(self) -> Script:

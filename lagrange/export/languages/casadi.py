@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping
 
 from lagrange.export.target import register
@@ -11,12 +10,9 @@ from lagrange.export.traced import (
     OPERATORS,
     Library,
     TracedTarget,
-    described,
-    function_body,
     language,
 )
 from lagrange.procedure.spelling import Operator, call
-from lagrange.program.program import Program
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 OPERATIONS: Mapping[str, Operator] = {
@@ -92,22 +88,10 @@ def evaluated(make, times, states):
         yield result.T.elements(), float(singular) != 0.0'''
 
 
-def functions(program: Program, name: str, names: Mapping[int, str]) -> str:
-    """Return the text of two functions of a program, called `name` and `name` with the suffix _checked.
-
-    The latter also returns whether a mass matrix is singular. `names` maps an instruction's index to the name of its
-    value.
-    """
-    lines, singular = function_body(program, LANGUAGE, names)
-    body = textwrap.indent("\n".join(lines), "    ")
-    results = "ca.vertcat(*results)"
-    if len(program.shape) > 1:
-        rows, columns = program.shape
-        results = f"ca.reshape({results}, {columns}, {rows}).T"
-    return f'''\
+FUNCTIONS = '''\
 def {name}_checked(kind=ca.SX):
-    """Return a Function of t, y, p with {described(program)}, and whether a mass matrix is singular."""
-    inputs = t, *vectors = kind.sym("t"), kind.sym("y", {program.states}), kind.sym("p", {program.parameters})
+    """Return a Function of t, y, p with {described}, and whether a mass matrix is singular."""
+    inputs = t, *vectors = kind.sym("t"), kind.sym("y", {states}), kind.sym("p", {parameters})
     y, p = map(ca.vertsplit, vectors)
 {body}
     result, singular = kind({results}), kind({singular})
@@ -115,8 +99,8 @@ def {name}_checked(kind=ca.SX):
 
 
 def {name}(kind=ca.SX):
-    """Return a Function of t, y, p with {described(program)}; NaN where a mass matrix is singular."""
-    inputs = kind.sym("t"), kind.sym("y", {program.states}), kind.sym("p", {program.parameters})
+    """Return a Function of t, y, p with {described}; NaN where a mass matrix is singular."""
+    inputs = kind.sym("t"), kind.sym("y", {states}), kind.sym("p", {parameters})
     result, singular = {name}_checked(kind)(*inputs)
     result = ca.if_else(singular, float("nan"), result)
     return ca.Function("{name}", list(inputs), [result], ["t", "y", "p"], ["{name}"])
@@ -127,7 +111,8 @@ LIBRARY = Library(
     language=LANGUAGE,
     head="import casadi as ca",
     systems=SYSTEMS,
-    functions=functions,
+    functions=FUNCTIONS,
+    results=("ca.vertcat(*results)",) * 2 + ("ca.reshape(ca.vertcat(*results), {0[1]}, {0[0]}).T",),
     use=USE,
     alone=ALONE,
     evaluated=EVALUATED,

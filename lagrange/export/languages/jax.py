@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping
 
 from lagrange.export.target import register
@@ -11,12 +10,9 @@ from lagrange.export.traced import (
     OPERATORS,
     Library,
     TracedTarget,
-    described,
-    function_body,
     language,
 )
 from lagrange.procedure.spelling import Operator, call
-from lagrange.program.program import Program
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 LARGEST_TRACED = 4
@@ -139,28 +135,18 @@ def evaluated(function, times, states):
     return zip(results.reshape(len(times), -1).tolist(), singular.tolist())'''
 
 
-def functions(program: Program, name: str, names: Mapping[int, str]) -> str:
-    """Return the text of two functions of a program, called `name` and `name` with the suffix _checked.
-
-    The latter also returns whether a mass matrix is singular. `names` maps an instruction's index to the name of its
-    value.
-    """
-    lines, singular = function_body(program, LANGUAGE, names)
-    body = textwrap.indent("\n".join(lines), "    ")
-    shapes = f"(), ({program.states},), ({program.parameters},)"
-    shape = "" if program.shape == (len(program.outputs),) else f".reshape({program.shape!r})"
-    return f'''\
+FUNCTIONS = '''\
 def {name}_checked(t, y, p):
-    """Return {described(program)}, and whether a mass matrix is singular."""
+    """Return {described}, and whether a mass matrix is singular."""
     t, y, p = (jnp.asarray(x, jnp.float64) for x in (t, y, p))
-    if t.shape or y.shape != ({program.states},) or p.shape != ({program.parameters},):
+    if t.shape or y.shape != ({states},) or p.shape != ({parameters},):
         raise ValueError(f"t, y, p have the shapes {{t.shape}}, {{y.shape}}, {{p.shape}}: give {shapes} (see jax.vmap)")
 {body}
-    return jnp.stack(results){shape}, jnp.asarray({singular})
+    return {results}, jnp.asarray({singular})
 
 
 def {name}(t, y, p):
-    """Return {described(program)}; NaN throughout where a mass matrix is singular."""
+    """Return {described}; NaN throughout where a mass matrix is singular."""
     result, singular = {name}_checked(t, y, p)
     return jnp.where(singular, jnp.nan, result)
 '''
@@ -170,7 +156,8 @@ LIBRARY = Library(
     language=LANGUAGE,
     head=HEAD,
     systems=SYSTEMS,
-    functions=functions,
+    functions=FUNCTIONS.replace("{shapes}", "(), ({states},), ({parameters},)"),
+    results=("jnp.stack(results).reshape({0!r})", "jnp.stack(results)", "jnp.stack(results).reshape({0!r})"),
     use=USE,
     alone=ALONE,
     evaluated=EVALUATED,
