@@ -242,11 +242,11 @@ class SymmetryEquation:
         for shift, force, p in zip(symmetry.xi, self.forces, stated.momenta, strict=True):
             if shift != 0:
                 xi = algebra.read(shift)
-                parts += [algebra.multiply(xi, force), algebra.multiply(self.rate(xi), p)]
+                parts += [algebra.multiply(xi, force), algebra.multiply(stated.at_constant_velocities(xi), p)]
         if symmetry.tau != 0:
             parts.append(algebra.multiply(algebra.read(-symmetry.tau), stated.power))
         if symmetry.gauge != 0:
-            parts.append(algebra.scale(self.rate(algebra.read(symmetry.gauge)), S.NegativeOne))
+            parts.append(algebra.scale(stated.at_constant_velocities(algebra.read(symmetry.gauge)), S.NegativeOne))
         return algebra.merge_angles(algebra.add(*parts))
 
     def completed(self, symmetry: Symmetry) -> Symmetry | None:
@@ -286,7 +286,7 @@ class SymmetryEquation:
             if part.has(sympy.Integral):
                 continue
             gauge += part
-            rate = self.rate(algebra.read(part))
+            rate = stated.at_constant_velocities(algebra.read(part))
             left = algebra.merge_angles(algebra.add(left, algebra.scale(rate, S.NegativeOne)))
         return gauge if not canonical(algebra, left) else S.Zero
 
@@ -306,15 +306,6 @@ class SymmetryEquation:
             if self._differs(algebra.merge_angles(algebra.add(algebra.differentiate(rest, q), mixed))):
                 return False
         return True
-
-    def rate(self, terms: MonomialSum) -> MonomialSum:
-        """Return the total time derivative of a function of q and t, given as a sum of monomials."""
-        stated, algebra = self.stated, self.stated.algebra
-        moved = [
-            algebra.multiply(algebra.differentiate(terms, q), stated.symbol(v))
-            for q, v in zip(stated.q, stated.v, strict=True)
-        ]
-        return algebra.add(algebra.differentiate(terms, stated.time), *moved)
 
     def across(self, symmetry: Symmetry) -> list[MonomialSum]:
         """Return G xi: the changes of the constraint expressions under the shift xi of a symmetry."""
