@@ -30,7 +30,7 @@ from lagrange.graph.node import Binding, Node, substitute
 from lagrange.mechanics.expansion import StatedPoint, edges
 from lagrange.mechanics.plain_form import Shortener, in_fractions, numeric
 from lagrange.statement.coordinate import t
-from lagrange.statement.rotation import rotation_of
+from lagrange.statement.rotation import quaternion_rows
 from lagrange.statement.space import body_rates, velocities_at, x, y, z
 
 ELIMINATION_ROUNDING = 1e-9
@@ -69,8 +69,8 @@ class AtPoint:
         self.equations = replace(e, leaves={**e.leaves, **others})
         self.n, graph = len(self.form.q), self.equations.graph
         coordinates, self.read = self.statement.coordinates, (self.statement.reading or self.statement).coordinates
-        rotations = map(rotation_of, self.statement.rotations)
-        self.bodies = [(each, [coordinates.index(q) for q in each.quaternion]) for each in rotations]
+        bodies = quaternion_rows(coordinates) if self.statement.rotations else ()
+        self.bodies = [(each, rows) for each, rows, _ in bodies]
         self.a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(self.n)]
         e = self.equations
         names = dict(zip((*self.form.q, *self.form.v), (*e.q, *e.v), strict=True))

@@ -47,7 +47,7 @@ from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import entries, flag, real_number
 from lagrange.statement.parameters import label_of
-from lagrange.statement.rotation import rotation_of
+from lagrange.statement.rotation import quaternion_rows, rotation_of
 from lagrange.statement.space import body_rates
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.consistent import complete_start
@@ -90,16 +90,11 @@ def _rates_of(statement: Statement) -> list[Any]:
     return [rate for name in statement.rotations for rate in rotation_of(name).body]
 
 
-def quaternion_rows(statement: Statement) -> list[list[int]]:
-    """Return for each body the rows of its quaternion in the state."""
-    return [[statement.coordinates.index(q) for q in rotation_of(name).quaternion] for name in statement.rotations]
-
-
 def rates_at(statement: Statement, state: Sequence[float]) -> list[float]:
     """Return the rates of rotation about the axes of all bodies at a state (2n,), three for each body."""
-    n, rates = len(statement.coordinates), list[float]()
-    for rows in quaternion_rows(statement):
-        rates += body_rates([state[row] for row in rows], [state[n + row] for row in rows])
+    rates = list[float]()
+    for _, rows, moving in quaternion_rows(statement.coordinates):
+        rates += body_rates([state[row] for row in rows], [state[row] for row in moving])
     return rates
 
 
@@ -176,8 +171,7 @@ def sliders(
         *_states(model, parameters, initial),
         *_body_rates(statement, initial),
     ]
-    n = len(statement.names)
-    inner = {row + shift for rows in quaternion_rows(statement) for row in rows for shift in (0, n)}
+    inner = {row for _, rows, moving in quaternion_rows(statement.coordinates) for row in (*rows, *moving)}
     by_name = {
         slider.name: slider
         for slider in every
@@ -399,7 +393,7 @@ def page_of(
         "sliders": [
             {key: getattr(slider, key) for key in ("kind", "place", "value", "angle")} for slider in page_sliders
         ],
-        "quaternions": quaternion_rows(statement),
+        "quaternions": [rows for _, rows, _ in quaternion_rows(statement.coordinates)],
         "tolerance": TOLERANCE,
         "most_steps": PAGE_STEPS,
         "t_end": end,

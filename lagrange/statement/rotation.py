@@ -240,15 +240,14 @@ def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values:
 
     `values` maps rates such as R.body[2] to m numbers. Other rates about the same axes stay.
     """
-    for each in _rotations_of(coordinates) if values else ():
-        rows = np.array([coordinates.index(q) for q in each.quaternion])
+    for each, rows, moving in quaternion_rows(coordinates) if values else ():
         for rates, rates_of in ((each.body, body_rates), (each.space, space_rates)):
             if values.keys().isdisjoint(rates):
                 continue
-            q, v = [*states[:, rows].T], [*states[:, rows + len(coordinates)].T]
+            q, v = [*states[:, rows].T], [*states[:, moving].T]
             w = [values.get(rate, old) for rate, old in zip(rates, rates_of(q, v), strict=True)]
             moved = velocities_at(q, w, space=rates is each.space)
-            states[:, rows + len(coordinates)] = np.transpose(moved)
+            states[:, moving] = np.transpose(moved)
 
 
 def _on_rates(
@@ -309,7 +308,7 @@ def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
     `values` are states (q, v) of the `coordinates` q: one state (2n,), or m states (2n, m).
     """
     state = np.asarray(values, dtype=float)
-    for each, rows, moving in _quaternion_rows(tuple(coordinates)):
+    for each, rows, moving in quaternion_rows(tuple(coordinates)):
         q, v = state[rows], state[moving]
         sizes = np.sqrt((q * q).sum(axis=0))
         if (abs(sizes - 1) > STRETCH).any():
@@ -322,7 +321,7 @@ def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
 
 
 @lru_cache(maxsize=256)
-def _quaternion_rows(coordinates: tuple[Any, ...]) -> list[tuple[Rotation, list[int], list[int]]]:
+def quaternion_rows(coordinates: tuple[Any, ...]) -> list[tuple[Rotation, list[int], list[int]]]:
     """Return (rotation, indices of its quaternion in a state (q, v), indices of its velocities) for each rotation.
 
     Cached: SymPy is slow.

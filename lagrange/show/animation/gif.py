@@ -25,8 +25,6 @@ _CLEAR = 255  # Index of the transparent colour: the pixel of the previous frame
 _FOREVER = b"\x21\xff\x0bNETSCAPE2.0\x03\x01\x00\x00\x00"
 """Extension block that repeats the animation forever."""
 
-_AT_ONCE = 2048
-
 
 def write_gif(file: BinaryIO, film: Film, interval: float, tell: Callable[[int], None]) -> None:
     """Write the frames of a film as a GIF; `tell` is called with the number of each drawn frame.
@@ -90,12 +88,7 @@ class _Colours:
         grid = np.indices((32, 32, 32), dtype=np.float32).reshape(3, -1).T * (255 / 31)
         entries = colours.astype(np.float32)
         far = (entries**2).sum(axis=1)
-        self._nearest = np.concatenate(
-            [
-                (far - 2 * grid[begin : begin + _AT_ONCE] @ entries.T).argmin(axis=1).astype(np.uint8)
-                for begin in range(0, len(grid), _AT_ONCE)
-            ]
-        )
+        self._nearest: Pixels = (far - 2 * grid @ entries.T).argmin(axis=1).astype(np.uint8)
         whole = np.rint(base).astype(np.uint8)  # large areas have these colours, which stay exact
         self._nearest[_cells(whole)] = [int((colours == colour).all(axis=1).argmax()) for colour in whole]
 

@@ -6,9 +6,8 @@ import errno
 import numbers
 import os
 import stat
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -181,14 +180,10 @@ def _exchange(home: Path, targets: Mapping[str, Path], parts: Mapping[str, Path]
         sync_folder(folder)
 
 
-_ROWS_AT_ONCE = 4096  # Rows written in one call: one line at a time takes longer
-
-
 def write_rows(file: BinaryIO, names: Sequence[str], columns: Sequence[Iterable[object]]) -> None:
     """Write columns under their names as CSV, with enough digits to read back the same numbers."""
-    lines = _lines(names, columns)
-    while block := list(islice(lines, _ROWS_AT_ONCE)):
-        file.write("".join(block).encode())
+    file.write((",".join(map(cell, names)) + "\n").encode())
+    file.writelines((",".join(map(cell, row)) + "\n").encode() for row in zip(*columns, strict=True))
 
 
 def cell(value: object) -> str:
@@ -206,9 +201,3 @@ def cell(value: object) -> str:
         text = "'" + text
     quoted = not text or any(mark in text for mark in ',"\r\n')
     return '"' + text.replace('"', '""') + '"' if quoted else text
-
-
-def _lines(names: Sequence[str], columns: Sequence[Iterable[object]]) -> Iterator[str]:
-    yield ",".join(map(cell, names)) + "\n"
-    for row in zip(*columns, strict=True):
-        yield ",".join(map(cell, row)) + "\n"
