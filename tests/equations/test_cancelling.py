@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from sympy import Rational, Symbol, cos, sin, sqrt
+from sympy import Rational, Symbol, cos, sign, sin, sqrt
 
 import lagrange as lg
 from lagrange.equations.collect import cancelled, shortened
+from lagrange.equations.derivation import derive
 from lagrange.equations.terms import Algebra, common_factor
 
 theta, x, y = lg.coordinates("theta x y")
@@ -101,3 +102,61 @@ def test_random_sums_keep_their_value() -> None:
         after = algebra.write(shortened(algebra, algebra.read(sympy.S.Zero + expression)))
         point = {p: Rational(3, 2), q: Rational(5, 3), r: Rational(1, 7)}
         assert abs(sympy.N((after - expression).xreplace(point), 30)) < 1e-24
+
+
+# --- Lengths along a line in equations of motion ---
+
+
+rho = lg.coordinate("rho")
+l = lg.parameters("l")
+
+
+@pytest.mark.parametrize(
+    ("place", "force"), [(x, k * x - k * l * sign(x)), (l * cos(theta), None), (x * cos(theta), None)]
+)
+def test_a_spring_along_a_line_has_no_sign_beside_a_magnitude(place: sympy.Expr, force: sympy.Expr | None) -> None:
+    potential = lg.spring(k, (place, 0), None, l)
+    system = lg.System(kinetic=m * (l**2 * theta.dot**2 + x.dot**2) / 2, potential=potential, coordinates=[theta, x])
+    for q, equation in zip(system.coordinates, system.equations(), strict=True):
+        left = equation.lhs
+        for product in left.atoms(sympy.Mul):
+            marks = {f.args[0] for f in product.args if isinstance(f, sympy.Abs)}
+            assert not marks & {f.args[0] for f in product.args if isinstance(f, sign)}, left
+        # by number, on both sides of the kink, against the difference quotient of the stated potential
+        for values in ({theta: 0.4, x: 0.7}, {theta: 2.5, x: -0.7}):
+            h = 1e-6
+            ends = [potential.subs(values | {q: values[q] + step, k: 3, l: 2}) for step in (-h, h)]
+            slope = float((ends[1] - ends[0]) / (2 * h))
+            ours = left.subs({q.dot.diff(lg.t): 0 for q in (theta, x)}).subs(values | {k: 3, l: 2, m: 1})
+            assert float(ours) == pytest.approx(slope, abs=1e-8)  # rounding over h, and h**2 of a smooth function
+    if force is not None:
+        assert sympy.expand(system.equations()[1].lhs - m * x.ddot - force) == 0
+
+
+POLAR = (rho * cos(theta), rho * sympy.sin(theta))
+
+
+@pytest.mark.parametrize(
+    ("potential", "shown", "slope"),
+    [
+        (lg.spring(k, POLAR, rest_length=l), k * (sympy.Abs(rho) - l) ** 2 / 2, k * rho - k * l * sign(rho)),
+        (-k / sympy.sqrt(POLAR[0] ** 2 + POLAR[1] ** 2), -k / sympy.Abs(rho), k * sign(rho) / rho**2),
+        (k * sympy.sqrt(rho**2) ** 3, k * sympy.Abs(rho) ** 3, 3 * k * rho * sympy.Abs(rho)),
+        (
+            lg.spring(k, (x, 0), (rho, 0), l),
+            k * (sympy.Abs(rho - x) - l) ** 2 / 2,
+            k * (rho - x) - k * l * sign(rho - x),
+        ),
+    ],
+)
+def test_the_root_of_a_square_is_a_magnitude_in_the_derivation(potential: Any, shown: Any, slope: Any) -> None:
+    kinetic = m * (rho.dot**2 + rho**2 * theta.dot**2 + x.dot**2) / 2
+    page = lg.System(kinetic, potential, coordinates=[rho, theta, x]).statement
+    derivation = derive(page)
+    real = {symbol: sympy.Symbol(str(symbol), real=True) for symbol in page.plain.values()}
+
+    def in_reals(expression: Any) -> Any:
+        return expression.xreplace(page.plain).xreplace(real)
+
+    assert sympy.expand(in_reals(derivation.potential) - in_reals(shown)) == 0
+    assert sympy.expand(in_reals(derivation.gradient[rho] + slope - m * rho * theta.dot**2)) == 0

@@ -16,7 +16,7 @@ from lagrange.equations import textbook_algebra
 from lagrange.equations.derivation import derive
 from lagrange.errors import StatementError
 from lagrange.show.notebook.shown_derivation import written_derivation
-from lagrange.statement.coordinate import acceleration_of, coordinate, coordinates, parameters, t, velocity_of
+from lagrange.statement.coordinate import acceleration_of, coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.statement.energy import gravity, kinetic_energy
 from tests.textbook.systems import pendulum_chain, value
@@ -85,23 +85,6 @@ def test_spherical_pendulum_keeps_its_squares() -> None:
     assert derivation.accelerations[phi] == -2 * cos(theta) * phi.dot * theta.dot / sin(theta)
 
 
-def test_forces_stand_on_the_right_and_dissipation_on_the_left() -> None:
-    derivation = derive(
-        declare(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, dissipation=c * x.dot**2 / 2, forces={x: sin(t)})
-    )
-    assert derivation.equations[0] == sympy.Eq(m * x.ddot + c * x.dot + k * x, sin(t))
-    assert derivation.accelerations[x] == -c * x.dot / m - k * x / m + sin(t) / m
-
-
-def test_energy_of_a_forced_frame_is_the_jacobi_integral() -> None:
-    omega = parameters("omega")
-    bead = (l * sin(theta) * cos(omega * t), l * sin(theta) * sin(omega * t), -l * cos(theta))
-    derivation = derive(declare(kinetic=kinetic_energy(m, bead), potential=gravity(m, bead, g)))
-    assert derivation.energy == m * l**2 * theta.dot**2 / 2 - m * l**2 * omega**2 * sin(
-        theta
-    ) ** 2 / 2 - m * g * l * cos(theta)
-
-
 FREE = {"kinetic": m * x.dot**2 / 2}
 MAGNETIC = m * (x.dot**2 + y.dot**2) / 2 + c * (x * y.dot - y * x.dot) / 2
 GROWING = m * sympy.exp(t) * x.dot**2 / 2 + c * sin(t) * x.dot
@@ -155,9 +138,6 @@ def test_second_derivatives_of_kinks_have_no_delta() -> None:
     statement = declare(kinetic=kinetic, coordinates=[x, y], parameters={m: 2.0})
     found = value(derive(statement).mass_matrix[1, 1], statement, values["q"], values["v"], 0.0)
     assert found == pytest.approx(2 * 2.0 * (2 + 0.7 + 0.7))
-
-
-# --- names -----------------------------------------------------------------------------------------------------------
 
 
 # --- solving -------------------------------------------------------------------------------------------------------
@@ -278,13 +258,6 @@ def test_forces_between_all_pairs_are_refused_before_they_are_taken(monkeypatch:
         _ = refused.gradient
     text = str(written_derivation(system.statement))
     assert text.count("Not written out: ") == 1 and "\nStated\n" in text and "Coordinate" not in text
-
-
-def test_parts_are_computed_once() -> None:
-    derivation = derive(declare(kinetic=m * velocity_of(x) ** 2 / 2))
-    assert derivation.equations is derivation.equations
-    assert derivation.accelerations is derivation.accelerations
-    assert not isinstance(derivation.momenta, dict)
 
 
 def test_the_shorter_of_the_collected_and_the_stated_form_is_shown() -> None:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import sympy as sp
-from sympy import cos, sin
+from sympy import cos
 
 from lagrange.statement.coordinate import coordinate, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.statement.statement import Statement
+from tests.models import bead_on_hoop, charge
 
 theta, x, y, z, r, phi = (coordinate(name) for name in ("theta", "x", "y", "z", "r", "phi"))
 m, g, length, k, c, omega = parameters("m g l k c omega")
-e, B = parameters("e B", positive=False)
 
 
 def pendulum(**more: Any) -> Statement:
@@ -24,30 +24,6 @@ def pendulum(**more: Any) -> Statement:
         name="pendulum",
         **more,
     )
-
-
-def pendulum_chain(n: int) -> Statement:
-    angles = [coordinate(f"a{i}") for i in range(n)]
-    px = py = sp.S.Zero
-    kinetic = potential = sp.S.Zero
-    for angle in angles:
-        px, py = px + length * sin(angle), py - length * cos(angle)
-        kinetic += m * (sp.diff(px, t) ** 2 + sp.diff(py, t) ** 2) / 2
-        potential += m * g * py
-    return declare(kinetic=kinetic, potential=potential, coordinates=angles, name=f"chain of {n}")
-
-
-def charge() -> Statement:
-    """A charge in a uniform magnetic field: the potential depends on the velocity."""
-    kinetic = m * (x.dot**2 + y.dot**2 + z.dot**2) / 2
-    return declare(lagrangian=kinetic + e * B * (x * y.dot - y * x.dot) / 2, name="charge")
-
-
-def bead_on_hoop() -> Statement:
-    """A bead on a turning hoop, stated with explicit time."""
-    place = [length * sin(theta) * cos(omega * t), length * sin(theta) * sin(omega * t), -length * cos(theta)]
-    speed = sum(sp.diff(part, t) ** 2 for part in place)
-    return declare(kinetic=m * speed / 2, potential=m * g * place[2], name="bead")
 
 
 def pulled_pendulum() -> Statement:

@@ -1,14 +1,22 @@
+""""""
+
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import mpmath
 import pytest
 import sympy as sp
+from hypothesis import given
+from hypothesis import strategies as st
+from mpmath import libmp
 
+import lagrange as lg
 from lagrange.evidence import laws
-from lagrange.evidence.precise import OutsideDomain
+from lagrange.evidence.laws import LOCAL_FROM, Estimate, central, central_mixed, extrapolated, local_terms
+from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.sample import SAMPLE_KINDS, SamplePoint, Sampler
 from lagrange.statement.coordinate import coordinate, t
@@ -150,3 +158,140 @@ def test_velocities_that_are_rounding_leave_the_inertia_its_digits() -> None:
     values = Reference(statement).at(point, [])["mass_matrix"].value
     # The energy of 32 is rounded at 1e-90, and the second difference divided by the square of 8e-38.
     assert list(map(float, values)) == pytest.approx([1, 0, 0, 1], rel=1e-13, abs=1e-13)
+
+
+# --- derivatives by differences ---
+
+
+FINE = mpmath.MPContext()
+FINE.dps = 90
+H = FINE.mpf("1e-18")
+
+
+def derivative(function: Callable[[Any], Sequence[Any]], step: Any) -> Estimate:
+    """Return df/dx at 0 with its error, from four evaluations with steps `step` and `step`/2."""
+    return extrapolated(central(function, step), central(function, step / 2))
+
+
+def test_a_derivative_is_good_to_50_digits_and_says_so() -> None:
+    found = derivative(lambda h: [FINE.sin(1 + h), FINE.exp(3 * h), 1 / (2 + h)], H)
+    for value, error, slope in zip(found.value, found.error, [FINE.cos(1), 3, FINE.mpf(-1) / 4], strict=True):
+        assert abs(value - slope) < 1e-50
+        assert abs(value - slope) <= error < 1e-30
+
+
+def test_mixed_derivatives() -> None:
+    def slope(step: Any) -> Sequence[Any]:
+        return central_mixed(lambda a, b: [FINE.sin(1 + a) * FINE.exp(b + a * b), a, a * b], step, 2 * step)
+
+    found = extrapolated(slope(H), slope(H / 2))
+    expected = [FINE.cos(1) + FINE.sin(1), 0, 1]
+    assert all(abs(value - e) < 1e-45 for value, e in zip(found.value, expected, strict=True))
+    assert all(error < 1e-30 for error in found.error)
+
+
+def test_a_kink_shows_in_the_error_estimate() -> None:
+    kinked = derivative(lambda h: [abs(h + H / 3)], H)
+    assert kinked.error[0] > 0.01
+
+
+@given(st.lists(st.integers(-9, 9), min_size=1, max_size=5))
+def test_extrapolation_is_exact_for_fourth_degree(coefficients: list[int]) -> None:
+    def polynomial(h: Any) -> list[Any]:
+        return [sum((a * h**i for i, a in enumerate(coefficients)), FINE.mpf(0))]
+
+    slope = coefficients[1] if len(coefficients) > 1 else 0
+    assert abs(derivative(polynomial, FINE.mpf("1e-3")).value[0] - slope) < 1e-60
+
+
+# --- Terms by the coordinates in them ---
+
+
+def row(length: int) -> Statement:
+    """Masses in a row with springs, drag between neighbours and a force on the last."""
+    x = [lg.coordinate(f"x{i}") for i in range(length)]
+    k, m, c = lg.parameters("k m c")
+    pairs = list(itertools.pairwise(x))
+    return declare(
+        kinetic=m / 2 * sum(one.dot**2 * (1 + x[0] ** 2 / 9) for one in x),
+        potential=k * sum(sp.sqrt(1 + (a - b) ** 2) for a, b in pairs),
+        dissipation=c / 2 * sum((a.dot - b.dot) ** 2 for a, b in pairs),
+        forces={x[-1]: sp.sin(lg.t) * x[-2]},
+        coordinates=x,
+    )
+
+
+def test_rows_are_those_that_a_variable_stands_in() -> None:
+    length = LOCAL_FROM + 2
+    local = local_terms(row(length), 30)
+    assert local is not None and local_terms(row(LOCAL_FROM - 1), 30) is None
+    assert local.touched[0] == list(range(length))
+    assert local.touched[4] == [3, 4, 5] and local.touched[length + 4] == [0, 3, 4, 5]
+    assert local.touched[length - 2] == [length - 3, length - 2, length - 1]
+
+
+def test_local_terms_give_the_same_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    statement = row(5)
+    point, columns = Sampler(statement, 0).point(SAMPLE_KINDS[1]), list(range(10))
+    whole = Reference(statement).at(point, columns)
+    monkeypatch.setattr(laws, "LOCAL_FROM", 2)
+    local = Reference(statement).at(point, columns)
+    for name, entries in whole.items():
+        for a, b, size in zip(entries.value, local[name].value, entries.size, strict=True):
+            # Differences leave 36 of 90 digits.
+            assert abs(a - b) <= 1e-30 * size + 1e-50, name
+
+
+def test_a_column_of_the_jacobian_costs_few_evaluations_of_each_pair(monkeypatch: pytest.MonkeyPatch) -> None:
+    bodies = 8
+    x = [[lg.coordinate(f"{axis}{i}") for axis in "xyz"] for i in range(bodies)]
+    pairs = list(itertools.combinations(x, 2))
+    statement = declare(
+        kinetic=sum(rate.dot**2 for place in x for rate in place) / 2,
+        potential=-sum(1 / sp.sqrt(sum((a - b) ** 2 for a, b in zip(*pair, strict=True))) for pair in pairs),
+    )
+    point, columns = Sampler(statement, 0).point(SAMPLE_KINDS[1]), range(3 * bodies)
+    power, count = libmp.mpf_pow, 0
+
+    def counted(*arguments: Any) -> Any:
+        nonlocal count
+        count += 1
+        return power(*arguments)
+
+    reference = Reference(statement)
+    reference.at(point, [])
+    monkeypatch.setattr(libmp, "mpf_pow", counted)
+    reference.at(point, columns)
+    # Rows outside columns: 31. With columns outside rows a force repeats all its pairs for each column: 98.
+    assert count < 40 * len(columns) * len(pairs)
+
+
+@pytest.mark.slow
+def test_columns_that_are_left_out_are_told() -> None:
+    system = lg.System.from_statement(row(LOCAL_FROM))
+    report = system.check(points=1)
+    assert report and "The Jacobian is checked in 24 of its 26 columns: points=2 checks all of them." in report.notes
+
+
+# --- which way a switch goes, in words ---
+
+
+STATEMENT = declare(kinetic=x.dot**2 + y.dot**2, potential=x * y, coordinates=[x, y])
+
+
+def test_every_kind_of_switch_has_its_ways_and_words() -> None:
+    most = sp.Max(x, 2 * y)
+    assert all_ways(most) == (0, 1)
+    i = most.args.index(2 * y)
+    assert describe_way(most, i, STATEMENT) == "2*y is the one that Max(x, 2*y) takes"
+    assert all_ways(sp.Abs(x)) == (-1, 1) == all_ways(sp.sign(x))
+    assert describe_way(sp.Abs(x.dot), -1, STATEMENT) == "x_dot is negative"
+    assert describe_way(sp.sign(x), 1, STATEMENT) == "x is positive"
+    assert all_ways(x > 1) == (0, 1)
+    assert describe_way(x > 1, 1, STATEMENT) == "x > 1 holds"
+    assert describe_way(x <= y, 0, STATEMENT) == "x <= y does not hold"
+
+
+def test_long_conditions_are_cut() -> None:
+    text = describe_way(sum(sp.sin(i * x) for i in range(40)) > 0, 1, STATEMENT)
+    assert len(text) < 100 and text.endswith("... holds")

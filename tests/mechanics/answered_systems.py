@@ -141,8 +141,8 @@ def bowl() -> lg.System:
     return lg.System(sp.Rational(3, 4) * m * (R - r) ** 2 * theta.dot**2, -m * g * (R - r) * sp.cos(theta))
 
 
-m, g, l, M, k, R, F, c, m1, m2, l1, l2, omega, Omega, alpha, a, b, beta, gamma, I1, I3, r0, L0, ma, mb = lg.parameters(
-    "m g l M k R F c m1 m2 l1 l2 omega Omega alpha a b beta gamma I1 I3 r_0 L_0 m_A m_B"
+m, g, l, M, k, R, F, c, m1, m2, l1, l2, omega, Omega, alpha, a, b, beta, gamma, I1, I3, r0, L0, ma, mb, mu = (
+    lg.parameters("m g l M k R F c m1 m2 l1 l2 omega Omega alpha a b beta gamma I1 I3 r_0 L_0 m_A m_B mu")
 )
 theta, phi, psi, x, y, z, r, s, theta1, theta2, rho, th1, th2, q1, q2, xa, xb = lg.coordinates(
     "theta phi psi x y z r s theta1 theta2 rho theta_1 theta_2 q1 q2 x_A x_B"
@@ -156,6 +156,8 @@ outer = inner[0] + l2 * sin(theta2), inner[1] - l2 * cos(theta2)
 twin = k * l**2 * (sin(th1) - sin(th2)) ** 2 / 2 - m * g * l * (cos(th1) + cos(th2))
 rotor = I1 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2 + I3 * (psi.dot + phi.dot * cos(theta)) ** 2 / 2
 turning = half * m * ((x.dot - omega * y) ** 2 + (y.dot + omega * x) ** 2) - k * (x**2 + y**2) / 2
+swinging = half * m * (r.dot**2 + r**2 * theta.dot**2)
+stretched = lg.spring(k, (r * cos(theta), r * sin(theta)), None, l)
 swaying = a * cos(omega * lg.t) + l * sin(theta), -l * cos(theta)
 
 TYPED: dict[str, Callable[[], lg.System]] = {
@@ -188,6 +190,20 @@ TYPED: dict[str, Callable[[], lg.System]] = {
     "relat": lambda: lg.System(polar, gamma * r**2 / 2 - alpha / r),
     "springhoop": lambda: lg.System(K(m, (R * theta, 0)), k * R**2 * (1 - cos(theta)) - m * g * R * sin(theta)),
     "rotframe": lambda: lg.System(lagrangian=turning),
+    "weighed": lambda: lg.System(half * m * y.dot**2, m * g * y, constraints={"table": y}, parameters={m: 1, g: 9.81}),
+    "polar": lambda: lg.System(swinging, stretched),
+    "hanging": lambda: lg.System(swinging, stretched - m * g * r * cos(theta)),
+    "line": lambda: lg.System(half * m * x.dot**2, lg.spring(k, (x,), rest_length=l)),
+    "two": lambda: lg.System(plane, lg.spring(k, (x, 0), (y, 0), l)),
+    "friction": lambda: lg.System(half * m * x.dot**2, 0, forces={x: -mu * m * g * sp.sign(x.dot)}),
+    "valued": lambda: lg.System(
+        half * m * x.dot**2, k * (x - b) ** 2 / 2 + c * x**4, parameters={k: 30, b: 2, m: 3, c: 0}
+    ),
+    "sprung": lambda: lg.System(
+        half * m * (theta.dot**2 + phi.dot**2),
+        k * (sin(theta) - sin(phi)) ** 2 / 2 - m * g * (cos(theta) + cos(phi)),
+        coordinates=[theta, phi],
+    ),
 }
 """Systems of answers in many styles, by name."""
 

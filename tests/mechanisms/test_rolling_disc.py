@@ -47,14 +47,6 @@ def state(lean: float, u1: float, u2: float, u3: float) -> Any:
     return np.array([0.4, lean, 1.3, 0.2, -0.5, u1, u2, u3])
 
 
-@pytest.mark.parametrize("given", STATES)
-def test_the_accelerations_are_those_of_kane(given: tuple[float, ...]) -> None:
-    z = state(*given)
-    y = formulation().lift(z, 0.0)
-    found, expected = model().accelerations(y[:5], y[5:]), formulation().accelerations(z, 0.0)
-    assert np.abs(found - expected).max() <= 1e-12 * max(1.0, np.abs(expected).max())
-
-
 def test_kanes_method_gives_what_sympy_publishes() -> None:
     """The right-hand side in test_kane.py of SymPy 1.14."""
     published = [

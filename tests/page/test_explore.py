@@ -6,7 +6,6 @@ from html import unescape
 from typing import Any
 
 import pytest
-from sympy import erf
 
 import lagrange as lg
 from lagrange.errors import StatementError
@@ -31,15 +30,10 @@ def test_a_notebook_shows_the_page_with_the_chosen_sliders_first() -> None:
 @pytest.mark.parametrize(
     ("ranges", "words"),
     [
-        ({"thetta1": (0, 1)}, "there is no slider of 'thetta1', which is not a parameter, coordinate or velocity of "),
         ({"thetta1": (0, 1)}, "Did you mean 'theta1'?"),
-        ({"m3": (0, 1)}, "they are m1, m2, l1, l2, g, theta1, theta2, theta1_dot and theta2_dot."),
         ({"l1": (1, "x")}, "a bound of the slider of l1"),
         ({}, "no slider was asked for: give bounds such as explore(m1=(0, 2)), for one of m1, m2,"),
-        ({"l1": (0, 0)}, "the slider of l1 goes from 0 to 0, and has no room to move: give a lower and an upper bound"),
         ({"l1": (3, 3)}, "such as (1.5, 6.0)."),
-        ({"l1": (0, 1, 2)}, "the slider of l1 is (0, 1, 2): give its lower and its upper bound"),
-        ({"l1": ()}, "the slider of l1 is (): give its lower and its upper bound"),
         ({"l1": {0: 1, 2: 3}}, "the slider of l1 is {0: 1, 2: 3}: give its lower and its upper bound"),
     ],
 )
@@ -69,12 +63,3 @@ def test_ranges_by_symbol_and_by_keyword_are_taken_together() -> None:
 def test_wrong_options_are_refused_before_anything_is_drawn(wrong: dict[str, Any], words: str) -> None:
     with pytest.raises(StatementError, match=words):
         lg.scene("pendulum").explore(l=(0.5, 2), **wrong)
-
-
-def test_where_javascript_lacks_a_function_the_sliders_are_refused() -> None:
-    x = lg.coordinate("x")
-    k = lg.parameters("k")
-    special = lg.System(x.dot**2 / 2, k * erf(x) ** 2, parameters={k: 1.0}, initial={x: 1.0}, name="special")
-    assert refusal(special.explore, k=(0.5, 2)) == (
-        "a page of special cannot be made: its rhs contains erf, which JavaScript has no function for."
-    )

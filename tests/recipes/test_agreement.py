@@ -11,13 +11,14 @@ import pytest
 import sympy as sp
 from hypothesis import HealthCheck, given, settings
 
+from lagrange.errors import RunError
 from lagrange.recipes.model import Model
 from lagrange.statement.coordinate import t
 from tests.covering import examples
 from tests.laws.mechanisms import potentials
 from tests.laws.test_random_systems import kinetic_energies, states, x, y
 from tests.models import build
-from tests.recipes.agreement import EPS, OWN, SCENES, apart, named, sensitivity
+from tests.recipes.agreement import EPS, OWN, SCENES, apart, named, sensitivity, singular, unbounded
 from tests.recipes.agreement import states as states_of
 
 Function = Callable[[float, Any, Any], Any]
@@ -57,14 +58,9 @@ def check(package: str, model: Model, quantity: str = "rhs", count: int = 3) -> 
 
 @pytest.mark.few
 @pytest.mark.parametrize("name", [*SCENES, *OWN])
-def test_casadi_computes_what_the_model_does(name: str) -> None:
-    check(CASADI, named(name))
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("name", [*SCENES, *OWN])
-def test_sympy_computes_what_the_model_does(name: str) -> None:
-    check(SYMPY, named(name))
+@pytest.mark.parametrize("package", [CASADI, SYMPY])
+def test_casadi_and_sympy_compute_what_the_model_does(package: str, name: str) -> None:
+    check(package, named(name))
 
 
 def every_system(*quick: str) -> list[Any]:
@@ -142,3 +138,54 @@ def test_random_systems(kinetic: Any, potential: Any, state: Any) -> None:
     for package in (SYMPY, CASADI, JAX):
         found = by(package, model)(0.3, state, model.parameter_array())
         assert apart(model, "rhs", 0.3, state, found) <= 1, package
+
+
+def told(package: str, model: Model, *states: Any, **options: Any) -> list[tuple[Any, bool]]:
+    """Return the accelerations at states, and whether the recipe tells that the matrix is singular there."""
+    ready(package)
+    p = model.parameter_array()
+    if package == CASADI:
+        checked: Any = model.as_casadi(status=True, **options)
+    else:
+        import jax
+
+        checked = jax.jit(model.as_jax().checked)
+    found = [checked(0.0, np.array(state), p) for state in states]
+    return [(np.array(result).ravel(), bool(float(status))) for result, status in found]
+
+
+@pytest.mark.parametrize(
+    ("package", "options"),
+    [(CASADI, {"symbols": "SX"}), (CASADI, {"symbols": "MX"}), pytest.param(JAX, {}, marks=pytest.mark.slow)],
+)
+@pytest.mark.parametrize("n", [2, 6])
+def test_a_singular_mass_matrix_is_nan_throughout_and_told(n: int, package: str, options: Any) -> None:
+    """Check a matrix that is written out, and one for LAPACK."""
+    of = singular(n)
+    regular, degenerate = np.ones(2 * n), np.array([0.0, 0.0, *[1.0] * (2 * n - 2)])
+    with pytest.raises(RunError, match="mass matrix"):
+        of.rhs(0.0, degenerate)
+    (found, fine), (_, bad) = told(package, of, regular, degenerate, **options)
+    assert (fine, bad) == (False, True)
+    np.testing.assert_allclose(found, of.rhs(0.0, regular), rtol=1e-13)
+    assert np.isnan(np.asarray(by(package, of)(0.0, degenerate, of.parameter_array()))).all()
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("package", [CASADI, JAX])
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_a_matrix_that_is_not_finite_is_not_singular(n: int, package: str) -> None:
+    of = unbounded(n)
+    starts = [np.array([first, *[1.0] * (2 * n - 1)]) for first in (0.0, -1.0, np.nan)]
+    for state, (found, status) in zip(starts, told(package, of, *starts), strict=True):
+        np.testing.assert_array_equal(found, of.interpreted("rhs")(0.0, state, of.parameter_array()))
+        assert not status
+
+
+@pytest.mark.parametrize("package", [CASADI, JAX])
+def test_what_has_no_value_is_nan_or_infinite_as_in_the_model(package: str) -> None:
+    of = build("numpy", kinetic=x.dot**2 / 2, potential=1 / x + x ** (5 / 2), initial={x: 1.0})
+    found, p = by(package, of), of.parameter_array()
+    for start in ([0.0, 1.0], [-1.0, 1.0], [np.nan, 1.0], [np.inf, 1.0], [1.0, -np.inf]):
+        state = np.array(start)
+        np.testing.assert_array_equal(np.ravel(found(0.0, state, p)), of.kernel("rhs")(0.0, state, p))

@@ -21,7 +21,7 @@ from lagrange.machine.python_source import defined
 from lagrange.recipes.model import NumbaFunction
 from lagrange.statement.coordinate import coordinate
 from tests.models import build, c, l, m, model, x, y
-from tests.recipes.agreement import named, singular, states, unbounded
+from tests.recipes.agreement import named, singular, states
 
 jax: Any = pytest.importorskip("jax", reason="jax is not installed")
 
@@ -63,35 +63,6 @@ def test_the_gradient_of_the_energy_by_reverse_sweep() -> None:
     assert abs(slope @ of.rhs(time, y)) < 1e-11 * abs(slope).max() * abs(of.rhs(time, y)).max()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("n", [2, 6])
-def test_a_singular_mass_matrix_is_nan_throughout_and_told(n: int) -> None:
-    """Check a matrix that is written out, and one for LAPACK."""
-    of = singular(n)
-    rhs, p = of.as_jax(), of.parameter_array()
-    regular, degenerate = np.ones(2 * n), np.array([0.0, 0.0, *[1.0] * (2 * n - 2)])
-    with pytest.raises(RunError, match="mass matrix"):
-        of.rhs(0.0, degenerate)
-    both = jax.jit(jax.vmap(lambda y: (rhs(0.0, y, p), *rhs.checked(0.0, y, p))))
-    found, unchecked, status = map(np.asarray, both(np.array([regular, degenerate])))
-    assert status.tolist() == [False, True] and np.isnan(found[1]).all()
-    for result in (found[0], unchecked[0]):
-        np.testing.assert_allclose(result, of.rhs(0.0, regular), rtol=1e-13)
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("n", [2, 3, 6])
-def test_a_matrix_that_is_not_finite_is_not_singular(n: int) -> None:
-    of = unbounded(n)
-    p = of.parameter_array()
-    checked = jax.jit(of.as_jax().checked)
-    for first in (0.0, -1.0, np.nan):
-        state = np.array([first, *[1.0] * (2 * n - 1)])
-        result, status = checked(0.0, state, p)
-        np.testing.assert_array_equal(result, of.interpreted("rhs")(0.0, state, p))
-        assert not status
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_units_do_not_make_a_matrix_singular(n: int) -> None:
@@ -104,14 +75,6 @@ def test_units_do_not_make_a_matrix_singular(n: int) -> None:
     found, status = jax.jit(of.as_jax().checked)(0.0, np.zeros(2 * n), of.parameter_array())
     assert not status
     np.testing.assert_allclose(found, of.rhs(0.0, np.zeros(2 * n)), rtol=1e-13)
-
-
-def test_what_has_no_value_is_nan_or_infinite_as_in_the_model() -> None:
-    of = build("numpy", kinetic=x.dot**2 / 2, potential=1 / x + x ** (5 / 2), initial={x: 1.0})
-    rhs, p = of.as_jax(), of.parameter_array()
-    for start in ([0.0, 1.0], [-1.0, 1.0], [np.nan, 1.0], [np.inf, 1.0], [1.0, -np.inf]):
-        state = np.array(start)
-        np.testing.assert_array_equal(rhs(0.0, state, p), of.kernel("rhs")(0.0, state, p))
 
 
 def test_other_shapes_are_refused() -> None:

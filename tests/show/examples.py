@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from sympy import Float
 
 from lagrange.compiler import model_of
 from lagrange.machine.numpy_machine import NumpyMachine
-from lagrange.statement.coordinate import coordinate, parameters
+from lagrange.statement.coordinate import coordinate, coordinates, parameters
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status, Trajectory
@@ -32,6 +33,14 @@ def oscillator(times: Any = None, status: Status = Status.SUCCESS, message: str 
     )
     t = np.linspace(0.0, 5.0, 51) if times is None else np.asarray(times, dtype=float)
     return solved(statement, t, lambda t: np.array([np.cos(2 * t), -2 * np.sin(2 * t)]), status, message)
+
+
+def moving(*parts: Any, **more: Any) -> Solution:
+    """Return a point p whose coordinates are functions of a = t and b = t^2, or numbers, over [0, 2]."""
+    a, b = coordinates("a b")
+    place = [part(a, b) if callable(part) else Float(part) for part in parts]
+    statement = declare(kinetic=a.dot**2 + b.dot**2, positions={"p": place}, name="s", **more)
+    return solved(statement, np.linspace(0, 2, 9), lambda t: np.array([t, t**2, np.ones_like(t), 2 * t]))
 
 
 def free(count: int, **more: Any) -> Solution:

@@ -6,20 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import Float, erf
+from sympy import erf
 
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.page.animation import LEVELS
 from lagrange.show.animation.film import MovingScene
 from lagrange.show.animation.recording import MOST_FRAMES
-from lagrange.statement.coordinate import coordinates
-from lagrange.statement.declare import declare
-from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
 from tests.refusals import refusal
 from tests.show.animations import bouncing, double_pendulum, in_page, in_pixels, texts, unpacked
-from tests.show.examples import free, oscillator, solved
+from tests.show.examples import moving, oscillator, solved
 
 NO_POSITIONS = "No positions are stated: the coordinates are drawn over time. positions={...} states points to draw."
 
@@ -182,13 +179,6 @@ def test_without_positions_the_coordinates_move_and_that_is_said() -> None:
     assert animation.frame(20).shape == (*animation.film.size[::-1], 4)
 
 
-def moving(*parts: Any, **more: Any) -> Solution:
-    a, b = coordinates("a b")
-    places = [part(a, b) if callable(part) else Float(part) for part in parts]
-    statement = declare(kinetic=a.dot**2 + b.dot**2, positions={"p": places}, name="s", **more)
-    return solved(statement, np.linspace(0, 2, 9), lambda t: np.array([t, t**2, np.ones_like(t), 2 * t]))
-
-
 def test_space_is_seen_as_in_figures_with_a_shadow_on_the_floor() -> None:
     animation = moving(lambda a, b: a, lambda a, b: b, lambda a, b: a * b).animate()
     (point,) = in_pixels(animation)
@@ -201,11 +191,6 @@ def test_space_is_seen_as_in_figures_with_a_shadow_on_the_floor() -> None:
     np.testing.assert_allclose(point[0] - point[0, 0], scale * (across - across[0]), atol=1e-6)
     above = scene.seen[0, 1] - scene.shadows[0, 1]
     np.testing.assert_allclose(above, np.cos(elevation) * animation.recording.t**3, atol=1e-12)
-
-
-def test_a_plane_in_space_is_seen_from_above() -> None:
-    animation = moving(lambda a, b: a, 0.0, lambda a, b: b).animate()
-    assert {"x", "z"} <= texts(animation) and scene_of(animation).shadows is None
 
 
 def test_trails_last_their_time() -> None:
@@ -224,12 +209,6 @@ def test_many_points_are_alike_and_have_no_legend() -> None:
     data = in_page(animation.to_html())
     assert {*data["colours"]} == {0} and data["size"] < 0.5 and '<ul class="legend">' not in animation.to_html()
     assert {"first", "second"} <= texts(double_pendulum().animate())
-
-
-@pytest.mark.parametrize("count", [7, 60])
-def test_many_coordinates_share_panels(count: int) -> None:
-    panels = free(count).animate().film.panels
-    assert len(panels) <= 7 and sum(len(panel.rows) for panel in panels[:-1]) == count
 
 
 @pytest.mark.parametrize("times", [[2.0], [3.0, 3.0]])

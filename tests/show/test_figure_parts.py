@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import pickle
+import struct
+from io import BytesIO
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from PIL import Image
 
 import lagrange as lg
-from lagrange.show.figures import dynamics_figures
 from lagrange.show.figures.paths import SPRING_TURNS, spring
-from lagrange.show.figures.style import COLOURS, DARK, LIGHT, colours
-from lagrange.show.methods import names, plot_stability
+from lagrange.show.figures.style import COLOURS, DARK, LIGHT, colours, new_figure
+from lagrange.show.files.picture import MOST_BYTES, bounded_png
+from tests.show.examples import oscillator
 
 
 def test_panels_are_in_order_and_in_the_style_of_the_figure() -> None:
@@ -24,19 +29,6 @@ def test_panels_are_in_order_and_in_the_style_of_the_figure() -> None:
     assert line.get_color() == DARK.colours[0]
     assert figure.get_facecolor() == figure.axes[5].get_facecolor() != lg.figure().get_facecolor()
     assert lg.figure().axes[0].plot([0, 1])[0].get_color() == LIGHT.colours[0]
-
-
-def test_the_size_is_in_inches() -> None:
-    assert tuple(lg.figure(size=(5, 2.5)).get_size_inches()) == (5, 2.5)
-    one, two = lg.figure(), lg.figure(columns=2)
-    assert one.get_figwidth() < two.get_figwidth() < 2 * one.get_figwidth()
-
-
-def test_a_notebook_shows_it() -> None:
-    shown: Any = lg.figure()
-    data, size = shown._repr_png_()
-    assert data.startswith(b"\x89PNG")
-    assert size["width"] > size["height"]
 
 
 @pytest.mark.parametrize(
@@ -83,10 +75,71 @@ def test_no_colour_comes_twice(count: int) -> None:
     assert count > 8 or found == COLOURS[:count]
 
 
-def test_regions_of_stability_of_more_than_eight_methods_can_be_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dynamics_figures, "_POINTS", 41)
-    explicit = ("euler", "heun", "midpoint", "rk4", "bs3", "dopri5", "tsit5", "verner9", "dop853", "radau5")
-    assert set(explicit) <= set(names())
-    legend = plot_stability(*explicit).axes[0].get_legend()
-    assert legend is not None
-    assert len({line.get_color() for line in legend.get_lines()}) == len(explicit)
+# --- Figures show themselves ---
+
+
+def size(png: bytes) -> tuple[int, int]:
+    assert png.startswith(b"\x89PNG")
+    width, height = struct.unpack(">II", png[16:24])
+    return width, height
+
+
+def png_of(figure: Any) -> tuple[bytes, dict[str, int]]:
+    png, metadata = figure._repr_png_()
+    return png, metadata
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize(
+    "figure",
+    [
+        lambda: oscillator().plot(),
+        lambda: lg.methods.plot_stability("rk4"),
+        lambda: lg.scene("pendulum").plot_eigenvalues("l", np.linspace(0.5, 2.0, 5), {"theta": 0}),
+    ],
+    ids=["run", "stability", "eigenvalues"],
+)
+def test_a_figure_shows_itself_with_two_dots_to_a_pixel(figure: Any) -> None:
+    made = figure()
+    assert isinstance(made, Figure)
+    png, metadata = png_of(made)
+    assert size(png) == (2 * metadata["width"], 2 * metadata["height"])
+    assert len(png) <= MOST_BYTES == 300_000
+    assert repr(made).startswith("<figure '") and "Figure size" not in repr(made)
+
+
+@pytest.mark.slow
+def test_a_figure_of_noise_is_bounded_and_stays_a_picture() -> None:
+    figure = new_figure(figsize=(8, 5))
+    rng = np.random.default_rng(1)
+    figure.add_subplot().imshow(rng.random((1000, 1600, 3)), interpolation="none", aspect="auto")
+    png, metadata = png_of(figure)
+    assert 30_000 < len(png) <= MOST_BYTES and metadata["width"] == 640
+    with Image.open(BytesIO(png)) as image:
+        assert np.asarray(image.convert("RGBA"))[..., :3].std() > 20
+
+
+def test_few_colours_come_before_few_dots() -> None:
+    figure = new_figure(figsize=(6, 4))
+    axis = figure.add_subplot()
+    for k in range(100):
+        axis.plot(np.random.default_rng(k).random(30), linewidth=0.5)
+    assert len(written(figure)) > MOST_BYTES
+    png = bounded_png(figure, 160)
+    assert size(png) == (960, 640) and len(png) <= MOST_BYTES
+
+
+def written(figure: Figure) -> bytes:
+    file = BytesIO()
+    figure.savefig(file, format="png", dpi=160)
+    return file.getvalue()
+
+
+def test_a_figure_pickles() -> None:
+    figure = oscillator().plot()
+    again = pickle.loads(pickle.dumps(figure))
+    assert type(again) is type(figure) and png_of(again)[0] == png_of(figure)[0]
+
+
+def test_an_empty_figure_has_a_name() -> None:
+    assert repr(new_figure()) == "<figure, 0 panels: .savefig(path) writes it to a file>"

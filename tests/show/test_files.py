@@ -5,11 +5,15 @@ from __future__ import annotations
 import csv
 import errno
 import io
+import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from fractions import Fraction
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -17,8 +21,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import lagrange as lg
+from lagrange.cli.program import main
 from lagrange.errors import RunError, StatementError
-from lagrange.show.files.atomic_file import cell, write_atomically, write_rows
+from lagrange.export import contents as export_contents
+from lagrange.page import animation
+from lagrange.page import web_page as page_write
+from lagrange.show.files.atomic_file import cell, write_atomically, write_rows, write_together
+from lagrange.trajectory.solution import Solution
+from tests.systems import unit_pendulum
 
 
 def hello(file: BinaryIO) -> None:
@@ -27,11 +38,6 @@ def hello(file: BinaryIO) -> None:
 
 def left_in(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
-
-
-def test_the_file_is_there_and_nothing_else(tmp_path: Path) -> None:
-    assert write_atomically(tmp_path / "a.txt", hello) == tmp_path / "a.txt"
-    assert (tmp_path / "a.txt").read_bytes() == b"hello" and left_in(tmp_path) == ["a.txt"]
 
 
 @pytest.mark.parametrize("failure", [ValueError("bad"), KeyboardInterrupt(), MemoryError()])
@@ -52,6 +58,7 @@ def test_a_failure_half_way_leaves_the_old_file(tmp_path: Path, failure: BaseExc
     [
         (errno.ENOSPC, RunError, "the disk is full. Nothing was written; free some space"),
         (errno.EDQUOT, RunError, "the disk quota is used up"),
+        (errno.EFBIG, RunError, "it is too large. Nothing was written"),
         (errno.EIO, RunError, "Nothing was written"),
         (errno.EACCES, StatementError, "may not be written to. Name another folder."),
         (errno.EROFS, StatementError, "may not be written to. Name another folder."),
@@ -72,28 +79,6 @@ def test_the_system_s_refusals_in_words(
     monkeypatch.undo()
     assert f"Cannot write {tmp_path / 'a.txt'}: " in str(refusal.value) and words in str(refusal.value)
     assert (tmp_path / "a.txt").read_text() == "old" and left_in(tmp_path) == ["a.txt"]
-
-
-FULL = """
-import resource, signal, sys
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
-from lagrange.errors import RunError
-from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.files.atomic_file import write_rows
-try:
-    write_atomically(sys.argv[1], lambda file: write_rows(file, ["t"], [range(100_000)]))
-except RunError as error:
-    sys.stdout.write(str(error))
-"""
-
-
-def test_a_real_limit_of_the_system(tmp_path: Path) -> None:
-    pytest.importorskip("resource")
-    done = subprocess.run(
-        [sys.executable, "-c", FULL, str(tmp_path / "a.csv")], capture_output=True, text=True, check=True, timeout=300
-    )
-    assert "it is too large. Nothing was written" in done.stdout and left_in(tmp_path) == []
 
 
 def test_what_is_no_place_for_a_file_is_refused(tmp_path: Path) -> None:
@@ -174,3 +159,165 @@ def test_many_rows_and_columns_of_one_length(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="zip"):
         write_atomically(tmp_path / "b.csv", lambda file: write_rows(file, ("i", "x"), (range(3), range(4))))
     assert left_in(tmp_path) == ["a.csv"]
+
+
+# --- A folder with the last file holds one whole set of files, whatever stops the writing, and wherever ---
+
+
+posix = pytest.mark.skipif(os.name != "posix", reason="signals are those of POSIX")
+
+OLD = {"a.csv": "old", "b.png": "old", "c.json": "old"}
+NEW = {"a.csv": "new", "c.json": "new"}
+MINE = {"mine.txt": "old"}
+
+
+def text(words: str) -> Any:
+    return lambda file: file.write(words.encode())
+
+
+def contents(folder: Path) -> dict[str, str]:
+    return {path.name: path.read_text() for path in sorted(folder.iterdir())}
+
+
+WAYS = ("kill", "full", "SIGINT")
+
+
+@cache
+def all_stopped(what: str) -> dict[str, list[dict[str, Any]]]:
+    """Return what each operation leaves behind when it is stopped in some ways; see broken_writes.py."""
+    program = Path(__file__).with_name("broken_writes.py")
+    with TemporaryDirectory() as folder:
+        command = [sys.executable, str(program), folder, what, *WAYS]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert "Traceback" not in done.stderr and done.returncode == 0, done.stderr
+    found: dict[str, list[dict[str, Any]]] = json.loads(done.stdout)
+    return found
+
+
+def stopped(how: str, what: str) -> list[dict[str, Any]]:
+    found = all_stopped(what)[how]
+    assert len(found) > 4 and found[-1]["code"] == 0, "every operation is reached, and one run goes through"
+    return found
+
+
+def test_all_files_or_none_of_them(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("old")
+    paths = write_together(tmp_path, {name: text("old") for name in OLD})
+    assert paths == [tmp_path / name for name in OLD] and contents(tmp_path) == {**OLD, **MINE}
+    paths = write_together(tmp_path, {"a.csv": text("new"), "b.png": None, "c.json": text("new")})
+    assert paths == [tmp_path / "a.csv", tmp_path / "c.json"] and contents(tmp_path) == {**NEW, **MINE}
+
+
+@pytest.mark.parametrize("failure", [ValueError("bad"), KeyboardInterrupt(), MemoryError(), RunError("no picture")])
+def test_a_writer_that_fails_leaves_what_was_there(tmp_path: Path, failure: BaseException) -> None:
+    write_together(tmp_path, {name: text("old") for name in OLD})
+
+    def fails(file: BinaryIO) -> None:
+        file.write(b"half")
+        raise failure
+
+    with pytest.raises(type(failure)):
+        write_together(tmp_path, {"a.csv": text("new"), "b.png": fails, "c.json": text("new")})
+    assert contents(tmp_path) == OLD
+
+
+@posix
+@pytest.mark.parametrize("how", WAYS)
+def test_stopped_anywhere_a_folder_with_the_last_file_is_whole(how: str) -> None:
+    partial = 0
+    for found in stopped(how, "together"):
+        seen = {name: words for name, words in found["left"].items() if not name.startswith(".")}
+        hidden = sorted(found["left"].keys() - seen.keys())
+        assert seen.pop("mine.txt") == "old" and set(seen.values()) <= {"old", "new"}, "every file is whole"
+        assert "c.json" not in seen or seen in (OLD, NEW), "the last file is there only while all are"
+        partial += "c.json" not in seen
+        assert how == "kill" or not hidden, "only a killed process leaves its parts"
+        assert found["then"] == {**NEW, **MINE}, "the next one who writes makes it whole"
+    assert partial, "some stop falls into the exchange"
+
+
+@posix
+@pytest.mark.parametrize("how", WAYS)
+def test_a_single_file_stopped_anywhere_is_whole(how: str) -> None:
+    for found in stopped(how, "single"):
+        assert found["left"]["a.csv"] in ("old", "new")
+        assert how == "kill" or set(found["left"]) == {*OLD, *MINE}
+        assert found["then"] == {**OLD, **MINE, "a.csv": "new"}
+
+
+def test_what_is_no_place_for_files_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").mkdir()
+    with pytest.raises(StatementError, match=r"a\.csv: it is a folder\. Name a file in it\."):
+        write_together(tmp_path, {"a.csv": text("new"), "b.csv": text("new")})
+    with pytest.raises(StatementError, match="there is no folder"):
+        write_together(tmp_path / "no", {"a.csv": text("new")})
+    with pytest.raises(StatementError, match=r"has control characters: give another name"):
+        write_together(tmp_path / "a\0b", {"a.csv": text("new")})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv"]
+
+
+# --- A place that cannot be written is refused before what shall stand there is made, which may take long ---
+
+
+theta = lg.coordinate("theta")
+
+
+def never(*_: Any, **__: Any) -> Any:
+    raise AssertionError("it is made before the place was looked at")
+
+
+@pytest.fixture
+def lazy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let everything that takes long fail."""
+    for name in ("plot", "card"):
+        monkeypatch.setattr(Solution, name, never)
+    monkeypatch.setattr(animation, "recording_of", never)
+    monkeypatch.setattr(page_write, "page_of", never)
+    monkeypatch.setattr(export_contents, "module_of", never)
+
+
+WRITERS: dict[str, Callable[[Path], Any]] = {
+    "png": lambda place: unit_pendulum().run(1.0).to_png(place / "a.png"),
+    "npz": lambda place: unit_pendulum().run(1.0).to_npz(place / "a.npz"),
+    "folder": lambda place: unit_pendulum().run(1.0).to_folder(place),
+    "html": lambda place: unit_pendulum().run(1.0).animate(place / "a.html"),
+    "gif": lambda place: unit_pendulum().run(1.0).animate(place / "a.gif"),
+    "page": lambda place: unit_pendulum().to_page(place / "a.html"),
+    "scene": lambda place: unit_pendulum().to_scene(place / "a.toml"),
+}
+
+
+@pytest.mark.usefixtures("lazy")
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_missing_folder_is_refused_first(kind: str, tmp_path: Path) -> None:
+    with pytest.raises(lg.StatementError, match="there is no folder"):
+        WRITERS[kind](tmp_path / "missing")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("lazy")
+def test_a_folder_that_cannot_be_made_is_refused_first(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    with pytest.raises(lg.StatementError, match="cannot be made"):
+        unit_pendulum().export("python", tmp_path / "file" / "out")
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="everybody may write everywhere")
+@pytest.mark.usefixtures("lazy")
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_folder_that_may_not_be_written_to_is_refused_first(kind: str, tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    try:
+        with pytest.raises(lg.StatementError, match="may not be written to"):
+            WRITERS[kind](tmp_path)
+    finally:
+        tmp_path.chmod(0o700)
+
+
+def test_the_picture_of_an_ensemble_needs_its_folder_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(lg, "ensemble", never)
+    out = str(tmp_path / "missing" / "a.png")
+    assert main(["ensemble", "pendulum", "--vary", "theta=0:1:2", "--out", out]) == 2
+    assert "there is no folder" in capsys.readouterr().err

@@ -12,12 +12,13 @@ import sympy
 from sympy import Abs, Float, Function, Max, Piecewise, Rational, cos, exp, log, pi, sin, sqrt
 
 import lagrange as lg
+from lagrange.page.document import filled
 from lagrange.show.derivation_page import render
 from lagrange.show.notation.formula import LineWriter
 from lagrange.show.notation.markup import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import READABLE, Formula, ShownQuantity
-from lagrange.show.notation.text import Notation, UnicodeNotation
-from lagrange.show.terminal import terminal_style
+from lagrange.show.notation.text import Notation, UnicodeNotation, latex_text, letters, markdown_text, plain_text
+from lagrange.show.terminal import terminal_style, text_table
 from lagrange.statement.declare import declare
 from tests.models import shared_scene
 
@@ -243,18 +244,6 @@ def test_a_part_of_the_accelerations_is_shown() -> None:
     assert "    The formulas are too long" in page or "    The other formulas are too long" in page
 
 
-def test_points_with_mass_begin_the_derivation() -> None:
-    page = shared_scene("pendulum").derivation().unicode()
-    assert (
-        "Positions and velocities\n"
-        "    r_bob = (l sin θ, −l cos θ)\n"
-        "    v_bob = (l θ̇ cos θ, l θ̇ sin θ)\n"
-        "    v_bob² = l² θ̇²\n"
-        "    T_bob = ½ m v_bob²\n"
-    ) in page
-    assert "Positions" not in shared_scene("kepler").derivation().text()
-
-
 def test_a_simple_point_is_shown_beside_others() -> None:
     places = {"cart": (x, 0), "bob": (x + l * sin(theta), -l * cos(theta))}
     kinetic = M * x.dot**2 / 2 + lg.kinetic_energy(m, places["bob"])
@@ -276,12 +265,6 @@ def test_html_folds_what_is_long() -> None:
     assert "<details><summary>" in render(shared_scene("spinning-top").derivation(), "html")
 
 
-def test_the_double_pendulum_fits_on_two_pages() -> None:
-    page = shared_scene("double-pendulum").derivation().latex()
-    assert len(page.encode()) < 6000
-    assert r"\[ (m_1 + m_2) l_1^2 \ddot\theta_1 + m_2 l_1 l_2 \ddot\theta_2 \cos(\theta_1 - \theta_2) " in page
-
-
 @pytest.mark.parametrize(
     ("factor", "ends"),
     [
@@ -298,6 +281,74 @@ def test_a_number_stands_before_a_parenthesis_on_several_lines(factor: Any, ends
     assert len(text) > 1 and text[0].startswith(ends[2]) and text[-1].endswith(ends[3])
 
 
-def test_latex_has_an_author_as_its_title_asks_for() -> None:
-    page = shared_scene("pendulum").derivation().latex()
-    assert page.index(r"\author{}") < page.index(r"\maketitle")
+# --- test_names ---
+
+
+@pytest.mark.parametrize(
+    ("name", "spelled"),
+    [
+        ("x", "x"),
+        ("theta", r"\theta"),
+        ("Omega", r"\Omega"),
+        ("theta1", r"\theta_{1}"),
+        ("m_1", "m_{1}"),
+        ("m_bob", r"m_{\mathrm{bob}}"),
+        ("omega_x_2", r"\omega_{x, 2}"),
+        ("x_theta1", r"x_{\theta1}"),
+        ("length", r"\mathrm{length}"),
+        ("left", r"\mathrm{left}"),
+        ("input", r"\mathrm{input}"),
+        ("hbar", r"\mathrm{hbar}"),
+        ("xdot", r"\mathrm{xdot}"),
+        ("pi", r"\mathrm{pi}"),
+        ("Alpha", r"\mathrm{Alpha}"),
+        ("a__b", "a_{b}"),
+        ("a_", "a"),
+        ("θ1", r"\theta_{1}"),
+        ("x_Ω", r"x_{\Omega}"),
+        ("θx", r"\mathrm{thetax}"),
+    ],
+)
+def test_letters(name: str, spelled: str) -> None:
+    assert str(letters([name])[name]) == spelled
+
+
+def test_dots_stand_above_the_letter_alone() -> None:
+    letter = letters(["theta_1"])["theta_1"]
+    assert (letter.dotted(1), letter.dotted(2)) == (r"\dot{\theta}_{1}", r"\ddot{\theta}_{1}")
+
+
+HOSTILE = "\\input{/etc/passwd} $x$ _a_ #1 & 50% ~^{}<b>|\"'`*[a](b)!\x1b[31m\nnew  line"
+
+
+def test_latex_text_has_no_command_of_the_author() -> None:
+    spelled = latex_text(HOSTILE)
+    assert spelled.startswith(
+        r"\textbackslash{}input\{/etc/passwd\} \$x\$ \_a\_ \#1 \& 50\% \textasciitilde{}\textasciicircum{}\{\}"
+    )
+    assert "\x1b" not in spelled and "\n" not in spelled
+    assert r"\textless{}b\textgreater{}\textbar{}\textquotedbl{}" in spelled
+
+
+def test_markdown_text_has_no_mark_of_the_author() -> None:
+    spelled = markdown_text(HOSTILE)
+    assert not set("\\`*_{}[]<>()#!|$~&") & set(re.sub(r"\\.", "", spelled))
+
+
+def test_plain_text_is_one_line_without_controls() -> None:
+    assert plain_text(" a\tb\n c\x1b[2J\u202e ") == "a b c[2J"
+
+
+# --- Tables in plain text ---
+
+
+def test_text_is_aligned_and_numbers_are_flush_right() -> None:
+    table = text_table(("name", "n"), [("a", 1), ("long one", 200)])
+    assert table.splitlines() == ["name        n", "--------  ---", "a           1", "long one  200"]
+
+
+# --- Templates of pages are filled once: nothing that is put in is read as a field ---
+
+
+def test_parts_stay_text() -> None:
+    assert filled("<{{a}}|{{b}}>{ {{{a}}}", {"a": "{{b}}", "b": r"\1 {{a}}"}) == r"<{{b}}|\1 {{a}}>{ {{{b}}}"

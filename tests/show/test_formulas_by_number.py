@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator
 from functools import cache, partial
 from itertools import pairwise
@@ -14,7 +15,7 @@ import pytest
 import sympy
 
 import lagrange as lg
-from lagrange.show.notation.formula import FormulaLine, LineWriter
+from lagrange.show.notation.formula import FormulaLine, LineWriter, Typesetter
 from lagrange.show.notation.markup import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import (
     ExpressionRows,
@@ -28,8 +29,8 @@ from lagrange.show.notation.sections import (
     sections,
 )
 from lagrange.show.notation.text import Notation, UnicodeNotation
+from lagrange.statement.typed.reader import TypedReader
 from tests.models import shared_scene, stated_in
-from tests.show import formula_readers
 
 LONG = (
     *("pleiades", "seven-body-mechanism", "hanging-chain", "spinning-top", "slider-crank", "free-flip"),
@@ -208,34 +209,58 @@ def size(motion: Motion, side: Any) -> float:
     return 0.0
 
 
-NOTATIONS: dict[Any, Any] = {
-    Notation: formula_readers.ascii_text,
-    UnicodeNotation: formula_readers.unicode_text,
-    LatexNotation: formula_readers.latex_text,
-    MathmlNotation: formula_readers.mathml_text,
-}
+SIGNS = {"\N{MINUS SIGN}": "-", "·": "*", "×": "*", "\N{FUNCTION APPLICATION}": " "}
 
 
-def printed(row: Formula, lines: list[FormulaLine], join: str) -> Iterator[tuple[sympy.Expr, str]]:
+def strict(symbol: Any) -> str:
+    """The name of a symbol as it is typed: lambda_wire for lambda[wire]."""
+    return str(symbol.name).replace("[", "_").removesuffix("]")
+
+
+def typed(setter: Typesetter, text: str) -> str:
+    """MathML as it is typed."""
+    for symbol, letter in sorted(setter.letters.items(), key=lambda pair: -len(pair[1])):
+        text = text.replace(letter, f"<s>{strict(symbol)}</s>")
+    return _typed(ElementTree.fromstring(f"<mrow>{text}</mrow>"))
+
+
+def _typed(node: ElementTree.Element) -> str:
+    parts = [_typed(child) for child in node]
+    match node.tag:
+        case "mfrac":
+            return f"(({parts[0]})/({parts[1]}))"
+        case "msup":
+            return f"{parts[0].rstrip()}^({parts[1]})"
+        case "msqrt":
+            return f"sqrt({''.join(parts)})"
+        case "mrow" | "mspace":
+            return "".join(parts)
+    return f" {SIGNS.get(node.text or '', node.text)} "
+
+
+def printed(row: Formula, lines: list[FormulaLine]) -> Iterator[tuple[sympy.Expr, str]]:
     """The expressions of a formula with their texts: the last side, the one before it if it has its own lines, or the
     left side if nothing stands before it."""
     starts = [place for place, line in enumerate(lines) if not line.goes_on]
-    texts = [join.join(line.right for line in lines[a:b]) for a, b in pairwise([*starts, len(lines)])]
+    texts = [" ".join(line.right for line in lines[a:b]) for a, b in pairwise([*starts, len(lines)])]
     sides = row.sides[-len(texts) :]
     if not lines[0].left:
-        sides, texts = row.sides[:1], [re.split("<mo>=</mo>| = ", join.join(texts))[0]]
+        sides, texts = row.sides[:1], [re.split("<mo>=</mo>| = ", " ".join(texts))[0]]
     yield from ((side, text) for side, text in zip(sides, texts, strict=True) if isinstance(side, sympy.Expr))
 
 
-@pytest.mark.parametrize("notation", NOTATIONS)
+@pytest.mark.parametrize("notation", [Notation, UnicodeNotation, LatexNotation, MathmlNotation])
 @pytest.mark.parametrize("name", SCENES)
 def test_what_is_printed_reads_back_as_the_same_numbers(name: str, notation: Any) -> None:
     system, rows = page(name)
     writer = LineWriter(system.statement, notation)
+    reader = TypedReader({strict(symbol): symbol for symbol in writer.setter.letters}, {})
     draw = np.random.default_rng(2)
     point = {symbol: sympy.Float(float(draw.uniform(0.3, 1.7)), 30) for symbol in writer.setter.letters}
     for row in rows:
-        for side, text in printed(row, writer.formula(row), "" if notation is MathmlNotation else " "):
+        for side, text in printed(row, writer.formula(row)):
+            plain = typed(writer.setter, text) if notation is MathmlNotation else text
+            (equation,) = reader.equations(f"{plain} - 1 = 0")
             expected = side.xreplace(system.statement.plain).xreplace(point)
-            found = NOTATIONS[notation](writer.setter, text).xreplace(point)
+            found = equation.readings[0].zero.xreplace(point) + 1
             assert abs(sympy.N(found - expected, 25)) <= 1e-12 * max(1, abs(sympy.N(expected, 25))), (text, side)

@@ -12,8 +12,9 @@ from sympy import cos
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.statement.declare import declare
+from tests.show.animations import double_pendulum
 from tests.show.examples import free, k, m, oscillator, solved, x
-from tests.show.test_plot import double_pendulum, drawn
+from tests.show.test_plot import drawn
 
 
 @pytest.mark.parametrize(
@@ -56,18 +57,14 @@ def test_a_coordinate_comes_before_another_word_for_what_is_shown() -> None:
 
 
 def test_phase_planes_paths_and_several_panels() -> None:
-    figure = drawn_contents(oscillator(), ["phase", "coordinates"])
+    figure = drawn(oscillator(), what=["phase", "coordinates"])
     time, phase = figure.axes
     assert (phase.get_xlabel(), phase.get_ylabel()) == ("$x$", "$\\dot{x}$") and time.get_ylabel() == "$x$"
     q, v = phase.lines[0].get_xydata().T
     np.testing.assert_allclose(q**2 + v**2 / 4, 1.0, atol=1e-12)
-    only = drawn_contents(double_pendulum(), "path")
+    only = drawn(double_pendulum(), what="path")
     assert len(only.axes) == 1 and only.get_figwidth() < 5
-    assert len(drawn_contents(free(4), "phase", of=["x2", "x4"]).axes) == 2
-
-
-def drawn_contents(solution: Any, what: Any, **more: Any) -> Any:
-    return drawn(solution, what=what, **more)
+    assert len(drawn(free(4), what="phase", of=["x2", "x4"]).axes) == 2
 
 
 def test_multipliers_and_violations_of_constraints() -> None:
@@ -235,6 +232,6 @@ def test_runs_with_several_points_are_told_apart_by_the_kind_of_their_lines() ->
 
 
 def test_a_figure_that_is_too_small_for_its_panels_is_refused() -> None:
-    with pytest.raises(StatementError, match=r"size = \(3, 2\) leaves no room for 5 panels: give a width of "):
+    with pytest.raises(StatementError, match=r"size = \(3, 2\) leaves no room for 4 panels: give a width of "):
         double_pendulum().plot(size=(3, 2))
     drawn(double_pendulum(), what="coordinates", size=(3, 2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 import sys
 from dataclasses import FrozenInstanceError, fields, replace
 from pathlib import Path
@@ -11,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy
-from sympy import sqrt
+from sympy import cos, sin, sqrt
 from sympy.physics.mechanics import dynamicsymbols
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError, counted
+from lagrange.mechanics import conserved
 from lagrange.statement.coordinate import coordinate, coordinates, t
 from lagrange.statement.declare import declare
 from lagrange.statement.event import event
@@ -246,12 +248,6 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: pytest.MonkeyPat
     )
 
 
-@pytest.mark.parametrize("method", ["to_csv", "to_npz", "to_png"])
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path, method: str) -> None:
-    with pytest.raises(StatementError, match="there is no folder"):
-        getattr(HARMONIC, method)(tmp_path / "missing" / "file")
-
-
 def test_solutions_are_frozen() -> None:
     for field in fields(Solution):
         with pytest.raises(FrozenInstanceError):
@@ -299,3 +295,49 @@ def test_momenta_drift_from_the_start_too() -> None:
     late = free.run(5.0, start, method="euler", step=0.01, t_eval=[4.0, 5.0])
     assert abs(late.momentum_drift["p_x"][0]) > 1e-4
     assert late.momentum_drift["p_x"][-1] == pytest.approx(whole.momentum_drift["p_x"][-1], rel=0.5)
+
+
+# --- What a system conserves, along a run ---
+
+
+r, phi, theta, y = lg.coordinates("r phi theta y")
+g, l = lg.parameters("g l")
+BOB = (l * sin(theta) * cos(phi), l * sin(theta) * sin(phi), -l * cos(theta))
+VALUES = {m: 1.3, g: 9.81, l: 0.7}
+
+
+def spherical(**start: float) -> lg.Solution:
+    system = lg.System(lg.kinetic_energy(m, BOB), lg.gravity(m, BOB, g), parameters=VALUES)
+    return system.run(2.0, {"theta": 1.0, "phi_dot": 2.0, **start}, rtol=1e-11)
+
+
+def test_invariants_along_a_run() -> None:
+    run = spherical()
+    assert list(run.invariants) == ["energy", "p_phi"] == list(pickle.loads(pickle.dumps(run)).invariants)
+    np.testing.assert_allclose(run.invariants["energy"], run.energy, rtol=1e-12)
+    momentum = 1.3 * 0.7**2 * np.sin(run[theta]) ** 2 * run[phi.dot]
+    np.testing.assert_allclose(run.invariants["p_phi"], momentum, rtol=1e-12)
+    kepler = lg.System(lg.kinetic_energy(m, (x, y)), -k / sqrt(x**2 + y**2), parameters={m: 1, k: 2})
+    orbit = kepler.run(3.0, {x: 1.0, y.dot: 1.2}, rtol=1e-11)
+    assert len(orbit.invariants) == 4
+    for values in orbit.invariants.values():
+        # Runge-Lenz vector along y is zero; the others are of order one.
+        assert values.shape == orbit.t.shape and np.ptp(values) < 1e-8
+    assert lg.System(m * x.dot**2, k * x**2 * cos(lg.t), parameters={m: 1, k: 1}).run(0.1).invariants == {}
+
+
+def test_the_card_and_the_plot_have_the_momenta() -> None:
+    run = spherical()
+    assert "p_phi drift" in repr(run) and " of its largest term" in repr(run)
+    titles = [axis.get_title(loc="left") for axis in run.plot().axes]
+    assert "drift of p_phi relative to the largest term" in titles
+    # From rest along phi the momentum is zero: its terms are the scale, and nothing is divided by zero.
+    assert spherical(phi_dot=0.0).momentum_drift["p_phi"].max() == 0.0
+    free = lg.System(sum(m * lg.coordinate(f"f{i}").dot ** 2 for i in range(5)), parameters={m: 1})
+    card = repr(free.run(0.1))
+    assert card.count(" drift ") == 4 and "2 in solution.invariants" in card
+
+
+def test_a_card_does_not_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(conserved, "_symmetries", None)
+    assert "p_phi drift" in repr(spherical())

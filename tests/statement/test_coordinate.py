@@ -144,12 +144,3 @@ def test_earlier_declarations_have_no_effect() -> None:
         names = "".join(draw.sample(letters, 5))
         assert order(*before, *program, names=names) == order(*program, names=names)
         assert order(*before, *letters, names=letters) == letters
-
-
-def test_calls_are_kept_while_they_hold_the_latest_declaration_of_a_name() -> None:
-    known = DeclaredOrder()
-    for _ in range(100):
-        known.declare(["x", "y"])
-        known.declare(["y"])
-    assert [*known.calls.values()] == [("x", "y"), ("y",)]
-    assert known.of((name, name) for name in "zay") == ["y", "z", "a"], "others come last"

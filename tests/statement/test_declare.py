@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,11 @@ from sympy.physics.mechanics import dynamicsymbols
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinate, coordinates, multiplier, parameters, t
 from lagrange.statement.declare import declare, initial_state
-from lagrange.statement.parameters import parameter_values
+from lagrange.statement.parameters import Survey, parameter_values
+from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.statement import Link, Statement
+from lagrange.system import System
+from tests.refusals import refusal
 
 theta, x, y = coordinates("theta x y")
 m, g, l = parameters("m g l")
@@ -26,7 +30,7 @@ def pendulum(**changes: Any) -> Statement:
     return declare(**{"kinetic": T, "potential": V, **changes})
 
 
-def refusal(**changes: Any) -> str:
+def refused(**changes: Any) -> str:
     with pytest.raises(StatementError) as caught:
         pendulum(**changes)
     assert isinstance(caught.value, ValueError)
@@ -55,15 +59,6 @@ def test_a_pendulum() -> None:
     assert found.name == "pendulum"
 
 
-def test_what_is_left_out() -> None:
-    found = pendulum()
-    assert found.forces == (0,)
-    assert found.dissipation == 0
-    assert found.defaults == {}
-    assert found.initial == (0.0, 0.0)
-    assert found.positions == {} and found.links == ()
-
-
 def test_a_lagrangian_alone() -> None:
     found = declare(lagrangian=T - V)
     assert (found.kinetic, found.potential, found.lagrangian) == (T - V, 0, T - V)
@@ -80,13 +75,6 @@ def test_dynamicsymbols_are_accepted_everywhere() -> None:
     found = declare(kinetic=q.diff(t) ** 2, potential=q**2, coordinates=[q], forces={q: 1}, initial={q: 1, q.diff(): 2})
     assert found.coordinates == (coordinate("q"),)
     assert found.initial == (1.0, 2.0)
-
-
-def test_keys_may_be_names() -> None:
-    found = pendulum(forces={"theta": 1}, initial={"theta": 1, "theta_dot": 2}, parameters={"m": 3})
-    assert found.forces == (1,)
-    assert found.initial == (1.0, 2.0)
-    assert found.defaults == {m: 3.0}
 
 
 def test_symbols_of_one_name_are_one_parameter() -> None:
@@ -135,17 +123,13 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"potential": sympy.gamma(theta)}, "the potential energy contains gamma"),
     ({"kinetic": m}, "the kinetic energy does not contain theta.dot, so theta has no inertia and its acceleration is"),
     ({"kinetic": None, "potential": None, "lagrangian": cos(theta)}, "the Lagrangian does not contain theta.dot, so"),
-    ({"kinetic": None, "potential": None, "lagrangian": sympy.zoo}, "the Lagrangian contains zoo"),
     ({"potential": 0**theta}, "the potential energy contains 0**theta(t): a power of zero jumps where its exponent"),
     ({"dissipation": "c"}, "the dissipation is the text 'c'"),
-    ({"dissipation": sympy.I}, "the dissipation contains the imaginary unit"),
     # coordinates
     ({"kinetic": m, "potential": 0}, "no coordinates: the energies contain no function of time."),
     ({"coordinates": theta}, "coordinates is theta(t): give a list, such as [theta(t)]."),
     ({"coordinates": [theta, m]}, "coordinates contains m, which is not a coordinate: make one with lg.coordinate('x'"),
-    ({"coordinates": ["theta"]}, "coordinates contains 'theta', which is not a coordinate"),
     ({"coordinates": [sin(t)]}, "coordinates contains sin(t), which is not a coordinate"),
-    ({"coordinates": [theta.dot]}, "which is not a coordinate"),
     ({"coordinates": [sympy.Function("é")(t)]}, "'é' cannot name a coordinate"),
     ({"coordinates": [theta, theta]}, "coordinate theta is listed twice: name each coordinate once."),
     ({"coordinates": [theta, x]}, "the kinetic energy does not contain x.dot, so x has no inertia"),
@@ -156,8 +140,6 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"forces": {x: 1}}, "does not contain x.dot, so x has no inertia"),
     ({"forces": {x: 1}, "coordinates": [theta]}, "forces names 'x', which is not a coordinate of this system; they ar"),
     ({"kinetic": 0, "potential": 0, "forces": {x: 1 - x}}, "give its rate as the force on it and x.dot**2/2 as diss"),
-    ({"forces": {"thet": 1}}, "Did you mean 'theta'?"),
-    ({"forces": {theta.dot: 1}}, "forces names 'theta_dot', which is not a coordinate"),
     ({"forces": {theta: 1, "theta": 2}}, "forces names 'theta' twice: give the sum of the forces on it."),
     ({"forces": [1]}, "forces is a list: give a dict from coordinate to generalized force."),
     ({"forces": {theta: "1"}}, "the force on theta is the text '1'"),
@@ -170,20 +152,16 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"parameters": {m: g}}, "parameter m is g, an expression with symbols in it: give a number."),
     ({"parameters": {m: 1, "m": 2}}, "parameters has m twice, by its symbol and by its name: give it once."),
     ({"parameters": {3: 1}}, "parameters names 3: its keys are parameters (symbols) or their names."),
-    ({"parameters": {theta: 1}}, "its keys are parameters (symbols) or their names."),
-    ({"parameters": {"m m": 1}}, "'m m' cannot name a parameter"),
     ({"parameters": {"theta": 1}}, "theta is both a coordinate and a parameter: rename one."),
     ({"potential": sympy.Symbol("theta")}, "use lg.coordinate('theta') there."),
     ({"parameters": {"theta_dot": 1}}, "parameter theta_dot has the name of a velocity: write theta.dot for the veloc"),
     ({"potential": sympy.Symbol("t", real=True)}, "parameter 't' clashes with time: use lg.t for time, and another na"),
     ({"potential": sympy.Symbol("a b")}, "'a b' cannot name a parameter"),
-    ({"potential": sympy.Symbol("__import__('os').getpid()")}, "cannot name a parameter"),
     # initial state
     ({"initial": np.ones(2)}, "initial is an array: give a dict such as {theta: 1.0}; what is not named keeps its"),
     ({"initial": [1]}, "initial is a list: give a dict such as {theta: 1.0}; what is not named keeps its default."),
     ({"initial": {"phi": 1}}, "initial names 'phi', which is not a coordinate or velocity of this system; they are th"),
     ({"initial": {"thta": 1}}, "Did you mean 'theta'?"),
-    ({"initial": {theta.ddot: 1}}, "which is not a coordinate or velocity"),
     ({"initial": {theta: "30deg"}}, "theta is '30deg', a text: give a number, in radians, as math.radians(30)."),
     ({"initial": {theta: float("inf")}}, "the initial value of theta is inf: give a finite number."),
     ({"initial": {theta.dot: m}}, "the initial value of theta_dot is m, an expression with symbols in it"),
@@ -201,8 +179,6 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"positions": [1]}, "positions is a list: give a dict from name to point."),
     ({"positions": {"a b": (0, 0)}}, "'a b' cannot name a point"),
     ({"positions": {"bob": 3}}, "the position of bob is 3: give two or three expressions, (x, y) or (x, y, z)."),
-    ({"positions": {"bob": "xy"}}, "the position of bob is 'xy': give two or three expressions"),
-    ({"positions": {"bob": theta}}, "the position of bob is theta(t): give two or three expressions"),
     ({"positions": {"bob": (1,)}}, "the position of bob is (1,): give two or three expressions"),
     ({"positions": {"bob": ("1", 2)}}, "the position of bob is the text '1'"),
     ({"positions": {"a": (0, 0), "b": (0, 0, 0)}}, "positions mixes points in the plane with points in space"),
@@ -211,13 +187,12 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"links": ["origin"]}, "links contains 'origin': give pairs of point names, such as ('origin', 'bob')"),
     ({"positions": {"bob": (0, 0)}, "links": [("origin", "bob", "sprnig")]}, "Did you mean 'spring'?"),
     ({"links": [("origin",)]}, "links contains ('origin',): give pairs of point names"),
-    ({"links": [3]}, "links contains 3: give pairs of point names"),
 ]
 
 
 @pytest.mark.parametrize(("changes", "message"), REFUSALS, ids=lambda case: str(case)[:40])
 def test_refusals(changes: dict[str, Any], message: str) -> None:
-    assert message in refusal(**changes)
+    assert message in refused(**changes)
 
 
 # --- initial state and parameter values, which runs use too ------------------------------------------------------
@@ -246,12 +221,123 @@ def test_parameter_values_are_overlaid() -> None:
         ({theta: 1}, "'theta' is not a parameter of this system"),
         ({m: 1, g: 1}, "no value for parameter l: give one, for example parameters={'l': 1.0}."),
         ({}, "no value for parameters m, g and l: give one, for example parameters={'m': 1.0}."),
-        ({m: float("nan")}, "parameter m is nan: give a finite number."),
-        ({m: None}, "parameter m is None (NoneType): give a number."),
-        ([m], "parameters is a list: give a dict from parameter to value."),
     ],
 )
 def test_parameter_values_that_are_refused(given: Any, message: str) -> None:
     with pytest.raises(StatementError) as caught:
         parameter_values(given, (m, g, l), {})
     assert message in str(caught.value)
+
+
+# --- What an expression is made of, and what may not stand in it ---
+
+
+k = parameters("k")
+
+
+def survey(*expressions: Any, **options: Any) -> Survey:
+    found = Survey()
+    for expression in expressions:
+        found.add(expression, "the energy", **options)
+    return found
+
+
+def test_leaves_in_order_of_first_appearance() -> None:
+    found = survey(m * y.dot**2, k * x**2 + sympy.sin(t * x.dot))
+    assert list(found.coordinates) == [y, x]
+    assert set(found.velocities) == {y.dot, x.dot}
+    assert list(found.parameters) == [m, k]
+
+
+def test_accelerations_only_where_they_are_asked_for() -> None:
+    assert list(survey(x.ddot, accelerations=True).velocities) == [x.dot]
+    with pytest.raises(StatementError, match="derivative of order 2 of x"):
+        survey(x.ddot)
+    with pytest.raises(StatementError, match="derivative of order 3 of x"):
+        survey(x.diff(t, 3), accelerations=True)
+
+
+@pytest.mark.parametrize(
+    "expression",
+    [
+        sympy.Piecewise((x, x < 0), (sympy.pi, sympy.Or(x > 1, sympy.And(x > 2, x > y))), (0, True)),
+        sympy.Max(x, y, 1) + sympy.Min(x, 2) + sympy.Abs(x) + sympy.sign(y),
+        sympy.cot(x) + sympy.sec(x) + sympy.csc(x) + sympy.atan2(x, y) + sympy.exp(x) + sympy.log(y),
+        x ** sympy.Rational(1, 3) + 2**x + x**y + sympy.E,
+        sympy.Integer(3),
+        sympy.Float(0.5),
+    ],
+)
+def test_what_is_supported(expression: Any) -> None:
+    survey(expression)
+
+
+def test_long_and_shared_expressions_are_walked_once() -> None:
+    shared: Any = x
+    for _ in range(300):
+        shared = sympy.Mul(sympy.Add(shared, shared, evaluate=False), 2, evaluate=False)  # 2**300 parts as a tree
+    assert list(survey(shared).coordinates) == [x]
+
+
+def test_deep_expressions_are_walked_without_recursion() -> None:
+    deep: Any = x
+    for i in range(2000):
+        deep = sympy.Add(sympy.Mul(deep, i + 2, evaluate=False), 1, evaluate=False)
+    assert list(survey(deep).coordinates) == [x]
+
+
+UNKNOWN = [
+    (sympy.Function("é")(x), "'é' cannot name a function"),
+    (sympy.Derivative(x * y, t), "a derivative that is not evaluated. Call .doit() on it, or write it out."),
+    (x.ddot, "the energy contains the derivative of order 2 of x. Only coordinates and velocities may stand there"),
+    (sympy.I * x, "the energy contains the imaginary unit I. Energies and forces are real: write real expressions."),
+    (sympy.zoo, "the energy contains zoo, which is not a finite number: check for a division by zero."),
+    (sympy.Pow(0, -1, evaluate=False), "the energy contains 1/0: check for a division by zero."),
+    (sympy.Add(x, -sympy.oo, evaluate=False), "the energy contains -oo, which is not a finite number"),
+    (sympy.gamma(x), "the energy contains gamma in 'gamma(x(t))', which is not supported. The functions are sin, cos,"),
+    (sympy.Integral(x, t), "the energy contains Integral in 'Integral(x(t), t)', which is not supported."),
+]
+
+
+@pytest.mark.parametrize(("expression", "message"), UNKNOWN, ids=lambda case: str(case)[:24])
+def test_what_may_not_stand_in_an_expression_is_refused(expression: Any, message: str) -> None:
+    assert message in refusal(survey, expression)
+
+
+# --- The record that every later stage reads ---
+
+
+@pytest.fixture
+def statement() -> Statement:
+    return declare(kinetic=x.dot**2 + y.dot**2, potential=x * y)
+
+
+def test_names_and_velocities(statement: Statement) -> None:
+    assert statement.names == ("x", "y")
+    assert statement.velocities == (x.dot, y.dot)
+    assert statement.velocities is statement.velocities, "a check reads them for each of its programs"
+    assert "velocities" not in statement.__getstate__()
+    assert statement.run == RunSettings(10.0, None, None, None, None)
+
+
+def test_unused_parameters_are_known() -> None:
+    m, k, b = parameters("m k b")
+    stated = declare(kinetic=m * x.dot**2, parameters={m: 1, k: 2, b: 3}, positions={"p": (b, x)})
+    assert stated.unused == (k,)
+    said = System.from_statement(stated).structure
+    assert said[-1] == "The parameter k stands in no energy, force, constraint or position."
+
+
+def test_plain_symbols_are_real_and_differentiate(statement: Statement) -> None:
+    plain = statement.plain
+    assert [str(plain[q]) for q in (x, x.dot, x.ddot, y)] == ["x", "x_dot", "x_ddot", "y"]
+    assert all(symbol.is_real for symbol in plain.values())
+    assert (x.dot**2 + x).xreplace(plain).diff(plain[x.dot]) == 2 * sympy.Symbol("x_dot", real=True)
+
+
+def test_a_statement_cannot_be_changed(statement: Statement) -> None:
+    opened: Any = statement
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        opened.kinetic = 0
+    with pytest.raises(TypeError):
+        opened.defaults["m"] = 1.0

@@ -9,8 +9,6 @@ import pytest
 import sympy
 from mpmath import libmp
 
-from lagrange.graph.evaluate import FUNCTIONS, precise, values
-from lagrange.graph.node import Binding, Graph
 from lagrange.statement.vocabulary.elementary import ELEMENTARY, Elementary
 from lagrange.statement.vocabulary.words import ALIASES, SYMPY_CLASSES, WORDS
 
@@ -30,23 +28,6 @@ def test_all_lives_of_a_function_have_its_value(function: Elementary) -> None:
         others = (float(function.of_array(np.array([x]))[0]), float(function.symbolic(x)))
         exact = libmp.to_float(function.precise(libmp.from_float(x), 53, "n"))
         assert (*others, exact) == pytest.approx((value,) * 3, rel=2.0**-50)
-
-
-@EVERY
-def test_a_derivative_is_that_of_differences(function: Elementary) -> None:
-    context = precise(40)
-    graph = Graph()
-    a = graph.symbol("a", Binding.CONFIGURATION)
-    y = graph.call(function.name, a)
-    slope = function.partial(y, a)
-    for x in places(function):
-        h = context.mpf(10) ** -12
-        value = FUNCTIONS[function.name]
-        differences = (value(context, x + h) - value(context, x - h)) / (2 * h)
-        # Truncation h^2 = 1e-24, with third derivatives below 1e6 here.
-        found = values([slope], {a: context.mpf(x)}, context)
-        assert found is not None
-        assert float(found[0][0]) == pytest.approx(float(differences), rel=1e-15)
 
 
 @EVERY
