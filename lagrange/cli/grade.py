@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from lagrange.cli.arguments import DONE, FAILED, Answer, add_command, add_json, load_scene
 from lagrange.errors import StatementError
 from lagrange.show.files.atomic_file import check_place, write_atomically, write_rows
-from lagrange.show.terminal import columns_of_output, text_table
-from lagrange.statement.progress import counter
+from lagrange.show.terminal import columns_of_output
+from lagrange.statement.progress import counter, text_table
 
 if TYPE_CHECKING:
     from lagrange.system import System

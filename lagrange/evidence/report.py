@@ -19,7 +19,7 @@ from lagrange.evidence.precise import OutsideDomain
 from lagrange.evidence.sample import SamplePoint
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.statement.progress import ShownAsPage
+from lagrange.statement.progress import ShownAsPage, text_table
 from lagrange.statement.statement import Statement
 
 
@@ -100,12 +100,8 @@ class Report(ShownAsPage):
         return {**asdict(self), "outside": dict(self.outside), "holds": bool(self), "failures": list(self.failures)}
 
     def __str__(self) -> str:
-        table = [HEADINGS, *(row.cells() for row in self.rows)]
-        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-        padded = [[cell.ljust(width) for cell, width in zip(line, widths, strict=True)] for line in table]
-        lines = ["  ".join(line).rstrip() for line in padded]
-        lines.insert(1, "-" * len(max(lines, key=len)))
-        return "\n".join([self.title(), "", *lines, "", *self.remarks()])
+        table = text_table(HEADINGS, [row.cells() for row in self.rows])
+        return "\n".join([self.title(), "", table, "", *self.remarks()])
 
     def __repr__(self) -> str:
         return str(self)

@@ -16,6 +16,7 @@ from lagrange.export.languages import ALIASES, TARGETS
 from lagrange.export.module import SourceModule
 from lagrange.show.notebook.html_card import table
 from lagrange.statement.expression import one_of
+from lagrange.statement.progress import text_table
 
 QUANTITIES = (
     *("rhs", "accelerations", "energy", "energies", "jacobian", "mass_matrix", "momenta", "multipliers", "positions"),
@@ -109,8 +110,7 @@ class TargetTable(dict[str, str]):
     """Dict from the name of each target to a line about it; prints as a table."""
 
     def __str__(self) -> str:
-        wide = max(map(len, self), default=0) + 2
-        return "\n".join(f"{name:<{wide}}{about}" for name, about in self.items())
+        return text_table(("", ""), list(self.items()))
 
     def __repr__(self) -> str:
         return str(self)

@@ -10,9 +10,10 @@ from lagrange.errors import counted, listing
 from lagrange.mechanics.conserved import drift_lines
 from lagrange.show.files.run_files import finite
 from lagrange.show.notebook.html_card import image, pairs
-from lagrange.show.terminal import duration, text_table
+from lagrange.show.terminal import duration
 from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import row_label
+from lagrange.statement.progress import text_table
 from lagrange.trajectory.solution import Solution
 
 MOST_CHANGES = 3  # Number of parameter changes on the card; `solution.parameter_changes` has all of them

@@ -56,11 +56,11 @@ from lagrange.show.files.atomic_file import write_atomically, write_rows
 from lagrange.show.files.picture import picture
 from lagrange.show.files.run_files import missing_package
 from lagrange.show.notebook.html_card import pairs, pictured
-from lagrange.show.terminal import duration, text_table
+from lagrange.show.terminal import duration
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.event import declare_events
 from lagrange.statement.expression import flag_or_word, whole_number
-from lagrange.statement.progress import LINES, announced, counter
+from lagrange.statement.progress import LINES, announced, counter, text_table
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.messages import message, number

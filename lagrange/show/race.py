@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from itertools import groupby
 from numbers import Integral
@@ -23,9 +23,9 @@ from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically, write_rows, write_together
 from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
-from lagrange.show.terminal import text_table
 from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.expression import real_number
+from lagrange.statement.progress import text_table
 from lagrange.trajectory.run import compiled
 
 if TYPE_CHECKING:
@@ -292,7 +292,7 @@ class Race:
         return plot(self, style)
 
     def __repr__(self) -> str:
-        table = text_table(_HEADINGS, _aligned([_cells(entry) for entry in self]))
+        table = text_table(_HEADINGS, [_cells(entry) for entry in self], right=range(2, 6))
         return "\n".join([self._title(), "", table, "", *self._remarks()])
 
     def _repr_html_(self) -> str:
@@ -332,16 +332,6 @@ def _cells(entry: Entry) -> tuple[str, ...]:
     error, time = f"{'' if entry.resolved else '< '}{entry.error:.1e}", _milliseconds(entry.time)
     measured = (error, time) if entry.complete else ("-", "-")
     return (entry.method, setting(entry), *measured, str(entry.steps), str(entry.evaluations), entry.status)
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Return the rows with numeric columns aligned right."""
-    columns = [list(column) for column in zip(*rows, strict=True)]
-    for k in (2, 3, 4, 5):
-        if columns:
-            width = max(map(len, columns[k]))
-            columns[k] = [cell.rjust(width) for cell in columns[k]]
-    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def _milliseconds(seconds: float) -> str:

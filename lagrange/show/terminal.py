@@ -6,33 +6,7 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Sequence
 from typing import TextIO
-
-
-def text_table(headings: Sequence[str], rows: Sequence[Sequence[object]], *, columns: int | None = None) -> str:
-    """Return an aligned table, with numbers at the right, and a line under the headings if there are any.
-
-    Lines have at most `columns` characters: a long text in the last column continues on the next lines.
-    """
-    cells = [[*map(str, row)] for row in rows]
-    if columns is not None and cells:
-        room = columns - sum(max(map(len, column)) + 2 for column in [*zip(*cells, strict=True)][:-1])
-        broken = ((row, textwrap.wrap(row[-1], max(room, 30)) or [""]) for row in cells)
-        cells = [
-            [*(row[:-1] if k == 0 else [""] * (len(row) - 1)), part]
-            for row, parts in broken
-            for k, part in enumerate(parts)
-        ]
-    widths = [max(map(len, column)) for column in zip(headings, *cells, strict=True)]
-    right = [bool(rows) and all(isinstance(row[j], (int, float)) for row in rows) for j in range(len(headings))]
-    lines = [_line(line, widths, right) for line in ([*headings], *cells)]
-    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]] if any(headings) else lines[1:])
-
-
-def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> str:
-    padded = zip(cells, widths, right, strict=True)
-    return "  ".join(cell.rjust(width) if flush else cell.ljust(width) for cell, width, flush in padded).rstrip()
 
 
 def duration(seconds: float) -> str:

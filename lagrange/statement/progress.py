@@ -1,4 +1,4 @@
-"""What a terminal or a notebook shows: progress of work, and the pages of results.
+"""What a terminal or a notebook shows: progress of work, tables, and the pages of results.
 
 Progress is a bar; outputs that are no terminal get nothing, or lines of text on request.
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import shutil
 import sys
+import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -256,6 +257,36 @@ def in_notebook() -> bool:
 
     shell = get_ipython()
     return shell is not None and shell.has_trait("kernel")
+
+
+def text_table(
+    headings: Sequence[str], rows: Sequence[Sequence[object]], *, columns: int | None = None, right: Sequence[int] = ()
+) -> str:
+    """Return an aligned table, and a line under the headings if there are any.
+
+    Columns of numbers, and those with an index in `right`, are at the right. Lines have at most `columns` characters: a
+    long text in the last column continues on the next lines.
+    """
+    cells = [[*map(str, row)] for row in rows]
+    if columns is not None and cells:
+        room = columns - sum(max(map(len, column)) + 2 for column in [*zip(*cells, strict=True)][:-1])
+        broken = ((row, textwrap.wrap(row[-1], max(room, 30)) or [""]) for row in cells)
+        cells = [
+            [*(row[:-1] if k == 0 else [""] * (len(row) - 1)), part]
+            for row, parts in broken
+            for k, part in enumerate(parts)
+        ]
+    widths = [max(map(len, column)) for column in zip(headings, *cells, strict=True)]
+    flush = [j in right or all(isinstance(row[j], (int, float)) for row in rows) for j in range(len(headings))]
+    padded = (
+        [
+            cell.rjust(width) if at_end else cell.ljust(width)
+            for cell, width, at_end in zip(line, widths, flush, strict=True)
+        ]
+        for line in ([*headings], *cells)
+    )
+    lines = ["  ".join(line).rstrip() for line in padded]
+    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]] if any(headings) else lines[1:])
 
 
 PAGES = "lagrange.show.notebook.result_pages"  # Module that registers the pages

@@ -12,6 +12,7 @@ from typing import Any
 
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.expression import flag
+from lagrange.statement.progress import text_table
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import explicit, implicit, radau, splitting, taylor, variational
@@ -129,15 +130,18 @@ class MethodTable(tuple[MethodRow, ...]):
     """The table of all methods with their claimed properties, one row each; it prints as text."""
 
     def __str__(self) -> str:
-        wide = max((len(row.name) for row in self), default=6) + 2
-        head = f"{'method':<{wide}}{'order':>5}  {'step':<9}" + "".join(f"{what:<12}" for what, _ in MARKS)
-        head += f"{'dense':>5}  about"
-        lines = [head, "-" * len(head)]
-        for row in self:
-            marks = "".join(f"{'yes' if holds(row.claims) else '-':<12}" for _, holds in MARKS)
-            start = f"{row.name:<{wide}}{row.claims.order:>5}  {_kind(row.claims):<9}{marks}"
-            lines.append(f"{start}{row.claims.dense or '-':>5}  {row.about}")
-        return "\n".join(lines)
+        return text_table(TITLES, self._cells("{}", "-"), right=(1, len(TITLES) - 2))
+
+    def _cells(self, name: str, no: str) -> list[list[str]]:
+        """Return the cells of each row; `name` is the template of names, and `no` the text of what is missing."""
+        return [
+            [
+                *(name.format(row.name), str(row.claims.order), "adaptive" if row.claims.adaptive else "fixed"),
+                *("yes" if holds(row.claims) else no for _, holds in MARKS),
+                *(str(row.claims.dense or no), row.about),
+            ]
+            for row in self
+        ]
 
     def __repr__(self) -> str:
         return str(self)
@@ -147,13 +151,8 @@ class MethodTable(tuple[MethodRow, ...]):
 
     def to_markdown(self) -> str:
         """Return the table of methods as Markdown."""
-        titles = ["method", "order", "step", *(what for what, _ in MARKS), "dense", "about"]
-        lines = [f"| {' | '.join(titles)} |", "|---" * len(titles) + "|"]
-        for row in self:
-            marks = ["yes" if holds(row.claims) else "" for _, holds in MARKS]
-            cells = [f"`{row.name}`", str(row.claims.order), _kind(row.claims), *marks, str(row.claims.dense or "")]
-            lines.append(f"| {' | '.join([*cells, row.about])} |")
-        return "\n".join(lines)
+        head, *lines = (f"| {' | '.join(row)} |" for row in (TITLES, *self._cells("`{}`", "")))
+        return "\n".join([head, "|---" * len(TITLES) + "|", *lines])
 
 
 MARKS: tuple[tuple[str, Callable[[Claims], bool]], ...] = (
@@ -165,8 +164,7 @@ MARKS: tuple[tuple[str, Callable[[Claims], bool]], ...] = (
 """Columns of the table that are either marked or empty, with the claim that each shows."""
 
 
-def _kind(claims: Claims) -> str:
-    return "adaptive" if claims.adaptive else "fixed"
+TITLES = ["method", "order", "step", *(what for what, _ in MARKS), "dense", "about"]  # Headings of the table
 
 
 def names() -> list[str]:
