@@ -145,7 +145,7 @@ def machine(target: str) -> Machine:
         result: Machine = getattr(import_module(module), name)()
     except (ImportError, OSError) as error:  # OSError: a shared library of a package cannot be loaded
         raise MissingTargetError(
-            f"target {target!r} cannot be loaded ({error}): repair or install the package that this names"
+            f"target {target!r} cannot be loaded ({error}): repair or install the package named in brackets"
             + ("." if target == "numpy" else ", or use system.compile('numpy'), or run(..., target='numpy').")
         ) from error
     return result

@@ -84,7 +84,7 @@ def shortened(text: str, most: int = 160) -> str:
 
 
 MANY_PARTS = "an expression of many parts"
-TOO_LARGE = "too large for a floating-point number: give one below 1.8e308"
+TOO_LARGE = "too large for a floating-point number: give a number below 1.8e308"
 
 
 def has_many_parts(expression: Any) -> bool:

@@ -195,17 +195,17 @@ def test_out_that_cannot_be_a_folder(
     out = f"{scene}/inside"
     assert (
         refused(capsys, "run", scene, "--out", out)
-        == f"--out {out}: the folder cannot be made (Not a directory). Name another."
+        == f"--out {out}: the folder cannot be made (Not a directory). Name another folder."
     )
     assert (
         refused(capsys, "run", scene, "--out", scene)
-        == f"--out {scene}: the folder cannot be made (File exists). Name another."
+        == f"--out {scene}: the folder cannot be made (File exists). Name another folder."
     )
     monkeypatch.setattr(os, "access", lambda *_: False)
     folder = str(Path(scene).parent)
     assert (
         refused(capsys, "run", scene, "--out", folder)
-        == f"--out {folder}: the folder may not be written to. Name another."
+        == f"--out {folder}: the folder may not be written to. Name another folder."
     )
 
 
@@ -300,7 +300,7 @@ def test_new_never_overwrites(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     path = tmp_path / "mine.toml"
     path.write_text("precious")
     assert refused(capsys, "new", "mine", "--out", str(tmp_path)) == (
-        f"{path} is there already and stays as it is: choose another name, or remove it first."
+        f"{path} exists already and was not changed: choose another name, or remove it first."
     )
     assert path.read_text() == "precious"
 

@@ -34,7 +34,7 @@ def test_a_wrong_request_is_said_in_a_sentence(tmp_path: Path, capsys: Captured)
     assert main(["export", "pendulum", "--target", "cobol", "--out", str(tmp_path)]) == 2
     assert "there is no target 'cobol'; the targets are c" in capsys.readouterr().err
     assert main(["export", "pendulum", "--target", "c", "--out", str(tmp_path), "--contents", "rsh"]) == 2
-    assert "there are no contents 'rsh'" in capsys.readouterr().err
+    assert "contents has the unknown name 'rsh'" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 

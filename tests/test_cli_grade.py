@@ -35,11 +35,14 @@ def test_right_and_wrong_equations(tmp_path: Path, capsys: pytest.CaptureFixture
     ("text", "message"),
     [
         ("theta_ddot + c\n", "line 1, column 14: 'c' is not a symbol of this system."),
-        ("# nothing\n", "there is no equation: write one a line"),
-        (b"\xff\xfea", "the file is not a text, as a document of a word processor. Save the answer as plain text."),
-        (b"PK\x03\x04\0\0theta", "the file is not a text, as a document of a word processor."),
-        (b"%PDF-1.4\n\xe2", "the file is not a text, as a document of a word processor."),
-        ("theta'' = 0\x1b[2J", "the file is not a text, as a document of a word processor."),
+        ("# nothing\n", "there is no equation: write one equation per line"),
+        (
+            b"\xff\xfea",
+            "the file is not plain text; it may be a document of a word processor. Save the answer as plain text.",
+        ),
+        (b"PK\x03\x04\0\0theta", "the file is not plain text; it may be a document of a word processor."),
+        (b"%PDF-1.4\n\xe2", "the file is not plain text; it may be a document of a word processor."),
+        ("theta'' = 0\x1b[2J", "the file is not plain text; it may be a document of a word processor."),
         ("x" * 1_000_001, "the file has more than 1000000 bytes, the most for equations."),
     ],
 )
@@ -92,7 +95,7 @@ def test_a_folder_of_answers_becomes_a_table(tmp_path: Path, capsys: pytest.Capt
     with table.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert rows[0] == {"student": "Ada", "verdict": "right", "finding": "", "reading": "l*theta_ddot = -g*sin(theta)"}
-    assert "has the wrong sign" in rows[1]["finding"] and rows[3]["finding"].startswith("the file is not a text")
+    assert "has the wrong sign" in rows[1]["finding"] and rows[3]["finding"].startswith("the file is not plain text")
     assert main(["grade", "pendulum", str(folder), "--json"]) == 1
     assert [row["verdict"] for row in json.loads(capsys.readouterr().out)["answers"]] == [
         "right",

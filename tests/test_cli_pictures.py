@@ -123,5 +123,5 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_run(
     for command, name in (("plot", "nowhere/a.png"), ("animate", "nowhere/a.gif")):
         folder = Path(name).resolve().parent
         assert refused(capsys, command, scene, "--out", name) == (
-            f"Cannot write {folder / Path(name).name}: there is no folder {folder}. Make it or name another."
+            f"Cannot write {folder / Path(name).name}: there is no folder {folder}. Make this folder, or name another."
         )

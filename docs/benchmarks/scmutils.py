@@ -25,7 +25,7 @@ SCENES = (
     *("bead-on-hoop", "chain-of-springs", "charge-in-field", "double-pendulum", "elastic-pendulum", "henon-heiles"),
     *("kepler", "pendulum", "pleiades", "rock", "spherical-pendulum", "sun-earth-moon"),
 )
-"""The scenes without constraints and without forces beside the potential."""
+"""The scenes without constraints and without forces besides the potential."""
 
 STATES = 10
 BAR = 1e-12

@@ -159,9 +159,11 @@ def folder(name: str) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StatementError(f"--out {name}: the folder cannot be made ({error.strerror}). Name another.") from None
+        raise StatementError(
+            f"--out {name}: the folder cannot be made ({error.strerror}). Name another folder."
+        ) from None
     if not os.access(path, os.W_OK | os.X_OK):
-        raise StatementError(f"--out {name}: the folder may not be written to. Name another.")
+        raise StatementError(f"--out {name}: the folder may not be written to. Name another folder.")
     return path
 
 

@@ -135,4 +135,6 @@ def _text(path: Path) -> str:
             text = data.decode(encoding)
             if not _CONTROL.search(text):
                 return text
-    raise StatementError("the file is not a text, as a document of a word processor. Save the answer as plain text.")
+    raise StatementError(
+        "the file is not plain text; it may be a document of a word processor. Save the answer as plain text."
+    )

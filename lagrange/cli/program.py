@@ -191,7 +191,7 @@ def new(request: argparse.Namespace) -> Answer:
         )
     path = folder(request.out) / f"{request.name}.toml"
     if path.exists():
-        raise StatementError(f"{path} is there already and stays as it is: choose another name, or remove it first.")
+        raise StatementError(f"{path} exists already and was not changed: choose another name, or remove it first.")
     text = STARTER.format(name=request.name, file=path.name)
     write_atomically(path, lambda file: file.write(text.encode()))
     return Answer(DONE, f"{path} is a pendulum for now: change it, then  lagrange run {path}")

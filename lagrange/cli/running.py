@@ -169,7 +169,9 @@ def ensemble(request: argparse.Namespace) -> Answer:
     system = load_scene(request)
     fixed = {**begun["initial"], **begun["parameters"]}
     if twice := next((name for name in axes if name in fixed), None):
-        raise StatementError(f"{twice} varies, and has a value as well: give one of the two.")
+        raise StatementError(
+            f"{twice} has both a range of values, --vary {twice}, and a single value: leave one of them out."
+        )
     varied = lg.grid({**{name: [value] for name, value in fixed.items()}, **axes})
     kept = [text.strip() for text in request.keep.split(",")]
     counted = ("steps", "rejected", "evaluations") if "counts" in kept else ()
@@ -278,20 +280,26 @@ def _drawn(
     ending = "" if out is None else out.suffix.lower()
     if ending not in PICTURES:
         if request.what is not None:
-            raise StatementError("--what says what a picture shows, and none is written: give --out map.png.")
+            raise StatementError(
+                "--what chooses the quantity of a picture, but no picture is written: add --out map.png."
+            )
         if ending == TABLE and points is not None:
-            raise StatementError("--points: a table has one line for each member: write to a picture or to .zarr.")
+            raise StatementError(
+                "--points: a table has one line per member and no output times: give --out a picture or a .zarr folder."
+            )
         return None
     wide = [name for name, (_, _, values) in axes.items() if values > 1]
     if len(wide) > 2 and points is None:
-        raise StatementError(f"{listing(wide)} vary, and a picture has two axes: vary one or two, or write to .zarr.")
+        raise StatementError(
+            f"{listing(wide)} vary, and a picture has two axes: vary one or two, or give --out a .zarr folder."
+        )
     if request.what is None:
         return None
     how, colon, name = request.what.partition(":")
     if request.what not in known:
         hint = f" Add --keep {request.what}." if how in REDUCTIONS and name in known else ""
         raise StatementError(
-            f"--what {request.what[:80]}: it is nothing that varies or is kept; these are {listing(known)}."
+            f"--what {request.what[:80]}: this is not a varied or kept quantity; these are {listing(known)}."
             f"{hint or suggestion(request.what[:80], known)}"
         )
     return f"{how}({name})" if colon else how

@@ -74,7 +74,7 @@ def plane_of(statement: Statement, table: Any, label: str, default_count: int) -
         )
     first, second = (axis_of(statement, key, span, label, default_count) for key, span in table.items())
     if first.row == second.row:
-        raise StatementError(f"{label} names {first.name} twice: give two entries of the state.")
+        raise StatementError(f"{label} names {first.name} twice: give two different coordinates or velocities.")
     return first, second
 
 

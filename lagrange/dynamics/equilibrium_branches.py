@@ -102,7 +102,7 @@ def equilibrium_branches(
         branches=tuple(branches),
         axis=_axis(statement, branches),
         status=Status.INTERRUPTED if interrupted else Status.SUCCESS,
-        message=f"interrupted: {words[:-1]} are there, and kept." if interrupted else words,
+        message=f"interrupted: {words[:-1]} were computed and are kept." if interrupted else words,
     )
 
 

@@ -178,7 +178,8 @@ def portrait(
     statement = runs.model.statement
     if statement.constraints:
         raise StatementError(
-            f"{statement.name} has constraints, and its states fill no plane: eliminate(...) coordinates first."
+            f"{statement.name} has constraints, so a phase portrait cannot be drawn: remove them first with "
+            "system.eliminate(...)."
         )
     fixed = held_entries(runs.model, at, window)
     base = initial_of(runs.model, None)
@@ -190,8 +191,8 @@ def portrait(
     if sorted(axis.row for axis in plane) != free:
         names = statement.state_names
         raise StatementError(
-            f"window has {listing(axis.name for axis in plane)}, and at leaves {listing(names[row] for row in free)} "
-            "free: give these in window."
+            f"window names {listing(axis.name for axis in plane)}, but the entries of the state without a value in at= "
+            f"are {listing(names[row] for row in free)}: give a window of these two."
         )
     work = _Portrait(runs, plane, base, time, reach)
     return _made(work, fixed, starts, progress)
@@ -310,7 +311,7 @@ def _ended(
         )
     elif not work.alone:
         words.append(
-            "The plane is a slice: orbits begin on it and leave it, and are drawn as they are seen from above."
+            "The plane is a slice of the state space: orbits begin on it and leave it, and are drawn projected onto it."
         )
     return status, " ".join(words)
 
@@ -329,21 +330,21 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
         row = row_of(statement, key, "at")
         if row in model.equations.following:
             raise StatementError(
-                f"at holds {statement.state_names[row]}, which follows from the coordinates, since "
+                f"at gives a value to {statement.state_names[row]}, which follows from the coordinates, since "
                 f"{statement.names[row - len(statement.names)]} has no inertia: leave it out."
             )
         fixed[row] = real_number(value, f"the value of {statement.state_names[row]} in at")
     free = [statement.state_names[row] for row in _free(model, fixed)]
     if len(statement.names) == len(free) == 1 and not fixed:
         raise StatementError(
-            f"{free[0]} has no inertia, so that the state of {statement.name} is one number, which fills no plane: "
-            f"plot its motion in time, system.run(t_end).plot({free[0]!r})."
+            f"{free[0]} has no inertia, so the state of {statement.name} is one number, and a phase plane needs two: "
+            f"plot the motion in time, system.run(t_end).plot({free[0]!r})."
         )
     if window is None and len(free) == 2 and len(statement.coordinates) > 1:
         noun = f"{'a slice of ' if fixed else ''}{counted(len(statement.coordinates), 'coordinate')}"
         raise StatementError(
-            f"no window is given, and for {noun} there is no default: give window={{{free[0]!r}: (-3, 3), {free[1]!r}: "
-            "(-5, 5)}."
+            f"no window is given, and there is no default window for {noun}: give one, such as "
+            f"window={{{free[0]!r}: (-3, 3), {free[1]!r}: (-5, 5)}}."
         )
     if len(free) != 2:
         raise StatementError(_too_many(model, len(free)))
@@ -361,13 +362,14 @@ def _too_many(model: Model, left: int) -> str:
     names = [statement.state_names[row] for row in _free(model, ())]
     n = len(statement.coordinates)
     if n == 1:
-        return f"at holds an entry of the state, and {statement.name} has two: leave it out."
+        return f"at gives a value to an entry of the state, but {statement.name} has only two, and both are axes: "
+        "leave at out."
     shown_axes = (0, n) if len(names) == 2 * n else (0, 1)
     others = ", ".join(f"{name!r}: 0" for k, name in enumerate(names) if k not in shown_axes)
     return (
         f"{statement.name} has {counted(n, 'coordinate')}, and {counted(left, 'entry')} of its state "
-        f"{'is' if left == 1 else 'are'} free: a portrait has two axes. Hold all others, as at={{{others}}}, or take a "
-        "section of the motion with lg.poincare(...)."
+        f"{'is' if left == 1 else 'are'} free: a portrait has two axes. Give all others a value, as at={{{others}}}, "
+        "or take a section of the motion with lg.poincare(...)."
     ).replace("entrys", "entries")
 
 

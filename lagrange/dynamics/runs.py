@@ -78,7 +78,9 @@ def starts_of(model: Model, starts: Any, base: FloatArray) -> FloatArray:
             raise StatementError(f"starts has more than {MOST_STARTS} entries: give fewer.")
         listed.append(entry)
     if not listed:
-        raise StatementError("starts is empty: give at least one initial state, such as {}: the system's own.")
+        raise StatementError(
+            "starts is empty: give at least one initial state, such as {} for the one that the system states."
+        )
     if not any(isinstance(entry, Mapping) for entry in listed):
         return _of_array(model, real_array(listed, "starts"))
     states = []
@@ -162,8 +164,8 @@ def _rates(statement: Statement) -> tuple[Any, ...]:
     silent = {wave: sympy.Dummy() for wave in waves}
     if not waves or any(part.xreplace(silent).has(t) for part in parts):
         raise StatementError(
-            f"the period of the driving of {statement.name} is not found: time stands outside of sines and cosines. "
-            "Give section=..., the period in the unit of time."
+            f"the period of the driving of {statement.name} was not found, because t appears outside of sines and "
+            "cosines: give section=..., the period in the unit of time."
         )
     return tuple(dict.fromkeys(wave.args[0].diff(t) for wave in waves))
 

@@ -84,7 +84,7 @@ class Crosser:
     def _end(self, run: Trajectory, missing_count: int, last_crossing: float) -> tuple[Status, str]:
         """Return the status and the message of an orbit after its last run, which lacks `missing_count` crossings."""
         if missing_count == 0:
-            return Status.EVENT, "all crossings are there."
+            return Status.EVENT, "all crossings were found."
         if run.status.complete:
             return Status.SUCCESS, (
                 f"passed the section {counted(self.count - missing_count, 'time')}, and not again between "
@@ -221,8 +221,8 @@ def _out_of_reach(model: Model, starts: FloatArray, row: int, energy: float, ind
         f"{name} = {x:g}" for k, (name, x) in enumerate(zip(names, starts[index], strict=True)) if k != row
     )
     return (
-        f"start {index} with {others} has the energy {rest[index]:g} without {names[row]}, and energy = {energy:g} "
-        f"leaves no {names[row]} for it: give a start nearer to rest, or a larger energy."
+        f"start {index} with {others} has the energy {rest[index]:g} if {names[row]} is zero, so no {names[row]} gives "
+        f"energy = {energy:g}: give a start nearer to rest, or a larger energy."
     )
 
 
@@ -358,8 +358,8 @@ def check_room(shape: Sequence[int]) -> None:
     """Raise StatementError if states of this shape (..., points, 2n) would take too much memory."""
     if math.prod(shape) > MOST_NUMBERS:
         raise StatementError(
-            f"the states of {math.prod(shape[:-1]):.3g} points, those of skip among them, take "
-            f"{8 * math.prod(shape):.3g} bytes, and there is room for {8 * MOST_NUMBERS:.3g}: give fewer points, a "
+            f"the states of {math.prod(shape[:-1]):.3g} points, with those that skip= leaves out, take "
+            f"{8 * math.prod(shape):.3g} bytes, more than the limit of {8 * MOST_NUMBERS:.3g}: give fewer points, a "
             "smaller skip, or fewer starts."
         )
 
@@ -446,7 +446,8 @@ def _ended(done: Sequence[Crossings], count: int, event: Event | None, statement
     noun = "point" if event is None else "crossing"
     if len(done) < count or any(orbit.status is Status.INTERRUPTED for orbit in done):
         return Status.INTERRUPTED, (
-            f"interrupted: {counted(total, noun)} of {len(done)} among {counted(count, 'orbit')} are there, and kept."
+            f"interrupted: {counted(total, noun)} of {len(done)} among {counted(count, 'orbit')} were computed and are "
+            "kept."
         )
     short = [(k, orbit) for k, orbit in enumerate(done) if orbit.status is not Status.EVENT and event is not None]
     short = short or [(k, orbit) for k, orbit in enumerate(done) if not orbit.status.complete]

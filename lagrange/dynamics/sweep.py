@@ -216,7 +216,8 @@ def _ended(statuses: Sequence[tuple[Status, ...]], value_count: int, parameter: 
     flat = [status for row in statuses for status in row]
     if Status.INTERRUPTED in flat:
         return Status.INTERRUPTED, (
-            f"interrupted: {len(statuses) - 1} of {counted(value_count, 'value')} of {parameter} are done, and kept."
+            f"interrupted: {len(statuses) - 1} of {counted(value_count, 'value')} of {parameter} were computed and are "
+            "kept."
         )
     bad = [(k, status) for k, row in enumerate(statuses) for status in row if not status.complete]
     words = f"{counted(value_count, 'value')} of {parameter}, {counted(starts, 'orbit')} each."

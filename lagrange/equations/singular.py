@@ -168,7 +168,7 @@ def singular_sentence(provider: Provider, equations: Equations, t: float, y: Flo
             "start elsewhere."
         )
     relations = any(names[i].startswith(RELATION) for i, _ in worst.rows)
-    what, remedy = (FIRST_ORDER, "") if relations else (UNDETERMINED, ", or state one constraint less")
+    what, remedy = (FIRST_ORDER, "") if relations else (UNDETERMINED, ", or leave out one constraint")
     return f"{dependent_rows(names, worst)} at {state_text}: {what} Start elsewhere{remedy}."
 
 

@@ -153,10 +153,10 @@ class Structure:
     def energy_reason(self) -> str:
         """Return the reason why the energy is conserved, if it is, as the beginning of a sentence."""
         if not self.forced:
-            return "Nothing depends on time explicitly and no force acts beside the potential"
+            return "Nothing depends on time explicitly and no force acts besides the potential"
         if self.autonomous:
-            return "Nothing depends on time explicitly and the forces beside the potential do no work"
-        return "The forces beside the potential do the work that explicit time takes"
+            return "Nothing depends on time explicitly and the forces besides the potential do no work"
+        return "The forces besides the potential do the work that explicit time takes"
 
     def _momenta(self) -> list[str]:
         return [

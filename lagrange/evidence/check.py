@@ -327,7 +327,9 @@ def textbook_tape(textbook: Textbook, statement: Statement) -> Precise | SolvedT
         if q not in table and acceleration_of(q) not in table
     ]
     if missing:
-        raise StatementError(f"the textbook has no acceleration of {listing(missing)}: give one for every coordinate.")
+        raise StatementError(
+            f"the textbook has no acceleration of {listing(missing)}: give the accelerations of all coordinates."
+        )
     return Precise(
         [table.get(q, table.get(acceleration_of(q))) for q in statement.coordinates], statement, REFERENCE_DIGITS
     )

@@ -153,7 +153,9 @@ def growth(method: Any, z: ArrayLike) -> FloatArray:
     """
     step, rates = step_of(method), complex_array(z, "z")
     if step.law == "accelerations" and (np.abs(rates.real) > 1e-12 * np.abs(rates)).any():
-        raise StatementError(f"{step.name} takes no damping: its stability is a matter of imaginary rates alone.")
+        raise StatementError(
+            f"{step.name} moves coordinates and velocities in turn, without damping: give imaginary numbers as z."
+        )
     with np.errstate(invalid="ignore"):
         steps = _Map(step, rates.ravel()).whole()
     finite: Any = np.isfinite(steps).all(axis=(1, 2))

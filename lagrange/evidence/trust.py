@@ -86,8 +86,8 @@ def _independent(
     chosen = DEFAULT_DIGITS if digits is None else digits
     if not growth < 10.0 ** (chosen - APART):
         raise RunError(
-            f"a relative error grows by {growth:.0e} until t = {problem.t1:g}, so that {chosen} digits say nothing "
-            "about the end, nor does any method in double precision. End the race earlier, or give more digits=."
+            f"a relative error grows {growth:.0e} times until t = {problem.t1:g}, so a reference of {chosen} digits, "
+            "or a run in double precision, has no correct digit there. End the race earlier, or give more digits=."
         )
     model, start = problem.model, problem.y0.tolist()
 

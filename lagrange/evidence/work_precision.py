@@ -170,8 +170,8 @@ def race(
     right = reference_solution(problem, chosen.times, reference, chosen.digits, unit, growth.growth)
     if not right.uncertainty < LARGEST_UNCERTAINTY * float((size / unit).max()):
         raise RunError(
-            f"the reference is known to {right.uncertainty:.1e} only, so there is nothing to measure errors against: a "
-            f"relative error grows by {growth.growth:.0e} on the way. End the race earlier, or give another reference."
+            f"the reference has an error of {right.uncertainty:.1e}, too large to measure errors against it: a "
+            f"relative error grows {growth.growth:.0e} times. End the race earlier, or give another reference."
         )
     measured = _Measurements(problem, chosen, right, unit)
     entries: list[Entry] = []
@@ -334,7 +334,7 @@ def _fine_run(
         model, span, initial, RunOptions(PRELIMINARY_METHOD, FINE_RTOL, max_wall=max_wall, parameters=parameters)
     )
     if not _checked(run).status.complete:
-        raise RunError(f"there is no end to race for: {run.message}")
+        raise RunError(f"the race has no end state, because the first run stopped early: {run.message}")
     return run, values
 
 
@@ -365,5 +365,5 @@ def _growth_notes(effect: Sensitivity, size: FloatArray, unit: FloatArray) -> It
     elif effect.growth > NOTABLE_GROWTH:
         yield (
             f"Errors grow up to {effect.growth:.0e} times until the end. Rounding a single state to double precision "
-            f"moves the end by {effect.floor:.0e}: smaller errors are luck."
+            f"moves the end by {effect.floor:.0e}: smaller errors are chance."
         )

@@ -116,7 +116,7 @@ def _refuse(
     for name in methods:
         if name not in registry.names():
             raise StatementError(
-                f"there are no contents {shown(name)}; they are {listing(known)}, and the names of explicit "
+                f"contents has the unknown name {shown(name)}: choose from {listing(known)}, and the names of explicit "
                 f"methods, such as 'dop853'.{suggestion(name, [*known, *filter(_explicit, registry.names())])}"
             )
         if step_of(name).law == "accelerations":
@@ -162,7 +162,7 @@ def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -
     if missing:
         raise StatementError(
             f"main runs the system, and its {'input' if len(missing) == 1 else 'inputs'} {listing(missing)} "
-            f"{'has' if len(missing) == 1 else 'have'} no value: give one that the run holds, as in parameters="
+            f"{'has' if len(missing) == 1 else 'have'} no value: give a constant value, as in parameters="
             f"{{'{missing[0]}': 1.0}}, or leave main out of contents and call the step with your own values."
         )
 
@@ -198,8 +198,7 @@ def step_of(name: str) -> StepProgram:
     if program is not None:
         return program
     raise StatementError(
-        f"the method {name!r} has no step that is exported: give an explicit method, such as 'rk4', 'verlet' or "
-        "'dop853'."
+        f"the method {name!r} cannot be exported: give an explicit method, such as 'rk4', 'verlet' or 'dop853'."
     )
 
 

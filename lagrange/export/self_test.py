@@ -216,5 +216,5 @@ def step_check(integrator: ExportedIntegrator, p: memoryview, statement: Stateme
             return StepCheck(integrator.name, time, length, first, tuple(y), (allowed,) * len(first))
     raise StatementError(
         f"{integrator.name} cannot take a step of {statement.name} from its initial state or near it, which the "
-        f"self-test needs ({outcome.name}): state an initial state from which there is a motion."
+        f"self-test needs ({outcome.name}): state an initial state from which the system can move."
     )

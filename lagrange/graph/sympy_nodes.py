@@ -49,7 +49,9 @@ class Translator:
 
 def _operands(expression: Any) -> tuple[Any, ...]:
     if isinstance(expression, (AppliedUndef, sympy.Derivative)):
-        raise StatementError(f"{expression} stands for nothing that this system declares.")
+        raise StatementError(
+            f"{expression} is not declared in this system: declare it, or write the expression without it."
+        )
     if isinstance(expression, sympy.Piecewise):
         return tuple(part for pair in expression.args for part in pair.args)
     if isinstance(expression, (sympy.And, sympy.Or)):
@@ -189,7 +191,9 @@ def _solution(node: Node, table: Mapping[Node, Any]) -> Any:
     factor, right = node.args[0].args[0], node.args[0].args[1:]
     n = len(right)
     if n > 4:
-        raise StatementError(f"the solution of {n} coupled equations is too large to write out.")
+        raise StatementError(
+            f"the solution of {n} coupled equations is too large to write out in symbols: at most 4 are solved."
+        )
     matrix = sympy.Matrix(n, n, lambda i, j: table[factor.args[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)]])
     column = sympy.Matrix([table[entry] for entry in right])
     return (matrix.adjugate() * column)[node.data] / matrix.det(method="berkowitz")

@@ -143,7 +143,10 @@ class Model:
         """Return an interpreted kernel that evaluates nodes of the equations' graph from t, q and v."""
         nodes, name = _nodes(nodes), text(name, "name")
         if not nodes or not name.isidentifier():
-            raise StatementError(f"there is no function {shown(name)} of {len(nodes)} nodes: name it, and give a node.")
+            raise StatementError(
+                f"function({shown(name)}, nodes) with {counted(len(nodes), 'node')}: give a name that is a Python "
+                "identifier, and at least one node."
+            )
         return self._function(name, nodes)
 
     def series(self, watched: tuple[Node, ...] = ()) -> tuple[Series, Switched]:
@@ -217,8 +220,8 @@ class Model:
             name = self.statement.names[rows[int(np.argmax(zero.reshape(len(rows), -1).any(axis=1)))]]
             raise StatementError(
                 f"{name} has no inertia, and its velocity in y is 0, which contradicts its equation of motion. Start "
-                f"from model.as_scipy().y0(initial), which has the velocities that follow from the coordinates, or use "
-                "its .fun(t, y)."
+                "from model.as_scipy().y0(initial), which computes this velocity, or evaluate "
+                "model.as_scipy().fun(t, y)."
             )
 
     def jacobian(self, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
@@ -374,8 +377,8 @@ class Model:
         time = real_array(t, "the time t")
         if q.ndim == 1 or time.shape != q.shape[1:]:
             raise StatementError(
-                f"t has shape {time.shape} and the states have {q.shape[1:] or 'no'} columns: give one time, or "
-                "one per column."
+                f"t has shape {time.shape}, but the batch of states has shape {q.shape[1:]}: give one time, or one for "
+                "each state."
             )
         return time
 
@@ -474,7 +477,9 @@ def _nodes(candidates: Iterable[Any]) -> tuple[Node, ...]:
     """Return an iterable of graph nodes as a tuple. Raises StatementError for other objects."""
     nodes = tuple(islice(candidates, MOST_NODES)) if isinstance(candidates, (tuple, list)) else None
     if nodes is None or not all(isinstance(node, Node) for node in nodes):
-        raise StatementError(f"{shown(candidates)} is not a tuple of nodes: give those of the model's equations.")
+        raise StatementError(
+            f"{shown(candidates)} is not a tuple of nodes: give nodes of the graph of model.equations."
+        )
     return nodes
 
 

@@ -52,8 +52,8 @@ def by_parameters(
     q, v = state
     if q.shape[1:] != parameters.shape[1:]:
         raise StatementError(
-            f"parameters has shape {parameters.shape} and the states have {q.shape[1:] or 'no'} columns: give (k,), or "
-            "one column for each state."
+            f"parameters has shape {parameters.shape}, but the batch of states has shape {q.shape[1:]}: give one value "
+            f"for each parameter, ({len(parameters)},), or a column of values for each state."
         )
     times, results = np.broadcast_to(t, q.shape[1:]), np.empty(0)
     unique, which = np.unique(parameters, axis=1, return_inverse=True)

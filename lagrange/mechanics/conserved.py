@@ -271,7 +271,9 @@ def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> di
         known = (*statement.coordinates, *statement.given, *statement.parameters)
         if survey.velocities or (label == t.name and (survey.coordinates or shift[t].has(t))):
             where = "parameters alone" if label == t.name else "coordinates, parameters and t"
-            raise StatementError(f"{what} is {shown(str(value))}: a point symmetry has an expression in {where}.")
+            raise StatementError(
+                f"{what} is {shown(str(value))}: give an expression in {where}, as a point symmetry has."
+            )
         survey.require(known, what, f"; it has {listing(map(str, known))}.")
     return shift
 

@@ -106,8 +106,8 @@ class _Problem:
         self.zeros = [form.read(constraint.expression) for constraint in statement.constraints]
         if any(x.has(t) for x in (*forces, *self.zeros)):
             raise StatementError(
-                f"the forces of {statement.name} depend on time, and no place stays an equilibrium: transform(...) may "
-                "state it in moving coordinates in which they do not."
+                f"the forces of {statement.name} depend on time, so no point is an equilibrium at all times: "
+                "transform(...) may give moving coordinates in which the forces do not depend on time."
             )
         fixed = [i for i in range(len(form.q)) if i not in self.free]
         self.unknowns = tuple(form.q[i] for i in fixed)
@@ -130,13 +130,15 @@ class _Problem:
         point = stated_point(statement, rates)
         named = [i for i, q in enumerate(statement.coordinates) if q in rates or statement.names[i] in rates]
         if len(named) < len(rates):
-            raise StatementError(f"rates names velocities: give coordinates, such as {{{statement.names[-1]}: 1.0}}.")
+            raise StatementError(
+                f"rates has velocities as keys: give coordinates as keys, such as {{{statement.names[-1]}: 1.0}}."
+            )
         for i in named:
             if i not in self.free:
                 steady = listing(statement.names[k] for k in self.free)
                 raise StatementError(
                     f"rates gives {statement.names[i]} a steady velocity, but energies, forces or constraints depend "
-                    "on it, so that the velocity would change: "
+                    f"on {statement.names[i]}, so the velocity would change: "
                     + (f"give rates of {steady}." if self.free else "call equilibria() without rates.")
                 )
         return {form.v[i]: in_fractions(point.q[i]) for i in named}

@@ -171,8 +171,8 @@ def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tup
         if name in named:
             if order:
                 raise StatementError(
-                    f"the input {name} stands in the statement with its derivatives, and B u has none: state a force, "
-                    f"or a motion whose acceleration is an input."
+                    f"the statement contains derivatives of the input {name}, and in the term B u of linear equations "
+                    "there are none: make the input a force, or an acceleration."
                 )
             table[function] = sympy.Symbol(name, real=True)
     if not table:
@@ -215,8 +215,8 @@ def stated_point(statement: Statement, at: Any, inputs: Any = (), *, turning: bo
     rotating = (values[velocity_of(q)] != 0 for q in statement.coordinates if rotation_name(q) is not None)
     if not turning and any(rotating):
         raise StatementError(
-            "at gives a rotation rates: about a body that spins there are linear equations, linearize(at), and no "
-            "equilibrium: its modes are not those of a body at rest."
+            "at gives a rotation angular velocities, but modes and equilibria are those of a body at rest: leave the "
+            "velocities out, or call linearize(at) for the linear equations about the spinning body."
         )
     statement = statement if turning else with_lengths(statement)
     return StatedPoint(
@@ -350,7 +350,7 @@ class _StatementExpansion:
             if edge.has(*self.symbols) and simplest(edge.xreplace({**self.point.table, **point})) == 0:
                 raise StatementError(
                     f"{what} has no expansion about {self.point.where}: it has a corner or a jump where "
-                    f"{formula(printable(edge), 60)} is zero, which is there. Choose a point beside it."
+                    f"{formula(printable(edge), 60)} is zero, as at this point. Choose a point next to it."
                 )
 
     def check_constraints(self) -> None:
@@ -373,8 +373,9 @@ class _StatementExpansion:
         ]
         if lost:
             raise StatementError(
-                f"about {self.point.where} the Lagrangian to order {self.order} has no velocity of {listing(lost)} in "
-                "it, whose inertia vanishes there: choose coordinates that are regular at that point, or another point."
+                f"the inertia of {listing(lost)} vanishes at {self.point.where}, so the Lagrangian to order "
+                f"{self.order} does not contain this velocity: choose coordinates that are regular at the point, or "
+                "another point."
             )
 
     @property

@@ -136,8 +136,8 @@ class Linearization(ShownAsPage):
             return shortener.solved(matrix.extract(rows, rows), sympy.eye(len(rows)))
         except ZeroDivisionError:
             raise StatementError(
-                f"the {name} is singular at this point, so that A and B do not exist: M, C and K do. Choose "
-                "coordinates that are regular there; state rates without inertia as constraints, such as e.dot - f."
+                f"the {name} is singular at this point, so A and B do not exist (M, C and K do). Choose coordinates "
+                "that are regular there; state a rate without inertia as a constraint, such as e.dot - f."
             ) from None
 
 

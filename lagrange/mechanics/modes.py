@@ -88,8 +88,8 @@ def check_first_order(lin: Linearization, form: PlainForm) -> None:
     if not names:
         return
     raise StatementError(
-        f"{listing(names)} {'has' if len(names) == 1 else 'have'} no inertia, so that {name} has no modes of vibration "
-        "alone: its motions decay, grow or vibrate by the eigenvalues of linearize(...).A."
+        f"{listing(names)} {'has' if len(names) == 1 else 'have'} no inertia, so not all motions of {name} are modes "
+        "of vibration: take the eigenvalues of linearize(...).A, which tell how motions decay, grow or vibrate."
     )
 
 

@@ -160,7 +160,7 @@ def reduced(statement: Statement, requests: Sequence[Any]) -> Statement:
     StatementError if no constraint determines a coordinate.
     """
     if not requests:
-        raise StatementError("nothing is to be eliminated: name a coordinate that a constraint determines.")
+        raise StatementError("eliminate() has no arguments: give a coordinate that a constraint determines.")
     for request in requests:
         for name, value in _requests(request, statement):
             statement = _without(statement, name, value)
@@ -183,13 +183,15 @@ def _requests(request: Any, statement: Statement) -> list[tuple[str, Any]]:
 def _coordinate_of(constraint: Constraint, statement: Statement) -> str:
     """Return the last coordinate that a constraint determines. Raises StatementError if it determines none."""
     if not constraint.holonomic:
-        raise StatementError(f"{constraint.name} determines no coordinate: {_on_velocities([constraint.name])}")
+        raise StatementError(
+            f"the constraint {constraint.name} determines no coordinate: {_on_velocities([constraint.name])}"
+        )
     for name in reversed(statement.names):
         if _solution(constraint, name, statement) is not None:
             return name
     raise StatementError(
-        f"{constraint.name} determines no coordinate safely: it is not linear in any, with a coefficient that never "
-        "vanishes. Give a branch, such as eliminate({y: -sqrt(l**2 - x**2)})."
+        f"the constraint {constraint.name} determines no coordinate safely: in no coordinate is it linear with a "
+        "coefficient that never vanishes. Give a branch, such as eliminate({y: -sqrt(l**2 - x**2)})."
     )
 
 
@@ -327,8 +329,8 @@ def _checked(
         if vanishes(PlainForm(statement), put(constraint.expression), NEAR_INITIAL):
             return constraint, solved
     raise StatementError(
-        f"{name} = {shown(str(solved))} solves none of the constraints on positions that contain {name}: "
-        f"{listing(constraint.name for constraint in holonomic)}."
+        f"{name} = {shown(str(solved))} does not solve a constraint: give a solution of one of "
+        f"{listing(constraint.name for constraint in holonomic)}, the constraints on positions that contain {name}."
     )
 
 

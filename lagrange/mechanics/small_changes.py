@@ -237,9 +237,9 @@ def small_changes(point: StatedPoint) -> SmallChanges:
         if decimals.decimal and not point.decimal:
             return small_changes(decimals)
     if len(speeds.kept) < len(constraints) and statement.redundant == "refuse":
-        raise StatementError("the constraints are dependent at this point, so that it has no linearization.")
+        raise StatementError("the constraints are dependent at this point, so choose another point to linearize at.")
     if not speeds.independent:
-        raise StatementError("the constraints leave no motion: there is nothing to linearise.")
+        raise StatementError("the constraints allow no motion to linearize: leave one of the constraints out.")
     kept = constraints.part(speeds.kept)
     holonomic = [row for row, phi in zip(kept.gradient, kept.positions, strict=True) if phi is not None]
     Phi = at_point.matrix(holonomic, n)
@@ -365,7 +365,7 @@ def _driven(at_point: AtPoint, mass: Any, left: Any) -> Any:
         if names:
             raise StatementError(
                 f"this point is not an equilibrium of {at_point.statement.name}, and {listing(names)} "
-                f"{'has' if len(names) == 1 else 'have'} no inertia, so that the rest there does not last: give an "
+                f"{'has' if len(names) == 1 else 'have'} no inertia, so the system cannot be at rest there: give an "
                 "equilibrium, such as one of system.equilibria()."
             )
         raise StatementError(

@@ -48,7 +48,7 @@ class Verdict:
     reason: str
 
 
-NO_INERTIA = "the mass matrix is singular at these values of the parameters: give others."
+NO_INERTIA = "the mass matrix is singular at these values of the parameters: give other values."
 NO_POINT = "the point does not exist at the values of the parameters."
 
 
@@ -87,7 +87,9 @@ def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
             None, "eigenvalues on the imaginary axis decide nothing."
         )
     if not has_inertia(lin):
-        return Verdict(stable=None, reason="the mass matrix is singular there: other coordinates decide.")
+        return Verdict(
+            stable=None, reason="the mass matrix is singular there: choose coordinates that are regular there."
+        )
     constraints = form.statement.constraints
     carried = any(not constraint.holonomic for constraint in constraints) or (bool(constraints) and any(point.v))
     if values is None and carried:  # K is not the curvature of an energy
@@ -357,8 +359,8 @@ def _on_constraints(point: StatedPoint) -> Linearization:
     lin = None if point.decimal else linearized_at(point)
     if lin is None or lin.decimal:
         raise StatementError(
-            f"{name} has constraints, and its equilibrium in decimals is not followed: give `at` as expressions in "
-            "parameters."
+            f"{name} has constraints, and an equilibrium in decimals cannot be followed over the values: give `at` as "
+            "expressions in parameters."
         )
     if not lin.equilibrium:
         raise StatementError(f"there are no eigenvalues at this point of {name}. {lin.note}")

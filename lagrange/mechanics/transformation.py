@@ -205,7 +205,7 @@ def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
     if missed > START_RESIDUAL * max(1.0, float(np.abs(rest).max())):
         where = ", ".join(f"{name_of(x)} = {q[i]:.6g}" for x, i in zip(change.new, unknowns, strict=True))
         raise StatementError(
-            f"the initial velocities have no values in the new coordinates: at {where} they are singular. Give "
+            f"the initial velocities have no values in the new coordinates, which are singular at {where}: give "
             f"another initial state, or {example}."
         )
     v[unknowns] = velocities
@@ -247,9 +247,9 @@ def _transformation(statement: Statement, expressions: Mapping[Any, Any], positi
     new = tuple(COORDINATES.of((name_of(q), q) for q in survey.coordinates if q not in stays))
     if len(new) != len(table):
         remedy = (
-            "With fewer, a constraint holds: state it, and eliminate(...) a coordinate."
+            "With fewer, the old coordinates satisfy a constraint: state it, and eliminate(...) a coordinate."
             if len(new) < len(table)
-            else "With more, they are not determined: give expressions for as many."
+            else "With more, the new coordinates are not determined: give expressions for more coordinates."
         )
         raise StatementError(
             f"the expressions for {listing(map(name_of, table))} have {len(new)} new coordinates "
@@ -383,7 +383,7 @@ class Routh:
 def routh_of(statement: Statement, ignored: Sequence[Any]) -> Routh:
     """Return Routh's procedure that ignores some coordinates. Raises StatementError if one of them is not ignorable."""
     if not ignored:
-        raise StatementError("routhian() names no coordinate: give one that is ignorable.")
+        raise StatementError("routhian() has no arguments: give a coordinate that is ignorable.")
     form = PlainForm(statement)
     indices = tuple(dict.fromkeys(statement.names.index(coordinate_name(key, statement.names)) for key in ignored))
     if len(indices) == len(statement.names):
@@ -395,8 +395,8 @@ def routh_of(statement: Statement, ignored: Sequence[Any]) -> Routh:
     if form.mass.extract(list(indices), list(indices)).has(*(form.v[i] for i in indices)):
         names = listing(statement.names[i] for i in indices)
         raise StatementError(
-            f"the momenta of {names} are not linear in their velocities, which are then not solved for: "
-            "hamiltonian() may solve them together with the others."
+            f"the momenta of {names} are not linear in the velocities of {names}, so routhian() cannot solve for "
+            "these: hamiltonian() may solve for all velocities together."
         )
     symbols = [
         sympy.Symbol(name, real=True) for name in momentum_names(statement, [statement.names[i] for i in indices])
@@ -557,7 +557,7 @@ def _integral(speed: Callable[[FloatArray], FloatArray], times: FloatArray, name
     )
     if not result.success:
         raise RunError(
-            f"{name} is not rebuilt to {INTEGRAL_TOLERANCE:g}: its velocity varies too fast between the output times. "
-            "Run with shorter steps, or with t_eval closer together."
+            f"{name} cannot be computed to {INTEGRAL_TOLERANCE:g}: its velocity varies too fast between the output "
+            "times. Run with shorter steps, or with times closer together in t_eval."
         )
     return np.concatenate([[0.0], np.cumsum(changes)])

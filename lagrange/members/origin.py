@@ -63,8 +63,8 @@ def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequenc
     twice = next((name for name in result_names if name in taken), None)
     if twice is not None:
         raise StatementError(
-            f"{twice} is a name of the system, and the results of an ensemble have one of this name: give the system "
-            "another name for it, or keep something else."
+            f"the system has the name {twice!r}, which is also the name of a result of the ensemble: rename it in the "
+            "system, or keep another result."
         )
 
 

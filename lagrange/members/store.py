@@ -268,7 +268,9 @@ def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
     try:
         stored = dict(zarr.open_group(str(path), mode="r").attrs).get(ATTRIBUTES)
     except PermissionError as error:
-        raise StatementError(f"{path} may not be read: give another store, or the right to read it.") from error
+        raise StatementError(
+            f"{path} cannot be read without permission: give another store, or change its permissions."
+        ) from error
     except DAMAGE:
         stored = None
     if not isinstance(stored, dict):
@@ -367,7 +369,7 @@ def writing(path: Path) -> Iterator[None]:
     except OSError as error:
         raise RunError(
             f"{path} could not be written ({error.strerror or error}). The blocks of members that were written before "
-            "are kept: make room, or mend what is wrong, and make the same call again; it goes on from there."
+            "are kept: free some space, or remove the cause, and make the same call again: it continues from there."
         ) from error
 
 

@@ -94,7 +94,7 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
     labels = {label_of(key) for key in varied.keys}
     twice = next((label_of(key) for values in plain.values() for key in values if label_of(key) in labels), None)
     if twice is not None:
-        raise StatementError(f"{twice} varies between the members, and has one value as well: give one of the two.")
+        raise StatementError(f"{twice} has both varying values and a single value: leave one of them out.")
     state = np.array(initial_state(plain["initial"], statement.coordinates, statement.initial))
     first = {statement.parameters[i]: float(varied.values(key, np.zeros(1, int))[0]) for i, key in columns.items()}
     values = model.parameter_array({**plain["parameters"], **first})
@@ -216,7 +216,7 @@ def _together(sources: list[Varied]) -> Varied:
     keys = [label_of(key) for source in sources for key in source.keys]
     twice = next((key for key in keys if keys.count(key) > 1), None)
     if twice is not None:
-        raise StatementError(f"{twice} varies twice: give its values once.")
+        raise StatementError(f"the values of {twice} are given twice: give them once.")
     every = np.arange(len(sources[0]))
     drawn = tuple(description for source in sources for description in source.drawn)
     return Varied({key: source.values(key, every) for source in sources for key in source.keys}, drawn)

@@ -176,7 +176,9 @@ def _drawn(label: str, distribution: Any, parts: FloatArray) -> FloatArray:
         )
     if not np.isfinite(values).all():
         first = float(values[np.argmin(np.isfinite(values))])
-        raise StatementError(f"the distribution of {label} gives {first} as a value: give one whose values are finite.")
+        raise StatementError(
+            f"the distribution of {label} gives {first} as a value: give a distribution of finite values."
+        )
     return values
 
 
@@ -189,11 +191,14 @@ def _quantiles(label: str, quantile: Callable[[FloatArray], Any], parts: FloatAr
     try:
         quantiles = quantile(parts)
     except (TypeError, ValueError, ArithmeticError) as error:
-        raise StatementError(f"{what} gives no values: {error}. Give one number for each parameter of it.") from error
+        raise StatementError(
+            f"{what} gives no values: {error}. Give one number for each parameter of the distribution."
+        ) from error
     values = real_array(quantiles, what)
     if values.shape != parts.shape:
         raise StatementError(
-            f"{what} gives the shape {values.shape} for {parts.shape} parts of 1: give a value for each."
+            f"{what} returns values of shape {values.shape} for probabilities of shape {parts.shape}: give a "
+            "distribution with one number for each parameter."
         )
     return values
 

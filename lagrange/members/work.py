@@ -181,7 +181,7 @@ def _submitted(runner: Runner, starts: Starts) -> Any:
             future = runner.submit(starts)
     except RuntimeError as error:
         raise RunError(
-            f"the executor takes no more members ({error}): give one that is open, or fewer workers. {GOES_ON}"
+            f"the executor takes no more members ({error}): give an executor that is open, or fewer workers. {GOES_ON}"
         ) from error
     if not callable(getattr(future, "add_done_callback", None)):
         raise StatementError(f"executor.submit(...) returned {shown(future)}: give an executor that returns futures.")
@@ -197,8 +197,8 @@ def _result(future: Any) -> ChunkResult:
         result = future.result()
     if not isinstance(result, ChunkResult):
         raise RunError(
-            f"the executor returned {shown(result)} in place of the results of members: give one that returns results "
-            "unchanged, such as concurrent.futures.ProcessPoolExecutor()."
+            f"the executor returned {shown(result)} in place of the results of members: give an executor that returns "
+            "results unchanged, such as concurrent.futures.ProcessPoolExecutor()."
         )
     return result
 
@@ -210,7 +210,8 @@ def _working() -> Iterator[None]:
         yield
     except ImportError as error:
         raise RunError(
-            f"a worker of the executor cannot run members: {error}. Install on the workers what this process has."
+            f"a worker of the executor cannot run members: {error}. Install the packages of this process on the "
+            "workers."
         ) from error
     except Exception as error:
         if isinstance(error, (BrokenExecutor, CancelledError)) or type(error).__module__.startswith("distributed."):

@@ -316,8 +316,8 @@ def _writable(path: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
     page = requested.with_suffix(".html")
     if page.exists():
         raise StatementError(
-            f"{requested} needs the program ffmpeg, which is not installed, and {page}, which would do instead, is "
-            "there already: name a file that ends in .html or .gif."
+            f"{requested} needs the program ffmpeg, which is not installed. The page {page} would be written instead, "
+            "but this file exists already: name a file that ends in .html or .gif."
         )
     return page, (
         f"ffmpeg is not installed, which {requested.name} needs: {page.name} is written instead, with a player.",

@@ -81,7 +81,7 @@ def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionS
         quantity, function = missing
         raise StatementError(
             f"a page of {model.statement.name} cannot be made: its {quantity} contains {function}, which JavaScript "
-            "has no function for."
+            f"does not have. State the system without {function}."
         )
     text = target.files(module)[f"{module.name}.mjs"]
     return MotionSource(str(text), module.values, asked, len(model.equations.constraints) > 0)

@@ -107,7 +107,7 @@ def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, flo
         return {}
     if not isinstance(asked, Mapping):
         raise StatementError(
-            f"{shown(asked)} says no sliders: give a dict from names to bounds, such as {{'l': {EXAMPLE}}}."
+            f"sliders is {shown(asked)}: give a dict from names to bounds, such as {{'l': {EXAMPLE}}}."
         )
     states = statement.state_names
     rows = {key: states[row] for key, row in state_rows(statement.coordinates).items()}
@@ -136,8 +136,8 @@ def _bounds(name: str, pair: Any) -> tuple[float, float]:
     if low == high:
         such = (-1.0, 1.0) if low == 0 else tuple(sorted((low / 2, low * 2)))
         raise StatementError(
-            f"the slider of {name} goes from {low:g} to {high:g}, and has no room to move: give a lower and an upper "
-            f"bound, such as {such}."
+            f"the slider of {name} goes from {low:g} to {high:g}, which is an empty range: give a lower and a larger "
+            f"upper bound, such as {such}."
         )
     if low > high:
         raise StatementError(
@@ -181,8 +181,8 @@ def sliders(
         slider = by_name[name]
         if not low <= slider.value <= high:
             raise StatementError(
-                f"the slider of {name} goes from {low:g} to {high:g}, and {name} is {slider.value:g}: give bounds that "
-                "hold it, or another value."
+                f"the slider of {name} goes from {low:g} to {high:g}, but {name} is {slider.value:g}: give bounds with "
+                f"{slider.value:g} between them, or {name} another value."
             )
         by_name[name] = replace(slider, low=low, high=high, chosen=True)
     return (*(by_name[name] for name in bounds), *(slider for slider in by_name.values() if not slider.chosen))
@@ -462,7 +462,7 @@ def explore(
             f"{listing(adjustable)}."
         )
     if len(bounds) > MOST_SLIDERS:
-        raise StatementError(f"{len(bounds)} sliders were asked for, and there is room for {MOST_SLIDERS}.")
+        raise StatementError(f"{len(bounds)} sliders were asked for: give bounds for at most {MOST_SLIDERS}.")
     flag(play, "play")
     look = style_of(style)
     end = statement.run.t_end if t_end is None else real_number(t_end, "t_end, the time at which runs end,")

@@ -62,7 +62,7 @@ class OpenBranches:
             yield
         statement = self._builder.current[self._index]
         if not isinstance(statement, form.When) or self._index != len(self._builder.current) - 1:
-            raise LagrangeError("`otherwise` stands right behind the block of its condition.")
+            raise LagrangeError("write `otherwise` directly after the block of its condition.")
         self._builder.current[self._index] = form.When(
             statement.condition, statement.then, tuple(body), likely=statement.likely
         )
@@ -109,7 +109,7 @@ class Builder:
 
     def _parameter(self, name: str, kind: Kind | Array | Record | Callee) -> int:
         if self.current:
-            raise LagrangeError(f"procedure {self.name}: the parameter {name} comes behind the first statement.")
+            raise LagrangeError(f"procedure {self.name}: declare the parameter {name} before the first statement.")
         ref = self.unused()
         self.parameters.append(Parameter(ref, name, kind))
         return ref
@@ -129,7 +129,7 @@ class Builder:
         result = result_kind(op, tuple(arg.kind for arg in operands))
         if result is None:
             operand_kinds = ", ".join(arg.kind for arg in operands)
-            raise LagrangeError(f"procedure {self.name}: {op} takes no {operand_kinds}.")
+            raise LagrangeError(f"procedure {self.name}: {op} cannot take {operand_kinds}.")
         refs = tuple(arg.ref for arg in operands)
         return self.made(result, lambda ref: form.Let(ref, result, op, refs))
 
@@ -169,7 +169,9 @@ class Builder:
         wide = [arg if isinstance(arg, Entries) else self.broadcast(arg, width, kind) for arg in args]
         result = result_kind(op, tuple(arg.vector.kind for arg in wide))
         if result is None:
-            raise LagrangeError(f"procedure {self.name}: {op} takes no {', '.join(arg.vector.kind for arg in wide)}.")
+            raise LagrangeError(
+                f"procedure {self.name}: {op} cannot take {', '.join(arg.vector.kind for arg in wide)}."
+            )
         vector, refs = Vector(result, width), tuple(arg.ref for arg in wide)
         made: Entries = self.made(vector, lambda ref: form.VectorLet(ref, vector, op, refs))
         return made
@@ -363,7 +365,9 @@ class Builder:
         number = self.operand(count, WHOLE)
         index, outside, self._folds = self.unused(), self._folds, []
         if outside is not None:
-            raise LagrangeError(f"procedure {self.name}: an `each` stands in another: use a loop inside.")
+            raise LagrangeError(
+                f"procedure {self.name}: an `each` is inside another `each`: use a plain loop for the inner one."
+            )
         with self.block() as body:
             yield Whole(self, index)
         self.add(form.Each(index, number, tuple(body), tuple(self._folds), width, spill, unrolled))
@@ -376,7 +380,7 @@ class Builder:
         ignores NaN. "magnitude" is the largest |value|.
         """
         if self._folds is None:
-            raise LagrangeError(f"procedure {self.name}: a sum of values stands outside of `each`.")
+            raise LagrangeError(f"procedure {self.name}: sums of values are possible inside `each` only.")
         second = None if factor is None else self.operand(factor, REAL)
         self._folds.append(form.Fold(self.unused(), op, self.operand(value, REAL), second))
         return Real(self, self._folds[-1].ref)
@@ -396,7 +400,9 @@ class Builder:
         call returns None, a value or a tuple of values.
         """
         if len(args) != len(types):
-            raise LagrangeError(f"procedure {self.name}: a call gives {len(args)} arguments for {len(types)}.")
+            raise LagrangeError(
+                f"procedure {self.name}: a call has {len(args)} arguments, and the callee {len(types)} parameters."
+            )
         operands = tuple(
             self.operand(arg, kind) if isinstance(kind, Kind) else arg.ref
             for arg, kind in zip(args, types, strict=True)
@@ -425,7 +431,7 @@ class Builder:
     def add(self, statement: Statement) -> None:
         """Add a statement to the block that is being built."""
         if self.current and isinstance(self.current[-1], form.Leave):
-            raise LagrangeError(f"procedure {self.name}: a statement stands behind the end.")
+            raise LagrangeError(f"procedure {self.name}: write no statement after the end of the procedure.")
         self.current.append(statement)
 
     def finish(self, *results: Kind) -> Procedure:

@@ -143,7 +143,7 @@ class _Rewriter(Visitor, MemberStatements):
         match parameter.type:
             case Callee() | Vector():
                 raise LagrangeError(
-                    f"procedure {self.procedure.name} has {parameter.name}, which is no number or memory."
+                    f"procedure {self.procedure.name} has {parameter.name}, which is neither a number nor an array."
                 )
             case Kind() as kind:
                 ref = self.values[parameter.ref] = self.new(kind, wide=share.own)

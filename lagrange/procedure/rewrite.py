@@ -53,7 +53,9 @@ class _Binder:
         kept = tuple(parameter.ref in read and parameter.ref not in bound for parameter in procedure.parameters)
         for parameter, keep in zip(procedure.parameters, kept, strict=True):
             if keep and isinstance(parameter.type, Callee):
-                raise LagrangeError(f"procedure {procedure.name} calls {parameter.name}, which is not given.")
+                raise LagrangeError(
+                    f"procedure {procedure.name} calls its parameter {parameter.name}: give a function for it."
+                )
         parameters = tuple(parameter for parameter, keep in zip(procedure.parameters, kept, strict=True) if keep)
         made = replace(procedure, name=self.prefix + procedure.name, parameters=parameters, body=body)
         verify(made)

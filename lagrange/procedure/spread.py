@@ -156,7 +156,7 @@ class _SpreadSearch:
     def call(self, call: form.Call) -> None:
         """Record which results of a call differ between members."""
         if not isinstance(call.callee, Procedure):
-            raise LagrangeError(f"procedure {self.procedure.name} calls a function that is not bound.")
+            raise LagrangeError(f"procedure {self.procedure.name} calls a parameter: bind a function to it before.")
         spread = spread_of(call.callee, signature_of(call, self.own, self.apart), self.spreads)
         for ref, differs in zip(call.refs, spread.results, strict=True):
             self.mark(ref, differs=differs)

@@ -22,7 +22,9 @@ class Value:
         self.builder, self.ref = builder, ref
 
     def __bool__(self) -> bool:
-        raise LagrangeError("a value of a procedure is known when it runs: use `with p.when(...)` and not `if`.")
+        raise LagrangeError(
+            "a value of a procedure is known only when the procedure runs: use `with p.when(...)` instead of `if`."
+        )
 
     def called(self, name: str) -> Any:
         """Return the value itself, after setting its name for listings and printed code."""

@@ -469,7 +469,9 @@ def _piecewise(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _refuse(_: RecurrenceBuilder, node: Node) -> int:
-    raise StatementError(f"{node.data} has no Taylor series, and was not replaced by a switching surface.")
+    raise StatementError(
+        f"{node.data} has no Taylor series here: take the method dop853, or write the expression without {node.data}."
+    )
 
 
 FUNCTION_RULES: dict[str, FunctionRule] = {

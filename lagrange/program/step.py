@@ -347,8 +347,8 @@ def _check_scopes(step: StepProgram, inner: Mapping[int, None]) -> None:
     outside += [damp.vector for damp in step.damps]
     if any(i in inner for combination in outside for i, _ in combination):
         raise StatementError(
-            f"step function {step.name} uses a call of a residual outside of it: call f again, or make its result an "
-            "unknown."
+            f"step function {step.name} uses the result of a call of f in a residual outside of this residual: call f "
+            "again there, or make the result an unknown."
         )
 
 
@@ -378,7 +378,9 @@ class TracedVector:
         if not isinstance(other, TracedVector):
             if other == 0:
                 return self
-            raise StatementError("a step function adds a number to a vector: a step is a combination of vectors.")
+            raise StatementError(
+                "a step function adds a number to a vector: a step may only add vectors and multiply them by numbers."
+            )
         total = dict(self.terms)
         for i, coefficient in other.terms.items():
             total[i] = total[i] + coefficient if i in total else coefficient
@@ -388,7 +390,9 @@ class TracedVector:
 
     def __mul__(self, factor: Node | Exact | float) -> Self:
         if isinstance(factor, TracedVector):
-            raise StatementError("a step function multiplies two vectors: a step is a combination of vectors.")
+            raise StatementError(
+                "a step function multiplies two vectors: a step may only add vectors and multiply them by numbers."
+            )
         return self.made({i: coefficient * factor for i, coefficient in self.terms.items()})
 
     __rmul__ = __mul__
@@ -470,7 +474,7 @@ class Recorder:
         """
         if not self.law.derivative:
             raise StatementError(
-                f"step function {self.name} calls solve, which is for the laws 'rhs', 'momentum' and 'constrained'."
+                f"step function {self.name} calls solve: its method must state law='rhs', 'momentum' or 'constrained'."
             )
         if self.inside is not None:
             raise StatementError(f"step function {self.name} calls solve inside a residual: call it outside.")
@@ -496,7 +500,7 @@ class Recorder:
         """Record and return the damped vector (I - factor J)^-1 vector, where J is the Jacobian of the last solve."""
         if not self.solves or self.law.results > 1:
             raise StatementError(
-                f"step function {self.name} damps before it solves: damp is for steps of the law 'rhs'."
+                f"step function {self.name} calls damp, which needs a call of solve before, in a method with law='rhs'."
             )
         made = self.new()
         node = self.graph.node(factor)

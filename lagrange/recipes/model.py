@@ -132,7 +132,7 @@ def numba_function(model: compiled.Model, quantity: str) -> NumbaFunction:
 
     def prepare(p: Any) -> Any:
         if p.size != k:
-            raise ValueError("give as many parameters as the model has: their number is wrong")
+            raise ValueError("p has a wrong number of entries: give one value for each parameter of the model")
         prepared = np.zeros(size + 1)
         prepared[:k] = p
         prepared[size] = prepare_code(prepared.ctypes)
@@ -140,7 +140,7 @@ def numba_function(model: compiled.Model, quantity: str) -> NumbaFunction:
 
     def fill(t: Any, y: Any, prepared: Any, out: Any) -> Any:
         if y.size != states or prepared.size != size + 1 or out.size != count:
-            raise ValueError("give a state, prepared parameters and a result of the sizes of the model: one is wrong")
+            raise ValueError("y, prepared or out has a wrong number of entries: give arrays of the sizes of the model")
         singular = fill_code(t, y.ctypes, prepared.ctypes, out.ctypes) != 0
         return singular or prepared[size] != 0.0
 

@@ -70,8 +70,8 @@ def _check_arity(name: str, function: Callable[..., Any]) -> None:
         arguments.bind(0.0)
     except TypeError:
         raise StatementError(
-            f"the input {name} is a function of ({', '.join(arguments.parameters)}): give one of the time alone, such "
-            "as lambda t: np.sin(t)."
+            f"the input {name} is a function of ({', '.join(arguments.parameters)}): give a function of the time "
+            "alone, such as lambda t: np.sin(t)."
         ) from None
 
 

@@ -156,7 +156,9 @@ class _Writer:
         for j in range(n):
             pick = next((i for i in range(j, n) if a[i][j] != 0), None)
             if pick is None:
-                raise StatementError("the mass matrix is singular at every state, and has no inverse to be written.")
+                raise StatementError(
+                    "the mass matrix is singular at every state, so it has no inverse: add the missing kinetic energy."
+                )
             if pick != j:
                 a[j], a[pick], order[j], order[pick] = a[pick], a[j], order[pick], order[j]
                 symmetric = False

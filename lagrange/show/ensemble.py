@@ -155,7 +155,9 @@ class Ensemble:
         labels = dict.fromkeys([*self.names, *self.table.labels, *kept])
         if not isinstance(key, str) and f"{label} 2" in labels:
             alike = [name for name in labels if name.startswith(label)]
-            raise StatementError(f"several expressions are written {label}: give one of the names {listing(alike)}.")
+            raise StatementError(
+                f"several kept expressions are printed as {label}: give one of the names {listing(alike)}."
+            )
         if label not in labels and (row := end_row(label, self.names)) is not None:
             return self.names[row] if self.problem.t_eval is None else label
         if label not in labels:
@@ -233,7 +235,8 @@ class Ensemble:
         """
         if self.problem.t_eval is not None:
             raise StatementError(
-                "a line for each member has no place for states at output times: use to_xarray(), or leave t_eval out."
+                "a table with one line per member cannot hold states at output times: use to_xarray(), or leave "
+                "t_eval out."
             )
         columns: dict[str, Any] = {"member": np.arange(len(self))}
         columns |= {name: self.given(name) for name in self.table.labels}

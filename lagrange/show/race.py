@@ -182,7 +182,9 @@ class Race:
 
     def __getitem__(self, index: int) -> Entry:
         if not isinstance(index, Integral) or not -len(self) <= index < len(self):
-            raise StatementError(f"{shown(index)} is not a place in a race: give a whole number below {len(self)}.")
+            raise StatementError(
+                f"{shown(index)} is not the index of a run of this race: give a whole number below {len(self)}."
+            )
         return self.result.entries[int(index)]
 
     @property

@@ -467,7 +467,9 @@ def _surfaces(table: Mapping[str, Any] | None, points: dict[str, Any], survey: S
     for name, point in table_of(table, "surfaces", "name to point").items():
         what = f"the surface {check_name(name, 'surface')}"
         if not points:
-            raise StatementError(f"{what} has no point beside it: state in positions what moves on it.")
+            raise StatementError(
+                f"{what} is drawn for a moving point, and there is none: state in positions what moves on it."
+            )
         if not _has_length(point, size):
             raise StatementError(
                 f"{what} is {shown(point)}: give a point of {size} expressions in lg.along, as many as a position has, "

@@ -200,7 +200,9 @@ def gravity(mass: Any, position: Sequence[Any] | Any, g: Any, up: Sequence[Any] 
     point = vector(position, "the position")
     direction = vector([0] * (len(point) - 1) + [1] if up is None else up, "the upward direction")
     if len(direction) != len(point):
-        raise StatementError(f"up has {len(direction)} components and the position {len(point)}: give as many.")
+        raise StatementError(
+            f"up has {len(direction)} components and the position {len(point)}: give both the same number."
+        )
     length = sympy.sqrt(sum(d**2 for d in direction))
     if length == 0:
         raise StatementError("up is the zero vector: give a direction such as (0, 1).")
@@ -219,7 +221,9 @@ def spring(stiffness: Any, a: Sequence[Any] | Any, b: Sequence[Any] | Any | None
     end = [sympy.S.Zero] * len(start) if b is None else vector(b, "the second end")
     k, rest = expression(stiffness, "the stiffness"), expression(rest_length, "the rest length")
     if len(start) != len(end):
-        raise StatementError(f"the ends of the spring have {len(start)} and {len(end)} components: give as many.")
+        raise StatementError(
+            f"the ends of the spring have {len(start)} and {len(end)} components: give both the same number."
+        )
     squared = sum(((p - q) ** 2 for p, q in zip(start, end, strict=True)), sympy.S.Zero)
     if rest == 0:
         return k * squared / 2

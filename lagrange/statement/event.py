@@ -119,8 +119,7 @@ def _instead_of(argument: Any) -> str:
             )
         case numbers.Number() | np.ndarray():
             return (
-                f"{written}, a number, which stays as it is along a run: give an expression in coordinates or "
-                "velocities."
+                f"{written}, a number, which is constant along a run: give an expression in coordinates or velocities."
             )
     hidden = " A Python function hides its formula, and its roots could be missed." if callable(argument) else ""
     return f"{written!r}: give a SymPy expression whose zero is the event, such as theta - 1.{hidden}"
@@ -160,7 +159,7 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
         survey = _check(e.expression, f"event {index}", statement, motion=True)
         if not survey.coordinates and not survey.multipliers and not e.expression.has(t):
             raise StatementError(
-                f"event {index} is {formula(e.expression, 80)}, which stays as it is along a run: give an expression "
+                f"event {index} is {formula(e.expression, 80)}, which is constant along a run: give an expression "
                 "in coordinates, velocities and t that becomes zero on the way."
             )
         _check_resets(index, e, statement)

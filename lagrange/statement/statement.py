@@ -198,13 +198,13 @@ class Statement:
         With contacts, one more says that the equations hold between contacts.
         """
         unused = [p.name for p in self.unused]
-        stands = "The parameter {} stands" if len(unused) == 1 else "The parameters {} stand"
+        stands = "The parameter {} appears" if len(unused) == 1 else "The parameters {} appear"
         said = [f"{stands.format(listing(unused))} in no energy, force, constraint or position."] * bool(unused)
         if self.inferred:
-            taken = "is taken for a coordinate" if len(self.inferred) == 1 else "are taken for coordinates"
+            taken = "is taken as a coordinate" if len(self.inferred) == 1 else "are taken as coordinates"
             said.append(
-                f"{listing(self.inferred)} {taken}, as a function of time in the energies; a motion that is given is "
-                "stated by lg.given(name)."
+                f"{listing(self.inferred)} {taken}, because the energies contain a function of time of this name; "
+                "state a given motion by lg.given(name)."
             )
         if self.contacts:
             names = listing(repr(each.name) for each in self.contacts)

@@ -76,10 +76,10 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
         return ""
     state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
     return (
-        f"the mass matrix d2L/dv2 degenerates there, at {state}: a motion with "
-        f"{motion_along(model.layout.rates, null / units)} has {left / least:.2g} of the least inertia at the "
-        "start, and its acceleration grows beyond all bounds. End the run before it, or state a Lagrangian that keeps "
-        "its inertia."
+        f"the mass matrix d2L/dv2 becomes singular there, at {state}: the inertia of a motion with "
+        f"{motion_along(model.layout.rates, null / units)} is {left / least:.2g} times the least inertia at the "
+        "start, and its acceleration grows beyond all bounds. End the run before, or state a Lagrangian whose inertia "
+        "does not vanish."
     )
 
 
@@ -130,16 +130,16 @@ def rank_lost(problem: Problem, y: FloatArray, singular: Singular) -> str:
     """
     state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
     share = singular.regularity
-    left = f"{share:.2g} of what it was at the start"
+    left = f"{share:.2g} times its value at the start"
     if singular.motion is not None:
         return (
             f"the inertia of a motion with {motion_along(problem.model.layout.rates, singular.motion)}, which "
-            f"satisfies the constraints, vanishes there, at {state}: it is {left}. End the run before it, or state a "
-            "Lagrangian that keeps its inertia."
+            f"satisfies the constraints, vanishes there, at {state}: it is {left}. End the run before, or state a "
+            "Lagrangian whose inertia does not vanish."
         )
     what = f"their least singular value is {left}"
     if len(singular.rows) == 1:
-        what = f"these derivatives are {share:.2g} of what they were at the start"
+        what = f"these derivatives are {share:.2g} times their values at the start"
     return (
         f"{dependent_rows(problem.model.equations.constraints.names, singular)} there, at {state}: {what}, and the "
         "accelerations grow beyond all bounds. End the run before it, or, if the motion is smooth there, pass it with "
@@ -286,8 +286,8 @@ def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory
         return trajectory
     name = problem.model.statement.quote(problem.events[passed].expression)
     note = (
-        f"The reset where {name} is zero sent the motion back at some times, and let it through at others: it acts at "
-        f"one time with other resets, in an order that rounding decides. {_GAP}"
+        f"The reset where {name} is zero sent the motion back at some times, and let it pass at others: it happens at "
+        f"the same time as other resets, and rounding decides the order. {_GAP}"
     )
     return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {note}")
 
@@ -360,7 +360,8 @@ def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
                 name = layout.coordinates[i]
                 note = (
                     f"{name} is {last:.4g}, where doubles are {math.ulp(last):.2g} apart, and forces change much over "
-                    f"that: the run does not follow the motion. Start {name} nearer to zero, an angle within a turn."
+                    f"that: the run does not follow the motion. Start {name} nearer to zero, or an angle within one "
+                    "turn."
                 )
                 return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {note}")
     return trajectory

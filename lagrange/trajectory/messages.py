@@ -32,7 +32,9 @@ _SENTENCES: dict[Status, str] = {
 
 _STIFF = "; a stiff system wants an implicit method such as radau5"
 
-_STICKS = "; where a force jumps, as with sign(v), a body may stick, in tiny steps: smooth the jump by tanh(v/0.001)"
+_STICKS = (
+    "; where a force jumps, as with sign(v), a body may stick, which needs tiny steps: smooth the jump by tanh(v/0.001)"
+)
 
 _DOMAIN = (
     "Look for a division by zero, an overflow, or a sqrt, log or power outside its domain in the energies and forces "
@@ -64,7 +66,7 @@ UNITS = "choose units in which its numbers are larger"
 """The remedy if a tolerance would be below the smallest normal numbers."""
 
 UNPROJECTED = (
-    "The state behind the step is so far from the constraints that Newton's method does not bring it back onto them."
+    "The state after the step is so far from the constraints that Newton's method does not bring it back onto them."
 )
 """The cause if a step cannot be projected onto the constraints."""
 
@@ -163,12 +165,12 @@ def unsolved(residual: float) -> str:
     """
     if residual < SLOW_RESIDUAL:
         return (
-            f"The corrections of its unknowns shrink too slowly: the last was {residual:.2g} of their size, and "
-            "Newton's method needs round-off. The equations of the step may have a double root there, or none."
+            f"The corrections of Newton's method shrink too slowly: the last was {residual:.2g} of the unknowns of the "
+            "step, more than round-off. The equations of the step may have a double root there, or none."
         )
     return (
-        f"The last correction of its unknowns was still {residual:.2g} of their size, and Newton's method needs it to "
-        "vanish."
+        f"The last correction of Newton's method was still {residual:.2g} of the unknowns of the step; it should be at "
+        "round-off."
     )
 
 
@@ -191,7 +193,7 @@ def events_fill(problem: Problem) -> str:
     """Return the cause and the remedy for a run without stored steps whose events have used up the memory."""
     return (
         f"The times and states of its events have used up max_memory = {number(memory_limit(problem))} bytes. Raise "
-        "max_memory, end the run earlier and go on from there, or watch fewer zeros, as by a direction."
+        "max_memory, end the run earlier and go on from there, or locate fewer events, for example by direction=1."
     )
 
 
@@ -210,7 +212,10 @@ def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, 
     if not failed or not tolerances.rtol or tolerances.atol > LEAST_ATOL or tolerances.share or y.all():
         return ""
     entry = problem.model.layout.names()[int(np.argmin(np.abs(y)))]
-    return f"{entry} is 0, and atol = 0 leaves it no tolerance: leave atol out, and it follows the size of each entry."
+    return (
+        f"{entry} is 0, and with atol = 0 its tolerance is zero: leave atol out, so that it follows the size of each "
+        "entry."
+    )
 
 
 def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, int], atol: float) -> str:
@@ -258,7 +263,7 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     else:
         # Without atol the steps would also follow entries that are rounding noise.
         rounded = any(0 < size <= least for size, least in zip(sizes, noise, strict=True))
-        leave = "" if rounded else "leave atol out, and it follows the size of each entry, or "
+        leave = "" if rounded else "leave atol out, so that it follows the size of each entry, or "
         yield (
             f"{entry}, so atol = {tolerances.atol:g} leaves it fewer digits than {request}: {leave}lower it to some "
             f"{lower:.0e}."

@@ -241,6 +241,7 @@ def output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) -> 
     direction = 1 if t1 >= t0 else -1
     if (np.diff(times) * direction < 0).any():
         raise StatementError(
-            "t_eval is not sorted in the direction of the run: sort it" + (", falling." if direction < 0 else ".")
+            "t_eval is not sorted in the direction of the run: give the times in "
+            f"{'decreasing' if direction < 0 else 'increasing'} order."
         )
     return times

@@ -284,7 +284,7 @@ def _check_start(problem: Problem) -> float:
     if math.isfinite(value):
         return value
     if outside := table_left(problem, problem.t0, y0):
-        raise StatementError(f"the motion cannot start there: {outside}")
+        raise StatementError(f"the motion cannot start at the initial state: {outside}")
     state = listing(f"{name} = {x:.6g}" for name, x in zip(model.layout.names(".dot"), y0, strict=True))
     raise StatementError(
         f"the energy of {model.statement.name} is {value} at the initial state ({state}), so the motion cannot start "

@@ -37,7 +37,7 @@ REFUSED: dict[str, tuple[Any, dict[str, Any], str]] = {
     "a coordinate": ({"floor": (X + lg.along, 0)}, {}, "the surface floor contains x: give it in lg.along"),
     "another dimension": ({"floor": (lg.along, 0, 0)}, {}, "give a point of 2 expressions"),
     "a number": ({"floor": 3}, {}, "give a point of 2 expressions"),
-    "no position": ({"floor": (lg.along, 0)}, {"positions": {}}, "the surface floor has no point beside it"),
+    "no position": ({"floor": (lg.along, 0)}, {"positions": {}}, "the surface floor is drawn for a moving point"),
     "a name": ({"the floor": (lg.along, 0)}, {}, "'the floor' cannot name a surface"),
     "a list": ([(lg.along, 0)], {}, "surfaces is a list: give a dict from name to point"),
 }

@@ -126,7 +126,7 @@ def test_ctrl_c_keeps_the_orbits_that_are_there(monkeypatch: pytest.MonkeyPatch)
     found = galaxy(crossings=10)
     assert found.status is lg.Status.INTERRUPTED
     assert len(found.points) == 20
-    assert found.message == "interrupted: 20 crossings of 3 among 3 orbits are there, and kept."
+    assert found.message == "interrupted: 20 crossings of 3 among 3 orbits were computed and are kept."
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ def test_ctrl_c_keeps_the_orbits_that_are_there(monkeypatch: pytest.MonkeyPatch)
             star,
             x,
             {"energy": -1.0, "solve_for": x.dot},
-            "start 0 with x = 0, y = 0, y_dot = 0 has the energy 0 without",
+            "start 0 with x = 0, y = 0, y_dot = 0 has the energy 0 if x_dot is zero",
         ),
         (star, x, {"crossings": 0}, "crossings = 0: give a whole number from 1 to 100000000"),
         (star, x, {"skip": -1}, "skip = -1"),

@@ -62,7 +62,7 @@ def test_what_cancels_is_not_there(name: str) -> None:
     told = " ".join(structure.sentences())
     turning = "Jacobi integral v.p - L is conserved (T + V is not this integral)."
     kept = turning if name == "hoop" else "energy is conserved."
-    assert f"no force acts beside the potential: the {kept}" in told
+    assert f"no force acts besides the potential: the {kept}" in told
     assert all(f"{one} d" in told for one in ignorable.split()) and "not conserved" not in told
 
 
@@ -79,10 +79,10 @@ def test_an_integral_that_is_not_the_sum_of_the_energies_is_named() -> None:
 def test_forces_that_do_no_work_keep_the_energy() -> None:
     turned = found(**FREE, forces={x: k * y.dot, y: -k * x.dot})
     assert turned.conservative
-    assert "the forces beside the potential do no work: the energy is conserved." in turned.sentences()[2]
+    assert "the forces besides the potential do no work: the energy is conserved." in turned.sentences()[2]
     paid = found(**FREE, potential=t * k * x, forces={x: -k * x / x.dot})
     assert paid.sentences()[2] == (
-        "The forces beside the potential do the work that explicit time takes: the energy is conserved."
+        "The forces besides the potential do the work that explicit time takes: the energy is conserved."
     )
     assert found(**FREE, dissipation=c * x.dot).energy_kept is False
 

@@ -106,12 +106,12 @@ def test_sentences_for_the_user() -> None:
     assert structure("Henon-Heiles").sentences() == [
         "The mass matrix is diagonal and constant.",
         "The momenta depend on velocities alone: all else in the Lagrangian acts as a potential.",
-        "Nothing depends on time explicitly and no force acts beside the potential: the energy is conserved.",
+        "Nothing depends on time explicitly and no force acts besides the potential: the energy is conserved.",
     ]
     assert structure("spherical pendulum").sentences() == [
         "The mass matrix is diagonal and changes along the motion.",
         "The momenta depend on more than the velocities: the Lagrangian does not separate.",
-        "Nothing depends on time explicitly and no force acts beside the potential: the energy is conserved.",
+        "Nothing depends on time explicitly and no force acts besides the potential: the energy is conserved.",
         "phi does not appear in L: it is cyclic, so p_phi is conserved.",
     ]
     assert structure("double pendulum").sentences()[0] == (

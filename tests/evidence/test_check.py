@@ -225,7 +225,7 @@ def test_the_textbook_gets_a_row() -> None:
 
 
 def test_a_textbook_with_a_gap_is_refused() -> None:
-    with pytest.raises(StatementError, match="no acceleration of phi: give one for every coordinate"):
+    with pytest.raises(StatementError, match="no acceleration of phi: give the accelerations of all coordinates"):
         checked(StandIn(statements.kepler()), textbook={statements.r: 1})
 
 

@@ -202,7 +202,7 @@ def test_a_method_as_reference_is_held_against_another(reference: Any) -> None:
 
 
 def test_a_poor_reference_is_refused() -> None:
-    with pytest.raises(RunError, match=r"known to .* only"):
+    with pytest.raises(RunError, match=r"has an error of .*, too large"):
         race(reference=lg.methods.Euler(step=0.1))
 
 
@@ -244,7 +244,7 @@ def test_errors_on_a_hill_grow_with_the_exponential() -> None:
     found = race(HILL, end)
     assert found.growth == pytest.approx(math.cosh(end) + math.sinh(end), rel=1e-3)
     assert found.floor == pytest.approx(2.0**-53 * math.cosh(end), rel=1e-3)
-    assert any("grow up to" in note and "luck" in note for note in found.notes)
+    assert any("grow up to" in note and "chance" in note for note in found.notes)
     assert race(SPRING).notes == ()
 
 
@@ -266,7 +266,7 @@ def test_chaos_has_no_winner() -> None:
     assert found.growth > 1e14
     assert found.floor > 1e-2
     assert found.notes[0].startswith("No method can win")
-    with pytest.raises(RunError, match=r"grows by .* 22 digits say nothing"):
+    with pytest.raises(RunError, match=r"grows .* times .* of 22 digits"):
         lg.race(pendulum, 40.0, start)
 
 
@@ -315,5 +315,5 @@ def test_one_method_needs_no_list() -> None:
 
 def test_a_motion_without_an_end_cannot_be_raced() -> None:
     escape = lg.System(kinetic=m * x.dot**2 / 2, potential=-(x**4), parameters={m: 1}, initial={x: 1.0})
-    with pytest.raises(RunError, match="no end to race for: dop853"):
+    with pytest.raises(RunError, match="no end state, because the first run stopped early: dop853"):
         race(escape, 10.0)

@@ -114,7 +114,7 @@ def test_casadi_and_jax_take_inputs_in_the_parameters(wanted: list[float]) -> No
 
 def test_a_run_without_values_of_inputs_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        lg.StatementError, match=r"its inputs X, X_dot, X_ddot and u have no value: give one"
+        lg.StatementError, match=r"its inputs X, X_dot, X_ddot and u have no value: give a constant value"
     ) as refusal:
         driven().export("c", tmp_path, ["main"])
     assert len(str(refusal.value)) <= 400 and list(tmp_path.iterdir()) == []

@@ -34,7 +34,7 @@ def pendulum(**stated: Any) -> lg.System:
         ({"contents": ["positions"]}, "spring states no positions to export: state them"),
         ({"contents": ["events"]}, "spring has no events to export: give them"),
         ({"contents": ["jacobain"]}, "Did you mean 'jacobian'?"),
-        ({"contents": ["radau5"]}, "the method 'radau5' has no step that is exported"),
+        ({"contents": ["radau5"]}, "the method 'radau5' cannot be exported"),
         ({"contents": "rhs"}, "contents is 'rhs': give a list of names"),
         ({"contents": []}, "contents is []: give a list of names"),
         ({"contents": [3]}, "contents is [3]: give a list of names"),

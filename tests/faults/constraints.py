@@ -25,7 +25,7 @@ LOST = (*NO_NUMBER, Status.SINGULAR)
 """How a run may end where its constraints do."""
 
 
-NOT_MADE_FOR = "|leave out the forces of the constraints|moves coordinates and velocities in turn"
+NOT_MADE_FOR = "|leaves out the forces of constraints|moves coordinates and velocities in turn"
 """What methods say that do not know of constraints, when they are asked before the start is looked at."""
 
 

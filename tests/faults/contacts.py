@@ -16,7 +16,7 @@ from tests.faults.fault import Fault
 
 y = lg.coordinate("y")
 
-NOT_MADE_FOR = "does not locate events|leave out the forces of the constraints|moves coordinates and velocities in turn"
+NOT_MADE_FOR = "does not locate events|leaves out the forces of constraints|moves coordinates and velocities in turn"
 """Parts of the messages of methods that cannot run to an impact, or with a closed gap as a constraint."""
 
 

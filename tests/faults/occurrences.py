@@ -163,6 +163,6 @@ EVENTS = (
         "the event does not change along a run",
         free,
         options={"events": [sp.Integer(0)]},
-        refusal="stays as it is",
+        refusal="is constant along a run",
     ),
 )

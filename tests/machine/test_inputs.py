@@ -96,7 +96,9 @@ def test_functions_of_inputs_are_asked_for_by_name() -> None:
         valued.as_scipy(inputs={u: abs})
     with pytest.raises(lg.StatementError, match=r"the input u is .*: give a function of the time"):
         opened.as_scipy(inputs={u: 2.0})
-    with pytest.raises(lg.StatementError, match=r"the input u is a function of \(t, y\): give one of the time alone"):
+    with pytest.raises(
+        lg.StatementError, match=r"the input u is a function of \(t, y\): give a function of the time alone"
+    ):
         opened.as_scipy(inputs={X: abs, X.dot: abs, X.ddot: abs, u: lambda t, y: t})
     problem = opened.as_scipy(inputs={X: abs, X.dot: abs, X.ddot: abs, u: lambda t: "much"})
     with pytest.raises(lg.StatementError, match="the input at t = 0"):

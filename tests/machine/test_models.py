@@ -362,7 +362,7 @@ REFUSED: dict[str, tuple[Callable[[Model], Any], str]] = {
     "complex state": (lambda of: of.jacobian(0.0, np.ones(4) * 1j), "y has entries of type complex128"),
     "times": (
         lambda of: of.accelerations(np.ones((2, 2)), np.ones((2, 2)), np.zeros(3)),
-        r"t has shape \(3,\) and the states have \(2,\) columns: give one time, or one per column",
+        r"t has shape \(3,\), but the batch of states has shape \(2,\): give one time, or one for each",
     ),
     "complex time": (
         lambda of: of.accelerations(np.ones((2, 2)), np.ones((2, 2)), 1j),
@@ -370,7 +370,7 @@ REFUSED: dict[str, tuple[Callable[[Model], Any], str]] = {
     ),
     "time of no column": (
         lambda of: of.accelerations(np.ones(2), np.ones(2), [0.0]),
-        r"t has shape \(1,\) and the states have no columns",
+        r"t has shape \(1,\), but the batch of states has shape \(\)",
     ),
     "parameter": (
         lambda of: of.accelerations([0.1, 0.2], [0, 0], parameters={"mass": 1}),
@@ -405,7 +405,7 @@ def test_a_missing_parameter() -> None:
 @pytest.mark.parametrize(("name", "count"), [("none", 0), ("two words", 1), ("", 1)])
 def test_a_function_has_a_name_and_a_node(name: str, count: int) -> None:
     compiled = model("oscillator")
-    with pytest.raises(StatementError, match=f"there is no function '{name}' of {count} nodes: name it, and give a"):
+    with pytest.raises(StatementError, match=f"function\\('{name}', nodes\\) with {count} node"):
         compiled.function(name, compiled.equations.q[:count])
 
 
@@ -423,5 +423,7 @@ def test_a_kernel_says_what_it_is() -> None:
 
 def test_python_has_no_address_and_says_where_one_is() -> None:
     kernel = shared_scene("pendulum").compile("numpy").kernel("rhs")
-    with pytest.raises(StatementError, match=r"no address: take that of the llvm target, system\.compile\('llvm'\)"):
+    with pytest.raises(
+        StatementError, match=r"no address: take the machine code of the llvm target, system\.compile\('llvm'\)"
+    ):
         attrgetter("address")(kernel)

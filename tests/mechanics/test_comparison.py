@@ -277,7 +277,7 @@ def test_refusals(given: Any, message: str) -> None:
 def test_files_are_refused_by_line() -> None:
     with pytest.raises(StatementError, match=r"^line 3, column 1: 'c' is not a symbol of this system"):
         shared_scene("pendulum").compare("theta_ddot + g/l*sin(theta)\n\nc*theta_dot = 0\n")
-    with pytest.raises(StatementError, match=r"^there is no equation: write one a line"):
+    with pytest.raises(StatementError, match=r"^there is no equation: write one equation per line"):
         shared_scene("pendulum").compare("# nothing\n")
 
 

@@ -118,7 +118,7 @@ def test_names_and_reasons() -> None:
     assert about["angular momentum z"].reason == (
         "The symmetry delta x = -y and delta y = x leaves the Lagrangian as it is."
     )
-    assert str(about["energy"]).endswith("and no force acts beside the potential.")
+    assert str(about["energy"]).endswith("and no force acts besides the potential.")
     thrown = lg.System(T(FLAT), m * g * y, coordinates=list(FLAT)).conserved()
     assert {one.name: one.expression for one in thrown}["momentum y"] == m * y.dot + g * m * lg.t
     polar = lg.System(POLAR_T, -k / r).conserved()
@@ -290,8 +290,8 @@ def test_what_cannot_be_proven_is_not_claimed() -> None:
         (5, "noether takes a dict from coordinates to how they move, as {x: -y, y: x}, not 5"),
         ({}, "noether takes a dict"),
         ({"u": 1}, "'u' is neither t nor a coordinate of this system; they are x and y"),
-        ({x: y.dot}, "the motion of x is .*: a point symmetry has an expression in coordinates, parameters and t"),
-        ({lg.t: x}, "the motion of t is .*: a point symmetry has an expression in parameters alone"),
+        ({x: y.dot}, "the motion of x is .*: give an expression in coordinates, parameters and t"),
+        ({lg.t: x}, "the motion of t is .*: give an expression in parameters alone"),
         ({x: z}, r"the motion of x contains z\(t\), which this system does not have; it has x\(t\), y\(t\)"),
     ],
 )

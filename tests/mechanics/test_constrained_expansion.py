@@ -185,5 +185,7 @@ def test_velocities_off_the_constraints_are_refused(at: Any, words: str) -> None
 
 
 def test_an_equilibrium_in_decimals_is_not_followed_along_constraints() -> None:
-    with pytest.raises(StatementError, match=r"disc has constraints, and its equilibrium in decimals is not followed"):
+    with pytest.raises(
+        StatementError, match=r"disc has constraints, and an equilibrium in decimals cannot be followed"
+    ):
         disc().eigenvalues(w, [1.0], {x.dot: 0.4, spin.dot: 1.0})

@@ -60,7 +60,9 @@ def test_steady_motions_of_ignorable_coordinates() -> None:
     assert sympy.simplify(cone.criterion[0] - m * (l**2 * w**4 + 3 * g**2) / w**2) == 0  # at a fixed momentum of phi
     assert cone.at == {theta: acos(g / (l * w**2)), phi.dot: w}
     poles = [one for one in pendulum.equilibria({"phi": w}) if one.coordinates[theta] in (0, pi)]
-    assert [one.reason for one in poles] == ["the mass matrix is singular there: other coordinates decide."] * 2
+    assert [one.reason for one in poles] == [
+        "the mass matrix is singular there: choose coordinates that are regular there."
+    ] * 2
     with pytest.raises(
         StatementError, match=r"the mass matrix of system is singular at this point: state the modes in"
     ):
@@ -172,7 +174,7 @@ EDGE: dict[str, Any] = {"constraints": {"edge": y.dot * cos(theta) - x.dot * sin
             None,
             "the equilibria of system are not found in symbols, and for a search by number m, k and c have no value: ",
         ),
-        (lambda: lg.System(T, k * x**2 * sin(lg.t)), None, "the forces of system depend on time, and no place stays"),
+        (lambda: lg.System(T, k * x**2 * sin(lg.t)), None, "the forces of system depend on time, so no point is"),
         (
             lambda: lg.System(x.dot**2 + y.dot**2 + theta.dot**2, **EDGE),
             None,
@@ -181,10 +183,11 @@ EDGE: dict[str, Any] = {"constraints": {"edge": y.dot * cos(theta) - x.dot * sin
         (
             hoop,
             {theta: 1},
-            "rates gives theta a steady velocity, but energies, forces or constraints depend on it, so that",
+            "rates gives theta a steady velocity, but energies, forces or constraints depend on theta, so the "
+            "velocity would",
         ),
         (lambda: shared_scene("bouncing-ball"), None, "bouncing-ball has no equilibrium: the forces on y at rest"),
-        (hoop, {theta.dot: 1}, "rates names velocities: give coordinates, such as {theta: 1.0}."),
+        (hoop, {theta.dot: 1}, "rates has velocities as keys: give coordinates as keys, such as {theta: 1.0}."),
         (hoop, [1], "rates is [1]: give a dict from ignorable coordinates to velocities."),
     ],
 )

@@ -127,7 +127,7 @@ def test_constraints_are_expanded_with_their_curvature() -> None:
 
 T = m * x.dot**2 / 2
 NONE = "the potential energy has no expansion about {}: it"
-CORNER = f"{NONE} has a corner or a jump where {{}} is zero, which is there. Choose a point beside it."
+CORNER = f"{NONE} has a corner or a jump where {{}} is zero, as at this point. Choose a point next to it."
 INFINITE = (
     f"{NONE}, or a derivative up to order 2, is not finite there. Choose another point, or coordinates that are "
     "regular at it."
@@ -139,8 +139,8 @@ INFINITE = (
     [
         (
             lambda: shared_scene("spherical-pendulum").small(),
-            "about theta = 0 and phi = 0 the Lagrangian to order 2 has no velocity of phi in it, whose inertia "
-            "vanishes there: choose coordinates that are regular at that point, or another point.",
+            "the inertia of phi vanishes at theta = 0 and phi = 0, so the Lagrangian to order 2 does not contain this "
+            "velocity: choose coordinates that are regular at the point, or another point.",
         ),
         (lambda: shared_scene("kepler").small(), INFINITE.format("x = 0 and y = 0")),
         (lambda: lg.System(T, k * x**2 * sympy.Heaviside(x)).small(), CORNER.format("x = 0", "x")),

@@ -115,7 +115,7 @@ def test_at_rest_in_a_singular_place_there_is_an_initial_state() -> None:
             {x: away * cos(turn)},
             {},
             "the expressions for x have 2 new coordinates (away and turn), and 1 are replaced: a transformation needs "
-            "as many. With more, they are not determined",
+            "as many. With more, the new coordinates are not",
         ),
         ({x: r, y: 2 * r}, {}, "the expressions for x and y have 1 new coordinates (r), and 2 are replaced: a transf"),
         ({x: away + turn, y: 2 * away + 2 * turn}, {}, "x and y do not vary independently with away and turn: the det"),
@@ -132,7 +132,7 @@ def test_refusals(given: Any, more: Any, words: str) -> None:
 def test_a_singular_initial_state_is_refused() -> None:
     # At x = y = 0 any angle will do; one that starts with y.dot = 1 needs another than zero.
     with pytest.raises(
-        StatementError, match=r"the initial velocities have no values in the new coordinates: at .* they"
+        StatementError, match=r"the initial velocities have no values in the new coordinates, which are singular"
     ):
         particle(initial={y.dot: 1.0}).transform(ROUND)
     with pytest.raises(

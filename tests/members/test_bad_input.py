@@ -84,9 +84,9 @@ def test_starts_that_are_no_numbers(given: Any, text: str) -> None:
 
 def test_a_name_that_has_two_values() -> None:
     theta = model().statement.coordinates[0]
-    refused(lambda: run({theta: THREE, "theta": 1.0}), "theta varies between the members, and has one value as well")
-    refused(lambda: run({theta: THREE, "theta": THREE}), "theta varies twice")
-    refused(lambda: run(parameters={"l": THREE, sp.Symbol("l"): 1.0}), "l varies between the members")
+    refused(lambda: run({theta: THREE, "theta": 1.0}), "theta has both varying values and a single value")
+    refused(lambda: run({theta: THREE, "theta": THREE}), "the values of theta are given twice")
+    refused(lambda: run(parameters={"l": THREE, sp.Symbol("l"): 1.0}), "l has both varying values")
     refused(lambda: lg.grid({theta: THREE, "theta": THREE}), "axes has theta twice")
     refused(lambda: lg.sample({theta: (0, 1), "theta": (0, 1)}, 3), "ranges has theta twice")
 
@@ -129,7 +129,10 @@ class Distribution:
         ((0, np.inf), "an end of theta is inf"),
         (norm(0, -1), "the distribution of theta gives nan as a value"),
         (norm([0, 1], 1), "the distribution of theta gives no values"),
-        (Distribution(lambda parts: 1.0), "the distribution of theta gives the shape () for (4,)"),
+        (
+            Distribution(lambda parts: 1.0),
+            "the distribution of theta returns values of shape () for probabilities of shape (4,)",
+        ),
         (Distribution(lambda parts: parts * 1j), "the distribution of theta has entries of type complex128"),
     ],
 )

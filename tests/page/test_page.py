@@ -219,13 +219,16 @@ def test_sliders_that_are_asked_for_stand_first(tmp_path: Path) -> None:
         ({"sliders": {"thetta": (0, 1)}}, "there is no slider of 'thetta', which is not a parameter, coordinate or ve"),
         ({"sliders": {"thetta": (0, 1)}}, "of pendulum: they are m, g, l, theta and theta_dot. Did you mean 'theta'?"),
         ({"sliders": {3: (0, 1)}}, "there is no slider of '3'"),
-        ({"sliders": ["l"]}, "['l'] says no sliders: give a dict from names to bounds, such as {'l': (0.5, 2.0)}."),
+        ({"sliders": ["l"]}, "sliders is ['l']: give a dict from names to bounds, such as {'l': (0.5, 2.0)}."),
         ({"sliders": {"l": 3}}, "the slider of l is 3: give its lower and its upper bound, such as (0.5, 2.0)."),
         ({"sliders": {"l": "ab"}}, "the slider of l is 'ab': give its lower"),
         ({"sliders": {"l": (0, float("inf"))}}, "a bound of the slider of l is inf: give a finite number."),
-        ({"sliders": {"l": (0, 0)}}, "the slider of l goes from 0 to 0, and has no room to move"),
+        ({"sliders": {"l": (0, 0)}}, "the slider of l goes from 0 to 0, which is an empty range"),
         ({"sliders": {"l": (2, 0)}}, "the slider of l goes from 2 to 0: give the lower bound first, (0, 2)."),
-        ({"sliders": {"l": (2, 3)}}, "the slider of l goes from 2 to 3, and l is 1: give bounds that hold it"),
+        (
+            {"sliders": {"l": (2, 3)}},
+            "the slider of l goes from 2 to 3, but l is 1: give bounds with 1 between them, or l another value.",
+        ),
         ({"parameters": {"z": 1}}, "z"),
         ({"initial": {"phi": 1}}, "initial names 'phi', which is not a coordinate or velocity"),
         ({"path": "/nowhere/page.html"}, "Cannot write /nowhere/page.html: there is no folder /nowhere."),
@@ -242,7 +245,8 @@ def test_a_wrong_request_is_refused_and_leaves_nothing(given: dict[str, Any], sa
 def test_a_function_that_javascript_has_not(tmp_path: Path) -> None:
     theta = lg.coordinate("theta")
     assert refusal(pendulum(potential=erf(theta)).to_page, tmp_path / "page.html") == (
-        "a page of pendulum cannot be made: its energy contains erf, which JavaScript has no function for."
+        "a page of pendulum cannot be made: its energy contains erf, which JavaScript does not have. State the system "
+        "without erf."
     )
     assert list(tmp_path.iterdir()) == []
 

@@ -232,11 +232,11 @@ def test_a_name_that_is_read_where_it_is_not_set_is_refused() -> None:
             pair = (b, 4)
         return pair[0][0]
 
-    refused(behind_loop, "`x` is read behind the loop", "return x")
-    refused(behind_index, "`i` is read behind the loop")
-    refused(one_branch, "`y` is read behind the branch", "first value")
-    refused(rebound, "`c` is read behind the branch")
-    refused(known_set, "`pair` is read behind the branch")
+    refused(behind_loop, "`x` is read after the loop", "return x")
+    refused(behind_index, "`i` is read after the loop")
+    refused(one_branch, "`y` is read after the branch", "set it before")
+    refused(rebound, "`c` is read after the branch")
+    refused(known_set, "`pair` is read after the branch")
 
 
 def test_what_an_each_cannot_have_is_refused() -> None:
@@ -277,11 +277,11 @@ def test_what_an_each_cannot_have_is_refused() -> None:
         return total
 
     refused(temporary, "`x` is set by an `each`", "use `range`")
-    refused(branch, "no branches", "a if condition else b")
-    refused(shifted, "other parts of an array", "disjoint=True")
-    refused(elsewhere, "own index")
+    refused(branch, "cannot contain `if`", "a if condition else b")
+    refused(shifted, "other slices of an array", "disjoint=True")
+    refused(elsewhere, "its own index")
     refused(loads, "loads", "a name first")
-    refused(calls, "calls scaled", "use `range`")
+    refused(calls, "the call of scaled", "use `range`")
     refused(partial, "`total` is set by an `each`")
 
 
@@ -312,9 +312,9 @@ def test_numbers_of_another_kind_are_refused() -> None:
             total = total + 0.5
         return float(total)
 
-    refused(whole, "x + n", "add takes no real, whole")
+    refused(whole, "x + n", "add cannot take real, whole")
     refused(place, "a place is a whole number", "int(x)", x=REAL)
-    refused(stores, "only read", "Out", a=Array(read=True))
+    refused(stores, "cannot be written", "Out", a=Array(read=True))
     refused(flags, "a condition is true or false", x=REAL)
     refused(divides, "float(n)")
     refused(last, "from the end")

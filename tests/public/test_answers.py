@@ -60,7 +60,10 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: loose.race(pendulum(), 0.1, digits="x", reference=[0, 0]), "digits is 'x' (str): give a number."),
     (lambda: loose.race(pendulum(), 0.1, outputs=1e308), "outputs = 1e+308: give a whole number from 1 to 100000."),
     (lambda: lg.poincare(pendulum(), theta, skip=2**63), "skip = 9223372036854775808: give a whole number from 0 to"),
-    (lambda: lg.poincare(pendulum(), theta, [{}] * 3, skip=10**8), "the states of 3e+08 points, those of skip among"),
+    (
+        lambda: lg.poincare(pendulum(), theta, [{}] * 3, skip=10**8),
+        "the states of 3e+08 points, with those that skip= leaves",
+    ),
     (lambda: loose.plot(run(), labels=5), "labels are 5: give a text for each of 1 run."),
     (lambda: loose.plot(run(), labels=endless()), "labels has more than 10000 entries: give fewer."),
     (lambda: loose.Model.evaluate(run().model, ["rhs"], [0.0], [0.0]), "name is ['rhs'] (list): give a text."),

@@ -165,11 +165,11 @@ def test_a_singular_constant_matrix_is_nan() -> None:
 def test_wrong_sizes_and_types_are_refused() -> None:
     of, made = model("double pendulum"), double_pendulum()
     prepared = made.prepare(of.parameter_array())
-    with pytest.raises(ValueError, match="give as many parameters as the model has"):
+    with pytest.raises(ValueError, match="p has a wrong number of entries"):
         made.prepare(np.ones(1))
-    with pytest.raises(ValueError, match="of the sizes of the model: one is wrong"):
+    with pytest.raises(ValueError, match="arrays of the sizes of the model"):
         made.function(0.0, np.ones(3), prepared)
-    with pytest.raises(ValueError, match="of the sizes of the model: one is wrong"):
+    with pytest.raises(ValueError, match="arrays of the sizes of the model"):
         made.function(0.0, np.ones(4), of.parameter_array())
     with pytest.raises(TypeError):
         made.function(0.0, np.ones(4, dtype=int), prepared)
@@ -177,7 +177,7 @@ def test_wrong_sizes_and_types_are_refused() -> None:
 
 def test_the_numpy_target_is_refused() -> None:
     with pytest.raises(
-        StatementError, match=r"has no address: take that of the llvm target, system\.compile\('llvm'\)"
+        StatementError, match=r"has no address: take the machine code of the llvm target, system\.compile\('llvm'\)"
     ):
         model("double pendulum", "numpy").as_numba()
 

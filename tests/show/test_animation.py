@@ -225,7 +225,10 @@ def test_one_state_is_one_frame(times: Any) -> None:
         ({"fps": 1000}, "fps = 1000: give a number of frames per second from 1 to 60; screens show no more."),
         ({"speed": 0}, "speed = 0: give a positive number; 1 is real time, 2 twice as fast."),
         ({"speed": -1.0}, "speed = -1: give a positive number; 1 is real time, 2 twice as fast."),
-        ({"speed": 1e300}, "speed = 1e+300 shows the run in 1e-300 s, which is less than a frame: give 30 or less."),
+        (
+            {"speed": 1e300},
+            "speed = 1e+300 shows the run in 1e-300 s, shorter than one frame: give a speed of 30 or less.",
+        ),
         ({"size": 640}, "size = 640: give width and height in pixels, such as size=(640, 480)."),
         ({"size": (640, 90_000)}, "a side of size = 90000: give a whole number from 160 to 2160."),
         ({"size": (2000, 200)}, "size = (2000, 200) leaves no room for the motion: give a height of 832 or more."),

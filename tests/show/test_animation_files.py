@@ -87,8 +87,8 @@ def test_without_ffmpeg_a_page_is_written_and_that_is_said(tmp_path: Path, monke
         made = oscillator().animate(tmp_path / "a.mp4")
     assert made.path == tmp_path / "a.html" and left_in(tmp_path) == ["a.html"] and note in made.notes
     assert refusal(oscillator().animate, tmp_path / "a.mp4") == (
-        f"{tmp_path / 'a.mp4'} needs the program ffmpeg, which is not installed, and {tmp_path / 'a.html'}, which "
-        "would do instead, is there already: name a file that ends in .html or .gif."
+        f"{tmp_path / 'a.mp4'} needs the program ffmpeg, which is not installed. The page {tmp_path / 'a.html'} "
+        "would be written instead, but this file exists already: name a file that ends in .html or .gif."
     )
 
 

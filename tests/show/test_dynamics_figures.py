@@ -152,7 +152,7 @@ def test_a_section_draws_the_entries_that_are_asked_for() -> None:
         section.plot(x="z")
     with pytest.raises(StatementError, match="entry names 'z'"):
         recorded("sweep").plot("z")
-    with pytest.raises(StatementError, match="equilibria rest: give one of the coordinates, such as theta"):
+    with pytest.raises(StatementError, match="velocities are zero at equilibria: give a coordinate, such as theta"):
         recorded("branches").plot(theta.dot)
 
 

@@ -173,8 +173,8 @@ def test_a_run_from_a_file_is_drawn_at_its_outputs_which_is_said(tmp_path: Any) 
         ({"size": 3}, "size = 3: give"),
         ({"dpi": 0}, "dpi = 0: give a whole number from 10"),
         ({"ax": 3}, "ax is 3: give axes of Matplotlib, or leave it out"),
-        ({"ax": Figure().subplots()}, "ax is 1 panel and what is asked for takes 2: choose with what= and of="),
-        ({"what": "x", "ax": Figure().subplots(), "size": (3, 3)}, "size is that of a new figure"),
+        ({"ax": Figure().subplots()}, "ax has 1 panel, but the figure needs 2: choose fewer with what= and of="),
+        ({"what": "x", "ax": Figure().subplots(), "size": (3, 3)}, "size is for a new figure"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(given: Any, message: str) -> None:
@@ -195,7 +195,7 @@ def test_what_several_runs_cannot_have_is_refused() -> None:
         free(10).plot("phase")
     still = declare(kinetic=x.dot**2 / 2, forces={x: cos(lg.t) - x.dot**3}, name="pushed")
     run = solved(still, np.linspace(0, 1, 3), lambda t: np.array([np.sin(t), np.cos(t)]))
-    with pytest.raises(StatementError, match="nothing was found that pushed conserves: there are no invariants"):
+    with pytest.raises(StatementError, match="no conserved quantity of pushed was found, so there are no invariants"):
         run.plot("invariants")
 
 

@@ -325,7 +325,7 @@ def test_unused_parameters_are_known() -> None:
     stated = declare(kinetic=m * x.dot**2, parameters={m: 1, k: 2, b: 3}, positions={"p": (b, x)})
     assert stated.unused == (k,)
     said = System.from_statement(stated).structure
-    assert said[-1] == "The parameter k stands in no energy, force, constraint or position."
+    assert said[-1] == "The parameter k appears in no energy, force, constraint or position."
 
 
 def test_plain_symbols_are_real_and_differentiate(statement: Statement) -> None:

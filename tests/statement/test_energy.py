@@ -92,7 +92,7 @@ REFUSALS: list[tuple[Any, str]] = [
     (lambda: kinetic_energy(m, []), "the position is empty: give at least one component."),
     (lambda: rotational_energy([i1, i2], [w1, w2, w3]), "the inertia has 2 entries and the angular velocity 3"),
     (lambda: rotational_energy([[i1], [i2]], [w1, w2]), "the inertia has shape (2, 1) and the angular velocity 2"),
-    (lambda: gravity(m, [x, y], g, up=[0, 0, 1]), "up has 3 components and the position 2: give as many."),
+    (lambda: gravity(m, [x, y], g, up=[0, 0, 1]), "up has 3 components and the position 2: give both the same number."),
     (lambda: gravity(m, [x, y], g, up=[0, 0]), "up is the zero vector: give a direction such as (0, 1)."),
     (lambda: rotational_energy(i1, x), "the angular velocity is x, an angle: give its rate, such as x.dot."),
     (lambda: rotational_energy(i1, [0, 0, 2 * y - x]), "component 2 of the angular velocity is -x + 2*y, an angle"),
@@ -103,7 +103,7 @@ REFUSALS: list[tuple[Any, str]] = [
     (lambda: rotational_energy(i1, y.dot + k / l * sympy.sin(x)), "the angular velocity has the term k*sin(x)/l, a nu"),
     (lambda: rotational_energy(i1, [0, 0, x.ddot]), "component 2 of the angular velocity contains x.ddot, an accelera"),
     (lambda: rotational_energy(i1, k * lg.t), "the angular velocity is k*t, an angle or its function: give its rate,"),
-    (lambda: spring(k, [x, y], [0]), "the ends of the spring have 2 and 1 components: give as many."),
+    (lambda: spring(k, [x, y], [0]), "the ends of the spring have 2 and 1 components: give both the same number."),
 ]
 
 

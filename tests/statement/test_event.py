@@ -62,7 +62,7 @@ def test_a_reset_is_by_symbol_or_by_name() -> None:
         ({"expression": lambda t, y: y[0]}, "A Python function hides its formula, and its roots could be missed"),
         ({"expression": x > 1}, "the event is 'x(t) > 1', a relation: give the difference of its sides, x(t) - 1, who"),
         ({"expression": x.dot == 0}, "the event is False, which Python makes of a comparison such as theta.dot == 0: "),
-        ({"expression": 3}, "the event is 3, a number, which stays as it is along a run: give an expression"),
+        ({"expression": 3}, "the event is 3, a number, which is constant along a run: give an expression"),
         ({"terminal": -1}, "terminal = -1: give True, or the number of the occurrence that ends the run"),
         ({"terminal": 1.5}, "terminal = 1.5: give True"),
         ({"direction": "up"}, "direction is 'up' (str): give a number"),
@@ -80,7 +80,7 @@ def test_what_cannot_be_meant_is_refused_when_it_is_written(given: dict[str, Any
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        (7, "the event is 7, a number, which stays as it is along a run"),
+        (7, "the event is 7, a number, which is constant along a run"),
         (Ellipsis, "events is Ellipsis: give a list of expressions, or of lg.event(...)"),
         ([x, "y"], "the event is 'y', a text: give the symbol"),
         ([x, z - 1], "event 1 contains z(t), which this system does not have"),
@@ -88,7 +88,7 @@ def test_what_cannot_be_meant_is_refused_when_it_is_written(given: dict[str, Any
         ([sp.nan], "event 0 contains nan, which is not a finite number"),
         ([sp.gamma(x)], "event 0 contains gamma in 'gamma(x(t))', which is not supported"),
         ([sp.diff(x, t, 3)], "event 0 contains the derivative of order 3 of x. Only coordinates, velocities and acc"),
-        ([a - 1], "event 0 is a - 1, which stays as it is along a run"),
+        ([a - 1], "event 0 is a - 1, which is constant along a run"),
         ([event(x, reset={z: 0})], "the reset of event 0 names 'z(t)', which is not a coordinate or velocity of this "),
         ([event(x, reset={x: z})], "the reset of event 0 contains z(t), which this system does not have"),
         ([event(x, reset={x: 0, "x": 1})], "the reset of event 0 names the same coordinate or velocity twice"),

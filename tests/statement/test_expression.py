@@ -174,7 +174,7 @@ REFUSALS: list[tuple[Any, str]] = [
     (float("nan"), "parameter m is nan: give a finite number."),
     (sympy.zoo, "parameter m is zoo: give a finite number."),
     (sympy.exp(1000), "parameter m is inf: give a finite number."),
-    (10**400, "parameter m is too large for a floating-point number: give one below 1.8e308."),
+    (10**400, "parameter m is too large for a floating-point number: give a number below 1.8e308."),
     (1j, "parameter m is 1j, a complex number: give a real number."),
     (2 * m, "parameter m is 2*m, an expression with symbols in it: give a number."),
     (sympy.Eq(m, 1), "parameter m is Eq(m, 1), which has no value: give a number."),

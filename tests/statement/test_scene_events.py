@@ -74,10 +74,10 @@ def test_a_derived_system_has_no_events_of_the_scene() -> None:
         ('when = "y"\n', 'wen = "y"\n', 18, "'wen' is not a key of an event"),
         ('when = "y"\n', 'when = "z"\n', 18, "events[0].when: 'z' is not declared"),
         ('"-e*y_dot"', '"-e*y_dot*"', 20, "events[0].reset.y_dot: the expression ends"),
-        ("y_dot == 0", "m", 17, "event 1 is m, which stays as it is along a run"),
+        ("y_dot == 0", "m", 17, "event 1 is m, which is constant along a run"),
         ("terminal = 1", "terminal = -1", 22, "terminal = -1: give True"),
         ("terminal = 1", 'again = "x"', 25, "'again' is not a key of an event"),
-        ('when = "y_dot == 0"\n', "", 22, "there is no when: write"),
+        ('when = "y_dot == 0"\n', "", 22, "an event has no key `when`: write"),
         ('reset = { y_dot = "-e*y_dot", e = "e/2" }', "reset = 1", 17, "reset is not a table of names and new values"),
     ],
 )

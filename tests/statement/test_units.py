@@ -195,7 +195,7 @@ def test_a_unit_that_follows_is_made_of_stated_ones() -> None:
 
 EVENTS: dict[str, tuple[Any, str]] = {
     "terms": (x - a, rf"event 0 has the term x{OTHER}"),
-    "dimensions": (x - x.dot, "event 0 has the term x, whose dimension is length; beside the other terms"),
+    "dimensions": (x - x.dot, "event 0 has the term x, whose dimension is length; like the other terms"),
     "reset": (lg.event(x, reset={"x_dot": -a * w}), rf"the reset of event 0 has the term -a\*w{OTHER}"),
     "angle": (cos(w * lg.t) - x / a, rf"event 0 has the term cos\(t\*w\){OTHER}"),
     "multiplier": (lg.multiplier("wire") * a - F * x, rf"event 0 has the term -F\*x{OTHER}"),

@@ -100,7 +100,7 @@ def test_a_start_on_the_cut(speed: float, angle: float, height: float) -> None:
 def test_a_motion_that_sticks_to_the_cut_says_so() -> None:
     found = go(particle(sp.atan2(-x.dot, -1)), 4.0, initial={x.dot: 1.0})
     assert found.status is Status.STEP_TOO_SMALL and found.y[2, -1] == pytest.approx(0, abs=1e-12)
-    assert "The equations of motion switch where -x_dot is zero" in found.message and "sticks" in found.message
+    assert "The equations of motion jump where -x_dot is zero" in found.message and "sticks" in found.message
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -127,8 +127,8 @@ def test_forces_on_points_that_are_not_determined_are_refused() -> None:
         "or take the generalized forces, constraint_force(name)."
     )
     assert refusal(run(positions={"bob": (x, y), "twin": (x, y)}), "rod", "bob") == (
-        "the force of rod on points is not determined: bob and twin can each carry it. Name fewer points, or take the "
-        "generalized forces, constraint_force(name)."
+        "the force of rod on points is not determined: each of bob and twin could carry it alone. Name fewer points, "
+        "or take the generalized forces, constraint_force(name)."
     )
 
 

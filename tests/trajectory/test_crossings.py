@@ -326,7 +326,7 @@ def test_a_constraint_that_comes_to_restrict_nothing_ends_a_run(method: str) -> 
     run = brake.run(2.0, check=False, **options(method))
     assert run.status is lg.Status.SINGULAR and run.t[-1] <= 1.0 + 1e-9
     assert "the constraint 'wire' restricts no velocity, for all its derivatives by them vanish," in run.message
-    assert "it does not say how the motion goes on" in run.message
+    assert "does not determine how the motion continues" in run.message
     turning = held(x.dot**2 + y.dot**2 - 1, {x.dot: 1.0}, forces={x: -5 * y.dot, y: 5 * x.dot})
     turned = turning.run(3.0, method="rk4", step=0.3, check=False)
     assert turned.status is lg.Status.SUCCESS, turned.message
@@ -338,9 +338,7 @@ def test_a_rod_that_shrinks_to_a_point_ends_a_run_long_before_its_steps_are_used
     rod = held(x**2 + y**2 - (1 - lg.t) ** 2, {x: 1.0, x.dot: -1.0}, 9.81 * y)
     run = rod.run(2.0, t_eval=[0.5], method=method, check=False)
     assert run.status is lg.Status.SINGULAR and run.trajectory.steps < 1.2e6
-    assert (
-        "the constraint 'wire' restricts no velocity" in run.message and "of what they were at the start" in run.message
-    )
+    assert "the constraint 'wire' restricts no velocity" in run.message and "times their values at the" in run.message
     fewer = rod.run(2.0, method=method, max_steps=1000, check=False)
     assert fewer.status is lg.Status.MAX_STEPS
 

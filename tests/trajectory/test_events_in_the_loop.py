@@ -374,4 +374,4 @@ def test_the_message_names_the_function_whose_series_ends(place: int) -> None:
     others = [event(x - 5), event(x - 6)]
     found = run(free, 3.0, "taylor", events=[*others[:place], event(1 / (x - 1)), *others[place:]])
     assert found.status is Status.NON_FINITE and found.t[-1] == pytest.approx(1.0, rel=1e-12)
-    assert "1/(x - 1), which is watched" in found.message
+    assert "The event function 1/(x - 1)" in found.message

@@ -250,7 +250,7 @@ def test_a_step_without_a_solution_is_told(target: str) -> None:
     assert found.status is Status.DIVERGED
     assert found.y[1, -1] * 0.1 > 0.2 and np.isfinite(found.y).all() and len(found.t) == found.steps + 1
     assert "backward-euler stopped at t = " in found.message and "the step did not converge" in found.message
-    assert "The last correction of its unknowns was still " in found.message
+    assert "The last correction of Newton's method was still " in found.message
     assert found.message.endswith("smooth the jump, such as by tanh(v/0.001).")
 
 

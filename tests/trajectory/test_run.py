@@ -207,9 +207,15 @@ SAID: list[tuple[Status, Any, str, dict[str, Any], str]] = [
     (Status.NON_FINITE, np.full(4, np.nan), "rk4", {}, "r is nan, phi is nan and 2 more."),
     (Status.DIVERGED, STATE, "rk4", {"detail": "The moon is full."}, "The moon is full. Take a shorter step"),
     (Status.SINGULAR, STATE, "rk4", {"detail": "the mass is 0."}, ": the mass is 0."),
-    (Status.DIVERGED, STATE, "gauss2", {"detail": unsolved(3.14159e-3)}, "was still 0.0031 of their size"),
+    (Status.DIVERGED, STATE, "gauss2", {"detail": unsolved(3.14159e-3)}, "was still 0.0031 of the unknowns"),
     (Status.DIVERGED, STATE, "gauss2", {}, "Take a shorter step, or a method with step control such as radau5"),
-    (Status.DIVERGED, STATE, "rk4", {"detail": unsolved(3e-9)}, "shrink too slowly: the last was 3e-09 of their size"),
+    (
+        Status.DIVERGED,
+        STATE,
+        "rk4",
+        {"detail": unsolved(3e-9)},
+        "shrink too slowly: the last was 3e-09 of the unknowns",
+    ),
     (Status.DIVERGED, SMALL, "radau5", {"rtol": 1e-9}, "Take another method, such as taylor;"),
     (Status.DIVERGED, SMALL, "scipy-radau", {"rtol": 1e-9}, "such as radau5;"),
     (Status.MAX_STEPS, STATE, "rk4", {}, "a stiff system wants an implicit method such as radau5."),
@@ -229,7 +235,7 @@ def test_an_absolute_tolerance_that_leaves_an_entry_few_digits_is_spoken_of() ->
     given = Tolerances(1e-9, 1e-12)
     assert [*coarse(PROBLEM, Status.SUCCESS, states, given)] == [
         "phi does not exceed 3e-07, so atol = 1e-12 leaves it fewer digits than rtol = 1e-09 asks for: leave atol out, "
-        "and it follows the size of each entry, or lower it to some 3e-16."
+        "so that it follows the size of each entry, or lower it to some 3e-16."
     ]
     assert not [*coarse(PROBLEM, Status.SUCCESS, states, Tolerances(1e-9, 1e-16))]
     assert not [*coarse(PROBLEM, Status.SUCCESS, states, Tolerances(1e-9, 1e-300, 1e-12))]  # it follows the scale

@@ -68,7 +68,7 @@ def test_options_bound_the_steps() -> None:
     assert run.y[1, -1] == pytest.approx(0.1, abs=1e-6)
     assert np.diff(RK45(first_step=1e-3).integrate(problem(oscillator)).t)[0] == pytest.approx(1e-3)
     assert RK45(first_step=1e9).integrate(problem(oscillator)).status is Status.SUCCESS
-    with pytest.raises(StatementError, match="max_step = -1 cannot bound a step of scipy-rk45"):
+    with pytest.raises(StatementError, match="max_step = -1, the length of a step of scipy-rk45"):
         RK45(max_step=-1)
 
 

@@ -21,11 +21,11 @@ FALL = math.sqrt(2 / G)
 """How long a fall from 1 takes."""
 
 WITHOUT_VALUE = [
-    (log(x), 0.0, "log(x), which is watched, is -inf there"),
-    (sqrt(x - 1), 0.0, "sqrt(x - 1), which is watched, is nan there"),
-    (tan(x + 1), math.pi / 2 - 1, "tan(x + 1), which is watched, "),
-    (1 / (x - 1), 1.0, "1/(x - 1), which is watched, "),
-    (sqrt(1 - x), 1.0, "sqrt(1 - x), which is watched, "),
+    (log(x), 0.0, "The event function log(x) is -inf there"),
+    (sqrt(x - 1), 0.0, "The event function sqrt(x - 1) is nan there"),
+    (tan(x + 1), math.pi / 2 - 1, "The event function tan(x + 1) "),
+    (1 / (x - 1), 1.0, "The event function 1/(x - 1) "),
+    (sqrt(1 - x), 1.0, "The event function sqrt(1 - x) "),
 ]
 """Events along x = t that have no value from a time on, and how the message begins."""
 

@@ -104,8 +104,8 @@ def printed(program: Program) -> str:
     if not fits(program):
         orders = max(instruction.order for instruction in program.instructions if instruction.op in ("factor", "solve"))
         raise StatementError(
-            f"{program.name} solves a linear system of {orders} unknowns, which is not printed: "
-            f"{LARGEST_IN_PYTHON} are the most. Call the model, or take model.interpreted(name).program."
+            f"{program.name} solves a linear system of {orders} unknowns, and at most {LARGEST_IN_PYTHON} are printed "
+            "as Python: call the model instead, or take model.interpreted(name).program."
         )
     inputs, lines = ", ".join(block.name for block in program.inputs), StraightLines(simplified(program))
     columns, buffers = lines.columns(half_angles=tangents_are_fast())
@@ -150,8 +150,8 @@ class PythonKernel:
     def address(self) -> int:
         """Raise StatementError: only machine code has an address."""
         raise StatementError(
-            f"{self.program.name} is run as Python here, and has no address: take that of the llvm target, "
-            f"system.compile('llvm').kernel({self.program.name!r}).address."
+            f"{self.program.name} of this model is Python code, which has no address: take the machine code of the "
+            f"llvm target, system.compile('llvm').kernel({self.program.name!r}).address."
         )
 
     def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:

@@ -154,7 +154,7 @@ class _EquationReader:
             force = first.read.startswith(MULTIPLIER)  # T may be the kinetic energy
             equations += [] if force and sympy.expand(first.right - kinetic) == 0 else [typed]
         if not equations:
-            raise StatementError(f"there is no equation: write one a line, {reader.example()}")
+            raise StatementError(f"there is no equation: write one equation per line, {reader.example()}")
         indices = list(accumulate((not typed.link for typed in equations), initial=-1))[1:]
         return [
             _equation(f"equation {index + 1}", typed, letters, index)

@@ -74,7 +74,7 @@ class Tracer(Names):
         if not isinstance(condition, Value):
             return KnownBlock([bool(condition)])
         if self.iterations is not None:
-            raise Error("an iteration of an `each` has no branches: write `a if condition else b`.")
+            raise Error("`each` cannot contain `if` statements: write `a if condition else b`.")
         self.is_flag(condition)
         return Branches(self, condition, weighed.likely if weighed is test else None)
 
@@ -82,7 +82,7 @@ class Tracer(Names):
         """Return the loop of a `for` statement over `range(*bounds)`."""
         start, stop, step = bounds if len(bounds) == 3 else (*bounds, 1) if len(bounds) == 2 else (0, *bounds, 1)
         if not isinstance(step, int) or step <= 0:
-            raise Error("the step of `range` is a whole number above zero that is known when the procedure is built.")
+            raise Error("give `range` a step that is a whole number above zero and known when the procedure is built.")
         first, last = (self.number(bound, WHOLE, "a bound of `range`") for bound in (start, stop))
 
         def index() -> Iterator[Whole]:
@@ -94,7 +94,7 @@ class Tracer(Names):
     def repeat(self) -> LoopBlock:
         """Return the loop of a `while` statement."""
         if self.iterations is not None:
-            raise Error("an iteration of an `each` has no `while`.")
+            raise Error("`each` cannot contain `while`: use `range` instead of `each`.")
         return LoopBlock(self, iter(()))
 
     def sequence(self, values: Any) -> LoopBlock | KnownBlock:
@@ -102,7 +102,7 @@ class Tracer(Names):
         if isinstance(values, GeneratorType):
             return LoopBlock(self, values)
         if isinstance(values, (Value, Memory)):
-            raise Error(f"a loop runs over `range`, `each` or a tuple; {described(values)} is given.")
+            raise Error(f"a loop runs over `range`, `each` or a tuple, not over {described(values)}.")
         return KnownBlock(values)
 
     def each(self, count: Any, *, disjoint: bool = False, **options: Any) -> EachBlock:
@@ -112,7 +112,7 @@ class Tracer(Names):
         options are `width` (the most iterations at a time), `spill` (these may write beyond `count`) and `unrolled`.
         """
         if self.iterations is not None:
-            raise Error("an `each` stands in another: use `range` inside.")
+            raise Error("an `each` is inside another `each`: use `range` for the inner one.")
         return EachBlock(self, self.number(count, WHOLE, "the count of `each`"), options, disjoint=disjoint)
 
     def leave(self, value: Any) -> None:
@@ -215,7 +215,7 @@ class Tracer(Names):
             return values[0]
         kind = common_kind(values)
         if kind is None:
-            raise Error(f"`if` chooses between numbers; {' and '.join(map(described, values))} are given.")
+            raise Error(f"`if` chooses between numbers, not between {' and '.join(map(described, values))}.")
         for i, body in enumerate(bodies):
             with self.resumed(body):
                 values[i] = self.number(values[i], kind, "the choice")
@@ -246,7 +246,7 @@ class Tracer(Names):
         if isinstance(owner, Memory):
             return owner[self.place(owner, index, stored=False)]
         if isinstance(index, Value):
-            raise Error(f"the place in {described(owner)} is known only at run time: use an array.")
+            raise Error(f"the index into {described(owner)} is known only at run time: use an array.")
         return owner[index]
 
     def place(self, array: Memory, index: Any, *, stored: bool) -> Value:
@@ -255,7 +255,9 @@ class Tracer(Names):
         `stored` is true if the element is written.
         """
         if not isinstance(index, Value) and isinstance(index, int) and index < 0:
-            raise Error(f"the place {index} counts from the end, which a procedure does not know.")
+            raise Error(
+                f"the index {index} counts from the end, and the length of an array is not known: count from 0."
+            )
         number = self.number(index, WHOLE, "a place")
         if self.iterations is not None:
             self.iterations.visit(array, number, stored=stored)
@@ -269,7 +271,7 @@ class Tracer(Names):
         if not isinstance(owner, Memory):
             return owner[lower:upper]
         if upper is not None:
-            raise Error("a part has no end: write a[i:], or copy with b[:n] = a[:n].")
+            raise Error("a slice that is an argument has no end: write a[i:], or copy with b[:n] = a[:n].")
         if lower is None or (not isinstance(lower, Value) and lower == 0):
             return owner
         return owner.at(self.number(lower, WHOLE, "a place"))
@@ -279,7 +281,7 @@ class Tracer(Names):
         if not isinstance(owner, Memory):
             raise Error(f"{described(owner)} is known when the procedure is built: only arrays can be set.")
         if owner.array.read:
-            raise Error("an array of type In is only read: declare it as Out.")
+            raise Error("an array of type In cannot be written: declare it as Out.")
         owner[self.place(owner, index, stored=True)] = self.number(value, owner.array.kind, "the element")
 
     def write(self, owner: Any, field: str, value: Any) -> None:
@@ -293,7 +295,7 @@ class Tracer(Names):
         count = self.extent(lower, upper)
         source_count = None if last is None else self.extent(first, last)
         if isinstance(count, int) and isinstance(source_count, int) and count != source_count:
-            raise Error(f"{source_count} numbers are copied to {count} places.")
+            raise Error(f"{source_count} numbers are copied to {count} elements: give slices of the same length.")
         self.p.copy(self.part(source, first, None), self.part(target, lower, None), count, spill=False)
 
     def fill(self, target: Any, lower: Any, upper: Any, value: Any) -> None:
@@ -306,7 +308,7 @@ class Tracer(Names):
     def extent(self, lower: Any, upper: Any) -> Any:
         """Return the number of elements from index `lower` to before index `upper`."""
         if upper is None:
-            raise Error("a part that is written has an end: write b[:n] = a[:n].")
+            raise Error("give the slice that is written an end: write b[:n] = a[:n].")
         return upper if lower is None or (not isinstance(lower, Value) and lower == 0) else upper - lower
 
     # --- calls
@@ -355,7 +357,7 @@ class Tracer(Names):
 
     def _outside_each(self, callee: Any) -> None:
         if self.iterations is not None:
-            raise Error(f"an iteration of an `each` calls {callee}: use `range`.")
+            raise Error(f"`each` cannot contain the call of {callee}: use `range`.")
 
     def _of_values(self, function: Any, args: Sequence[Any], options: Mapping[str, Any]) -> Any:
         """Return the result of a Python function, such as `max`, for arguments known at run time only."""

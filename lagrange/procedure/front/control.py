@@ -107,7 +107,7 @@ class LoopBlock(Block):
     yields, and its statements surround the body.
     """
 
-    where = "behind the loop that sets it"
+    where = "after the loop that sets it"
 
     def __init__(self, tracer: Names, iterations: Iterator[Any]) -> None:
         super().__init__(tracer)
@@ -132,7 +132,7 @@ class LoopBlock(Block):
 class Branches(Block):
     """The two branches of a condition that is known at run time only."""
 
-    where = "behind the branch that sets it"
+    where = "after the branch that sets it"
 
     def __init__(self, tracer: Names, condition: Value, likely: bool | None) -> None:
         super().__init__(tracer)
@@ -188,7 +188,7 @@ class Branches(Block):
 class EachBlock(Block):
     """A loop whose iterations may run in any order."""
 
-    where = "behind the `each` that sets it"
+    where = "after the `each` that sets it"
 
     def __init__(self, tracer: Names, count: Value, options: Mapping[str, Any], *, disjoint: bool) -> None:
         super().__init__(tracer)
@@ -206,7 +206,9 @@ class EachBlock(Block):
         """
         for name, value in zip(names, values, strict=True):
             if not isinstance(value, Missing):
-                raise Error(f"`{name}` is set by an `each` and read by the next iteration or behind it: use `range`.")
+                raise Error(
+                    f"`{name}` is set by an `each` and read by the next iteration or after the loop: use `range`."
+                )
         self.names, self.before = names, values
         return values
 
@@ -221,7 +223,7 @@ class EachBlock(Block):
 
     def ended(self) -> None:
         """Raise Error, because a return inside an `each` is not allowed."""
-        raise Error("an iteration of an `each` returns: use `range`.")
+        raise Error("`each` cannot contain `return`: use `range`.")
 
     def visit(self, array: Memory, index: Value, *, stored: bool) -> None:
         """Record an access to an array at an index. `stored` is true for a write.
@@ -231,7 +233,7 @@ class EachBlock(Block):
         assert self.index is not None
         at_own_index = index.ref == self.index.ref
         if stored and not at_own_index:
-            raise Error("an iteration of an `each` writes at its own index only: use `range`.")
+            raise Error("an iteration of `each` can write only the element with its own index: use `range`.")
         self.visits.append((array.root, array.ref, at_own_index, stored))
 
     def check(self) -> None:
@@ -245,8 +247,8 @@ class EachBlock(Block):
         for root, part, at_own_index, _ in self.visits:
             if not self.disjoint and root in written and (part != written[root] or not at_own_index):
                 raise Error(
-                    "iterations of an `each` read or write other parts of an array that they write: use `range`, or "
-                    "say each(n, disjoint=True) if the parts do not overlap."
+                    "iterations of `each` use other slices of an array that they write: use `range`, or "
+                    "each(n, disjoint=True) if the slices do not overlap."
                 )
 
     def fold(self, slot: int, function: Any, *values: Any) -> None:

@@ -129,7 +129,7 @@ class Names:
         if is_varied(value):
             return tuple(variable.value for variable in value)
         if isinstance(value, Missing):
-            raise Error(f"`{value.name}` is read {value.where or 'before it is set'}: give it a first value in front.")
+            raise Error(f"`{value.name}` is read {value.where or 'before it is set'}: set it before.")
         return value
 
     def assign(self, before: Any, name: str, value: Any) -> Any:

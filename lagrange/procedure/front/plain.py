@@ -171,7 +171,7 @@ class Plain(PlainFunction[Args, Result]):
         known = {name: arguments.pop(name) for name in self.known}
         late = [name for name, value in known.items() if is_dynamic(value)]
         if late:
-            raise Error(f"{late[0]} of {self.__name__} is known when it is built; a value of the run is given.")
+            raise Error(f"{late[0]} of {self.__name__} must be known when it is built: give a constant.")
         for name in self.function.__code__.co_freevars:
             arguments.pop(name)
         return tracer.call_procedure(

@@ -533,12 +533,12 @@ def single_exit(tree: ast.FunctionDef) -> list[ast.stmt]:
         if isinstance(node, LOOPS) and any(isinstance(inner, ast.Return) for inner in _walk(node.body)):
             raise LagrangeError(
                 f"procedure {tree.name}, line {node.lineno}: a function that is written into its callers cannot return "
-                "from inside a loop: keep the result in a name, and return it behind the loop."
+                "from inside a loop: keep the result in a variable, and return it after the loop."
             )
     counts = {len(node.value.elts) if isinstance(node.value, ast.Tuple) else 1 for node in returns if node.value}
     count = counts.pop() if counts else 0
     if counts:
-        raise LagrangeError(f"procedure {tree.name}: every return gives as many values.")
+        raise LagrangeError(f"procedure {tree.name}: all its return statements must have the same number of values.")
     names = [f"{RESULT}{i}" for i in range(count)]
     body = _nested(tree.body, names)
     if not names:

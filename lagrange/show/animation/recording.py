@@ -75,8 +75,8 @@ def timing(span: tuple[float, float], fps: float, speed: float | None = None) ->
     frame_count = seconds * fps
     if speed is not None and frame_count < 1.0:
         raise StatementError(
-            f"speed = {pace:g} shows the run in {seconds:.3g} s, which is less than a frame: give {whole * fps:.3g} or "
-            "less."
+            f"speed = {pace:g} shows the run in {seconds:.3g} s, shorter than one frame: give a speed of "
+            f"{whole * fps:.3g} or less."
         )
     if frame_count < MOST_FRAMES:
         frames = max(1, round(frame_count))

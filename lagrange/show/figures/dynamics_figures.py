@@ -286,7 +286,7 @@ def plot_branches(data: BranchesData, entry: Any, ax: Any, style: Any) -> Figure
         raise StatementError(
             f"there is nothing to draw: {data.message}"
             if not data.branches
-            else f"equilibria rest: give one of the coordinates, such as {statement.names[0]}, and no velocity."
+            else f"velocities are zero at equilibria: give a coordinate, such as {statement.names[0]}."
         )
     figure, axis = panel_on(ax, look, (7.6, 5.0))
     for stable, colour, dashes, label in (

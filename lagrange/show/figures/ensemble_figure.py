@@ -83,7 +83,9 @@ def quantity(runs: Ensemble, name: str) -> MemberQuantity:
     if _EVENT.fullmatch(name):
         numbers = numbers[:, 0]
     if numbers.ndim != 1:
-        raise StatementError(f"{name} has {numbers[0].size} numbers for each member, and a picture shows one.")
+        raise StatementError(
+            f"{name} has {numbers[0].size} numbers for each member, and a picture shows one: choose another quantity."
+        )
     angle = row is not None and is_angle(statement, row)
     values = np.where(COMPLETE[codes], wrapped(numbers, -np.pi) if angle else numbers, np.nan)
     unrun = int(np.count_nonzero((codes == INTERRUPTED) & np.isnan(runs.results.column(TIME))))

@@ -164,7 +164,7 @@ def invariants(solution: Solution) -> list[PanelQuantity]:
     """
     if not solution.invariants:
         name = solution.model.statement.name
-        raise StatementError(f"nothing was found that {name} conserves: there are no invariants to plot.")
+        raise StatementError(f"no conserved quantity of {name} was found, so there are no invariants to plot.")
     sizes = invariant_sizes(solution.model, solution.t, solution.y, solution.parameters_at(solution.t))
     quantities = []
     for name, along in solution.invariants.items():

@@ -209,7 +209,7 @@ def plot_runs(
     panels = [panel for item in items for panel in (contents.overview() if item is None else contents.of(item))]
     if ax is not None:
         if size is not None:
-            raise StatementError("size is that of a new figure, and ax is in a figure already: give one of them.")
+            raise StatementError("size is for a new figure, and ax is in a figure already: give one of the two.")
         return _draw_into(ax, panels, look, dpi)
     figure = _laid_out(panels, None if size is None else size_of(size), look, dpi)
     figure.suptitle(_title(solutions), x=0.01, ha="left", fontsize=11, color=look.ink)
@@ -263,8 +263,8 @@ def _draw_into(ax: Any, panels: Sequence[Panel], style: FigureStyle, dpi: int) -
     count = np.size(ax) if isinstance(ax, np.ndarray) else len(ax) if several else 1
     if count != len(panels):
         raise StatementError(
-            f"ax is {counted(count, 'panel')} and what is asked for takes {len(panels)}: choose with what= and "
-            f"of=, or give {len(panels)} axes."
+            f"ax has {counted(count, 'panel')}, but the figure needs {len(panels)}: choose fewer with what= and of=, "
+            f"or give {len(panels)} axes."
         )
     for axis, figure, panel in zip(axes, figures, panels, strict=True):
         box, share = axis.get_window_extent(), dpi / figure.dpi

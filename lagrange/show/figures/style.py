@@ -151,7 +151,7 @@ def of_figure(axis: Axes) -> Figure:
     """Return the whole figure that contains a panel, also if the panel is in a subfigure."""
     figure = axis.get_figure(root=True)
     if figure is None:
-        raise StatementError("the axes were removed from their figure: give others.")
+        raise StatementError("the axes were removed from their figure: give other axes.")
     return figure
 
 

@@ -103,7 +103,8 @@ def old_mode(target: Path) -> int | None:
     """
     if not target.parent.is_dir():
         raise StatementError(
-            f"Cannot write {_name(target)}: there is no folder {_name(target.parent)}. Make it or name another."
+            f"Cannot write {_name(target)}: there is no folder {_name(target.parent)}. Make this folder, or name "
+            "another."
         )
     if not target.exists():
         return None

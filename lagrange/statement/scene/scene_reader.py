@@ -271,7 +271,7 @@ class SceneReader:
         self.document.check_keys(table, EVENT_KEYS, "key of an event", *path)
         reset = table.get("reset", {})
         if "when" not in table or not isinstance(reset, Mapping):
-            wrong = "reset is not a table of names and new values" if "when" in table else "there is no when"
+            wrong = "reset is not a table of names and new values" if "when" in table else "an event has no key `when`"
             self.document.refuse(f'{wrong}: write when = "y" and, if need be, reset = {{ y_dot = "-y_dot" }}.', *path)
         when = self.document.equation(reader, *path, "when")
         direction = self.document.number(*path, "direction") if "direction" in table else 0
@@ -526,7 +526,9 @@ class SceneReader:
             sizes.add(3 if body else len(entries))
             if len(sizes) > 1:
                 self.document.refuse(
-                    "some positions have two entries and some three: give all of them as many.", "positions", name
+                    "some positions have two entries and some three: give all positions the same number.",
+                    "positions",
+                    name,
                 )
             if body:
                 points[name] = self.shape(reader, entries, rotations, "positions", name)

@@ -428,7 +428,10 @@ class TypedReader:
             left = expression.free_symbols - set(self.rates)
             last = [symbol for symbol in left if str(symbol).endswith("_ddot") or str(symbol).startswith("lambda")]
             if last:
-                raise SceneError(f"the time derivative of {last[0]} is in no equation of motion.")
+                raise SceneError(
+                    f"equations of motion do not contain the time derivative of {last[0]}: write the equation without "
+                    "it."
+                )
             pairs = [pair for pair in self.rates.items() if expression.has(pair[0])]
             expression = sympy.Add(sympy.diff(expression, t), *(sympy.diff(expression, x) * rate for x, rate in pairs))
         return expression

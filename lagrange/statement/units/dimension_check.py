@@ -128,7 +128,7 @@ def _contact_parts(contact: Contact) -> Iterator[CheckedPart]:
     yield CheckedPart(f"the gap of {what}", contact.gap, None)
     for component in contact.slip:
         yield CheckedPart(
-            f"the slip of {what}, beside the gap's rate,", sympy.Add(component, speed, evaluate=False), None
+            f"the slip of {what}, like the gap's rate,", sympy.Add(component, speed, evaluate=False), None
         )
     restitution = contact.restitution.xreplace({impact_speed: speed})
     yield CheckedPart(f"the restitution of {what}", restitution, "dimensionless")
@@ -193,7 +193,7 @@ def _infer(parts: Sequence[CheckedPart], known: dict[Any, Dimension]) -> None:
 def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any]) -> str:
     """Return the error message for a wrong term of an expression. `plain` maps functions to symbols for messages."""
     term = in_short(wrong.term, plain)
-    contexts = {"whole": "", "sum": "beside the other terms ", "power": "under a power that is not a number "}
+    contexts = {"whole": "", "sum": "like the other terms ", "power": "under a power that is not a number "}
     where = contexts[wrong.context] if wrong.context in contexts else f"in {in_short(wrong.within, plain)} "
     terms = sympy.Add.make_args(part.expression)
     outer = next((candidate for candidate in terms if wrong.term not in terms and candidate.has(wrong.term)), None)

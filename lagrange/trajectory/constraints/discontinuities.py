@@ -194,9 +194,8 @@ class Discontinuities:
                     row,
                     part,
                     (
-                        f"{relation} on the step from there, and "
-                        "it does not say how the motion goes on. End the run before it by an event, or state the "
-                        "constraint in another way."
+                        f"{relation} on the step from there, and does not determine how the motion continues. End the "
+                        "run before it by an event, or state the constraint in another way."
                     ),
                 )
         return None

@@ -43,7 +43,7 @@ class Projection:
             mass = self.residuals.mass_matrix(self.t, y, self.parameters)
         if not np.isfinite(mass).all():
             raise StatementError(
-                f"the mass matrix is not finite at the initial state ({self.place(y)}): give another one."
+                f"the mass matrix is not finite at the initial state ({self.place(y)}): give another initial state."
             )
         return mass
 
@@ -80,7 +80,7 @@ class Projection:
             names = listing(self.model.statement.names[i] for i in self.model.equations.first_order)
             raise StatementError(
                 f"{names}, without inertia, {'has' if len(rows) == 1 else 'have'} no velocities at the initial state "
-                f"({self.place(y)}) that satisfy the equations of motion, of first order: give another state."
+                f"({self.place(y)}) that satisfy the first-order equations of motion: give another initial state."
             )
         return np.where(alone & (y == 0.0), completed_state, y)
 

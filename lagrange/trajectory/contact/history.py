@@ -76,14 +76,14 @@ def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> Co
     matching = {len(mode.states) == len(contacts) == len(mode.ways) for mode in modes}
     wide = [rows.shape[1:] == (FRICTION + len(stated.slip),) for rows, stated in zip(impacts, contacts, strict=True)]
     if matching != {True} or len(arrays["begins"]) != len(modes) or not all(wide):
-        raise StatementError("its modes are not those of the contacts of its system.")
+        raise StatementError("the contact modes in the file do not fit the contacts of its system.")
     rests = tuple(tuple(arrays[f"rests_{i}"].tolist()) for i in range(len(contacts)))
     return ContactHistory(arrays["begins"], modes, impacts, rests, arrays["rubbed"])
 
 
 def _stored_mode(states: Any, ways: Any, kept: Any, bouncing: Any, *others: Any) -> Mode:
     if not set(states) <= {OPEN, CLOSED, SLIDING, STICKING}:
-        raise StatementError("its modes have states that contacts do not have.")
+        raise StatementError("the contact modes in the file have states that are not known.")
     return Mode(tuple(states), tuple(ways), None if kept is None else tuple(kept), tuple(bouncing), *others)
 
 

@@ -122,7 +122,7 @@ class _ContactRun:
         try:
             behind = self.transitions.behind(problem.t0, problem.y0, Mode((OPEN,) * n, (None,) * n))
         except Undetermined as refusal:
-            raise StatementError(f"the motion cannot start there: {refusal}") from refusal
+            raise StatementError(f"the motion cannot start at the initial state: {refusal}") from refusal
         self._book(behind)
         segment = replace(problem, y0=behind.y)
         while True:
@@ -177,8 +177,8 @@ class _ContactRun:
             if old != new or set(mode.states) == {OPEN}
         )
         return Status.SINGULAR, (
-            f"The mode changes {MOST_AT_ONCE} times at one instant, at {names}: the laws of "
-            "contact lead to no motion that goes on. Change restitution or friction, or end the run before."
+            f"Contacts open, close, slide or stick {MOST_AT_ONCE} times at one instant, at {names}: the laws of "
+            "contact give no motion after it. Change restitution or friction, or end the run before."
         )
 
     def _hurry(self, limit: str) -> str:
@@ -194,8 +194,8 @@ class _ContactRun:
         ]
         what = f"impacts of {listing(names)}" if names else "changes between sliding and sticking"
         return (
-            f"It used up {limit} in {len(self.begins)} changes of the mode, at last every {between:.2g}, by {what}. "
-            f"Raise {limit}, change restitution or friction, or end the run before."
+            f"It used up {limit} in {len(self.begins)} changes of the mode, the last ones {between:.2g} apart in time, "
+            f"by {what}. Raise {limit}, change restitution or friction, or end the run before."
         )
 
     def _segment(self, segment: Problem, mode: Mode) -> Mode:
@@ -399,7 +399,7 @@ class _ContactRun:
         for i, contact in enumerate(self.contacts):
             if touch.gaps[i] < -touch.near[i]:
                 raise StatementError(
-                    f"the start is inside a body: the gap {contact.name!r} is {touch.gaps[i]:.6g} there. "
+                    f"the initial state is inside a body: the gap {contact.name!r} is {touch.gaps[i]:.6g}, below zero. "
                     f"{self._nearest(i)}"
                 )
 

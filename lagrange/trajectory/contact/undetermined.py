@@ -36,7 +36,7 @@ def undetermined(
             "depends on how they share their forces, which the laws do not determine: state fewer contacts, or equal "
             "friction."
         )
-    allowed = f"{count} different motions behind this {what}" if count else f"no {what}"
+    allowed = f"{count} different motions after this {what}" if count else f"no {what}"
     return Undetermined(
         f"Coulomb's law allows {allowed} at {names} (Painleve's paradox), {_where(kin, touch, y, chosen)}. Lower "
         "the friction, or end the run before."

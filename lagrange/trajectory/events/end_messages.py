@@ -29,8 +29,8 @@ def at_rest(name: str) -> EventResult:
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"After the reset {name} is zero, its rate is zero, and the motion would cross zero: the body comes to rest "
-        "there, as a ball does after infinitely many impacts, and the reset does not say how it stays. State it as a "
-        "contact, as in contacts={'floor': lagrange.contact(gap=...)}, or end the run with a terminal event.",
+        "there, as a ball does after infinitely many impacts, and the reset does not say how it stays. State the reset "
+        "as a contact, as in contacts={'floor': lagrange.contact(gap=...)}, or end the run with a terminal event.",
     )
 
 
@@ -39,7 +39,7 @@ def accumulating(name: str) -> EventResult:
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"Events accumulate: {name} is zero again and again within the spacing of floating-point times, as for a ball "
-        "that comes to rest after infinitely many impacts. State it as a contact, as in "
+        "that comes to rest after infinitely many impacts. State the reset as a contact, as in "
         "contacts={'floor': lagrange.contact(gap=...)}, or end the run with a terminal event.",
     )
 
@@ -48,10 +48,10 @@ def unresolved(name: str) -> EventResult:
     """Return the end of a run with resets by event `name` that are closer together than steps or errors resolve."""
     return EventResult(
         Status.STEP_TOO_SMALL,
-        f"The resets where {name} is zero follow each other too quickly: between them the steps no longer show how it "
-        "leaves zero and returns. A ball does this that comes to rest after infinitely many impacts. State it as a "
-        "contact, as in contacts={'floor': lagrange.contact(gap=...)}, end the run before it, or take smaller "
-        "tolerances, a shorter step, or a method of one step such as dop853.",
+        f"The resets where {name} is zero follow each other too quickly for the steps of the method, as when a ball "
+        "comes to rest after infinitely many impacts. State the reset as a contact, as in "
+        "contacts={'floor': lagrange.contact(gap=...)}, end the run before, or take smaller tolerances, a shorter "
+        "step, or a one-step method such as dop853.",
     )
 
 
@@ -62,10 +62,10 @@ def sliding(name: str, t: float) -> EventResult:
     """
     return EventResult(
         Status.STEP_TOO_SMALL,
-        f"The equations of motion switch where {name} is zero, and at t = {t:.6g} both sides lead back there: the "
-        "motion sticks to the surface, where the equations do not say what it does. State dry friction as a contact, "
-        "as in contacts={'floor': lagrange.contact(gap=..., slip=..., friction=...)}, or smooth the switch: "
-        "tanh(v/0.001) in place of sign(v).",
+        f"The equations of motion jump where {name} is zero, and from t = {t:.6g} on they drive {name} back to zero "
+        "from both sides, so the motion sticks there. State dry friction as a contact, as in "
+        "contacts={'floor': lagrange.contact(gap=..., slip=..., friction=...)}, or smooth the jump: tanh(v/0.001) in "
+        "place of sign(v).",
     )
 
 
@@ -73,9 +73,9 @@ def nowhere(name: str) -> EventResult:
     """Return the end of a run whose reset gives a state that is not finite; `name` is the text of its events."""
     return EventResult(
         Status.NON_FINITE,
-        f"The reset where {name} is zero gives a state that is nan or infinite: look for a division by zero, or a "
+        f"The reset where {name} is zero gives a state that is nan or infinite. Look for a division by zero, for a "
         "root or logarithm outside its domain, or for two events at this time that reset one entry to different "
-        "values: state what happens to it in one of them.",
+        "values: reset this entry in one event only.",
     )
 
 
@@ -83,9 +83,8 @@ def off_constraints(names: str, violated: str) -> EventResult:
     """Return the end of a run whose resets violate constraints. `names` are the events; `violated` is the violation."""
     return EventResult(
         Status.DIVERGED,
-        f"The reset where {names} is zero leads off the constraints: {violated} An impact changes velocities alone, "
-        "and of those each that the constraints tie to another: reset all of them, to a motion that the constraints "
-        "allow.",
+        f"The reset where {names} is zero violates the constraints: {violated} Reset velocities only, and all "
+        "velocities in these constraints, to values that satisfy the constraints.",
     )
 
 
@@ -98,8 +97,8 @@ def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
     bad = int(np.argmax(~np.isfinite(watched).all(axis=0)))
     return EventResult(
         Status.NON_FINITE,
-        f"{names[bad]}, which is watched, is {watched[0, bad]:.6g} there, and it or its derivatives are not finite. "
-        "Start elsewhere, or watch an expression that is defined and smooth along the run.",
+        f"The event function {names[bad]} is {watched[0, bad]:.6g} there, and its value or its derivatives are not "
+        "finite. Start elsewhere, or give an event with an expression that is defined and smooth along the run.",
         smooth=bool(np.isfinite(watched[0]).all()),
     )
 
@@ -108,8 +107,8 @@ def rootless(name: str) -> EventResult:
     """Return the end of a run where the square root `name` in the equations of motion becomes zero."""
     return EventResult(
         Status.NON_FINITE,
-        f"{name} becomes zero there, and its series ends: behind it lies a sqrt, log or power outside its domain, or a "
-        "force that jumps. Write the root of a square as abs, or take dop853.",
+        f"{name} becomes zero there, and has no Taylor series: after this time a sqrt, log or power leaves its domain, "
+        "or a force jumps. Write the root of a square as abs, or take dop853.",
         smooth=True,
     )
 
@@ -122,8 +121,8 @@ def without_series(name: str, value: float, *, smooth: bool) -> EventResult:
     """
     return EventResult(
         Status.NON_FINITE,
-        f"{name}, which is watched, has a pole there or leaves its domain: its value is {value:.4g}, and no series of "
-        "it leads on. End the run before it, or watch an expression without the division, root or logarithm.",
+        f"The event function {name} has a pole there or leaves its domain: its value is {value:.4g}, and it has no "
+        "Taylor series. End the run before, or give an event without the division, root or logarithm.",
         smooth=smooth,
     )
 
@@ -132,6 +131,6 @@ def without_value(name: str, value: float) -> EventResult:
     """Return the end of a run at a point where event function `name` is `value`, and after which it has no value."""
     return EventResult(
         Status.NON_FINITE,
-        f"{name}, which is watched, has a pole there or leaves its domain: its value is {value:.4g}, and behind it "
-        "there is none. End the run before it, or watch an expression without the division, root or logarithm.",
+        f"The event function {name} has a pole there or leaves its domain: its value is {value:.4g}, and after this "
+        "time it has none. End the run before, or give an event without the division, root or logarithm.",
     )

@@ -112,8 +112,8 @@ def roots(
         count, sign, near = run(polynomial, len(polynomial), float(h), float(noise), *side, times, rising, MOST_ROOTS)
     if count < 0:
         raise ValueError(
-            f"the event function has no coefficients or more than {MOST_COEFFICIENTS}, or they, its noise or the "
-            "length of the step are not finite"
+            f"the zeros of an event function need 1 to {MOST_COEFFICIENTS} coefficients; these, the noise and the "
+            "length of the step must be finite numbers"
         )
     zeros = zip(times[:count].tolist(), rising[:count].tolist(), strict=True)
     return [Root(time, way) for time, way in zeros], Side(sign, near)

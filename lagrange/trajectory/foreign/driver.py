@@ -231,7 +231,7 @@ def check_bounds(name: str, max_step: float, first_step: float | None) -> None:
             continue
         size = value if isinstance(value, float) else real_number(value, option)
         if not size > 0 or (option == "first_step" and size == np.inf):
-            raise StatementError(f"{option} = {shown(value)} cannot bound a step of {name}: give a positive time.")
+            raise StatementError(f"{option} = {shown(value)}, the length of a step of {name}: give a positive time.")
 
 
 def drive_stepwise(

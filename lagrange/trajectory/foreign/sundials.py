@@ -82,7 +82,7 @@ def _solver() -> Callable[..., Any]:
         from sksundae import cvode
     except ImportError as error:
         raise StatementError(
-            f"method 'cvode' needs scikit-sundae, which is not here ({error}): pip install scikit-sundae, or "
+            f"method 'cvode' needs scikit-sundae, which is not installed ({error}): pip install scikit-sundae, or "
             "take scipy-bdf, which is of the same family."
         ) from error
     solver: Callable[..., Any] = cvode.CVODE

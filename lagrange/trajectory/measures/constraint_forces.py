@@ -145,8 +145,8 @@ class ConstraintForces:
             if candidates:
                 sets = [" with ".join(chosen) for chosen in candidates]
                 raise StatementError(
-                    f"the force of {name} on points is not determined: {listing(sets)} can each carry it. Name fewer "
-                    "points, or take the generalized forces, constraint_force(name)."
+                    f"the force of {name} on points is not determined: each of {listing(sets)} could carry it alone. "
+                    "Name fewer points, or take the generalized forces, constraint_force(name)."
                 )
         raise StatementError(
             f"the force of {name} on points is not determined: it is not a constraint on the motion of named points "

@@ -60,15 +60,15 @@ def times_at(run: Trajectory, rate: Any) -> FloatArray:
     """
     rate = real_number(rate, "rate")
     if rate <= 0:
-        raise StatementError(f"rate = {rate:g}: give a positive number of lines to a unit of time, such as 100.")
+        raise StatementError(f"rate = {rate:g}: give a positive number of lines per unit of time, such as 100.")
     if not len(run.t):
         return run.t
     first, last = float(run.t[0]), float(run.t[-1])
     steps = abs(last - first) * rate
     if steps > MOST_LINES:
         raise StatementError(
-            f"rate = {rate:g} gives {steps:.3g} lines from t = {first:g} to {last:g}: give one that makes at most "
-            f"{MOST_LINES:.0e}."
+            f"rate = {rate:g} gives {steps:.3g} lines from t = {first:g} to {last:g}, more than the limit of "
+            f"{MOST_LINES:.0e}: give a lower rate."
         )
     forward = 1.0 if last >= first else -1.0
     times: FloatArray = first + forward * np.arange(math.floor(steps * (1 + _CLIPPED)) + 1) / rate

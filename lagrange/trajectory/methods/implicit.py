@@ -72,7 +72,9 @@ class ImplicitMethod:
             if not (callable(value) and isinstance(value, Hashable)) and (value is not None or what == "function"):
                 raise StatementError(f"the {what} of {self.name} is {shown(value)}: give a function.")
         if self.control is not None and not isinstance(self.control, Control):
-            raise StatementError(f"the control of {self.name} is {shown(self.control)}: give a Control.")
+            raise StatementError(
+                f"the step control of {self.name} is {shown(self.control)}: give a Control, or None for equal steps."
+            )
         check_options(self.step, self.rtol, self.atol)
         if self.path is None:
             object.__setattr__(self, "claims", replace(self.claims, dense=max(3, self.claims.order - 1)))

@@ -94,7 +94,7 @@ def step_method(function: Callable[..., Any], *, order: int, name: str = "", ste
     proportional to h. A step of the second form is checked under a constant force. Raises StatementError.
     """
     if isinstance(order, bool) or not isinstance(order, int) or order < 1:
-        raise StatementError(f"order = {shown(order)}: give the order of the method, a whole number from 1 on.")
+        raise StatementError(f"order = {shown(order)}: give the order of the method, a whole number of at least 1.")
     called = text(name, "name") or getattr(function, "__name__", "") or "step"
     _check_recorded(called, function, _check_consistent(called, function, order))
     return StepMethod(called, order, function, step)

@@ -68,8 +68,8 @@ def register(name: str, method: Any, *, order: int | None = None, replaces: bool
     """
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise StatementError(
-            f"name = {shown(name)}: give small letters and digits, starting with a letter, parts joined by '-', such "
-            "as 'my-method'."
+            f"name = {shown(name)}: give lower-case letters and digits, starting with a letter, with '-' between "
+            "words, such as 'my-method'."
         )
     replaces = flag(replaces, "replaces")
     if name in BUILT_IN or name in _offered() or (name in _registered and not replaces):
@@ -85,7 +85,9 @@ def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator
     """
     if order is not None:
         if isinstance(method, ButcherTableau) or callable(getattr(method, "integrate", None)):
-            raise StatementError(f"{name} is not a step function and has its order already: leave out order.")
+            raise StatementError(
+                f"order= is for step functions only, and {name} states its order itself: leave out order."
+            )
         stepper = step_method(method, order=order, name=name)
         return lambda: stepper
     if isinstance(method, ButcherTableau):
@@ -96,13 +98,13 @@ def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator
         return lambda: instance
     if not callable(method):
         raise StatementError(
-            f"{name} cannot be {shown(method)}: give a ButcherTableau, an integrator, its class, or a step function "
-            "with its order."
+            f"the method for the name {name!r} is {shown(method)}: give a ButcherTableau, an integrator, its class, "
+            "or a step function with its order."
         )
     if _needed(method):
         raise StatementError(
-            f"{name} takes arguments ({', '.join(_needed(method))}): a class or a function that makes an integrator is "
-            "called without any, and a step function needs order=."
+            f"the method for the name {name!r} needs the arguments ({', '.join(_needed(method))}). If it is a step "
+            "function, give order=. A class, or a function that makes an integrator, must work without arguments."
         )
     find(method())
     return lambda: find(method())
@@ -187,7 +189,7 @@ def find(method: Any) -> Integrator:
             )
         if not isinstance(getattr(method, "claims", None), Claims):
             raise StatementError(
-                f"method {shown(method)} has no claims: give it a `claims` of type lg.Claims, such as its order."
+                f"method {shown(method)} has no attribute `claims`: give it one of type lg.Claims, with its order."
             )
         instance: Integrator = method
         return instance

@@ -147,8 +147,8 @@ def check_separable(name: str, model: Model) -> None:
     else:
         return
     raise StatementError(
-        f"{name} moves coordinates and velocities in turn, which is not symplectic, and not of its order, for "
-        f"{model.statement.name}: {reason}. {remedy}."
+        f"{name} moves coordinates and velocities in turn. For {model.statement.name} it is not symplectic and does "
+        f"not reach its order: {reason}. {remedy}."
     )
 
 
@@ -297,7 +297,9 @@ def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> 
     `flows` are pairs ("kick" or "drift", fraction of the step), in order. `name` is the name of the method.
     """
     if not 1 <= order <= HIGHEST_CHECKED:
-        raise StatementError(f"{name} claims order {order}: orders from 1 to {HIGHEST_CHECKED} can be checked.")
+        raise StatementError(
+            f"{name} claims order {order}: give an order from 1 to {HIGHEST_CHECKED}, which can be checked."
+        )
     actual = word_coefficients(order, tuple((what[0], part) for what, part in flows))
     sizes = word_coefficients(order, tuple((what[0], abs(part)) for what, part in flows))
     for word, value in actual.items():

@@ -105,14 +105,16 @@ def fixed_settings(
     sizes = [step_size(size) for size in (problem.step, step) if size is not None]
     if len(sizes) == 2 and sizes[0] != sizes[1]:
         raise StatementError(
-            f"step is given twice, {sizes[0]:g} for the run and {sizes[1]:g} for {name} itself: give it in one place."
+            f"step is given twice, {sizes[0]:g} for the run and {sizes[1]:g} for {name} itself: leave one of them out."
         )
     if not sizes:
         note = f"No step was given: {EQUAL_STEPS} equal steps of {span / EQUAL_STEPS:.6g} were taken."
         return Tolerances(step=span / EQUAL_STEPS, notes=(note,))
     size = sizes[0]
     if span / size > 1e15 or problem.t0 + size == problem.t0:
-        raise StatementError(f"step = {size:g} is below the spacing of floating-point times near t = {problem.t0:g}.")
+        raise StatementError(
+            f"step = {size:g} is below the spacing of floating-point times near t = {problem.t0:g}: give a longer step."
+        )
     return Tolerances(step=size)
 
 
@@ -134,13 +136,13 @@ def check_holonomic(name: str, model: Model) -> None:
         many = "are" if len(stated) > 1 else "is"
         raise StatementError(
             f"{name} is for constraints on coordinates, and {listing(stated)} {many} stated in velocities: take "
-            "radau5-index2, taylor or dop853. What can be integrated may be stated as its integral instead."
+            "radau5-index2, taylor or dop853, or state the constraint in coordinates, if it is the rate of one."
         )
     if equations.first_order:
         names = listing([model.statement.names[i] for i in equations.first_order])
         raise StatementError(
-            f"{name} moves momenta that velocities determine, and the Lagrangian has no term of second order in the "
-            f"velocities of {names}: take radau5-index2, taylor or dop853."
+            f"{name} finds velocities from momenta, and the Lagrangian has no term of second order in the velocities "
+            f"of {names}: take radau5-index2, taylor or dop853."
         )
 
 
@@ -156,9 +158,9 @@ def check_unconstrained(name: str, model: Model) -> None:
         )
     if names := model.equations.constraints.names:
         raise StatementError(
-            f"{name} moves momenta by the forces of the Lagrangian and those that are stated, which leave out the "
-            f"forces of the constraints ({listing(list(map(repr, names)))}) of {model.statement.name}. Use "
-            "rattle, which has them and is symplectic, or taylor or dop853."
+            f"{name} leaves out the forces of constraints, and {model.statement.name} has constraints "
+            f"({listing(list(map(repr, names)))}): use rattle, which has these forces and is symplectic, or taylor or "
+            "dop853."
         )
 
 
@@ -170,7 +172,7 @@ def _tolerance(name: str, what: str, run_value: Any, method_value: Any) -> float
     both = [_number(what, value) for value in (run_value, method_value) if value is not None]
     if len(both) == 2 and both[0] != both[1]:
         raise StatementError(
-            f"{what} is given twice, {both[0]:g} for the run and {both[1]:g} for {name} itself: give it in one place."
+            f"{what} is given twice, {both[0]:g} for the run and {both[1]:g} for {name} itself: leave one of them out."
         )
     return both[0] if both else None
 
@@ -182,8 +184,8 @@ def _number(what: str, value: Any) -> float:
     single = isinstance(value, (str, bytes)) or (isinstance(value, np.ndarray) and value.ndim == 0)
     if isinstance(value, Collection) and not single:
         raise StatementError(
-            f"{what} is {shown(value)}: give one number. It is the same for all entries of the state; choose units "
-            "in which these are of like size."
+            f"{what} is {shown(value)}: give one number, which holds for all entries of the state. Choose units in "
+            "which these entries are of similar size."
         )
     if isinstance(value, (float, np.floating)) and not math.isfinite(value):
         raise StatementError(f"{what} = {value}: give a finite tolerance that is not negative.")
@@ -192,7 +194,6 @@ def _number(what: str, value: Any) -> float:
         raise StatementError(f"{what} = {number:g}: give a finite tolerance that is not negative.")
     if what == "rtol" and number >= 1:
         raise StatementError(
-            f"rtol = {number:g}: errors as large as the state itself leave no digit of it. Give a part of it, such as "
-            f"{RTOL:g}."
+            f"rtol = {number:g} allows errors as large as the state itself: give a smaller number, such as {RTOL:g}."
         )
     return number

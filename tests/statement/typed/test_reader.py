@@ -165,7 +165,10 @@ def test_derivatives_of_expressions_are_taken_along_the_motion() -> None:
             "2 sin",
             ["has no symbol of this system. An answer is an equation such as theta'' = ... The symbols are theta, "],
         ),
-        ("d/dt(x'') = 0", ["the time derivative of x_ddot is in no equation of motion"]),
+        (
+            "d/dt(x'') = 0",
+            ["equations of motion do not contain the time derivative of x_ddot: write the equation without it"],
+        ),
         ("x**1001 + 2 x", ["the exponent 1001 is out of bounds"]),
     ],
 )
