@@ -5,6 +5,7 @@ python docs/benchmarks/startup.py
 
 from __future__ import annotations
 
+import os
 import resource
 import subprocess
 import sys
@@ -63,6 +64,7 @@ def fastest(runs: Mapping[str, Callable[[], Times]]) -> dict[str, Times]:
 
 def main() -> None:
     """Measure, print and write the page."""
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # the processes shall find bytecode
     page = Page("Starting up", __file__)
     with tempfile.TemporaryDirectory() as folder:
         lines = {f"python -c '{code}'": code for code in (BARE, SYMPY, LAGRANGE, ALL)}
