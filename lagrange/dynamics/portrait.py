@@ -301,7 +301,7 @@ def _ended(
     words = [f"interrupted after {counted(len(orbits), 'orbit')}, which are kept."] if interrupted else []
     stopped = [orbit for orbit in orbits if orbit.status not in (Status.SUCCESS, Status.EVENT)]
     if stopped and not interrupted:
-        words.append(f"{len(stopped)} of {counted(begun_count, 'orbit')} did not get to the end: {stopped[0].message}")
+        words.append(f"{len(stopped)} of {counted(begun_count, 'orbit')} did not reach the end: {stopped[0].message}")
     if note:
         words.append(note)
     if work.driven:

@@ -88,7 +88,7 @@ class Crosser:
         if run.status.complete:
             return Status.SUCCESS, (
                 f"passed the section {counted(self.count - missing_count, 'time')}, and not again between "
-                f"t = {last_crossing:.6g} and {run.span[1]:.6g}; longest=... waits for more than {self.wait:.3g}."
+                f"t = {last_crossing:.6g} and {run.span[1]:.6g}; give longest=... above {self.wait:.3g} to wait longer."
             )
         return run.status, run.message
 

@@ -252,7 +252,7 @@ class _Session:
             self.comparison.start(point, 0)
             (value,) = computed(self.model, "lagrangian", point, [])
             if is_finite(value):
-                self.comparison.report_unexplained(f"L has no value ({reason}), but the compiled one is {value:.17g}")
+                self.comparison.report_unexplained(f"L has no value ({reason}), but the compiled L is {value:.17g}")
 
     def _ways_at(self, point: SamplePoint) -> set[tuple[Any, int]]:
         ways = zip(self.reference.switches, self.reference.inspect(point), strict=True)

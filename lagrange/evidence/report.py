@@ -114,7 +114,7 @@ class Report(ShownAsPage):
     def remarks(self) -> Sequence[str]:
         """Return the lines after the table: the verdict, the failures, the rejected points and the notes."""
         verdict = "Everything holds." if self else f"{len(self.failures)} found wrong:"
-        aside = f"Points put aside, being outside the domain: {self._reasons()}."
+        aside = f"Points left out because they are outside the domain: {self._reasons()}."
         put_aside = [aside] if self.outside and self.points else []
         return [verdict, *(f"  {failure}" for failure in self.failures), *put_aside, *self.notes]
 

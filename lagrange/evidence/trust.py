@@ -120,7 +120,7 @@ def _by_method(problem: Problem, times: Sequence[float], method_given: Any, unit
     second = _states(problem, times, other, TIGHTEST)
     bound = max(_distance(a, b, unit) for a, b in zip(first, second, strict=True))
     return ReferenceSolution(
-        tuple(times), first, bound, f"a run of {method.name}, held against {other} at its tightest"
+        tuple(times), first, bound, f"a run of {method.name}, compared with {other} at its smallest tolerance"
     )
 
 

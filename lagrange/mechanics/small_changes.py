@@ -337,8 +337,8 @@ def _check(at_point: AtPoint) -> None:
             )
         if driving := [u for u in at_point.point.inputs if constraint.expression.has(u)]:
             raise StatementError(
-                f"the input {driving[0]} is in the constraint {constraint.name!r}, so that velocities follow it and B "
-                "would need its rate: leave it out of inputs, or state it in forces."
+                f"the constraint {constraint.name!r} contains the input {driving[0]}, so B would need the rate of "
+                f"{driving[0]}: leave {driving[0]} out of inputs, or make it a force."
             )
         for node, subject, names in ((phi, "point is", "coordinates"), (psi, "velocities are", "velocities")):
             value = sympy.S.Zero if node is None else at_point.matrix([[node]], 1)[0]

@@ -88,7 +88,7 @@ def _below(race: Race, shown: list[Entry]) -> list[str]:
     below = [f"Reference: {race.result.reference.about}, known to {race.uncertainty:.1e}."]
     below += [f"{failed} of {len(race)} runs did not reach the end and are not shown."] if failed else []
     if not all(entry.resolved for entry in shown):
-        below.append("A mark that no line leads to is a bound: the reference cannot tell such a small error.")
+        below.append("A mark without a line to it is an upper bound: the error is smaller than that of the reference.")
     return below + [note for note in race.notes if "does not take part" not in note]
 
 
@@ -308,7 +308,7 @@ class Race:
         return f"{self.system}, t = {self.span[0]:g} to {self.span[1]:g}: {self.measure()}"
 
     def _remarks(self) -> list[str]:
-        lines = [f"Errors are against {self.result.reference.about}, itself known to {self.uncertainty:.1e}."]
+        lines = [f"Errors are measured against {self.result.reference.about}, with an error of {self.uncertainty:.1e}."]
         for goal in GOALS:
             best, winner = self.fastest(goal), "no run."
             if best is not None:

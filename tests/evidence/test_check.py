@@ -182,7 +182,7 @@ def test_points_outside_the_domain_are_counted_and_replaced() -> None:
 def test_a_value_made_up_outside_the_domain_is_unexplained() -> None:
     report = checked(StandIn(statements.half_line(), late=lambda name, value: np.nan_to_num(value)))
     assert not report
-    assert "L has no value (logarithm of a negative number), but the compiled one is" in report.unexplained[0]
+    assert "L has no value (logarithm of a negative number), but the compiled L is" in report.unexplained[0]
 
 
 def test_a_missing_value_inside_the_domain_is_unexplained() -> None:
@@ -361,7 +361,7 @@ def test_a_good_report_is_true_and_says_so() -> None:
     assert lines[4].split() == ["L", "1.5e-16", "lagrangian", "2", "5", "holds"]
     assert lines[-3:] == [
         "Everything holds.",
-        "Points put aside, being outside the domain: 3 x logarithm of zero.",
+        "Points left out because they are outside the domain: 3 x logarithm of zero.",
         "Not covered: x > 10 holds.",
     ]
 

@@ -198,7 +198,7 @@ def test_a_method_as_reference_is_held_against_another(reference: Any) -> None:
     found = race(reference=reference, outputs=2)
     assert 0 < found.uncertainty < 1e-10
     assert found[0].error == pytest.approx(race(outputs=2)[0].error, rel=1e-3)
-    assert "held against" in found.result.reference.about
+    assert "compared with" in found.result.reference.about
 
 
 def test_a_poor_reference_is_refused() -> None:

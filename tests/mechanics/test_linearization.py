@@ -207,7 +207,7 @@ MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates"
         (lambda: cart().linearize({x: theta}), "the value of x(t) contains theta: give numbers, or expressions in par"),
         (lambda: cart().linearize({x: "1"}), "the value of x(t) is the text '1': give a SymPy expression"),
         (lambda: cart().linearize({}, inputs=["v"]), "inputs contains 'v', which is not a parameter of this system; i"),
-        (lambda: linear(T, **FILTER), "the input u is in the constraint 'filter', so that velocities follow it and B"),
+        (lambda: linear(T, **FILTER), "the constraint 'filter' contains the input u, so B would need the rate of u"),
         (lambda: linear(T, k * abs(x)), CORNER.format("x") + " so that they are not linear near it."),
         (lambda: linear(T, Piecewise((x**2, x > 0), (2 * x**2, True))), CORNER.format("x")),
         (lambda: linear(T, k * x**2, forces={x: -sign(x.dot)}), CORNER.format("x_dot")),

@@ -52,7 +52,7 @@ def test_it_prints_as_a_table_with_its_remarks() -> None:
     assert " ".join(lines[7].split()) == "rk4 h = 0.001 4.0e-10 2500 120 1440 success"
     assert " ".join(lines[8].split()) == "scipy-lsoda tol = 1e-06 - - 7 9 max_wall"
     assert lines[10:] == [
-        "Errors are against an independent run, itself known to 1.0e-20.",
+        "Errors are measured against an independent run, with an error of 1.0e-20.",
         "Within 1e-03: rk4 at h = 0.01 is the fastest, in 0.05 ms.",
         "Within 1e-06: rk4 at h = 0.01 is the fastest, in 0.05 ms.",
         "Within 1e-09: dop853 at tol = 1e-09 is the fastest, in 0.3 ms.",
@@ -141,8 +141,8 @@ def test_what_the_reference_cannot_tell_is_drawn_open() -> None:
     told, untold = made().plot().axes[0].get_lines()[:2]
     assert untold.get_markerfacecolor() == "#ffffff" != told.get_markerfacecolor()
     assert untold.get_linestyle() == "None"
-    assert "is a bound" in made().plot().get_supxlabel()
-    assert "is a bound" not in made(ENTRIES[2:]).plot().get_supxlabel()
+    assert "is an upper bound" in made().plot().get_supxlabel()
+    assert "is an upper bound" not in made(ENTRIES[2:]).plot().get_supxlabel()
 
 
 def test_the_floor_is_shaded_where_it_shows() -> None:

@@ -134,7 +134,10 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"coordinates": [theta, theta]}, "coordinate theta is listed twice: name each coordinate once."),
     ({"coordinates": [theta, x]}, "the kinetic energy does not contain x.dot, so x has no inertia"),
     ({"coordinates": [theta, x]}, "add its kinetic energy, or make x a parameter, or with lg.given('x') a given funct"),
-    ({"potential": V + x, "coordinates": [theta]}, "x is a function of time, and the coordinates that were declared a"),
+    (
+        {"potential": V + x, "coordinates": [theta]},
+        "x is a function of time that is not among the declared coordinates",
+    ),
     ({"potential": V * coordinate("thet"), "coordinates": [theta]}, "Did you mean 'theta'?"),
     # forces
     ({"forces": {x: 1}}, "does not contain x.dot, so x has no inertia"),

@@ -122,7 +122,7 @@ def test_a_function_that_nobody_declared_is_asked_about() -> None:
     clear_cache()  # SymPy may keep an equal function of theta of another test, which `coordinate` did not make
     u, question = (
         Function("undeclared")(t),
-        "Is undeclared a coordinate or a given motion? A coordinate, whose motion is found, is lg.",
+        "Is undeclared a coordinate or a given motion? Add lg.coordinate(",
     )
     assert question in refusal(lambda: pendulum(u))
     assert question in refusal(lambda: pendulum(u, coordinates=[theta]))

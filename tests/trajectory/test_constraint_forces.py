@@ -122,8 +122,8 @@ def refusal(solution: lg.Solution, *given: str) -> str:
 
 def test_forces_on_points_that_are_not_determined_are_refused() -> None:
     assert refusal(ladder(middle=(x, y)), "wall", "middle") == (
-        "the force of wall on points is not determined: it is not a constraint on the motion of named points alone "
-        "(middle). Name the points that it acts on, each free to move in every direction where there is no constraint, "
+        "the force of wall on points is not determined: the constraint does not relate the named points alone "
+        "(middle). Name the points that it acts on, each free to move in every direction if there were no constraints, "
         "or take the generalized forces, constraint_force(name)."
     )
     assert refusal(run(positions={"bob": (x, y), "twin": (x, y)}), "rod", "bob") == (

@@ -273,9 +273,9 @@ def test_an_event_behind_the_last_output_is_said(method: str) -> None:
     stop = lg.event(x, terminal=True)
     found = OSCILLATOR.run(9, method=method, step=STEPS.get(method), t_eval=[0, 1, 2], events=[stop])
     assert found.status is lg.Status.EVENT and found.t.tolist() == [0.0, 1.0]
-    assert found.message.endswith("The last output before it is at t = 1; y_events has the state at the event.")
+    assert found.message.endswith("The last output before the event is at t = 1; y_events has the state at the event.")
     none = OSCILLATOR.run(9, method=method, step=STEPS.get(method), t_eval=[3], events=[stop])
-    assert none.message.endswith("No output lies before it; y_events has the state at the event.")
+    assert none.message.endswith("No output is before the event; y_events has the state at the event.")
 
 
 def test_events_that_fill_the_memory_are_named() -> None:

@@ -56,10 +56,10 @@ def _values(what: str, values: Any) -> Any:
 def coordinate_or_given(name: str, coordinates: Sequence[str]) -> str:
     """Return the message for an undeclared function of time: it may be meant as a coordinate or as a given motion."""
     return (
-        f"{name} is a function of time, and the coordinates that were declared are {listing(coordinates)}. Is {name} a "
-        f"coordinate or a given motion? A coordinate, whose motion is found, is lg.coordinate({name!r}) and stands in "
-        f"coordinates; a given motion or input is lg.given({name!r}), with values for a run as in lg.given({name!r}, "
-        f"sin(lg.t)).{suggestion(name, coordinates)}"
+        f"{name} is a function of time that is not among the declared coordinates, {listing(coordinates)}. Is {name} a "
+        f"coordinate or a given motion? Add lg.coordinate({name!r}) to coordinates if its motion is to be found. Write "
+        f"lg.given({name!r}), or with values lg.given({name!r}, sin(lg.t)), for a given motion or input."
+        f"{suggestion(name, coordinates)}"
     )
 
 

@@ -149,9 +149,9 @@ class ConstraintForces:
                     "Name fewer points, or take the generalized forces, constraint_force(name)."
                 )
         raise StatementError(
-            f"the force of {name} on points is not determined: it is not a constraint on the motion of named points "
-            f"alone ({listing(self._slopes)}). Name the points that it acts on, each free to move in every direction "
-            "where there is no constraint, or take the generalized forces, constraint_force(name)."
+            f"the force of {name} on points is not determined: the constraint does not relate the named points alone "
+            f"({listing(self._slopes)}). Name the points that it acts on, each free to move in every direction if "
+            "there were no constraints, or take the generalized forces, constraint_force(name)."
         )
 
     def _at(self, chosen: Sequence[str], samples: Any) -> Iterator[tuple[int, FloatArray]]:
