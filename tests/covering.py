@@ -15,7 +15,7 @@ from collections.abc import Callable, Hashable, Sequence
 
 import pytest
 
-CASES = 3
+CASES = 2
 """Cases of one product of parameters, or of one list marked `few`, in a default run."""
 
 PART, LEAST = 6, 2

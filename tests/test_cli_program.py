@@ -38,6 +38,7 @@ def test_help_imports_nothing_heavy() -> None:
     assert found.stdout.endswith("\n[]\n")
 
 
+@pytest.mark.slow
 def test_a_run_without_out_imports_neither_plotting_nor_statistics(scene: str) -> None:
     program = (
         f"import sys\nfrom lagrange.cli.program import main\nmain(['run', {scene!r}])\n"
@@ -126,9 +127,8 @@ sys.exit(main())
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
-@pytest.mark.parametrize(
-    ("number", "code"), [pytest.param(signal.SIGINT, 130, marks=pytest.mark.slow), (signal.SIGTERM, 143)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_keeps_the_partial_result(tmp_path: Path, number: signal.Signals, code: int) -> None:
     # SciPy's steps are slow enough that the run is still going on any machine: ours would be through in two seconds.
     options = ["--method", "scipy-dop853", "--rtol", "1e-10", "--t-end", "1e6", "--points", "9", "--out"]

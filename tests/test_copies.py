@@ -173,6 +173,7 @@ def test_digits_of_a_reference_survive() -> None:
     assert states[0][0]._mpf_[3] > 60  # bits: a double has 53
 
 
+@pytest.mark.slow
 def test_copies_leave_nothing_on_stderr(monkeypatch: pytest.MonkeyPatch) -> None:
     """A module half copied used to be destroyed, with a traceback of llvmlite's on stderr for each of its parts."""
     lost: list[Any] = []

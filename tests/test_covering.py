@@ -94,11 +94,11 @@ def test_what_a_run_takes(tmp_path: Path) -> None:
             cases.append(line.partition("::")[2])
     assert len(taken[by_keyword]) == 10 and taken[by_name] == ["test_long[quick]", "test_long[long]"]
     counts = Counter(case.partition("[")[0] for case in taken[default])
-    assert counts == {"test_product": 3, "test_chance": 3, "test_long": 1, "test_sizes": 3} | dict.fromkeys(
+    assert counts == {"test_product": 2, "test_chance": 2, "test_long": 1, "test_sizes": 2} | dict.fromkeys(
         ("test_size", "test_law"), 1
     )
     assert len(taken[everything]) == 10 + 40 + 2 + 5 + 1 + 1
     both = {case for case in taken[default] if "size" in case or "law" in case}
     assert sorted(taken[everything]) == sorted({*taken[default], *taken[remaining]})
-    assert {*taken[default]} & {*taken[remaining]} == both and len(both) == 5
+    assert {*taken[default]} & {*taken[remaining]} == both and len(both) == 4
     assert all(len(set(cases)) == len(cases) for cases in taken.values())

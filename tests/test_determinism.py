@@ -100,7 +100,7 @@ def test_every_process_prints_the_same_check() -> None:
 
 
 def test_a_second_build_gives_the_same_text(everything: bool) -> None:
-    for name in NAMES if everything else NAMES[:3]:
+    for name in NAMES if everything else NAMES[:1]:
         assert texts(name) == texts(name)
 
 

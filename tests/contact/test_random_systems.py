@@ -15,7 +15,7 @@ from lagrange.trajectory.contact.transition import Transitions
 from tests.contact.random_contacts import broken_laws, random_system
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [2, 7, 9, 10, 12, 5, 13, 14, 16, 17, 21, 22])
 def test_bodies_do_not_overlap_and_energy_goes_where_it_is_booked(seed: int) -> None:
     """Each law of `random_contacts`; `docs/benchmarks/random_contacts.py` takes 500 systems."""
@@ -24,6 +24,7 @@ def test_bodies_do_not_overlap_and_energy_goes_where_it_is_booked(seed: int) -> 
     assert not broken_laws(drawn.system, run, driven=drawn.driven)
 
 
+@pytest.mark.slow
 def test_a_bounce_of_round_off_is_measured_by_the_whole_run() -> None:
     """Both ends of this rod accumulate again and again; heights and angles of the last flights are some 1e-11.
 
@@ -34,6 +35,7 @@ def test_a_bounce_of_round_off_is_measured_by_the_whole_run() -> None:
     assert not [text for text in broken_laws(drawn.system, run, driven=False) if text.startswith(("pull", "direction"))]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_used_up_by_impacts_says_of_which() -> None:
     """One end of this rod loses nothing, the other does: they bounce in turn, every 1e-6. It advised radau5."""
     drawn = random_system(40_108)
@@ -89,6 +91,7 @@ def test_closed_gaps_without_terms_have_round_off_and_no_missed_impact() -> None
     assert np.ptp(run.energy + run.energy_lost) < 1e-11 * np.abs(run.energy).max()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("steps", [2, 5, 9])
 def test_a_run_that_stops_at_a_limit_keeps_its_energy(steps: int) -> None:
     drawn = random_system(0)

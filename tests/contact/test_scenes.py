@@ -43,7 +43,7 @@ QUICK = ("ball-on-table", "belt", "block-on-incline", "bouncing-ball", "elliptic
 CASES = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in NAMES]
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["dopri5", "tsit5", "dop853", "verner9", "radau5"])
 @pytest.mark.parametrize("name", ["belt", "ladder-leaves-wall", "newtons-cradle", "rocking-block", "tippe-top"])
 def test_other_methods_reach_the_same_end_at_loose_tolerances(name: str, method: str) -> None:

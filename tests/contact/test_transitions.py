@@ -131,18 +131,25 @@ def drawn(seed: int, closed: Sequence[int]) -> State:
 
 Laws = dict[int, tuple[float, float, int]]
 Solution = tuple[Any, Any, Any]
+Response = tuple[Any, Any, Any, Any]
+"""Changes of velocities without forces, (5,), and for each force, (5, 4); changes of rates by forces, and without."""
 
 
-def balance(state: State, right: Any, rows: dict[int, Any], laws: Laws, cases: Sequence[tuple[str, int]]) -> Solution:
-    """Return the changes of velocities (5,), the forces and the rates by row in some cases of contacts.
-
-    M x = right + forces, and the rates are D x + rows. A law: static and kinetic friction, and the sign of the slip,
-    zero at rest.
-    """
+def response(state: State, right: Any) -> Response:
+    """Return the response of M x = right + D^T forces, with rates D x."""
     mass, _, _, directions, _ = state.parts
     inverse = mpmath.inverse(mass)
-    free, response = inverse * right, inverse * directions.T
-    matrix, shift = directions * response, directions * free
+    free, pushed = inverse * right, inverse * directions.T
+    return free, pushed, directions * pushed, directions * free
+
+
+def balance(given: Response, rows: dict[int, Any], laws: Laws, cases: Sequence[tuple[str, int]]) -> Solution:
+    """Return the changes of velocities (5,), the forces and the rates by row in some cases of contacts.
+
+    The rates are those of the response and `rows`. A law: static and kinetic friction, and the sign of the slip, zero
+    at rest.
+    """
+    free, pushed, matrix, shift = given
     active, columns = list[int](), list[Any]()
     for (i, (_, kinetic, _)), (case, way) in zip(laws.items(), cases, strict=True):
         unit = mpmath.eye(4)
@@ -156,13 +163,14 @@ def balance(state: State, right: Any, rows: dict[int, Any], laws: Laws, cases: S
         for column, size in zip(columns, sizes, strict=True):
             forces += size * column
     after = matrix * forces + shift
-    return free + response * forces, forces, {row: after[row] + rate for row, rate in rows.items()}
+    return free + pushed * forces, forces, {row: after[row] + rate for row, rate in rows.items()}
 
 
 def solutions(state: State, right: Any, rows: dict[int, Any], laws: Laws) -> Iterator[tuple[Any, Any, Any]]:
     """Yield the cases, the changes of velocities (5,) and the forces (4,) that obey all laws; see `balance`."""
+    given = response(state, right)
     for cases in itertools.product(CASES, repeat=len(laws)):
-        changes, forces, after = balance(state, right, rows, laws, cases)
+        changes, forces, after = balance(given, rows, laws, cases)
         obeys = True
         for (i, (static, _, slip)), (case, way) in zip(laws.items(), cases, strict=True):
             push, along = forces[2 * i], forces[2 * i + 1]
@@ -214,6 +222,7 @@ def assert_same_motion(state: State, found: Behind, expected: Solution, slips: d
         assert force == pytest.approx(float(forces[row]), abs=ERROR * float(mpmath.norm(forces)))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("closed", [(0,), (1,), (0, 1)])
 def test_motion_after_a_transition(closed: tuple[int, ...]) -> None:
     """Slips that go on, stop, reverse or stay at rest; contacts that stay or are released."""
@@ -238,6 +247,7 @@ def test_motion_after_a_transition(closed: tuple[int, ...]) -> None:
     assert (SLIDING, "reverses") in met and len(met) >= 3
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("hits", [(0,), (1,), (0, 1)])
 @pytest.mark.parametrize("rests", [(), (0,), (1,)])
 def test_velocities_and_impulses_of_an_impact(hits: tuple[int, ...], rests: tuple[int, ...]) -> None:
@@ -286,6 +296,7 @@ def test_velocities_and_impulses_of_an_impact(hits: tuple[int, ...], rests: tupl
     assert met >= {STICKING, SLIDING}
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("closed", [(0,), (0, 1)])
 def test_sliding_begins_where_friction_reaches_its_cone(closed: tuple[int, ...]) -> None:
     """The static coefficient is that of the forces that hold the belt's contact."""
@@ -315,6 +326,7 @@ def test_sliding_begins_where_friction_reaches_its_cone(closed: tuple[int, ...])
     assert count > 5
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("closed", [(0,), (0, 1)])
 def test_a_contact_is_released_where_its_force_is_zero(closed: tuple[int, ...]) -> None:
     """Gravity is that at which the belt's contact has no force: accelerations do not jump where it opens."""
@@ -330,7 +342,7 @@ def test_a_contact_is_released_where_its_force_is_zero(closed: tuple[int, ...]) 
                 _, force, _, _, bias = state.parts
                 rows = {row: bias[row] for i in closed for row in (2 * i, 2 * i + 1)}
                 laws = {i: (*frictions(state, i), 1) for i in closed}
-                pushes.append(balance(state, force, rows, laws, [(SLIDING, 1)] * len(closed))[1][0])
+                pushes.append(balance(response(state, force), rows, laws, [(SLIDING, 1)] * len(closed))[1][0])
             state.values[g] = float(pushes[0] / (pushes[0] - pushes[1]))
             del slips[0]
             expected = motions(state, slips)

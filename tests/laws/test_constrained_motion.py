@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import pytest
 import sympy as sp
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -233,6 +234,7 @@ def start(statement: Statement, place: Sequence[Any], wish: Sequence[Any]) -> li
     return [*q, *(one - rate / size * two for one, two in zip(w, G, strict=True))]
 
 
+@pytest.mark.slow
 @some
 @given(kinetic_energies(*PLACES), potentials(*PLACES), holonomic(*PLACES), functions_of(t, *PLACES), three, three)
 def test_a_series_is_that_of_the_motion(T: Any, V: Any, phi: Any, moving: Any, place: Any, wish: Any) -> None:

@@ -157,6 +157,7 @@ def top_on_a_joint() -> tuple[lg.System, lg.System]:
     return held, lg.System(R.body.dot(reduced * R.body) / 2, m * g * a * R[2, 2], parameters=values)
 
 
+@pytest.mark.slow
 def test_a_top_on_a_joint_has_the_linear_equations_of_a_body_that_turns_about_its_tip() -> None:
     """Six numbers, about a steady spin, which the joint moves in the axes of the body."""
     held, turning = (
@@ -409,6 +410,7 @@ def test_a_derivation_in_turns_with_constraints_agrees_with_the_compiled_model(n
         assert np.abs(run.evaluate(formula) - run.multipliers[constraint]).max() < 1e-11
 
 
+@pytest.mark.slow
 def test_conserved_momenta_of_a_symmetric_top() -> None:
     top = body((m, m, a), (0.1, 0.2, 3), lg.turn((1, 0, 0), 0.4), g * R[2, 2], parameters={m: 1.0, g: 1.0, a: 0.5})
     names = [quantity.name for quantity in top.conserved()]

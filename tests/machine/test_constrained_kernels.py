@@ -191,7 +191,7 @@ def steps_of(program: Program, most: int = 32) -> list[int | SolveGroup]:
     return scheduled(program, range(program.hoisted, len(program.instructions)), lambda _: most)
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("n", ORDERS)
 @pytest.mark.parametrize("kind", REGULAR, ids=lambda kind: kind.__name__)
 def test_together_is_one_by_one_to_the_last_bit(

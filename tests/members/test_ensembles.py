@@ -64,7 +64,7 @@ def test_parameters_vary_and_outputs_are_those_of_a_run() -> None:
         t_eval=times,
     )
     assert runs.y.shape == (4, 5, 13)
-    for i in range(13):
+    for i in (0, 6, 12):
         alone = system("double-pendulum").run(2.0, parameters={"m1": runs["m1"][i], "g": runs["g"][i]}, t_eval=times)
         assert np.allclose(runs.y[:, :, i], alone.y, rtol=1e-12, atol=1e-13)
 

@@ -107,7 +107,7 @@ BEYOND = ("a transcendental one",)
 that is as right as the tolerance of 1e-10 makes it."""
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("case", list(HENON))
 @pytest.mark.parametrize("end", [20.0, pytest.param(-7.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("method", FIRST)
@@ -154,7 +154,7 @@ def random_ensemble(rng: np.random.Generator) -> tuple[lg.System, dict[str, Any]
     return system, starts, {"events": events, "keep": (("events", 5),)}
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
 @pytest.mark.parametrize("method", EQUAL_STEPS)
 def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(

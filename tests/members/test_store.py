@@ -116,6 +116,7 @@ def test_arrays_that_differ_late_are_another_ensemble(tmp_path: Path, monkeypatc
         stored()
 
 
+@pytest.mark.slow
 def test_executors_give_the_same_bytes(whole: lg.Ensemble) -> None:
     with ProcessPoolExecutor(2) as processes:
         assert columns(run(executor=processes)) == columns(whole)

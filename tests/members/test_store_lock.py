@@ -102,6 +102,7 @@ def test_a_call_that_fails_lets_the_next_one_write(tmp_path: Path, monkeypatch: 
     assert run(folder).ran == 2
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 def test_a_child_of_a_killed_process_keeps_no_lock(tmp_path: Path) -> None:
     """Workers that a pool forks may outlive the program that was killed."""

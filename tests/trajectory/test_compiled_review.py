@@ -181,7 +181,7 @@ def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
                     assert times.tolist() == right.tolist() and states.tolist() == there.tolist()
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dop853", "rk4", "tsit5", "gauss2"])
 @pytest.mark.parametrize("direction", [0, 1, -1])
 @pytest.mark.parametrize("level", [0, 1, -1, 3])

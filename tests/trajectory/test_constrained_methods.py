@@ -45,7 +45,7 @@ FLOOR = 2e-11
 """Errors below this are left out: round-off, some 1e-13, would move a measured order where they double."""
 
 
-@pytest.mark.few(5)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
 @pytest.mark.parametrize("method", CONSTRAINED)
 def test_the_observed_order_is_the_claimed_one(method: str, name: str) -> None:
@@ -133,7 +133,7 @@ def test_what_claims_to_be_symplectic_keeps_the_form_of_the_reduced_system(metho
     assert error < 1e-9 if find(method).claims.symplectic else error > 1e-6
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", SYMPLECTIC)
 def test_energy_stays_bounded_without_drift(method: str) -> None:
     """Some 600 swings of 50 steps."""

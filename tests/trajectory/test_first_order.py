@@ -104,6 +104,7 @@ def test_beside_a_constraint() -> None:
     assert model.multipliers(state[:4], state[4:]) == pytest.approx(tension, rel=1e-9)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("system", [charge(), charge(forces={x: -y.dot / 2, y: x.dot / 5})])
 def test_the_check_holds(system: lg.System) -> None:
     report = system.check(points=2)

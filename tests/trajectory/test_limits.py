@@ -51,7 +51,7 @@ def test_memory_has_a_bound(name: str, model: Model) -> None:
         found.require()
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["scipy-rk45", "scipy-rk23", "scipy-dop853", "scipy-radau", "scipy-bdf", "scipy-lsoda"]
 )
@@ -198,7 +198,7 @@ def test_a_pipe_is_told_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: 
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "scipy-dop853"])
 def test_time_is_kept_while_events_are_located(method: str) -> None:
     """A step with hundreds of zeros takes a while; a block of steps is not looked at to its end first."""
