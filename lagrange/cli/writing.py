@@ -143,7 +143,7 @@ def plot(request: argparse.Namespace) -> Answer:
 
 
 def animate(request: argparse.Namespace) -> Answer:
-    """Run a scene, write its animation, and print its content and its path."""
+    """Run a scene, write its animation, and print the number of frames, the duration and the path of the file."""
     path = named_kind(_file(request, ".html"))
     options = {key: given_number(f"--{key}", getattr(request, key)) for key in ("speed", "trail")}
     fps, size = given_number("--fps", request.fps), _size(request.size)

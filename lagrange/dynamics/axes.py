@@ -48,7 +48,10 @@ Plane = tuple[Axis, Axis]  # Horizontal axis and vertical axis
 
 
 def row_of(statement: Statement, key: Any, what: str) -> int:
-    """Return the row of the state for `key`, a coordinate, velocity or name; `what` names the argument in errors."""
+    """Return the index in the state of the entry `key`, a coordinate, a velocity or a name.
+
+    `what` names the user's argument in errors. Raises StatementError for anything else.
+    """
     rows = state_rows(statement.coordinates)
     if isinstance(key, (str, sympy.Basic)) and key in rows:
         return rows[key]
@@ -135,7 +138,7 @@ def angles(statement: Statement) -> tuple[bool, ...]:
 
 
 def is_angle(statement: Statement, row: int) -> bool:
-    """Return True if row `row` of the state is a coordinate that is an angle; False for velocities."""
+    """Return True if entry number `row` of the state is a coordinate that is an angle; False for velocities."""
     return row < len(statement.names) and angles(statement)[row]
 
 

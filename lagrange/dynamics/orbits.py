@@ -54,16 +54,19 @@ class PlaneWindow:
 
     @property
     def rows(self) -> tuple[int, int]:
-        """Rows of the state on the two axes."""
+        """Indices in the state of the entries on the horizontal and on the vertical axis."""
         return self.plane[0].row, self.plane[1].row
 
     @property
     def widths(self) -> FloatArray:
-        """Widths of the axes, (2,)."""
+        """Lengths of the ranges on the horizontal and on the vertical axis, (2,)."""
         return np.array([axis.width for axis in self.plane])
 
     def exits(self, runs: Runs) -> list[Event]:
-        """Return terminal events that end a run where it leaves the window. An axis with an angle has no event."""
+        """Return events that end a run where it leaves the window. An axis with an angle has no event.
+
+        `runs` has the model whose runs have these events.
+        """
         statement = runs.model.statement
         entries = (*statement.coordinates, *(velocity_of(q) for q in statement.coordinates))
         axes = [axis for axis in self.plane if not self.wraps(axis)]
@@ -115,7 +118,7 @@ class Orbit:
 
     @cached_property
     def span(self) -> tuple[float, float]:
-        """First and last time."""
+        """First and last time of the orbit."""
         return float(self.t[0]), float(self.t[-1])
 
 
@@ -149,7 +152,7 @@ def orbit_of(parts: Sequence[Trajectory], *, closed: bool) -> Orbit:
 
 
 def sampled(run: Trajectory, per_step: int = SAMPLES_PER_STEP) -> tuple[FloatArray, FloatArray]:
-    """Return times of a run, (k,), in its direction, `per_step` in each step, and the states there, (k, 2n)."""
+    """Return times (k,) in the order of a run, `per_step` for each of its steps, and the states (k, 2n) there."""
     if len(run.t) < 2:
         return run.t, run.y.T
     times = divided(run.t, per_step)
@@ -174,7 +177,7 @@ def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
     rows = list(window.rows)
 
     def ahead(states: FloatArray) -> FloatArray:
-        """Return the signed progress of states (k, 2n) from the start, along the first step in the plane."""
+        """Return the signed progress (k,) of states (k, 2n) from the start of the run, along its first step."""
         moved = difference(states, start, window.periodic)[:, rows] / window.widths
         return np.asarray(moved @ (way[rows] / window.widths))
 

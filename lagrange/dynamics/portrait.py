@@ -140,7 +140,10 @@ class _Portrait:
         }
 
     def distinct(self, equilibria: Sequence[FixedPoint]) -> list[int]:
-        """Return the indices of the equilibria, without copies after a full turn, such as pi and -pi."""
+        """Return the indices of distinct equilibria.
+
+        Equilibria that differ only by full turns of angles, such as pi and -pi, count as one.
+        """
         numbers: list[int] = []
         for k, equilibrium in enumerate(equilibria):
             others = np.array([equilibria[i].state for i in numbers]).reshape(-1, len(equilibrium.state))
@@ -149,7 +152,7 @@ class _Portrait:
         return numbers
 
     def seeds(self) -> FloatArray:
-        """Return the middles of all cells, from the middle of the window outwards, (CELLS**2, 2n)."""
+        """Return the states (CELLS**2, 2n) at the middles of all cells of the window, the innermost cells first."""
         middles = [np.linspace(axis.low, axis.high, 2 * CELLS + 1)[1::2] for axis in self.plane]
         columns, rows = np.meshgrid(*middles)
         away = np.hypot(*(np.indices(columns.shape) - (CELLS - 1) / 2))
@@ -277,7 +280,10 @@ def _mark(work: _Portrait, taken: FloatArray, passed: Orbit) -> None:
 
 
 def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return rows and columns, from 1 on, of the cells of states (k, 2n). Those outside are in a border of one cell."""
+    """Return the row and the column, (k,) each, of the cell in which each of the states (k, 2n) is.
+
+    Cells of the window have the numbers 1 to CELLS. A state outside of the window has the number 0 or CELLS + 1.
+    """
     indices = []
     for axis in reversed(work.plane):
         values = states[:, axis.row]
@@ -317,10 +323,10 @@ def _ended(
 
 
 def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dict[int, float]:
-    """Return the fixed values in `at`, a dict from entries of the state, by row of the state.
+    """Return the fixed values in `at`, a dict from entries of the state, by index in the state.
 
-    Raises StatementError unless two entries of the state remain for the axes, and for a `window` (the ranges of the
-    axes) of None where there is no default.
+    Raises StatementError unless two entries of the state remain for the axes. Also raises it if `window`, the ranges
+    of the axes, is None for a system that has no default.
     """
     statement = model.statement
     if at is not None and not isinstance(at, Mapping):
@@ -352,7 +358,7 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
 
 
 def _free(model: Model, fixed: Collection[int]) -> list[int]:
-    """Return the rows of the state that are neither `fixed` nor follow from other entries."""
+    """Return the indices in the state of the entries that are not `fixed` and do not follow from other entries."""
     return [row for row in range(model.layout.size) if row not in fixed and row not in model.equations.following]
 
 

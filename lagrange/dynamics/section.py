@@ -465,5 +465,5 @@ def _ended(done: Sequence[Crossings], count: int, event: Event | None, statement
 
 
 def surface(event: Event, statement: Statement) -> str:
-    """Return the equation of a switching surface in the names of coordinates, cut if it is long."""
+    """Return the equation of the section at which an event happens, as text; a long expression is cut."""
     return f"{statement.quote(event.expression, 60)} = 0"

@@ -52,7 +52,7 @@ class ConstraintEquations:
         return tuple(name for name, depends in zip(self.names, moving, strict=True) if depends)
 
     def part(self, rows: Sequence[int]) -> ConstraintEquations:
-        """Return the constraints with these indices."""
+        """Return the equations of the constraints with the indices `rows`."""
         chosen = [[entries[i] for i in rows] for entries in self._entries]
         return ConstraintEquations(*map(tuple, chosen))
 
@@ -104,7 +104,10 @@ def empty_constraint(name: str, value: float, size_of_terms: float) -> str:
 def constraint_equations(
     zeros: Mapping[str, Node], holonomic: Sequence[bool], q: Sequence[Node], v: Sequence[Node], time: Node
 ) -> ConstraintEquations:
-    """Return the equations of expressions by name: phi(q, t) if `holonomic`, else psi(q, v, t)."""
+    """Return the constraint equations for the expressions `zeros`, {name of the constraint: node that is zero}.
+
+    An expression is phi(q, t) if its flag in `holonomic` is true, else psi(q, v, t).
+    """
     if not zeros:
         return ConstraintEquations()
     graph = time.graph

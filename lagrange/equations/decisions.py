@@ -44,7 +44,10 @@ def visibly_homogeneous(statement: Statement) -> bool:
 
 
 def _degree(node: Any, velocities: tuple[Any, ...]) -> int | None:
-    """Return the common degree of all terms in the velocities. None if terms differ or a degree cannot be read off."""
+    """Return the degree in the velocities that all terms of an expression have in common.
+
+    Return None if terms differ in degree, or if a degree cannot be read off. `node` is the SymPy expression.
+    """
     if node in velocities:
         return 1
     if node.is_Mul or node.is_Add:
@@ -213,7 +216,8 @@ class Decisions:
     def power_seen(self) -> Verdict:
         """True if the rate of the energy is zero, False if it is not; None if that is not seen without algebra.
 
-        It is seen from absent forces and time, or from values at random states.
+        It is zero if there are no forces and no dissipation, and L does not contain the time. It is not zero if its
+        value at a random state is not zero. With constraints that do no work, the state must satisfy them.
         """
         laws = self.laws
         if self._forceless and not _depends_on(laws.lagrangian, [laws.time]):
@@ -307,7 +311,7 @@ class Decisions:
         return False if any(number(point) for point in self._points) else self._by_algebra(proof)
 
     def _by_algebra(self, proof: Callable[[StatedAlgebra], bool]) -> Verdict:
-        """Return True if the proof succeeds within the budget, else None."""
+        """Return True if the proof succeeds within the budget of monomials, else None."""
         try:
             return proof(self._stated) or None
         except (TooLargeError, RecursionError):
@@ -327,7 +331,7 @@ class Decisions:
         return points
 
     def _drawn(self) -> Iterator[Values]:
-        """Yield random points: in turn of order one, and near the initial state with the default parameters."""
+        """Yield random points, alternately of order one, and near the initial state and the default parameters."""
         statement, laws, draw = self.statement, self.laws, random.Random(1)
         state = (*laws.q, *laws.v)
         for k in range(LAW_DRAWS):
@@ -363,7 +367,10 @@ class Decisions:
         return bool(abs(CONTEXT.fsum([*terms, -slope[0]])) > ZERO_SHARE * max(forces[1], slope[1], *map(abs, terms)))
 
     def _held(self, point: Values) -> Values | None:
-        """Return a point near `point` that satisfies the constraints, positions first, then velocities; or None."""
+        """Return `point` moved onto the constraints by Newton's method, or None if that fails.
+
+        First the coordinates are corrected, then the velocities.
+        """
         laws, constraints = self.laws, self.laws.constraints
         holonomic = [i for i, phi in enumerate(constraints.positions) if phi is not None]
         for rows, symbols, nodes in (

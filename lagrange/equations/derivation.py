@@ -281,10 +281,10 @@ class Derivation:
         )
 
     def _divided(self, index: int, solved: Any) -> Any:
-        """Return an acceleration as the shown equation divided by the mass term by term: g - k*(s - d)/m.
+        """Return an acceleration as its equation of motion, with each term divided by the mass: g - k*(s - d)/m.
 
-        `index` is that of the coordinate. Return the formula `solved` if the equation has other
-        accelerations or multipliers, or if L is long.
+        `index` is that of the coordinate. Return the formula `solved` instead if the equation has other accelerations
+        or multipliers, or if L is long.
         """
         q, row = self.statement.coordinates[index], self.mass_matrix.row(index)
         mass = row[index]
@@ -326,7 +326,10 @@ class Derivation:
 
     @cached_property
     def _keeps_its_sum(self) -> bool:
-        """True if the energy is shown as T + V: it is short, and v . p - L by the degrees of T and V in v."""
+        """True if the energy is shown as the stated T + V: L is short, and T + V equals v . p - L.
+
+        They are equal if every term of T has degree two in the velocities and V contains no velocities.
+        """
         scale = Dummy("scale", positive=True)
         stretched = {v: scale * v for v in self.statement.velocities}
         kinetic, potential = self.statement.kinetic, self.statement.potential
@@ -388,7 +391,10 @@ def _shorter(collected: Any, stated: Any) -> Any:
 
 
 def _length(form: Any) -> tuple[int, int]:
-    """Return the numbers of operations and terms; a common denominator counts once for each term above it."""
+    """Return the numbers of operations and of terms of an expression.
+
+    If terms have a common denominator, a division is counted for each of them.
+    """
     nodes = [*preorder_traversal(form)]
     below = [node.base for node in nodes if node.is_Pow and node.base.is_Symbol and node.exp.is_negative]
     terms = [fraction(term)[0] for node in nodes if node.is_Add for term in node.args] if below else []
@@ -396,5 +402,8 @@ def _length(form: Any) -> tuple[int, int]:
 
 
 def _by_terms(expression: Any) -> Any:
-    """Return a sum with the common factor taken out of each of its terms: m*(a + b), not m*(2*a + 2*b)/2."""
+    """Return a sum in which each term has common factors taken out of its parentheses.
+
+    Example: m*(2*a + 2*b)/2 becomes m*(a + b).
+    """
     return Add(*map(factor_terms, Add.make_args(expression)))

@@ -69,9 +69,9 @@ Matrix = Sequence[Sequence[Node]]
 
 @dataclass(frozen=True, eq=False)
 class MotionForm:
-    """The equations in the form that is solved, with n entries each: momenta p, forces f, and bias h.
+    """The equations of motion in the form that is solved: momenta p, forces f and bias h, with n entries each.
 
-    dp/dt = f + G^T lambda, and M a = h + G^T lambda.
+    They are dp/dt = f + G^T lambda, and M a = h + G^T lambda.
     """
 
     momenta: tuple[Node, ...]
@@ -166,10 +166,11 @@ def first_order_coordinates(
 
 
 def without(first_order: Sequence[int], motion: MotionForm, rates: Mapping[Node, Node]) -> MotionForm:
-    """Return the motion with p, f and h zero for coordinates of first order, which have the indices `first_order`.
+    """Return the equations with p, f and h set to zero for the coordinates of first order.
 
-    Their equations are relations between velocities, and are added to the constraints. `rates` maps their velocities
-    to the values from these relations. These values replace the velocities in the other entries.
+    `first_order` has the indices of these coordinates. Their equations are relations between velocities, and are
+    added to the constraints. `rates` maps their velocities to the values from these relations. These values replace
+    the velocities in the other entries.
     """
     if not first_order:
         return motion

@@ -86,10 +86,11 @@ def scales(mass: FloatArray, gradient: FloatArray) -> FloatArray:
 
 
 def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | None = None) -> Singular | None:
-    """Return the constraints, or the motion, nearest to singular; None if an entry of a matrix is not finite.
+    """Return the combination of constraints, or the motion, that is nearest to singular, as a `Singular`.
 
-    `mass` is (n, n) and `gradient` (m, n). `scale` (n + m,) are the scale factors of another state: rows that have
-    become smaller since then count as smaller. With None the factors are computed for this state.
+    Return None if an entry of a matrix is not finite. `mass` is (n, n) and `gradient` (m, n). `scale` (n + m,) are
+    the scale factors of another state: rows that are smaller here than there count as smaller. With None the factors
+    are computed for this state.
     """
     n, m = len(mass), len(gradient)
     if not (np.isfinite(mass).all() and np.isfinite(gradient).all()):

@@ -233,12 +233,12 @@ class SolvePlan:
 
     @property
     def size(self) -> int:
-        """The number of unknowns."""
+        """The number of unknowns of the linear system."""
         return sum(map(len, self.blocks))
 
     @property
     def diagonal(self) -> bool:
-        """True if A is diagonal, so that a division gives each unknown."""
+        """True if the matrix of the linear system is diagonal, so that a division gives each unknown."""
         return len(self.blocks) == self.size
 
     @property

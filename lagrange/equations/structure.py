@@ -81,7 +81,7 @@ class Structure:
         return self.energy_kept is True
 
     def sentences(self) -> list[str]:
-        """Return the properties in words, one sentence each."""
+        """Return the properties of the equations of motion in words, one sentence each."""
         return [self._mass(), *self._separation(), *self.remarks()]
 
     def remarks(self) -> list[str]:

@@ -82,7 +82,7 @@ class Magnitude(Function):
     is_real = True
 
     def fdiff(self, argindex: int = 1) -> Any:
-        """Return the derivative, sign(x)."""
+        """Return the derivative of |x|, sign(x)."""
         return Direction(self.args[0])
 
 
@@ -92,7 +92,7 @@ class Direction(Function):
     is_real = True
 
     def fdiff(self, argindex: int = 1) -> Any:
-        """Return the derivative, zero."""
+        """Return the derivative of this function, zero."""
         return S.Zero
 
 
@@ -102,7 +102,7 @@ class Step(Function):
     is_real = True
 
     def fdiff(self, argindex: int = 1) -> Any:
-        """Return the derivative, zero."""
+        """Return the derivative of this function, zero."""
         return S.Zero
 
 
@@ -188,7 +188,7 @@ class Algebra:
         return {monomial: number * value for monomial, value in terms.items()}
 
     def multiply(self, a: MonomialSum, b: MonomialSum) -> MonomialSum:
-        """Return the expanded product."""
+        """Return the product of two sums, multiplied out."""
         self.spend(len(a) * len(b))
         product: MonomialSum = {}
         for left, x in a.items():
@@ -198,7 +198,7 @@ class Algebra:
         return product
 
     def differentiate(self, terms: MonomialSum, symbol: Any) -> MonomialSum:
-        """Return the partial derivative with respect to a symbol."""
+        """Return the partial derivative of a sum with respect to a symbol."""
         result: MonomialSum = {}
         for monomial, number in terms.items():
             for k, e in monomial:
@@ -247,9 +247,10 @@ class Algebra:
         return result
 
     def merge_angles(self, terms: MonomialSum) -> MonomialSum:
-        """Return the sum simplified by sin^2 + cos^2 = 1 and the addition theorems, if fewer or lower terms result.
+        """Return the sum simplified by sin^2 + cos^2 = 1 and the addition theorems.
 
-        The loop ends, because every replacement lowers the number of terms, or keeps the number and lowers the degree.
+        A replacement is made only if it lowers the number of terms, or keeps the number and lowers the degree. So the
+        loop ends.
         """
         terms = dict(terms)
         changed = True
@@ -415,8 +416,8 @@ class Algebra:
     def _primitive(self, terms: MonomialSum, stated: Any) -> tuple[MonomialSum, Any]:
         """Return (common factor, rest) of a sum of monomials, the rest as a SymPy expression.
 
-        `stated` is the sum before it was simplified; it is the rest if it has no common factor and not more
-        operations. Multiples of a sum get the same rest, as in 1/(2 x - 2 y) and 1/(y - x).
+        `stated` is the sum before it was simplified. It is returned as the rest if no factor was taken out and it has
+        no more operations. Multiples of a sum get the same rest, as in 1/(2 x - 2 y) and 1/(y - x).
         """
         number, monomial, rest = common_factor(self.merge_angles(terms))
         inside = self.write(rest)

@@ -364,7 +364,7 @@ class TextbookAlgebra(StatedAlgebra):
         return [self.finish(expression) for expression in NestedCofactors(entries, right, LONGEST_FORMULA).solution()]
 
     def singular(self, block: list[int]) -> StatementError:
-        """Return the error for a block whose matrix is singular at every state."""
+        """Return the StatementError for a block of unknowns (indices) whose matrix is singular at every state."""
         n = len(self.q)
         names = [self.statement.names[i] for i in block if i < n]
         laws = [self.statement.constraints[i - n].name for i in block if i >= n]
@@ -399,7 +399,7 @@ class TextbookAlgebra(StatedAlgebra):
         return expression.xreplace({number: Float(number) for number in fractions if _unreadable(number)})
 
     def by_coordinate(self, parts: Iterable[Any]) -> Mapping[Any, Any]:
-        """Return {coordinate: part} from the parts of an equation, one for each coordinate in order."""
+        """Return {coordinate: part} for `parts`, which has one expression for each coordinate in order."""
         return MappingProxyType(dict(zip(self.statement.coordinates, parts, strict=True)))
 
 

@@ -133,10 +133,10 @@ class _Session:
         self.comparison = Comparison(self.statement.names, rows)
 
     def take(self, k: int) -> None:
-        """Compare all quantities at point number `k` of the check.
+        """Compare all quantities with their reference values at one random point, number `k` of the check.
 
-        Points are drawn until one is in the domain of L. No point is used if the draws run out, or if too many
-        expensive ones fail.
+        Points are drawn until one is in the domain of L. Nothing is compared if the number of draws is at its limit,
+        or if too many points fail only after expensive computations.
         """
         for attempt in range(DRAWS_PER_KIND * len(SAMPLE_KINDS)):
             if self.costly > COSTLY_REFUSALS:
@@ -147,7 +147,7 @@ class _Session:
                 return
 
     def _on_constraints(self, point: SamplePoint) -> SamplePoint:
-        """Return the nearest point on the constraints, as motions are, or the point itself if there is none near it."""
+        """Return the nearest point that satisfies the constraints, or `point` itself if none is found."""
         if not self.statement.constraints:
             return point
         try:
@@ -157,7 +157,7 @@ class _Session:
         return replace(point, q=tuple(map(float, q)), v=tuple(map(float, v)), kind=f"{point.kind}, on the constraints")
 
     def cover_branches(self) -> None:
-        """Add a few points that reach new branches of conditions, Abs, sign, Min or Max."""
+        """Compare all quantities at a few more points, where conditions, Abs, sign, Min or Max take new branches."""
         added = 0
         for _ in range(FAR_POINTS):
             if added == MOST_FAR_POINTS or not self._missing():
@@ -219,7 +219,10 @@ class _Session:
         return True
 
     def _columns(self) -> list[int]:
-        """Return the indices of the columns of the Jacobian to check next: all if they are few, else some in turn."""
+        """Return the indices of the Jacobian's columns to check at the next point.
+
+        They are all columns if there are few. Otherwise each point checks the next few columns in turn.
+        """
         width = len(self.statement.state_names)
         share = min(width, MOST_JACOBIAN_COLUMNS, max(8, math.ceil(width / self.point_count)))
         start = len(self.used) * share
@@ -267,10 +270,10 @@ class _Session:
 
 
 class SolvedTextbook:
-    """The accelerations of a derivation with rotations, as a function of a state; a call solves a linear system.
+    """The accelerations of a textbook derivation with rotations, as a function of the state.
 
-    The equations and the derivatives of the constraints are linear in the accelerations of coordinates and turns, and
-    in the multipliers. The accelerations of quaternions follow from those of turns.
+    A call solves a linear system for the accelerations of coordinates and of small rotations of bodies, and for the
+    multipliers. The accelerations of quaternions follow from those of the small rotations.
     """
 
     def __init__(self, derivation: Any, statement: Statement, prescribed: Mapping[Any, Any]) -> None:

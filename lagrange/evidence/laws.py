@@ -41,10 +41,10 @@ def central_mixed(function: Callable[[Any, Any], Sequence[Any]], step_x: Any, st
 
 
 def extrapolated(coarse: Sequence[Any], fine: Sequence[Any]) -> Estimate:
-    """Return the limit of results as the steps go to 0: `fine` are the results with half the steps of `coarse`.
+    """Return the limit of results as the difference steps go to 0, with an error bound.
 
-    Their error is a series in even powers of the step. Nested differences, and results computed from them such as
-    solutions of linear systems, extrapolate together.
+    `fine` are the results with half the steps of `coarse`. Their error is a series in even powers of the step. Nested
+    differences, and results computed from them such as solutions of linear systems, extrapolate together.
     """
     value = [(4 * f - c) / 3 for f, c in zip(fine, coarse, strict=True)]
     return Estimate(value, [abs(x - f) for x, f in zip(value, fine, strict=True)], list(coarse))
@@ -132,7 +132,7 @@ Nudge = Callable[[str, int], Any]
 
 
 def exactly(_name: str, _index: int) -> int:
-    """Return 1: in a computation without random factors it is the factor of every term."""
+    """Return 1: the factor of every term in a computation that does not imitate rounding errors by random factors."""
     return 1
 
 
@@ -146,10 +146,11 @@ class DifferenceSteps:
 
     @classmethod
     def at(cls, q: Numbers, v: Numbers, t: Any, unit: Any, *, timed: bool) -> DifferenceSteps:
-        """Return steps at a state (q, v): each is `unit` times the magnitude of its number, or `unit` for a zero.
+        """Return steps at a state (q, v): each is `unit` times the magnitude of its entry, or `unit` for a zero.
 
-        During the time step no coordinate changes by more than its own step. With `timed` the time step is also
-        limited relative to t. In SI units a second is short for a planet, and such a step would lose all digits.
+        During the time step no coordinate changes by more than its own step. With `timed` the time step is also at
+        most `unit` times |t|. This limit is not always used: for a planet in SI units the time step would be so short
+        that differences lose all digits.
         """
         by_q, by_v = ([unit * (abs(x) or 1) for x in values] for values in (q, v))
         times = [step / abs(rate) for step, rate in zip(by_q, v, strict=True) if rate]
@@ -447,11 +448,11 @@ class StatedConstraints:
 
     @staticmethod
     def alike(values: StateFunction, holonomic: tuple[bool, ...]) -> StatedConstraints:
-        """Return constraints that use the same function for G and for the rates."""
+        """Return constraints that use the function `values` both for G and for the time derivatives."""
         return StatedConstraints(values, values, holonomic)
 
     def chosen(self, by_position: Sequence[Any], by_velocity: Sequence[Any]) -> Numbers:
-        """Return one entry for each constraint: from `by_position` if it is holonomic, else from `by_velocity`."""
+        """Return one entry for each constraint: of `by_position` if it is holonomic, else of `by_velocity`."""
         return [
             a if is_holonomic else b
             for a, b, is_holonomic in zip(by_position, by_velocity, self.holonomic, strict=True)

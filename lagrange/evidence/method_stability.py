@@ -50,10 +50,10 @@ class Stability:
 
 
 class _Map:
-    """The vectors of a step as linear maps of its initial state: arrays (Z, n, m) for Z systems at once.
+    """The vectors of a step as linear maps of its initial state: arrays (Z, n, m) for Z linear systems at once.
 
-    System number k is q'' = -k q - c v with the eigenvalues z and its conjugate; the step is 1. n is 2 for a step of y
-    = [q, v], else 1, and m is the length of the initial state.
+    Each system is q'' = -k q - c v with the eigenvalues z and its conjugate; the step length is 1. n is 2 for a step
+    of y = [q, v], else 1, and m is the length of the initial state.
     """
 
     def __init__(self, step: StepProgram, z: NDArray[np.complex128]) -> None:
@@ -90,7 +90,10 @@ class _Map:
         return sum((self.numbers[c] * self.vectors[i] for i, c in combination), zero)
 
     def call(self, call: LawCall) -> None:
-        """Evaluate the right-hand sides of the linear systems for one `call` in a step; store the results as maps."""
+        """Evaluate the right-hand sides of the linear systems for the action `call` of a step.
+
+        The results are stored as linear maps of the initial state.
+        """
         k, c = self.k[:, None], self.c[:, None]
         arguments = [self.combined(argument) for argument in call.arguments]
         if self.step.law == "rhs":

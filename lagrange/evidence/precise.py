@@ -326,7 +326,7 @@ class Precise:
 
 
 def _no_value(error: Exception, arguments: Sequence[Any]) -> OutsideDomain:
-    """Return an exception object that is stored as the result of an operation without a value.
+    """Return the exception object that is stored as the result of an operation without a value.
 
     No operation accepts it as an argument, so results that depend on it have no value either. A Piecewise ignores it
     in a branch that is not selected.

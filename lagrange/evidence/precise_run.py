@@ -40,7 +40,10 @@ class NoValue(ArithmeticError):
 
 
 def evaluate(program: Program, t: float, y: Sequence[float], parameters: Sequence[float], digits: int = 40) -> Numbers:
-    """Return a program's outputs to `digits` digits. Raises NoValue for a value not real or finite, or no solution."""
+    """Return the outputs of a program at (t, y), as mpmath numbers of `digits` digits.
+
+    Raises NoValue if a value is not real or not finite, and if the matrix of a linear system is singular.
+    """
     arithmetic = _arithmetic(digits)
     number = arithmetic.number
     try:
@@ -441,7 +444,7 @@ class _PreciseRun:
 
 
 def _moved(numbers: Sequence[Numbers], by: FloatArray) -> list[Numbers]:
-    """Return rows of mpmath numbers with the array of doubles `by` added, entry by entry."""
+    """Return rows of mpmath numbers, increased by the array of doubles `by`, entry by entry."""
     return [[x + float(y) for x, y in zip(row, change, strict=True)] for row, change in zip(numbers, by, strict=True)]
 
 

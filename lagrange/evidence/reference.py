@@ -143,12 +143,13 @@ class Reference:
     def _with_floor(
         self, slopes: ReferenceEntries, accelerations: ReferenceEntries, point: SamplePoint
     ) -> ReferenceEntries:
-        """Return the entries `slopes` of the Jacobian of the accelerations, with a least size for each.
+        """Return the entries `slopes` of the Jacobian of the accelerations, with a lower bound on their sizes.
 
-        This is the size of the acceleration / the size of the state. Second derivatives of V may cancel where V and
-        its gradient do not: V = sqrt(x**2 + 1) at x = 1e3 has a gradient of 1 and a slope of 1e-9, which any formula
-        computes as a difference of numbers of 1e-3. The sizes of the operations in V do not show it. A wrong slope is
-        still found: its error exceeds 1e-12 of this least size.
+        The size of an entry is the scale of its rounding error. Its bound is the size of the acceleration / the size
+        of the state. Second derivatives of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at x =
+        1e3 has a gradient of 1 and a slope of 1e-9, which any formula computes as a difference of numbers of 1e-3.
+        The sizes of the operations in V do not show it. A wrong slope is still found: its error exceeds 1e-12 of this
+        bound.
         """
         extent = max(1.0, *map(abs, (*point.q, *point.v)))
         n = len(accelerations.size)
@@ -494,7 +495,10 @@ class _Perturbed:
 
 
 def _each(pairs: Iterable[tuple[Precise, Any]], make: Callable[[Precise, Any], Any]) -> list[Any]:
-    """Return `make(program, other)` for each pair; a program that occurs again gets its first result again."""
+    """Return the list of `make(program, other)` for each pair (program, other).
+
+    If a program occurs again, its first result is used again.
+    """
     results: dict[Precise, Any] = {}
     listed = []
     for tape, other in pairs:

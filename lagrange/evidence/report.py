@@ -155,7 +155,7 @@ class ReferenceEntries:
         return ReferenceEntries(values, [0.0] * len(values), [abs(x) for x in values])
 
     def part(self, start: int, length: int) -> ReferenceEntries:
-        """Return the `length` entries from the index `start` on."""
+        """Return the `length` reference values from the index `start` on, with their error bounds and sizes."""
         where = slice(start, start + length)
         return ReferenceEntries(self.value[where], self.error[where], self.size[where])
 
@@ -206,7 +206,10 @@ class _Tally:
 
 
 class Comparison:
-    """Collects the largest error of each row of a report, and the failures in which no values could be compared."""
+    """Collects the comparisons of a check: the largest error of each row of the report, and failures.
+
+    A failure is recorded if values could not be compared.
+    """
 
     def __init__(self, names: Sequence[str], rows: Sequence[str]) -> None:
         self.names = names

@@ -50,7 +50,11 @@ UNIT = sympy.S.One
 
 @dataclass(frozen=True)
 class _Row:
-    """An equation "monomial = 1": powers of unknowns by index, powers of other symbols, log of the coefficient."""
+    """An equation which says that a product of powers of magnitudes is 1.
+
+    `unknowns` has the powers of the unknown magnitudes by index, and `known` the powers of other symbols. `unit` is
+    the logarithm of the coefficient.
+    """
 
     unknowns: dict[int, float]
     known: tuple[tuple[Any, float], ...]
@@ -178,7 +182,7 @@ class _Solution:
                     fresh += self._last(k)
 
     def _last(self, k: int) -> list[int]:
-        """Compute the last unknown of equation `k`, and return [its index], or [] if the unknown was already known."""
+        """Compute the last unknown of equation `k`. Return [its index], or [] if it was already known."""
         powers, unit = self._rows[k]
         last = [unknown for unknown in powers if unknown not in self.sizes]
         for unknown in last:
@@ -319,9 +323,10 @@ class Sampler:
     def _placed(
         self, moves: Sequence[Sequence[Move]], scales: Sequence[float]
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return q and v, where each entry of the state is x + s r for its move (x, r, s).
+        """Return q and v of a random state. An entry with the move (x, r, s) is x + s r.
 
-        x is the old entry, r a random number, and s a size. An entry of `scales` that is not 1 replaces s.
+        x is an entry of a state, r a random number, and s a size. `moves` has the moves of q and those of v. An entry
+        of `scales` (2n,) that is not 1 replaces s.
         """
         every = zip([*moves[0], *moves[1]], scales, strict=True)
         state = tuple(entry + (size if scale == 1.0 else scale) * x for (entry, x, size), scale in every)

@@ -353,7 +353,7 @@ def _step_sizes(problem: Problem) -> tuple[float, ...]:
 
 
 def _growth_notes(effect: Sensitivity, size: FloatArray, unit: FloatArray) -> Iterator[str]:
-    """Yield a note on the growth of errors along the run, which affects all methods, if they grow much.
+    """Yield a note on the growth of errors along the run, if it is large: it affects all methods.
 
     `size` (2n,) is the magnitude of each entry of the state, and `unit` (2n,) the unit of its error.
     """

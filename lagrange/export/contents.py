@@ -154,7 +154,10 @@ def _refuse(
 
 
 def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -> None:
-    """Raise StatementError if an input has no value in `parameters`, because a run holds it constant."""
+    """Raise StatementError if an input of the model has no value in `parameters`.
+
+    An exported run needs the values, because the inputs are constant during it.
+    """
     if isinstance(parameters, np.ndarray):  # it has all values
         return
     stated = {label_of(key) for key in table_of(parameters, "parameters", "parameter to value")}
@@ -207,7 +210,7 @@ def module_of(
 ) -> SourceModule:
     """Return the content of an export, independent of a language: the contents `asked`, and `events` as a quantity.
 
-    `parameters` replace default values. Raises StatementError for missing values, and for what cannot be tested.
+    `parameters` replace default values. Raises StatementError for missing values, and if nothing can be tested.
     """
     statement = model.statement
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
@@ -393,10 +396,10 @@ def _run(model: Model, parameters: FloatArray) -> ExportedRun:
 
 
 def divisors(model: Model) -> Program | None:
-    """Return a program for the matrix entries by which a solution is divided directly, or None without any.
+    """Return a program for the divisors in the formulas of the accelerations, or None if there are none.
 
-    They are the blocks with one unknown of the linear system for the accelerations. No factorization tests them for
-    zero. An entry that is a nonzero constant is left out.
+    They are the blocks of one unknown in the linear system for the accelerations, whose equations are solved by a
+    division. No factorization tests these matrix entries for zero. An entry that is a nonzero constant is left out.
     """
     equations = model.equations
     alone = [equations.matrix[block[0]][block[0]] for block in equations.plan.blocks if len(block) == 1]

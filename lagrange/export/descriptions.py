@@ -167,9 +167,9 @@ def statement_comment(module: SourceModule, mark: str) -> list[str]:
 
 
 def statuses(regular: str, singular: str) -> str:
-    """Return a comment on what the functions of quantities return.
+    """Return a comment on the status that the functions of quantities return.
 
-    `regular` and `singular` are the spellings of the results for regular matrices and for a singular one.
+    `regular` is the spelling of the status if all matrices are regular, and `singular` if a matrix is singular.
     """
     return (
         f"Each function of t, y and p returns {regular}, or {singular} where a matrix is singular to round-off: out is "

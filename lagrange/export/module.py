@@ -135,7 +135,7 @@ class SourceModule:
     - `names` are the names of values in the formulas.
     - `prepare` fills the array p of `prepared` numbers: the parameters, then all values that depend on parameters
       alone.
-    - `divisors` computes the matrix entries by which a solution is divided directly, to test them for zero.
+    - `divisors` computes the matrix entries by which formulas of the accelerations divide, to test them for zero.
     """
 
     name: str

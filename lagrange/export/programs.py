@@ -25,7 +25,7 @@ class Script:
     - `comment` returns a text as comment lines. `head` and `tail` are the text before and after all tests.
     - `quantity` is the test of a quantity, `integrator` the test of a step or run. Their {tables} are lists of
       numbers.
-    - `table` is the template of one list. If `chunk` is not 0, lists are split into parts of at most so many numbers.
+    - `table` is the template of one list. If `chunk` is not 0, a list is split into parts of at most `chunk` numbers.
     - `more` ends a line of numbers that continues on the next line.
     - `literals` spells numbers, and `quoted` spells a name as a string.
     - `time` writes the start time of a run, as an argument that the run changes.

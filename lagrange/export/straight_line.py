@@ -71,7 +71,10 @@ class Language(Statements):
         return [self.helpers[op] for op in sorted(needed) if op in self.helpers]
 
     def systems(self, ops: Iterable[str]) -> Iterator[str]:
-        """Yield the lines of the functions for linear systems, each followed by a blank line, if `ops` need them."""
+        """Yield the lines of the two functions that factor a matrix and solve a linear system, if `ops` need them.
+
+        A blank line follows each function.
+        """
         if "factor" in ops:
             for function, (head, end) in ((factored, self.factored), (solved, self.solved)):
                 yield from head.splitlines()
@@ -324,25 +327,28 @@ class Hoisted:
         self.program = with_outputs(Program("prepare", (), parameters, (), 0, (), (), (0,)), tuple(merged), outputs)
 
     def zeros(self, program: Program) -> list[Instruction]:
-        """Return instructions that test for zero those results of `program` that depend on parameters alone.
+        """Return instructions that compare with zero those results of `program` that depend on parameters alone.
 
-        They are appended to the instructions that compute all hoisted values: first the number zero, then a
-        comparison of each such result with it.
+        They follow the instructions that compute all values of this kind. The first one is the number zero, each
+        other one a comparison of a result with it.
         """
         zero, table = len(self.program.instructions), self._merged[program]
         results = dict.fromkeys(table[ref] for ref in program.outputs if ref in table)
         return [Instruction("constant", value=0.0), *(Instruction("equal", (ref, zero)) for ref in results)]
 
     def kept(self, program: Program) -> Mapping[int, int]:
-        """Return the indices in p of values of a program, by the index of the instruction that computes the value."""
+        """Return the indices in the array p of those values of a program that depend on parameters alone.
+
+        Keys are the indices of the instructions that compute the values.
+        """
         return self._kept.get(program, {})
 
 
 def checked(program: Program, divisors: Program) -> Program:
-    """Return a program with one more result: the condition that a divisor is zero and a result is not finite.
+    """Return a program with one more result, which is true if a divisor is zero and a result is not finite.
 
-    `divisors` computes the matrix entries by which a solution is divided directly. A zero alone is no error, because
-    a simplified formula may not contain its divisor.
+    The program `divisors` computes the matrix entries by which formulas of the accelerations divide. A zero divisor
+    alone is no error, because a simplified formula may not contain it.
     """
     code: dict[Instruction, int] = {}
     tables: tuple[list[int], list[int]] = ([], [])
@@ -390,7 +396,10 @@ class PrintedFunction:
 
 
 class PrintedFunctions:
-    """The functions of a module in a language. With `statuses` they also report a divisor that is zero."""
+    """Prints the functions of a module in a language, one for each quantity, and `prepare`.
+
+    With `statuses` the functions also test the divisors in their formulas, and report a zero as a singular matrix.
+    """
 
     def __init__(self, module: SourceModule, language: Language, *, statuses: bool = True) -> None:
         self.module, self.language = module, language

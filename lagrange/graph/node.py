@@ -157,7 +157,10 @@ class Graph:
         return self._table[key]
 
     def plain(self, kind: Kind, args: tuple[Node, ...], data: Any) -> Node:
-        """Return a node of a kind that is never simplified: FACTOR, SOLVE or COMPONENT. `Kind` describes `data`."""
+        """Return a node of kind FACTOR, SOLVE or COMPONENT, which is never simplified. `args` are its arguments.
+
+        The comments of `Kind` say what `data` contains for each kind.
+        """
         return self._intern(kind, args, data)
 
     def node(self, value: Node | Exact | float) -> Node:
@@ -165,11 +168,11 @@ class Graph:
         return value if isinstance(value, Node) else self.constant(value)
 
     def constant(self, value: Exact | float) -> Node:
-        """Return an exact constant."""
+        """Return the constant node with this exact value."""
         return self._intern(Kind.CONSTANT, (), exact(value))
 
     def symbol(self, name: str, binding: Binding) -> Node:
-        """Return a new symbol of that binding time, or the existing one of that name."""
+        """Return the symbol node `name`: the existing one, or a new one with the given `binding`."""
         key = (Kind.SYMBOL, name)
         with _ADDING:
             if key not in self._table:
@@ -179,7 +182,7 @@ class Graph:
         return self._table[key]
 
     def sum(self, terms: Iterable[tuple[Exact, Node]], constant: Exact = 0) -> Node:
-        """Return constant + sum of coefficient * node."""
+        """Return the node of constant + sum of coefficient * node; `terms` are pairs (coefficient, node)."""
         merged: dict[Node, Exact] = {}
         for coefficient, node in terms:
             if node.kind is Kind.CONSTANT:
@@ -225,9 +228,9 @@ class Graph:
         return constant
 
     def _factored(self, items: list[tuple[Node, Exact]]) -> Node:
-        """Return the sum of terms (node, coefficient) with what they share taken out.
+        """Return the sum of terms (node, coefficient) with their common factors taken out.
 
-        This is the product of their common factors, or if there are none, a common coefficient.
+        If they have none, a common coefficient is taken out.
         """
         first = items[0][1]
         scale: Exact = first if all(abs(c) == abs(first) for _, c in items) else 1
@@ -302,10 +305,11 @@ class Graph:
         return self._intern(Kind.POWER, (base,), exponent)
 
     def _squares(self, base: Node) -> list[tuple[Node, int]] | None:
-        """Return pairs (part, n) if the base is a product of part**n whose changing factors are even powers, else None.
+        """Return pairs (part, n) whose powers part**n have the product `base`, or None.
 
-        A changing factor depends on more than parameters. Its part is an absolute value, so that (x**2)**e becomes
-        |x|**(2 e). The Taylor series of sqrt(x**2) itself would continue as x beyond x = 0.
+        It is None unless all factors that change are even powers. A factor changes if it depends on more than
+        parameters. Its part is an absolute value, so that (x**2)**e becomes |x|**(2 e). The Taylor series of
+        sqrt(x**2) itself would continue as x beyond x = 0.
         """
         if _is_scaled(base) and base.data[1][0] > 0:
             parts = self._squares(base.args[0])

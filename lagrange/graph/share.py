@@ -46,7 +46,7 @@ def share_sums(graph: Graph, outputs: Sequence[Node]) -> list[Node]:
 def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Node]) -> list[Node]:
     """Return a sum, the sum that it contains, the sum that this one contains, and so on, shortest first.
 
-    `splits` has the sum that a `node` contains. Sums from the first one on that is in `built` are left out.
+    `splits` has the contained sum of each sum that has one. The chain ends before a sum that is already in `built`.
     """
     chain: list[Node] = []
     while node not in built:

@@ -68,17 +68,21 @@ class StepDriver:
         self._function: StepFunction | None = None
 
     def _record(self, record: Record, index: int) -> Any:
-        """Return a record (a structure of named numbers) that begins at index `index` of the work array."""
+        """Return the record of type `record` that begins at index `index` of the driver's work array.
+
+        A record is a structure of named numbers. It shares memory with the array.
+        """
         memory: Any = self._work
         return record.structure.from_buffer(memory, 8 * index)
 
     def adopt(self, state: DriverState) -> None:
-        """Do nothing: unlike a driver by Taylor series, this driver does not replace the memory of the state."""
+        """Do nothing. Only a driver by Taylor series replaces the array `state.y` by its own."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps of a run, and return the outcome: why the loop over steps stopped.
+        """Try up to `budget` steps of a run, and return why the loop over steps stopped.
 
-        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n).
+        The times and states of accepted steps are written to the arrays `times` (c,) and `rows` (c, 2n); c is their
+        capacity.
         """
         self._work[self._entries] = state.y
         self._use(state)
@@ -115,7 +119,7 @@ class StepDriver:
         return self._function
 
     def count(self, steps: int) -> None:
-        """Report that `steps` more steps were taken, and switch to optimized code when it is ready."""
+        """Add `steps` steps to the count of steps. After many steps, optimized code is compiled and used."""
         if self._call.count(steps):
             self._function = None
 
@@ -135,7 +139,8 @@ class StepDriver:
 def numbers_of(step: StepProgram, scalars: Program, t: float, h: float, ratio: float) -> dict[Node, float]:
     """Return the value of every coefficient of a step at time t with step size h, by the coefficient's node.
 
-    `ratio` is h divided by the step before. `scalars` is the program of all coefficients, built once for many steps.
+    `ratio` is h divided by the previous step size. `scalars` is the program that computes all coefficients; it is
+    built once for many steps.
     """
     values = FLOATS.evaluate(scalars, t, [h, ratio], [])
     return dict(zip(step.numbers, map(float, values), strict=True))
@@ -152,8 +157,9 @@ WATCHED = (
 class SeriesDriver:
     """Advances a run by Taylor steps (implements `Driver`).
 
-    The parameters may change during a run. With switching surfaces the array of parameters ends with the side of each
-    surface, the sign of its function: (k + sides,).
+    The parameters may change during a run. They are an array (k + s,): k parameters, then one entry for each of the s
+    switching surfaces. This entry is the sign of the surface's function, 1.0 or -1.0, or 0.0 if the motion stays on
+    the surface.
     """
 
     def __init__(self, machine: Machine, code: SeriesCode, order: int, parameters: FloatArray) -> None:
@@ -175,7 +181,10 @@ class SeriesDriver:
             self.use(parameters)
 
     def use(self, parameters: FloatArray) -> None:
-        """Continue the run with other parameters (k + sides,), which end with the signs of switching surfaces."""
+        """Continue the run with other parameters (k + s,): k values, then the signs of the s switching surfaces.
+
+        A sign is that of the surface's function: 1.0, -1.0, or 0.0 if the motion stays on the surface.
+        """
         self._parameters, memory, code = parameters, self._memory, self._code
         if self._projection is not None:
             callback = self._machine.callback(self._projection, parameters[: len(parameters) - code.program.sides])
@@ -197,7 +206,7 @@ class SeriesDriver:
         """Pass parts of the array `numbers` to the loop over steps: `prepared`, `constants` and `value_numbers`.
 
         The parts follow one another and have the lengths `sizes`. `prepared` begins with the parameters.
-        `value_numbers` belongs to the event functions.
+        `value_numbers` are the numbers that the kernel of the event functions reads.
         """
         begin = 0
         for name, size in zip(("prepared", "constants", "value_numbers"), sizes, strict=False):
@@ -207,7 +216,7 @@ class SeriesDriver:
     def watch(self, memory: EventMemory) -> None:
         """Find zeros of event functions and switching surfaces from now on.
 
-        `memory` says which ones, and receives the events.
+        `memory` lists these functions. The loop over steps writes the events that it finds to `memory`.
         """
         self._memory, self._numbers, code = memory, None, self._code
         self._call.give(watch=memory.record, sizes=code.layout.sizes)
@@ -230,13 +239,17 @@ class SeriesDriver:
         state.taylor.low = 0.0
 
     def adopt(self, state: DriverState) -> None:
-        """Replace `state.y` by the driver's own memory, so that no step copies it. Its entries are lost."""
+        """Replace the array `state.y` by the driver's own array, so that steps do not copy the state.
+
+        The values in the old array are lost. The caller must set `state.y` before the next step.
+        """
         state.y = self._y
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps of a run, and return the outcome: why the loop over steps stopped.
+        """Try up to `budget` steps of a run, and return why the loop over steps stopped.
 
-        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n).
+        The times and states of accepted steps are written to the arrays `times` (c,) and `rows` (c, 2n); c is their
+        capacity.
         """
         if state is not self._state:
             self._state = state
@@ -266,7 +279,7 @@ class SeriesDriver:
         return outcome
 
     def _count(self, steps: int) -> None:
-        """Report that `steps` more steps were taken. After many steps, switch to optimized code."""
+        """Add `steps` steps to the count of steps. After many steps, optimized code is compiled and used."""
         self._call.count(steps)
         if self._code.count(steps):
             self._call.give(jet=self._code.function)

@@ -34,16 +34,20 @@ def idle(program: SeriesProgram) -> EventMemory:
 
 @lru_cache(maxsize=64)
 def _tilts(dimension: int) -> FloatArray:
-    """Return factors near 1 (2n + 1,) that perturb a state and the time, to estimate the noise of functions."""
+    """Return the factors (2n + 1,) near 1 by which the state and the time are multiplied to estimate rounding noise.
+
+    The noise of an event function is estimated from its change.
+    """
     return np.asarray(1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1))
 
 
 @lru_cache(maxsize=64)
 def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
-    """Return the settings of all watched functions, `reactions`, as one read-only array.
+    """Return the settings of all watched functions (events and surfaces) as one read-only array of integers.
 
-    For each setting, such as the direction that counts, the array has a block with one entry for each function. After
-    the blocks follow the indices of the entries of the state that resets replace.
+    `reactions` has one entry for each function. The array has a block for each setting, such as the direction that
+    counts, and a block has one entry for each function. The indices of the state's entries that resets replace follow
+    after the blocks.
     """
     rows = [(r.direction, r.terminal, r.first, len(r.entries), int(r.root), int(r.smooth)) for r in reactions]
     settings = [x for block in zip(*rows, strict=True) for x in block]
@@ -55,9 +59,10 @@ def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
 class EventMemory:
     """Memory of a Taylor run for its watched functions, and for the events found since the last call.
 
-    Watched functions are first the `surfaces` (switching surfaces), then the event functions. `values` evaluates them
-    from the state, the parameters and the sides of the surfaces. The side of a surface is the sign of its function, 1
-    or -1. `resets` evaluates the new entries of all resets from the state and the parameters (k,).
+    Watched functions are the `surfaces` switching surfaces, then the event functions. `values` is the kernel that
+    evaluates them from the state, the parameters and the sides of the surfaces. The side of a surface is the sign of
+    its function, 1 or -1. `resets` is the kernel that computes the new entries of all resets from the state and the
+    parameters (k,).
     """
 
     def __init__(
@@ -105,7 +110,7 @@ class EventMemory:
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def hold(self, sides: FloatArray, size: int) -> int:
-        """Store the sides (signs, 1.0 or -1.0) of the switching surfaces; return where the numbers for them begin.
+        """Store the sides (signs, 1.0 or -1.0) of the switching surfaces, and return an index in the driver's array.
 
         The numbers of a series depend on the parameters and on the sides. The driver has one array for them, with a
         block of `size` numbers for each combination of sides. The result is the index at which the block of `sides`
@@ -118,9 +123,10 @@ class EventMemory:
         return int(self.record.numbers)
 
     def combination(self, sides: FloatArray) -> int:
-        """Return the sides of switching surfaces as a binary number: a digit 1 for a side 1.0, and 0 for -1.0.
+        """Return the sides (s,) of switching surfaces as a binary number.
 
-        Return -1 for too many surfaces, or if a side is 0: then the motion stays on the surface.
+        Bit i is 1 if side i is 1.0, and 0 if it is -1.0. Return -1 if there are more than `MOST_SURFACES` surfaces,
+        or if a side is 0. A side is 0 if the motion stays on the surface.
         """
         if self.surfaces == 0:
             return 0
@@ -129,22 +135,23 @@ class EventMemory:
         return sum(1 << i for i, side in enumerate(sides.tolist()) if side > 0)
 
     def sides_of(self, combination: int) -> FloatArray:
-        """Return the signs of switching surfaces, 1.0 or -1.0, for a binary number that `combination` returned."""
+        """Return the sides (s,) of switching surfaces, each 1.0 or -1.0, for a number that `combination` returned."""
         return np.array([1.0 if combination >> i & 1 else -1.0 for i in range(self.surfaces)])
 
     def switched(self) -> list[tuple[int, int]]:
-        """Return the crossings of switching surfaces since the last call: pairs (row of the run, new signs).
+        """Return the crossings of switching surfaces since the last call, as pairs (row, new sides).
 
-        The signs are a binary number, as `combination` returns it.
+        The row is the index of the accepted state from which on the run has the new sides. The sides are a binary
+        number, as `combination` returns it.
         """
         count, self.record.switches = self.record.switches, 0
         return list(zip(self.switch_rows[:count].tolist(), self.switch_combinations[:count].tolist(), strict=True))
 
     def __getattr__(self, name: str) -> NDArray[np.int64]:
-        """Return the part `name` of the array `sides` or `whole_scratch`: an entry for each watched function.
+        """Return the part `name` of an integer array of the memory, with one entry for each watched function.
 
-        `PARTS` has the names of the parts. For example, `signs` has the signs of the functions, and `event_counts`
-        the numbers of their events.
+        `PARTS` maps names to parts of the arrays `sides` and `whole_scratch`. For example, `signs` has the signs of
+        the functions, and `event_counts` the numbers of their events.
         """
         array, begin = PARTS.get(name, ("", 0))
         if array not in ("sides", "whole_scratch"):
@@ -162,7 +169,7 @@ class EventMemory:
 
     @property
     def mark(self) -> tuple[int, float, float]:
-        """Identifier of the batch of events in memory: number of events, first time and last time."""
+        """Number of events in memory, and the times of the first and the last. They identify the batch of events."""
         count = self.record.done
         return count, float(self.times[0]), float(self.times[count - 1])
 

@@ -49,7 +49,7 @@ STANDING = (
 class LlvmEventSteps:
     """Compiled loop that takes steps of a driver and finds events on them, for one set of parameters.
 
-    A call takes the state of the run, the memory of events, and the arrays for accepted times and states.
+    A call takes the state of the run, the memory of events, and two arrays that receive accepted times and states.
     """
 
     def __init__(
@@ -106,10 +106,11 @@ class LlvmEventSteps:
         self._state: DriverState | None = None
 
     def __call__(self, state: DriverState, memory: StepEventMemory, times: FloatArray, rows: FloatArray) -> int:
-        """Take steps of a run, and find the events on them. Return a number that says why the loop stopped.
+        """Take steps of a run and find the events on them. Return a number that says why the loop stopped.
 
-        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n). The number is an
-        outcome of the driver, or says that a step is irregular or that the arrays of `memory` are full.
+        The times and states of accepted steps are written to `times` (c,) and `rows` (c, 2n); c is their capacity.
+        The number is an outcome of the driver, or says that a step is irregular or that the arrays of `memory` are
+        full.
         """
         if memory is not self._memory:
             self._memory = memory
@@ -146,7 +147,10 @@ class MembersCode:
         self._known: Mapping[str, Any] = {LANE: numbers, ACTIVE: np.ones_like(numbers), "lanes": self.lanes}
 
     def __call__(self, arguments: Mapping[str, Any]) -> None:
-        """Run members of an ensemble. `arguments` maps each parameter of the procedure to a number or array."""
+        """Run members of an ensemble. `arguments` maps each parameter of the procedure to a number or array.
+
+        Results are written to these arrays.
+        """
         known = {**arguments, **self._known}
         values = [known[parameter.name] for parameter in self._parameters]
         self._call(*[value.ctypes.data if isinstance(value, np.ndarray) else value for value in values])
@@ -156,7 +160,7 @@ def loop_layout(step: StepProgram, dimension: int, *, projected: bool = False, b
     """Return the layout in memory of the vectors of a step program, each padded to whole blocks of numbers.
 
     `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints. `by_value`
-    is true if the function that steps evaluate may take a small state in registers.
+    is true if the right-hand side that steps evaluate may take a small state in registers.
     """
     # A function of three vectors has too many numbers for registers.
     small = by_value and fit(dimension) and LAWS[step.law].inputs <= 2
@@ -170,7 +174,7 @@ def compiled_loop(
     """Return the compiled loop over the steps of a method, and the layout of its vectors in memory.
 
     `dimension` is the length 2n of a state. `projected` is true if steps are projected onto constraints. `by_value`
-    is true if the function that steps evaluate may take a small state in registers.
+    is true if the right-hand side that steps evaluate may take a small state in registers.
     """
     layout = loop_layout(step, dimension, projected=projected, by_value=by_value)
     return CompiledProcedure(steps_of(layout), tiers=True, optimize=True), layout
@@ -196,17 +200,17 @@ class LlvmMachine:
     def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[CompiledProcedure, Layout]:
         """Return the compiled loop over the steps of a method, and the layout of its vectors in memory.
 
-        `law` is the program that steps call. `projected` is true if steps are projected onto constraints. The code is
-        not optimized until it has taken many steps.
+        `law` is the program of the right-hand side that steps evaluate. `projected` is true if steps are projected
+        onto constraints. The code is not optimized until it has taken many steps.
         """
         dimension = LAWS[step.law].dimension(law.states)
         return compiled_loop(step, dimension, projected, by_value=bool(law.returned))
 
     def callback(self, kernel: LlvmKernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return the address of a kernel with the numbers that it reads, for calls from compiled code.
+        """Return the address of a kernel for calls from compiled code, and the array of numbers that it reads.
 
-        The numbers are the parameters and all values that depend on them alone. With `of_steps` it is the kernel that
-        steps call: for a small state it takes the state in registers.
+        The numbers are the parameters and all values that depend on them alone. With `of_steps` it is the address of
+        the kernel that steps call: for a small state this kernel takes the state in registers.
         """
         return Callback(kernel.law_address if of_steps else kernel.address, kernel.prepare(parameters))
 
@@ -245,8 +249,9 @@ class LlvmMachine:
     ) -> LlvmEventSteps | None:
         """Return the compiled loop that takes steps and finds events, or None if a constant mass matrix is singular.
 
-        `events` computes the event functions, and `resets` the new values of the state after events. Zeros are
-        located on the polynomials of `dense`. The cheaper polynomials of `screen` show which steps have no zero.
+        `events` computes the event functions. `resets` computes the new values of the state after events, or is None
+        without resets. Zeros are located on the polynomials of `dense`. The cheaper polynomials of `screen`, if any,
+        show which steps have no zero.
         """
         try:
             return LlvmEventSteps(driver, events, resets, parameters, dense, screen)

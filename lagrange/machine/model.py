@@ -108,10 +108,10 @@ class Model:
     def kernel(self, name: str) -> Kernel:
         """Return the kernel of a quantity by name, compiled at its first use.
 
-        The names are rhs, jacobian, accelerations, mass_matrix, energy, momenta, lagrangian, forces and bias, and of a
-        system with constraints multipliers, constraint_forces (m, n), constraints (phi, then dphi/dt),
-        constraint_gradient (m, n), which is G, and constraint_bias, gamma of G a + gamma = 0. On the llvm target a
-        kernel has an `address` to call from compiled code.
+        The names are rhs, jacobian, accelerations, mass_matrix, energy, momenta, lagrangian, forces and bias (h in M
+        a = h), and for a system with m constraints multipliers, constraint_forces (m, n), constraints (phi, then
+        dphi/dt), constraint_gradient (m, n), which is G, and constraint_bias, gamma of G a + gamma = 0. On the llvm
+        target a kernel has an `address` to call from compiled code.
         """
         if not isinstance(name, str) or name not in self._kernels:
             one_of(name, quantities_of(self.equations), NO_QUANTITY)
@@ -121,13 +121,16 @@ class Model:
     def law(self, name: str) -> Kernel:
         """Return the kernel of a quantity that the steps of methods evaluate, by its name, such as "rhs".
 
-        The name is one that `kernel` accepts, or that of a quantity for steps alone, such as "constrained". Some of
-        the latter also take the multipliers of the constraints as inputs.
+        The name is one that `kernel` accepts, or one of `LAW_QUANTITIES`, such as "constrained", which steps alone
+        evaluate. Some of the latter also take the multipliers of the constraints as inputs.
         """
         return self._law(name) if isinstance(name, str) and name in LAW_QUANTITIES else self.kernel(name)
 
     def interpreted(self, name: str) -> Kernel:
-        """Return an uncompiled kernel of the quantity `name`. For a few states this is faster than compilation."""
+        """Return an uncompiled kernel of the quantity `name`, whose instructions are interpreted.
+
+        For a few states this is faster than compilation.
+        """
         one_of(name, quantities_of(self.equations), NO_QUANTITY)
         return self._made.interpreted(name)
 
@@ -140,7 +143,10 @@ class Model:
         return printed(self.interpreted(name).program)
 
     def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
-        """Return an interpreted kernel that evaluates nodes of the equations' graph from t, q and v."""
+        """Return an interpreted kernel that evaluates `nodes` of the equations' graph from t, q and v.
+
+        `name` is the name of the kernel.
+        """
         nodes, name = _nodes(nodes), text(name, "name")
         if not nodes or not name.isidentifier():
             raise StatementError(
@@ -152,8 +158,9 @@ class Model:
     def series(self, watched: tuple[Node, ...] = ()) -> tuple[Series, Switched]:
         """Return the Taylor series of the motion on this machine, and its switching surfaces, built at the first use.
 
-        `watched` are nodes of the equations' graph, such as event functions. Their series come after those of the
-        surfaces. The last few series are cached. An event with a different constant has a different series.
+        `watched` are nodes of the equations' graph, such as event functions. The series also computes their
+        coefficients, after those of the surfaces. The last few series are cached, by `watched`: two event expressions
+        that differ in a constant have different series.
         """
         watched = _nodes(watched)
         if watched not in self._series:
@@ -169,12 +176,12 @@ class Model:
         return self.square_roots_in((*self.equations.momenta, *self.equations.forces))
 
     def square_roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
-        """Return the square roots in some nodes: a mapping from the node of each root to that of its radicand.
+        """Return the square roots in `nodes`: a mapping from the node of each root to the node of its radicand.
 
-        The square root of each base with a fractional power is included. A Taylor series is valid up to a zero of the
-        radicand, and its coefficients do not show this zero: sqrt(x**2) continues as x. A root in a branch that is
-        not taken counts as 1. Powers of positions with exponents up to -1, as in gravity, are left out: there the
-        forces are infinite, and steps become short.
+        A power with a fractional exponent counts as a square root of its base. A Taylor series is valid up to a zero
+        of the radicand, and its coefficients do not show this zero: sqrt(x**2) continues as x. A root in a branch
+        that is not taken counts as 1. Powers of positions with exponents up to -1, as in gravity, are left out: there
+        the forces are infinite, and steps become short.
         """
         return square_roots(self.equations.graph, _nodes(nodes))
 
@@ -202,7 +209,7 @@ class Model:
         return self._run("rhs", t, self._checked_state(y), parameters) if derivative is None else derivative
 
     def _first_rhs(self, t: Any, y: Any) -> FloatArray | None:
-        """Return dy/dt by a quick call (one that checks its arguments itself), or None if that cannot be used.
+        """Return dy/dt by a quick call, which checks its arguments itself; None if it cannot take them.
 
         This method serves the first evaluation only. Later ones use the quick call directly.
         """
@@ -274,7 +281,7 @@ class Model:
     ) -> Any:
         """Return the quantity `name` at a state, for any name that `kernel` accepts.
 
-        For many states the last axis of the result is that of the states.
+        For a batch of states, the last axis of the result counts the states.
         """
         return scalar(self._of_parts(text(name, "name"), t, q, v, parameters))
 
@@ -290,7 +297,10 @@ class Model:
         return np.asarray(self._call(kernel, t, self._checked_state(y), parameters)[0])
 
     def called(self, kernel: Kernel, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
-        """Return the results of a kernel of this model at time t, for a state y (2n,) or many states (2n, batch)."""
+        """Return the results of a kernel of this model at time t, for a state y (2n,) or many states (2n, batch).
+
+        The results of many states have one more axis, the last, which counts the states.
+        """
         if not isinstance(kernel, Kernel):
             raise StatementError(f"{shown(kernel)} is not a kernel: give model.kernel(name).")
         return self._call(kernel, t, self._checked_state(y), parameters)
@@ -317,9 +327,9 @@ class Model:
         return model
 
     def on_same_machine(self, statement: Statement, kept: Sequence[int] | None = None) -> Any:
-        """Return a model of another statement that runs on the machine of this one.
+        """Return a model of another statement, compiled for the same machine as this model.
 
-        `kept` are the indices of the statement's independent constraints, None if unknown.
+        `kept` are the indices of the statement's independent constraints. None means that they are unknown.
         """
         if not isinstance(statement, Statement):
             raise StatementError(f"{shown(statement)} is not a statement: give the .statement of a system.")
@@ -409,8 +419,9 @@ class Model:
     ) -> int | None:
         """Return the index of the first state of a batch in which an uncoupled coordinate has zero inertia, or None.
 
-        For one state, q (n,), the index is 0. Callers use it to explain accelerations that are not finite. If the
-        inertia cancels in the formula of an acceleration, the acceleration is finite nevertheless.
+        A coordinate is uncoupled if the mass matrix couples it to no other. For one state, q (n,), the index is 0.
+        Callers use the result to explain accelerations that are not finite. If the inertia cancels in the formula of
+        an acceleration, the acceleration is finite nevertheless.
         """
         if not self._alone:
             return None
@@ -428,7 +439,7 @@ class Model:
     ) -> str:
         """Return the message that says why accelerations do not exist at coordinates q, (n,) or (n, batch).
 
-        For a batch, `column` is the index of the state that failed.
+        For a batch, `column` is the index of the state whose accelerations do not exist. None means a single state.
         """
         q = real_array(q, "q")
         if q.ndim not in (1, 2) or not q.size:
@@ -474,7 +485,7 @@ MOST_NODES = 10_000_000
 
 
 def _nodes(candidates: Iterable[Any]) -> tuple[Node, ...]:
-    """Return an iterable of graph nodes as a tuple. Raises StatementError for other objects."""
+    """Return the graph nodes in `candidates` as a tuple. Raises StatementError if one is not a graph node."""
     nodes = tuple(islice(candidates, MOST_NODES)) if isinstance(candidates, (tuple, list)) else None
     if nodes is None or not all(isinstance(node, Node) for node in nodes):
         raise StatementError(

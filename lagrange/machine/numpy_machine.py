@@ -37,8 +37,8 @@ class NumpyMachine:
     def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[PrintedProcedure, Layout]:
         """Return the loop over the steps of a method as printed Python, and the layout of its vectors in memory.
 
-        `law` is the program that steps call. `projected` is true if steps are projected onto constraints. A loop is
-        printed once per process.
+        `law` is the program of the right-hand side that steps evaluate. `projected` is true if steps are projected
+        onto constraints. A loop is printed once per process.
         """
         layout = Layout(step, LAWS[step.law].dimension(law.states), block=1, projected=projected)
         return called(steps_of(layout)), layout
@@ -46,7 +46,7 @@ class NumpyMachine:
     def callback(self, kernel: Kernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
         """Return a kernel as a Python function for printed procedures, with the array of parameters that it reads.
 
-        `of_steps` has no effect on this machine.
+        `of_steps` has no effect here. On the other machine it selects a kernel for the steps of methods.
         """
         return Callback(between_arrays(kernel), parameters)
 

@@ -29,9 +29,10 @@ def ordered(values: Mapping[Any, float], parameters: tuple[Any, ...]) -> FloatAr
 
 
 def some_of(parameters: Parameters, states: Any) -> Parameters:
-    """Return the parameters of some states of a batch, which have the indices `states`.
+    """Return the parameters of the states with the indices `states` in a batch.
 
-    An array (k, batch) is reduced to these columns. Parameters that all states have in common are unchanged.
+    An array (k, batch) is reduced to the columns of these states. Parameters that all states have in common are
+    unchanged.
     """
     if isinstance(parameters, np.ndarray) and parameters.ndim == 2:
         return np.ascontiguousarray(parameters[:, states])
@@ -46,8 +47,8 @@ def by_parameters(
 ) -> FloatArray:
     """Return `call(t, (q, v), parameters)` for a batch of states, each of which has its own parameters.
 
-    `state` is (q, v), each (n, batch), and `parameters` has shape (k, batch). The states with equal parameters are
-    evaluated in one call, which gets these parameters as an array (k,).
+    `t` is a number or (batch,), `state` is (q, v), each (n, batch), and `parameters` has shape (k, batch). All states
+    with the same parameters are evaluated in one call, which gets these parameters as an array (k,).
     """
     q, v = state
     if q.shape[1:] != parameters.shape[1:]:

@@ -54,7 +54,8 @@ def source(procedure: Procedure) -> str:
 def loaded(procedure: Procedure) -> Callable[..., Any]:
     """Return a procedure as a Python function of numbers and arrays. It returns None, a value or a tuple of values.
 
-    Arrays may be memory views (the fastest), other objects with indices, or a `Span` of such an object.
+    An array may be a memory view (the fastest), another object with indices, or a `Span`, which is a part of such an
+    object.
     """
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items() if op not in OPERATORS}
     names |= {"_part": part_of, "_reals": _reals, "_wholes": _wholes, "_record": SimpleNamespace}
@@ -82,7 +83,7 @@ AS_THEY_ARE = (memoryview, Span)
 
 
 def part_of(array: Any, start: int) -> Any:
-    """Return the part of an array from index `start` on, which shares its memory."""
+    """Return the part of `array` from index `start` on. The part shares the memory of `array`."""
     return array[start:] if isinstance(array, memoryview) else array.part(start)
 
 
@@ -138,7 +139,7 @@ class _PythonPrinter(SourcePrinter):
         self.write(f"{names} = {made}" if names else made)
 
     def named(self, ref: int, kind: Kind) -> str:
-        """Record the kind of the value with the id `ref`, a result of a call, and return its name in Python."""
+        """Record `kind` as the kind of a result of a call, the value with the id `ref`. Return its name in Python."""
         self.types[ref] = kind
         return self.name(ref)
 
@@ -197,7 +198,10 @@ AS_WRITTEN = ("add", "sub", "mul", "neg", "abs", "fma", "fnma", "less", "less_eq
 
 @lru_cache(maxsize=64)
 def arrays_loaded(procedure: Procedure) -> Callable[..., Any]:
-    """Return a procedure as a Python function of numbers and one-dimensional NumPy arrays."""
+    """Return a procedure as a Python function of numbers and one-dimensional NumPy arrays.
+
+    Each `each` loop becomes operations on whole arrays.
+    """
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items()}
     names |= {f"_all_{op}": function for op, function in AT_ONCE.items()}
     names |= {"_part": _part, "_reals": np.empty, "_largest": _largest, "nan": math.nan, "inf": math.inf}
@@ -288,9 +292,9 @@ class PrintedCall:
         self._arguments: dict[str, Any] = dict.fromkeys(code.names, EMPTY)
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments of the procedure by name, and ignore other names. None means no array or no function.
+        """Set arguments of the procedure by name. Names that the procedure does not have are ignored.
 
-        Arrays and records are not copied.
+        Arrays and records are not copied. None stands for an absent array or function.
         """
         for name, value in arguments.items():
             if name in self._arguments:
@@ -303,13 +307,13 @@ class PrintedCall:
             return self.code.function(*self._arguments.values())
 
     def count(self, steps: int) -> bool:
-        """Return False: unlike machine code, printed code is not replaced by optimized code after many steps."""
+        """Return False: printed code is never replaced by optimized code, as machine code is after many steps."""
         return False
 
 
 @lru_cache(maxsize=64)
 def called(procedure: Procedure) -> PrintedProcedure:
-    """Return a procedure printed as Python, from a cache if possible."""
+    """Return a procedure printed as Python and ready to be called, from a cache if possible."""
     return PrintedProcedure(procedure)
 
 

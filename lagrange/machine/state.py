@@ -21,10 +21,11 @@ OUTCOMES = tuple(Outcome)
 
 
 class Outputs:
-    """The output times of a run and the states there, (k, 2n), sorted in the direction of the run.
+    """The output times of a run, in the direction of the run, and the states (K, 2n) at these times.
 
-    Drivers by Taylor series write the states during the run. The last output time in `times` is followed by NaN.
-    `states` has `WIDEST_VECTOR` more rows than output times, since machines write blocks.
+    Drivers by Taylor series write the states during the run. `times` ends with a NaN after the last output time.
+    `states` has `WIDEST_VECTOR` more rows than there are output times, since machines write whole vectors.
+    `record.done` is the number of states written so far.
     """
 
     def __init__(self, times: NDArray[np.float64], dimension: int) -> None:
@@ -35,8 +36,8 @@ class Outputs:
     def write(self, end: float, direction: float, path: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
         """Write the states at the output times before `end` that are not written yet.
 
-        It serves a part of the run that was not made by Taylor steps. `direction` is 1.0 or -1.0, the sign of the
-        run's steps. `path` maps times (k,) to states (2n, k) on this part.
+        It serves a part of the run that has no Taylor steps. `direction` is 1.0 or -1.0, the sign of the run's steps.
+        `path` maps times (k,) to states (2n, k) on this part.
         """
         times = self.times[self.record.done : -1]
         count = int(np.count_nonzero((times - end) * direction < 0))
@@ -97,9 +98,9 @@ class DriverState:
     ) -> None:
         """Begin a run at time `t` and state `y` (2n,) towards the time `end`.
 
-        `rtol` is the relative tolerance, and `atol` the initial floor of the tolerance of every entry. `share` is the
-        SHARE by which floors follow the size of entries. `step` is the signed step of a fixed-step method, or the
-        first step of another, or 0 if it is to be chosen.
+        `rtol` is the relative tolerance, and `atol` the first floor (least absolute tolerance) of every entry. A
+        floor is raised to at least `share` times the size of its entry. `step` is signed: the size of all steps of a
+        fixed-step method, or the first step of another method. 0 means that the first step is still to be chosen.
         """
         self.reals = np.zeros(self.FLOORS + whole_blocks(len(y), WIDEST_VECTOR))
         self.reals[self.FLOORS :] = 1.0
@@ -127,8 +128,8 @@ class DriverState:
     def records(self) -> dict[str, Any]:
         """Return the arguments `run`, `counts` and `floors` of procedures that advance the run, by name.
 
-        `run` has the entries of `reals` by name, and `counts` the counts by name. `floors` are the least absolute
-        tolerances. All share memory with this object.
+        `run` is a structure with the entries of `reals`, and `counts` one with the counts. `floors` (2n,) are the
+        least absolute tolerances. All three share memory with this object.
         """
         run, counts = RUN.structure.from_buffer(self.floats), COUNTS.structure.from_buffer(self.integers)
         return {"run": run, "counts": counts, "floors": self.floors}
@@ -136,10 +137,10 @@ class DriverState:
     def restart(
         self, first: NDArray[np.float64], span: tuple[float, float], y: NDArray[np.float64], step: float, longest: float
     ) -> None:
-        """Begin another run by the same driver, over `span` (start, end) from the state y.
+        """Begin another run with the same driver, over `span` (start, end) from the state y (2n,).
 
-        `first` are the `reals` with which a run begins. `step` is the signed first step, and `longest` bounds the
-        size of steps.
+        `first` are the values of `reals` at the start of a run. `step` is the signed first step, and `longest` is the
+        largest size of a step.
         """
         reals, floats = self.reals, self.floats
         reals[:] = first
@@ -154,7 +155,7 @@ class DriverState:
     def restart_series(self) -> None:
         """Set the data of Taylor steps, `taylor`, to their values at the start of a run.
 
-        It is for code that reads these data before the driver begins.
+        Callers use it if they read these data before the driver takes its first step.
         """
         taylor = self.taylor
         taylor.low, taylor.scale, taylor.next_limit, taylor.limit = 0.0, 1.0, math.inf, math.inf

@@ -27,10 +27,10 @@ STEP_EVENT_ROOM = 2048
 class Reaction(NamedTuple):
     """How a run reacts to zeros of one event function or switching surface.
 
-    `direction` is the sign of the crossings that count, 0 for both. The run ends after `terminal` events, never if 0.
-    A reset replaces the `entries` of the state by new values, which begin at index `first` of the results of all
-    resets. `root` is true if the function is a square root in the equations of motion, and `smooth` if it has no
-    jumps.
+    `direction` is the sign of the crossings that count, 0 for both. The run ends at event number `terminal` of this
+    function, or never if `terminal` is 0. A reset replaces the entries of the state with the indices `entries`. Their
+    new values begin at index `first` of the results of all resets. `root` is true if the function is a square root in
+    the equations of motion, and `smooth` if it has no jumps.
     """
 
     direction: int = 0
@@ -44,8 +44,8 @@ class Reaction(NamedTuple):
 class StepFunction(NamedTuple):
     """A compiled function that takes steps, of the type `TAKE_STEPS`, with the memory that it uses.
 
-    `address` is that of the function, and `words` its first argument: an array of its other arguments. `work` is its
-    working array. The state is in `work` at the indices `entries`.
+    `address` is the address of the function. Its first argument is `words`, the array of 8-byte words that holds its
+    other arguments. `work` is its work array. The state is in `work` at the indices `entries`.
     """
 
     address: int
@@ -58,9 +58,9 @@ class Happened(NamedTuple):
     """Events found since the last call, and the rows after which the motion changes by a reset or a switch.
 
     Event k is a zero of the event function with index `which[k]`, at the time `when[k]` and the state
-    `event_states[k]` (2n,). After each of the `rows` another smooth piece of the run begins. The last step before
-    this piece may have been shortened: then `times` (m,) and `states` (m, 2n) have its end without the shortening.
-    The time is NaN for other steps.
+    `event_states[k]` (2n,). `rows` (m,) are indices of accepted states. After each of them a new smooth piece of the
+    run begins. The step that ends there may have been shortened. Then `times` (m,) and `states` (m, 2n) have the end
+    of the full step; for other steps the time is NaN.
     """
 
     which: WholeArray
@@ -72,7 +72,7 @@ class Happened(NamedTuple):
 
 
 class StepEventMemory:
-    """Arrays and records of the compiled loop that takes steps and finds events, for states with `size` entries.
+    """Arrays and records that the compiled loop over steps with events works on, for states of length `size`.
 
     Steps that are not yet searched for events are stored from row 1 of `times` and `states` on. Row 0 is the state
     before them.
@@ -99,16 +99,16 @@ class StepEventMemory:
         self.keep_start()
 
     def keep_start(self) -> None:
-        """Save copies of the data of the loop, the structures `run` and `review`.
+        """Save copies of the structures `run` and `review`, from which later runs of the same driver start.
 
-        Each later run by the same driver starts from them.
+        They hold the data of the loop over steps and of the search for events.
         """
         self._start = bytes(self.run), bytes(self.review)
 
     def restart(self) -> None:
-        """Set the structures of the loop, `run` and `review`, to their saved start, for another run by the driver.
+        """Restore the structures `run` and `review` that `keep_start` saved, for another run by the driver.
 
-        At the start they have no steps and no events.
+        They then have no steps and no events.
         """
         for record, start in zip((self.run, self.review), self._start, strict=True):
             ctypes.memmove(ctypes.addressof(record), start, len(start))
@@ -122,7 +122,7 @@ class StepEventMemory:
     def keep(self, state: DriverState) -> None:
         """Allocate copies of the numbers and counts of a run, `state.reals` and `state.counts`.
 
-        When a reset or a switch changes the motion, the loop restores the run from them.
+        The loop over steps restores the run from the copies when a reset or a switch changes the motion.
         """
         if len(self.kept_reals) != len(state.reals):
             self.kept_reals, self.kept_counts = state.reals.copy(), state.counts.copy()

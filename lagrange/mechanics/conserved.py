@@ -150,10 +150,10 @@ def _proven_quantities(model: Model) -> Iterator[Conserved]:
 def _momenta_of_turns(
     equation: SymmetryEquation, stated: TextbookAlgebra, read: TextbookAlgebra
 ) -> Iterator[Conserved]:
-    """Yield the conserved angular momenta of rigid bodies about axes fixed in space and in the body.
+    """Yield the angular momenta of rigid bodies, about axes fixed in space and in the body, that are conserved.
 
     `equation` tests symmetries. `stated` has the energies in quaternions. `read` has them in the rates of the bodies
-    about their own axes, in which the momenta are written.
+    about their own axes; the momenta are written in these rates.
     """
     statement = stated.statement
     for each, of_body, axis, candidate in body_turns(stated):
@@ -203,9 +203,9 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
 
 
 def _proven(equation: SymmetryEquation, candidate: Symmetry, *, complete: bool = True) -> Symmetry | None:
-    """Return a candidate if it is proven to be a symmetry, else None, also if the proof would be too long.
+    """Return a candidate if it is proven to be a symmetry, else None. A proof that would be too long counts as none.
 
-    With `complete` a gauge function F(q, t) is added to it if need be.
+    With `complete` a gauge function F(q, t) is added to the candidate if the symmetry needs one.
     """
     try:
         with equation.stated.algebra.at_most(MOST_SYMMETRY_MONOMIALS):

@@ -61,7 +61,10 @@ class StatedPoint:
 
     @cached_property
     def table(self) -> dict[Any, Any]:
-        """Values of coordinates, velocities and inputs by symbol; for a point in decimals also of the parameters."""
+        """Values of coordinates, velocities and inputs at the point, by symbol.
+
+        If the point contains decimals, the values of the parameters are included.
+        """
         values = self.numbers if self.decimal else {}
         return {
             **dict(zip(self.form.q, (x.xreplace(values) for x in self.q), strict=True)),
@@ -106,7 +109,7 @@ class StatedPoint:
         )
 
     def _smooth(self, residual: Any, name: str) -> Any:
-        """Return a residual without corners at the point; `name` is the coordinate of its equation."""
+        """Return a residual in a form without corners at the point; `name` is the coordinate of its equation."""
         symbols = (*self.form.q, *self.form.v, *self.form.a, *self.inputs)
         for edge in edges(residual):
             if not edge.has(*self.form.q, *self.form.v) or not self.is_zero(edge.xreplace(self.table), ()):
@@ -274,7 +277,7 @@ def small(statement: Statement, about: Any, order: Any) -> Statement:
 
 
 class _StatementExpansion:
-    """Expansion of a statement about a point. L, D and the constraints are expanded to `order`, forces to one less."""
+    """Expansion of a statement about a point. L, D and constraints are expanded to `order`, forces to `order` - 1."""
 
     def __init__(self, point: StatedPoint, order: int) -> None:
         self.point, self.form, self.order = point, point.form, order

@@ -72,7 +72,7 @@ def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
 
 
 def inverse(form: PlainForm, block: Sequence[int]) -> tuple[Any, Any]:
-    """Return adjugate and determinant of the rows and columns `block` of the mass matrix.
+    """Return the adjugate and the determinant of a block of the mass matrix: the rows and columns `block`.
 
     Raises StatementError if this block is singular or too large.
     """
@@ -236,10 +236,10 @@ def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], v
 class Hamiltonian(ShownAsPage):
     """The Hamiltonian H(q, p, t) of a system in SymPy, with brackets and Hamilton's equations.
 
-    `momenta` maps each coordinate to its momentum p_q, a function of time. `velocities` maps it to dq/dt as a function
-    of coordinates and momenta. `forces` are the forces without a potential, Q - dD/dv, as functions of the same.
-    `statement` states the system of coordinates and momenta, by the Lagrangian p.dq/dt - H. `made` returns the System
-    of a statement.
+    `momenta` maps each coordinate to its momentum p_q, a function of time. `velocities` maps each coordinate to
+    dq/dt. `forces` are the forces without a potential, Q - dD/dv. Both are functions of coordinates and momenta.
+    `statement` states a system whose coordinates are q and p, by the Lagrangian p.dq/dt - H. `made` is a function
+    that returns the System of a statement.
     """
 
     expression: Any

@@ -83,7 +83,7 @@ def rational_below(expression: Any) -> Any:
 
 
 def root_of_square(expression: Any) -> Any:
-    """Return the root of an expression; that of a - 2 sqrt(a b) + b is |sqrt(a) - sqrt(b)|."""
+    """Return the square root of an expression. For a - 2 sqrt(a b) + b it is |sqrt(a) - sqrt(b)|."""
     powers = [x for x in expression.atoms(sympy.Pow) if x.base.is_Symbol and x.base.is_positive and x.exp.is_Rational]
     bases = sorted({x.base for x in powers if not x.exp.is_Integer}, key=str)
     if not bases or size(expression) > LONGEST_FACTORED or _generators(expression) > MOST_SYMBOLS:
@@ -103,7 +103,7 @@ def in_fractions(expression: Any) -> Any:
 
 
 def in_decimals(expression: Any) -> Any:
-    """Return an expression with decimals in place of fractions whose numerator or denominator is too long."""
+    """Return an expression with decimals in place of fractions whose numerator or denominator has too many digits."""
     fractions = [x for x in sorted(expression.atoms(sympy.Rational), key=str) if max(abs(x.p), x.q) > LARGEST_FRACTION]
     return expression.xreplace({x: sympy.Float(float(x)) for x in fractions if x.q > 1})
 
@@ -173,7 +173,7 @@ def vanishes_in_symbols(expression: Any) -> bool:
 
 
 def _is_rounding(expression: Any, values: Mapping[Any, Any]) -> bool | None:
-    """Return True if an expression evaluates to a rounding error of zero, None if it has no value."""
+    """Return True if the value of an expression is zero within rounding errors; None if it has no value."""
     value, terms = number(expression, values), size_of_terms(expression, values)
     return None if value != value or terms != terms else abs(value) <= RESIDUAL * terms
 

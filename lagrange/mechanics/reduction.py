@@ -34,13 +34,13 @@ def rewritten(
     parameters: Mapping[Any, Any] | None = None,
     initial: Mapping[Any, float] | None = None,
 ) -> Statement:
-    """Return the statement with the function `put` applied to every expression, checked as a new statement.
+    """Return a new statement: the old one with the function `put` applied to each of its expressions.
 
-    Energies and forces contain the entries and rates of remaining rotations by name, such as R_xx(t). Arguments that
-    are None leave their part as stated. `coordinates` are the new coordinates. `forces` are new forces, to which `put`
-    is not applied. `constraints` are the old constraints that remain; `put` is applied to them. `parameters` are all
-    parameters of the new expressions, {symbol: value or None}. `initial` is the new initial state, by coordinate and
-    velocity.
+    If rotations remain, their entries and rates occur in the energies and forces by name, such as R_xx(t). Arguments
+    that are None leave their part as stated. `coordinates` are the new coordinates. `forces` are new forces, to which
+    `put` is not applied. `constraints` are the old constraints that remain; `put` is applied to them. `parameters`
+    are all parameters of the new expressions, {symbol: value or None}. `initial` is the new initial state, by
+    coordinate and velocity. Raises StatementError if the result is not a valid statement.
     """
     chosen = statement.coordinates if coordinates is None else tuple(coordinates)
     left = {c.name for c in (statement.constraints if constraints is None else constraints)}
@@ -74,16 +74,20 @@ def rewritten(
 
 
 def read_with(statement: Statement, coordinates: Sequence[Any]) -> Statement:
-    """Return `statement.reading`, which describes its rotations by small turns of the bodies about their own axes.
+    """Return the form of a statement that describes its rotations by small turns of the bodies about their own axes.
 
-    If it has none, or if a quaternion is not among the new `coordinates`, the statement itself is returned.
+    This form is `statement.reading`. If it is None, or if a quaternion is not among the new `coordinates`, the
+    statement itself is returned.
     """
     kept = all(q in coordinates for name in statement.rotations for q in rotation_of(name).quaternion)
     return statement.reading if statement.reading is not None and kept else statement
 
 
 def with_origin(derived: Statement, statement: Statement) -> Statement:
-    """Return the derived statement with texts, run settings and dimensions, but not the events, of the original."""
+    """Return the statement `derived` with texts, run settings and dimensions of the original, `statement`.
+
+    The events in the run settings are left out.
+    """
     left = {t, *derived.coordinates, *derived.parameters}
     sizes = MappingProxyType({symbol: size for symbol, size in statement.dimensions.items() if symbol in left})
     run = replace(statement.run, events=())
@@ -196,7 +200,10 @@ def _coordinate_of(constraint: Constraint, statement: Statement) -> str:
 
 
 def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
-    """Return the expression of a coordinate that solves a constraint, in plain symbols; None if not exactly one."""
+    """Return the expression, in plain symbols, of the coordinate `name` that a constraint determines, or None.
+
+    The result is None unless the constraint determines the coordinate uniquely.
+    """
     plain = statement.plain
     c = plain[statement.coordinates[statement.names.index(name)]]
     zero = constraint.expression.xreplace(plain)
@@ -269,7 +276,10 @@ def _solved(constraints: Sequence[Constraint], name: str, statement: Statement) 
 
 
 def _refusal(constraints: Sequence[Constraint], name: str, statement: Statement) -> str:
-    """Return the error message for the coordinate `name` that none of the `constraints` with it determines."""
+    """Return the error message for a coordinate, `name`, that none of the constraints in which it occurs determines.
+
+    `constraints` are the constraints in which it occurs; there may be none.
+    """
     if not constraints:
         return f"{name} is in no constraint, so it cannot be eliminated: it moves freely."
     holonomic = [constraint for constraint in constraints if constraint.holonomic]

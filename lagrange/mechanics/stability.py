@@ -53,7 +53,7 @@ NO_POINT = "the point does not exist at the values of the parameters."
 
 
 def matrix_values(lin: Linearization, point: StatedPoint) -> Mapping[Any, Any] | None:
-    """Return numbers for all symbols of M, C and K, by symbol, or None if a symbol has no value."""
+    """Return the values of all symbols in the matrices M, C and K of a linearization, or None if one has no value."""
     numbers = point.numbers
     symbols = [s for matrix in (lin.M, lin.C, lin.K) for x in matrix for s in sorted(x.free_symbols, key=str)]
     return numbers if all(s in numbers for s in symbols) else None
@@ -70,7 +70,10 @@ def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
 
 
 def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
-    """Return the stability of an equilibrium: by eigenvalues if all parameters have values, else by provable signs."""
+    """Return the stability of an equilibrium.
+
+    It follows from eigenvalues if all parameters have values, else from signs that SymPy can prove.
+    """
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()
     slow = lin.without_inertia
@@ -111,9 +114,10 @@ def has_inertia(lin: Linearization) -> bool:
 
 
 def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the leading minors of K at fixed momenta of the ignorable coordinates with the indices `gone`.
+    """Return the leading minors of the stiffness matrix K at fixed momenta; `gone` are the ignorable coordinates.
 
-    If all are positive, the energy has a minimum. The result is empty if M is singular.
+    `gone` has the indices of the coordinates whose momenta are fixed. If all minors are positive, the energy has a
+    minimum. The result is empty if M is singular.
     """
     if not has_inertia(lin):
         return ()

@@ -214,7 +214,10 @@ LONGEST_GAUGE = 400
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """A symmetry delta q = xi (n of them), delta t = tau, with the gauge function F, in plain symbols."""
+    """An infinitesimal symmetry: the changes `xi` of the n coordinates, and the change `tau` of the time.
+
+    `gauge` is its gauge function F. All are expressions in plain symbols.
+    """
 
     xi: tuple[Any, ...]
     tau: Any = S.Zero
@@ -346,7 +349,10 @@ MOST_PAIRED = 6
 
 
 def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
-    """Yield shifts that may be symmetries: of time, a coordinate, those of one axis (as x1 and x2), and all."""
+    """Yield shifts that may be symmetries: of time, of single coordinates, of groups of coordinates, and of all.
+
+    A group has the coordinates of one axis, such as x1 and x2.
+    """
     n, names = len(stated.q), stated.statement.names
     yield Symmetry((S.Zero,) * n, S.One)
     groups = [{i} for i in range(n)]

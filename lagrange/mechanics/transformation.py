@@ -74,7 +74,7 @@ class Transformation:
         return table
 
     def back(self, expr: Any) -> Any:
-        """Return an expression in plain symbols with the user's functions of time in their place."""
+        """Return an expression with the user's functions of time in place of the plain symbols."""
         return printable(expr).xreplace({symbol: leaf for leaf, symbol in self.plain.items()})
 
     @cached_property
@@ -301,7 +301,11 @@ def _forces(change: Transformation) -> dict[Any, Any]:
 
 
 def _check(change: Transformation, statement: Statement, model: Model) -> None:
-    """Raise RunError if the new momenta p dx/dq or forces f dx/dq + p dv/dq differ from the compiled ones."""
+    """Raise RunError if momenta and forces in the new coordinates differ from those of the compiled old ones.
+
+    With the new coordinates x, the old ones q(x), their compiled momenta p and forces f, the new momenta are p dq/dx,
+    and the new forces are f dq/dx + p dv/dx. The comparison is at random states.
+    """
     old, form = change.statement, PlainForm(statement)
     same = {change.plain[key]: form.plain[key] for q in statement.coordinates for key in (q, velocity_of(q))}
     whole = [change.table[q].xreplace(same) for q in old.coordinates]
@@ -419,10 +423,10 @@ def routhian(statement: Statement, ignored: Sequence[Any], model: Model) -> Stat
 
 
 def _without_ignored(routh: Routh, statement: Statement, values: Mapping[Any, float | None]) -> Statement:
-    """Return the statement without ignored coordinates, by the formulas of Routh's procedure, `routh`.
+    """Return the statement without ignored coordinates, by the formulas of Routh's procedure in `routh`.
 
-    They are those of the statement, or of its form with small turns of bodies in place of quaternions. `values` maps
-    the symbols of the momenta to their values at the initial state, None if unknown.
+    The formulas belong to the statement itself, or to its form with small turns of bodies in place of quaternions.
+    `values` maps the symbols of the momenta to their values at the initial state, None if unknown.
     """
     form, indices = routh.form, routh.indices
     gone = [form.statement.coordinates[i] for i in indices]
@@ -483,7 +487,7 @@ def _check_ignorable(form: PlainForm, i: int) -> None:
 def _check_routhian(routh: Routh, model: Model) -> None:
     """Raise RunError if the formulas of Routh's procedure differ from the compiled model at random states.
 
-    They are the velocities of ignored coordinates, and the forces and momenta of the others.
+    The compared formulas are the velocities of the ignored coordinates, and the forces and momenta of the others.
     """
     form = routh.form
     kinetic, potential = routh.routhian

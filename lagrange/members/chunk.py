@@ -34,9 +34,9 @@ class Starts:
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """The results of m members: columns by name, each with m rows. `lagrange.members.keep` defines the columns.
+    """The results of m members: `columns` by name, each with m rows. `lagrange.members.keep` defines the columns.
 
-    `messages` maps the row of each member that did not succeed to the message of its run.
+    `messages` maps the index of each member that did not succeed, counted in this chunk, to the message of its run.
     """
 
     columns: Mapping[str, Any]
@@ -68,7 +68,7 @@ class MemberResults(Protocol):
 
     @property
     def left(self) -> Sequence[tuple[int, int]]:
-        """The bounds (first, end) of blocks of members that had no results at the start of the call."""
+        """The blocks of members, as pairs (first, end), that had no results when the call began."""
 
     def take(self, first: int, ends: Ends) -> None:
         """Store the results `ends` of a chunk of members. `first` is the index of its first member."""
@@ -99,7 +99,7 @@ class Results:
 
     @property
     def left(self) -> Sequence[tuple[int, int]]:
-        """The bounds (first, end) of all members in one block."""
+        """The bounds (first, end) of all members as one block, since no member has results at the start."""
         return [(0, len(next(iter(self.columns.values()))))]
 
     def close(self) -> None:

@@ -33,8 +33,8 @@ ENGINES_KEPT = 4
 class Job:
     """The data that all members of an ensemble share: problem, options, and the selection of results to store.
 
-    `problem` is the run of the first member. `keep` is the selection. `varying` is True if each member has its own
-    parameters.
+    `problem` is the problem of the first member; others differ in initial state and parameters. `keep` is the
+    selection. `varying` is True if each member has its own parameters.
     """
 
     problem: Problem
@@ -89,8 +89,8 @@ class Job:
 class ChunkResult:
     """The results of a chunk, the seconds that it took, and how its members were run.
 
-    `side_by_side` is the number of members that run at the same time. `processor` is the target of the compiler in
-    another process; it is "" for chunks of this process, and for runs without compiled code.
+    `side_by_side` is the number of members that run at the same time. `processor` names the processor for which
+    another process compiled the code. It is "" for chunks of this process, and for runs without compiled code.
     """
 
     ends: Ends
@@ -118,9 +118,9 @@ def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
 
 
 def timed(engine: Engine, starts: Starts, stopped: Stopped) -> ChunkResult:
-    """Run a chunk of members from their initial values `starts`. Return their results with the seconds that it took.
+    """Run a chunk of members from their initial values `starts`. Return their results and the time that it took.
 
-    `stopped` returns True if no further member may begin.
+    `stopped` is a function without arguments; when it returns True, no further member may begin.
     """
     began = time.perf_counter()
     ends = engine.run(starts, stopped)

@@ -47,10 +47,9 @@ class Column(NamedTuple):
 
     @property
     def dimensions(self) -> tuple[str, ...]:
-        """The names of the array's dimensions in a store, after that of the members.
+        """The names of the array's dimensions in a store, without the first, that of the members.
 
-        A column of states is stored as one variable for each entry of the state. So its dimension of entries has no
-        name.
+        A column of states has one dimension less: its entries are stored as separate variables.
         """
         if self.name in (STATE, OUTPUTS):
             return (OUTPUT_TIME,) if self.name == OUTPUTS else ()
@@ -63,9 +62,9 @@ class Column(NamedTuple):
 
 
 class Reduction(NamedTuple):
-    """An expression along a run that is reduced to one number, such as its largest value.
+    """An expression that is reduced to one number along a run, such as its largest value.
 
-    `name` is the name of the column, and `how` that of the reduction, such as "max".
+    `name` is the name of the result column, and `how` that of the reduction, such as "max".
     """
 
     name: str
@@ -91,8 +90,8 @@ class Keep:
     def columns(self, dimension: int, outputs: int | None, events: int, interrupted: int) -> tuple[Column, ...]:
         """Return the descriptions of the columns in which the selected results are stored.
 
-        `dimension` is 2n, `outputs` the number of output times or None, `events` the number of events, and
-        `interrupted` the status code of a member without result.
+        `dimension` is 2n, `outputs` the number of output times or None, and `events` the number of events.
+        `interrupted` is the status code that marks a member without result.
         """
         selected = [Column(TIME, (), "f8", np.nan), Column(STATUS, (), "u1", interrupted)]
         if self.end:
@@ -151,9 +150,9 @@ def keep_of(keep: Any, model: Model, events: Sequence[Any]) -> Keep:
 
 
 def _add(reductions: list[Reduction], added: Reduction) -> None:
-    """Append the reduction `added` to the list unless it is there.
+    """Append the reduction `added` to the list unless the list has it.
 
-    A number in its name distinguishes expressions that print alike.
+    If a different expression has the same text, a number is added to the name.
     """
     if any((reduction.how, reduction.expression) == (added.how, added.expression) for reduction in reductions):
         return
@@ -168,7 +167,10 @@ def reduction_label(key: Any, model: Model) -> str | None:
 
 
 def entry_for(label: str) -> str:
-    """Return the entry of `keep` that creates the column `label`, as text for a message; "" if unknown."""
+    """Return the entry of the user's `keep` option that creates the column `label`, as text for a message.
+
+    The text is "" if there is no such entry.
+    """
     if label == DRIFT or label in COUNTED:
         return f'"{DRIFT if label == DRIFT else COUNTS}"'
     how, bracket, rest = label.partition("(")
@@ -176,9 +178,9 @@ def entry_for(label: str) -> str:
 
 
 def end_row(label: str, names: Sequence[str]) -> int | None:
-    """Return the index in `names` of the entry of the state whose last value has the name `label`.
+    """Return the index in `names` (entries of the state) of the entry whose last value is called `label`.
 
-    It is that of theta for the label theta_end. It is None for a label without this suffix.
+    For the label theta_end it is the index of theta. It is None for a label without this suffix.
     """
     name = label.removesuffix("_end")
     return names.index(name) if name != label and name in names else None
@@ -266,18 +268,19 @@ class SampledRun:
     def _values(
         self, expression: Any, times: FloatArray, states: FloatArray, parameters: Parameters = None
     ) -> FloatArray:
-        """Return the values (K,) of an expression at times (K,) and states (2n, K).
+        """Return the values (K,) of an expression at times (K,) and states (2n, K) of the run.
 
-        `parameters` are (k, K). By default they are those of the run: the member's, or those that its events have
-        set.
+        `parameters` are (k, K), one column for each time. By default they are those of the member, or those that its
+        events have set.
         """
         values = self.run.parameters_at(times, self.parameters) if parameters is None else parameters
         return self.model.evaluate_expression(expression, times, states, values)
 
     def _parameters(self, low: int, high: int) -> Parameters:
-        """Return the parameters of the run at the sample points of the steps from `low` to `high` - 1.
+        """Return the parameters at the sample points of the steps with the indices `low` to `high` - 1.
 
-        They have the shape (k, steps * points), or (k,) if no event sets parameters.
+        Their shape is (k, steps * points), where each step has the same number of points, or (k,) if no event sets
+        parameters.
         """
         begin = self.run.parameters_at(self.run.t, self.parameters)
         if not (isinstance(begin, np.ndarray) and begin.ndim == 2):
@@ -305,7 +308,7 @@ class SampledRun:
 class _Steps:
     """Samples of k steps of a run at K = `SAMPLE_POINTS` points of each step: times (k, K) and states (2n, k, K).
 
-    `parameters` are those at the points, (p, k * K), or (p,) if they do not change. `of` is the run.
+    `parameters` are those at the points, (p, k * K), or (p,) if they do not change. `of` is the `SampledRun`.
     """
 
     of: SampledRun
@@ -335,7 +338,7 @@ class _Steps:
 
 @dataclass
 class _Mean:
-    """Accumulator of the mean of an expression over the time of a run; `first` is its value at the start.
+    """Accumulator of the time average of an expression along a run; `first` is the value at the start.
 
     `duration` is the duration of the run.
     """
@@ -357,9 +360,9 @@ class _Mean:
 
 @dataclass
 class _Extremum:
-    """Accumulator of the largest value of an expression times its sign along a run; the sign is -1 for a minimum.
+    """Accumulator of the largest value of sign * expression along a run; the sign is -1 for a minimum, else 1.
 
-    `best` is the largest value so far. `of` is the run.
+    `best` is the largest value so far. `of` is the `SampledRun`.
     """
 
     of: SampledRun
@@ -382,5 +385,8 @@ class _Extremum:
             self.best = float(search(*step, sign, self.best, values[k], points))
 
     def _value(self, steps: _Steps, which: Any, fraction: float, *_: Any) -> float:
-        """Return the value of the expression at a fraction of the step with index `which` (1,)."""
+        """Return the value of the expression on one step, at a fraction of the step.
+
+        `which` (1,) is the index of the step in `steps`. Further arguments are not used.
+        """
         return float(steps.inside(self.reduction.expression, which, np.array([fraction]))[0])

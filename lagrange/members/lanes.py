@@ -57,10 +57,10 @@ ABOUT = "Write the parameters, and behind them what depends on them alone."
 
 @dataclass(frozen=True)
 class MemberEvents:
-    """The event functions of members, `nodes`, each with a reaction: direction, terminal count and reset.
+    """The event functions of members: their `nodes`, and for each the reaction (direction, terminal count, reset).
 
-    The first `events` nodes are events of the user. The others are square roots in the equations of motion: a zero of
-    one ends the member, since no Taylor series leads past it.
+    The first `events` nodes are events of the user. The others are square roots in the equations of motion. A zero of
+    such a root ends the run of the member, since no Taylor series is valid after it.
     """
 
     nodes: tuple[Node, ...]
@@ -79,7 +79,10 @@ class MemberEvents:
         return cls(nodes, tuple(reactions), sum(not impact.root for impact in impacts))
 
     def arrays_of_steps(self, dimension: int) -> dict[str, Any]:
-        """Return the constant arrays of the event search on steps, by argument name; `dimension` is 2n."""
+        """Return the constant arrays that the search for events on steps reads, by argument name.
+
+        `dimension` is the length 2n of a state.
+        """
         direction, terminal = np.array(
             [(reaction.direction, reaction.terminal) for reaction in self.reactions], dtype=np.int64
         ).T
@@ -90,10 +93,11 @@ class MemberEvents:
 
 @dataclass(frozen=True)
 class MemberTasks:
-    """Tasks of the machine code of members in addition to steps: reductions and events.
+    """Tasks of the machine code of members besides steps: reductions and events.
 
-    `reductions` of expressions are computed along the steps. `path` is the dense output for reductions and events, or
-    None. `varying` is True if each member has its own parameters. `watched` has the event functions, or is None.
+    `reductions` are expressions that are reduced to one number along the steps. `path` is the dense output that
+    reductions and events use, or None. `varying` is True if each member has its own parameters. `watched` has the
+    event functions, or is None.
     """
 
     reductions: tuple[Reduction, ...]
@@ -106,8 +110,8 @@ class MemberTasks:
 class Compiled:
     """The machine code that runs members of a model in vector lanes, with the constant arrays that it reads.
 
-    `prepare` computes the parameters followed by all values that depend on them alone, `size` values in total. It is
-    None if each member has its own parameters: the code then computes these values. `observed` is the number of
+    `prepare` computes an array of `size` values: the parameters, then all values that depend on them alone. It is
+    None if each member has its own parameters, since the code then computes these values. `observed` is the number of
     values that are computed for a state: the energy and the momenta. `read` has the constant arrays by argument name.
     `events` is the number of the user's events.
     """
@@ -183,9 +187,9 @@ def compiled_members(model: Model, plan: Plan, tasks: MemberTasks) -> Compiled:
 
 
 def _events(plan: TaylorPlan, watched: MemberEvents, values: Procedure) -> TaylorEvents:
-    """Return the description of the `watched` event functions from which the code of members is generated.
+    """Return the data from which the code of members for the event functions `watched` is generated.
 
-    `values` is the procedure that evaluates them.
+    `values` is the procedure that evaluates the event functions.
     """
     program = plan.series.program
     changing = any(reaction.terminal for reaction in watched.reactions)
@@ -293,12 +297,12 @@ class LaneEngine:
     def unexplained(
         self, starts: Starts, states: FloatArray, times: FloatArray, codes: NDArray[np.uint8]
     ) -> NDArray[np.bool_]:
-        """Return a mask (m,) of members that ended early and have to run again one by one, for the cause of the end.
+        """Return a mask (m,) of members that ended early for an unknown cause, and have to run again one by one.
 
-        `states` (m, 2n), `times` (m,) and status `codes` (m,) are the ends of the runs. With events all members that
-        ended early without one are in the mask, unless they reached the step limit. Without events the mask has those
-        that took no step, and those whose mass matrix may have become singular. Codes are changed in place: STUCK
-        (steps too small) becomes LOST (not finite) where a small step along the slope leaves the domain of the
+        `states` (m, 2n), `times` (m,) and status `codes` (m,) are the ends of the runs. With events, the mask has all
+        members that ended early without an event, except those that reached the step limit. Without events, it has
+        those that took no step, and those whose mass matrix may have become singular. Codes are changed in place:
+        STUCK (steps too small) becomes LOST (not finite) where a small step along the slope leaves the domain of the
         equations.
         """
         model, (t0, t1) = self.alone.model, self.alone.span
@@ -329,9 +333,10 @@ class LaneEngine:
         }
 
     def numbers(self, starts: Starts) -> FloatArray:
-        """Return the parameters (m, k) of all members, or the result of `Compiled.prepare` if they share them.
+        """Return the parameters (m, k) of all members.
 
-        That is an array of the parameters and all values that depend on them alone.
+        If the members share them, return the array that `Compiled.prepare` computes: the parameters, then all values
+        that depend on them alone.
         """
         if self.compiled.prepare is None:
             return np.ascontiguousarray(starts.parameters)
@@ -363,7 +368,7 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
 
 
 def _kind(plan: Plan) -> Any:
-    """Return the property of a plan on which compiled code depends: the order of a series, else the step program."""
+    """Return the property of a plan on which its compiled code depends: the series order, or the step program."""
     return plan.order if isinstance(plan, TaylorPlan) else plan.step if isinstance(plan, StepPlan) else None
 
 

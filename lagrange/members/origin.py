@@ -27,9 +27,10 @@ OVER = "÷"
 
 
 def stored_names(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names in a store of the variables of a result column: one for each entry of a state, else one.
+    """Return the names of the variables in a store that hold a result column.
 
-    `names` are the names of the entries of the state.
+    A column of states has one variable for each entry of the state, with the names `names`. Any other column has one
+    variable.
     """
     if column == STATE:
         return tuple(f"{name}_end" for name in names)
@@ -37,10 +38,10 @@ def stored_names(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def start_name(label: str, names: Collection[str]) -> str:
-    """Return the name under which a store has the values of `label`, which vary between members.
+    """Return the name of the variable in a store with the values of `label`, a key that varies between members.
 
-    If it is an entry of the state, one of `names`, it gets the suffix `_start`, because later values have other
-    names.
+    If the key is an entry of the state, one of `names`, the name gets the suffix `_start`: the entry's name belongs
+    to its later values.
     """
     return f"{label}_start" if label in names else label
 
@@ -78,7 +79,8 @@ LONG_ENTRIES = ("statement", "steps", "values", "events", "expressions")
 def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
     """Return the description of an ensemble as JSON-ready data: versions, statement, method, options and values.
 
-    `block` is the number of members in a block of its store. A store with the same description can be continued.
+    `block` is the number of members in a block of its store. A store can be continued only by an ensemble with the
+    same description.
     """
     problem, options = job.problem, job.options
     varied = hashlib.sha256()

@@ -44,9 +44,9 @@ class Energies:
     last: FloatArray
 
     def kinetic(self, y: FloatArray, observed: FloatArray) -> FloatArray:
-        """Return |v.p| / 2 (m,), the kinetic energies, of states y (m, 2n).
+        """Return the kinetic energies (m,) of states y (m, 2n), as |v.p| / 2.
 
-        `observed` (m, 1 + n) has the energy and the momenta of each state.
+        `observed` (m, 1 + n) has the energy and the momenta p of each state.
         """
         with np.errstate(all="ignore"):
             return np.asarray(np.abs(np.sum(y[:, y.shape[1] // 2 :] * observed[:, 1:], axis=1)) / 2)
@@ -69,7 +69,7 @@ class Energies:
     def moved(self) -> NDArray[np.bool_]:
         """A mask (m,) of members whose energy changed so much that they have to run again one by one.
 
-        A single run tests the energy more exactly. The limits are those of the first tests in
+        A single run tests the energy more precisely. The mask uses the limits of the first tests in
         `lagrange.trajectory.measures.conservation`.
         """
         with np.errstate(all="ignore"):
@@ -88,7 +88,8 @@ def energies_of(
 ) -> Energies:
     """Return the energies and momenta of members at their starts and at their last states `after` (m, 2n).
 
-    `span` has the times of both. `last_parameters` (m, k) are the parameters at the end if events set some.
+    `span` has the times of the starts and of the last states. `last_parameters` (m, k) are the parameters at the end
+    if events set some, else None.
     """
     first = _observed(model, starts.states, span[0], starts.parameters)
     last = _observed(model, after, span[1], starts.parameters if last_parameters is None else last_parameters)
@@ -140,8 +141,9 @@ class RunEngine:
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
         """Run members one by one from the initial values `starts`, and return their results.
 
-        If a run refuses its initial values, the member gets the message of the refusal. After `stopped` returns True
-        no further member begins, and the results have the rows of finished members alone.
+        If a run refuses its initial values, its member gets the error message as result. `stopped` is a function
+        without arguments: when it returns True, no further member begins, and the results have only the rows of
+        finished members.
         """
         ends = Ends({column.name: column.empty(len(starts)) for column in self.columns})
         for i in range(len(starts)):
@@ -188,9 +190,10 @@ class RunEngine:
 
     @property
     def recorded(self) -> FloatArray | None:
-        """The times at which a single run stores states, or None to store all steps.
+        """The output times for a single run, or None for a run that stores all its steps.
 
-        All steps are stored for reductions. Without output times they are stored for the last state and the drift.
+        Reductions need all steps. Without output times, all steps are stored for the last state and the drift of the
+        energy.
         """
         keep = self.keep
         if keep.reductions or (self.times is None and (keep.end or keep.drift)):
@@ -239,7 +242,7 @@ class RunEngine:
 class FlowEngine:
     """Runs members one by one by the compiled flow of a model, which returns the last state alone.
 
-    `alone` runs members again that do not reach the end, for a message.
+    `alone` is the engine that runs members again that do not reach the end, to get a status and a message.
     """
 
     alone: RunEngine
@@ -255,7 +258,7 @@ class FlowEngine:
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
         """Run members from the initial values `starts`, and return their results.
 
-        No further member begins once `stopped` returns True.
+        `stopped` is a function without arguments: when it returns True, no further member begins.
         """
         alone, (_, t1) = self.alone, self.alone.span
         reached: list[FloatArray] = []

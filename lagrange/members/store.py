@@ -39,10 +39,11 @@ _CHANGING = threading.Lock()
 
 
 class StoreLock:
-    """The exclusive right to write to a store of results until `close`. Raises RunError if another call has it.
+    """The exclusive right to write to a store of results, until `close` is called.
 
-    The lock is made by `lockf`, so forked workers do not keep it after their parent process was killed. No lock is
-    taken if its file cannot be made, as in a read-only store, or if the system has no locks.
+    Raises RunError if another call has it. The lock is made by `lockf`, so forked workers do not keep it after their
+    parent process was killed. No lock is taken if its file cannot be made, as in a read-only store, or if the system
+    has no locks.
     """
 
     def __init__(self, path: Path) -> None:
@@ -117,7 +118,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def damaged(path: Path, reason: str) -> RunError:
-    """Return the error for a store whose blocks differ from what was written; `reason` says how."""
+    """Return the error for a damaged store. `reason` says how a block differs from what was written."""
     return RunError(
         f"{str(path)[:120]} is damaged ({reason}): make the same call again, which runs the members of damaged blocks "
         "again, give another store, or restore this one."
@@ -129,9 +130,9 @@ def _reason(error: Exception) -> str:
 
 
 def checksum(rows: Any) -> int:
-    """Return a checksum of an array of rows with their type and shape, 64 bits of a digest.
+    """Return a checksum of an array of rows and of their type and shape: 64 bits of a digest.
 
-    It is never 0, the mark of unwritten rows.
+    It is never 0, because 0 marks unwritten rows.
     """
     digest = hashlib.blake2b(f"{rows.dtype.str} {rows.shape}".encode(), digest_size=8)
     digest.update(np.ascontiguousarray(rows).data if rows.size else b"")
@@ -139,7 +140,7 @@ def checksum(rows: Any) -> int:
 
 
 class StoreBlocks:
-    """The blocks of a store, each with the results of `size` members in turn, and with checksums.
+    """The blocks of a store, each with the results of `size` successive members, and with checksums.
 
     `names` are the variables of the store, each an array with a row for each member.
     """
@@ -202,9 +203,10 @@ class StoreBlocks:
         return np.broadcast_to(self._checked(name, k, rows, sums, blank), rows.shape)[member - begin]
 
     def _checked(self, name: str, k: int, rows: Any, sums: Any, blank: Any) -> Any:
-        """Return the `rows` of a variable in block k, or `blank` if the block is not written.
+        """Return the `rows` of the variable `name` in block k, or `blank` if the block is not written.
 
-        `sums` are the checksums of the block. Raises RunError if that of the rows differs.
+        `sums` are the stored checksums of block k. Raises RunError if the checksum of the rows differs from the
+        stored one.
         """
         if not sums.all():
             return blank
@@ -400,8 +402,8 @@ MOST_BLOCKS = 10**6
 class StoredResults:
     """The results of an ensemble in a store on disk. Each access reads from the store. Unwritten blocks are blank.
 
-    Incomplete blocks are kept in memory. A call that was stopped within a block may have written a part of it. `left`
-    are the bounds (first, end) of blocks of members that had no results at the start of the call.
+    A block is kept in memory until it is complete. A call that was stopped within a block may have written this block
+    in part. `left` are the bounds (first, end) of blocks of members that had no results at the start of the call.
     """
 
     messages: Mapping[int, str] = MappingProxyType({})
@@ -450,7 +452,7 @@ class StoredResults:
     def _joined(self, name: str, read: Callable[..., Any]) -> Any:
         """Return the results `name` as one array, read by `read(variable, blank=...)`.
 
-        A column of states is stored as one variable for each entry of the state. Other columns are one variable.
+        A column of states is stored as one variable for each entry of the state; these are joined.
         """
         blank = next(column.blank for column in self._job.columns if column.name == name)
         parts = stored_names(name, self._job.problem.model.layout.names())

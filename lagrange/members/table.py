@@ -34,9 +34,9 @@ from lagrange.trajectory.trajectory import FloatArray
 class MemberTable:
     """The initial values of all members of an ensemble: a common state (2n,) and parameters (k,), and what varies.
 
-    `varied` has the values of each key that varies: a coordinate, velocity, parameter, or its name. Three maps lead
-    to these keys: `rows` from the index of an entry of the state, `rates` from a rate of a rotation, and `columns`
-    from the index of a parameter.
+    `varied` has the values of each key that varies: a coordinate, velocity, parameter, or its name. Three dicts say
+    where a key is used. `rows` maps the index of an entry of the state to its key, `columns` the index of a
+    parameter, and `rates` a rate of a rotation.
     """
 
     varied: Varied
@@ -157,7 +157,7 @@ def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any
 
 
 def _divided(what: str, argument: Any) -> tuple[dict[Any, Any], list[Varied]]:
-    """Return the values by key that all members share, and the values that vary, of one argument of the user.
+    """Divide one argument of the user, and return the values that all members share, by key, and those that vary.
 
     `what` is the name of the argument, for messages.
     """
@@ -200,9 +200,10 @@ def _values(label: str, array_like: Any) -> FloatArray:
 
 
 def _together(sources: list[Varied]) -> Varied:
-    """Return the varying values of several sources (arrays, grids, samples) as one.
+    """Return the varying values of several `sources` (arrays, grids, samples) as one object.
 
-    Raises StatementError for different numbers of members, or a key in two sources.
+    All must have the same number of members. Raises StatementError for different numbers, or for a key in two
+    sources.
     """
     if len(sources) == 1:
         return sources[0]

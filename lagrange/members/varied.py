@@ -28,9 +28,9 @@ MOST_MEMBERS = 10**12
 class Varied:
     """The values of coordinates, velocities and parameters that vary between the members of an ensemble.
 
-    `stated` has the stated values by key: one per member, or with `crossed`, for a grid, one per point of the key's
-    axis. A grid has every combination, and its last axis varies fastest. `drawn` describes how random values were
-    sampled.
+    `stated` has an array of values for each key. Without `crossed` it has one value for each member. With `crossed`,
+    for a grid, it has the points of the key's axis; the members are all combinations, and the last axis varies
+    fastest. `drawn` describes how random values were sampled.
     """
 
     stated: Mapping[Any, FloatArray]
@@ -39,7 +39,7 @@ class Varied:
 
     @cached_property
     def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
-        """The independent axes by name: those of a grid with their values, else one axis of member indices."""
+        """The independent axes by name: for a grid its keys with their values, else one axis of member indices."""
         if self.crossed:
             return {label_of(key): values for key, values in self.stated.items()}
         return {"member": np.arange(len(next(iter(self.stated.values()))))}
@@ -157,9 +157,9 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
 
 
 def _drawn(label: str, distribution: Any, parts: FloatArray) -> FloatArray:
-    """Return the values (m,) of a range (low, high) or a distribution at the probabilities `parts` (m,).
+    """Return quantiles (m,) of a user's range (low, high) or distribution, at the probabilities `parts` (m,).
 
-    They are its quantiles. `label` is the name of what varies, for messages.
+    `label` is the name of what varies, for messages.
     """
     quantile = getattr(distribution, "ppf", None)
     if callable(quantile):

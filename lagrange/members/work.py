@@ -205,7 +205,7 @@ def _result(future: Any) -> ChunkResult:
 
 @contextmanager
 def _working() -> Iterator[None]:
-    """Context that translates the failure of an executor into a RunError, which says how to continue the ensemble."""
+    """Context that replaces the error of a failed executor by a RunError, which says how to continue the ensemble."""
     try:
         yield
     except ImportError as error:
@@ -224,9 +224,9 @@ def _working() -> Iterator[None]:
 
 
 def _chunks(blocks: Iterable[tuple[int, int]], chunk_size: ChunkSize) -> Iterator[tuple[int, int]]:
-    """Yield the index of the first member and the number of members of each chunk of the `blocks`.
+    """Yield chunks of the `blocks` of members: the index of the first member, and the number of members.
 
-    Each number is that of `chunk_size` at this moment, or less at the end of a block.
+    The number is the value of `chunk_size` when the chunk is yielded, or less at the end of a block.
     """
     for begin, end in blocks:
         first = begin
@@ -239,8 +239,9 @@ def _chunks(blocks: Iterable[tuple[int, int]], chunk_size: ChunkSize) -> Iterato
 class Collector:
     """Stores the results of chunks as they are finished, and reports the number of members that have results.
 
-    `before` is the number of `members` that had results at the start of the call, and `ran` the number of those that
-    were run. `report` is called with the sum, or is None.
+    `members` is the number of all members. `before` is the number of those that had results at the start of the call,
+    and `ran` the number of those that were run since then. `report` is called with the sum of the two numbers, or is
+    None.
     """
 
     report: Callable[[float], None] | None = None

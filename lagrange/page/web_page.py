@@ -375,8 +375,9 @@ def page_of(
     """Return the page of a model as HTML, without formulas if `derivation` is None.
 
     `parameters` and `initial` are values that replace the stated ones. `asked` maps symbols or names of sliders to
-    bounds (low, high). `t_end` sets the speed and the size of the picture, and `play` starts the motion at once.
-    `style` is "light" or "dark", or empty for that of the browser.
+    bounds (low, high). `t_end` is the end of a run, None for the stated one; the page chooses its speed and the size
+    of its picture for this run. With `play` the motion starts at once. `style` is "light" or "dark", or empty for
+    that of the browser.
     """
     statement = model.statement
     end = statement.run.t_end if t_end is None else t_end
@@ -474,9 +475,10 @@ def explore(
 def starts_within(
     statement: Statement, bounds: Mapping[str, tuple[float, float]]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Return values of the sliders by name, of parameters and of the initial state: the stated ones within the bounds.
+    """Return the values at which the sliders start, by name: those of parameters, and those of the initial state.
 
-    A parameter without a value starts in the middle of its slider.
+    Each is the stated value, or the nearest bound of its slider if it is outside of the bounds. A parameter without a
+    value starts in the middle of its slider.
     """
     values: dict[str, dict[str, float]] = {PARAMETER: {}, STATE: {}, RATE: {}}
     stated: dict[str, Sequence[float | None]] = {

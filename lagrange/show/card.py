@@ -87,7 +87,7 @@ def _heading(solution: Solution) -> str:
 
 
 def _lines(solution: Solution) -> Iterator[tuple[str, str]]:
-    """Yield the lines of the card as pairs (label, text)."""
+    """Yield the lines of the status card of a run as pairs (label, text)."""
     run, unit = solution.trajectory, unit_of(solution.model.statement, "t")
     begun, reached = run.span
     yield "method", ", ".join(part for part in (run.method, run.form) if part)

@@ -41,7 +41,7 @@ LONG_SECTION = 12  # Lines of formulas above which a section of an HTML page is 
 
 @dataclass(frozen=True)
 class Heading:
-    """Text above a derivation that a student hands in, such as homework; each field may be empty."""
+    """Texts above a derivation that a student hands in: title, author, date and problem; each may be empty."""
 
     title: str = ""
     author: str = ""
@@ -101,10 +101,9 @@ class Page(ABC):
         """Return the derivation that consists of `sections` as a whole page."""
 
     def heading(self, section: Section, quoted: Callable[[str], str], formula: str) -> str:
-        """Return the text of a section's heading.
+        """Return the text of a section's heading, followed by the symbol that the section is about, if there is one.
 
-        `quoted` escapes its words. `formula` is a format string, such as "${}$", for the symbol that the section is
-        about.
+        `quoted` escapes the words of the heading. `formula` is a format string for the symbol, such as "${}$".
         """
         words = quoted(section.heading)
         return words if section.symbol is None else f"{words} {formula.format(self.lines.sides.side(section.symbol))}"
@@ -124,7 +123,7 @@ class TextPage(Page):
         return "\n".join(line.rstrip() for line in lines) + "\n"
 
     def row(self, row: Formula | str) -> list[str]:
-        """Return the lines of a formula or a sentence; continuation lines are indented once more."""
+        """Return a formula or a sentence of a section as lines of text; continuation lines are indented once more."""
         if isinstance(row, str):
             return [plain_text(row)]
         lines: list[str] = []
@@ -155,7 +154,7 @@ class LatexPage(Page):
     notation = LatexNotation
 
     def aligned(self, lines: Sequence[FormulaLine], environment: str) -> str:
-        """Return the lines of a formula below one another, in a LaTeX environment."""
+        """Return the lines of a formula as LaTeX, below one another and aligned, in the environment `environment`."""
         starts = (f"{line.left} &= " if line.left else "&\\quad " if line.goes_on else "&" for line in lines)
         rows = [start + line.right for start, line in zip(starts, lines, strict=True)]
         return f"\\begin{{{environment}}} " + " \\\\ ".join(rows) + f" \\end{{{environment}}}"
@@ -166,7 +165,7 @@ class LatexPage(Page):
         return self.in_one_line(lines[0]) if len(lines) == 1 else self.aligned(lines, "aligned")
 
     def in_one_line(self, line: FormulaLine) -> str:
-        """Return the text of a formula that consists of one line."""
+        """Return the LaTeX of a formula that consists of one line."""
         return f"{line.left} = {line.right}" if line.left else line.right
 
     def write(self, sections: Sequence[Section]) -> str:

@@ -65,16 +65,19 @@ class Drawn(ABC):
 
     @abstractmethod
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure, drawn on Matplotlib's axes `ax` if they are given; `style` is "light" or "dark"."""
+        """Return the figure of the result, drawn on Matplotlib's axes `ax` if they are given.
+
+        `style` is "light" or "dark".
+        """
 
     @abstractmethod
     def _lines(self) -> list[tuple[str, str]]:
-        """Return the lines of the card as pairs (label, text)."""
+        """Return the lines of the result's card, a table of its data, as pairs (label, text)."""
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI, style: str = "light") -> Path:
-        """Write the picture of `plot()` to `path`, with `dpi` dots per inch, and return the path.
+        """Write the figure of the result to `path` as PNG, with `dpi` dots per inch, and return the path.
 
-        Raises StatementError for a path that cannot be written.
+        `style` is "light" or "dark". Raises StatementError for a path that cannot be written.
         """
         return write_atomically(path, picture(lambda: self.plot(style=style), dpi))
 
@@ -96,7 +99,7 @@ class PhasePortrait(Drawn, PortraitData):
     """Orbits, equilibria and separatrices on a plane of the state; the result of `lagrange.phase_portrait`."""
 
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: the field, nullclines, orbits, separatrices and equilibria."""
+        """Return the figure of the phase portrait: field, nullclines, orbits, separatrices and equilibria."""
         return plot_portrait(self, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
@@ -119,7 +122,7 @@ class PoincareSection(Drawn, SectionData):
     """Times and states at the crossings of each orbit; the result of `lagrange.poincare`."""
 
     def plot(self, x: Any = None, y: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: a point for each crossing, and a colour for each orbit.
+        """Return the figure of the Poincare section: a point for each crossing, and a colour for each orbit.
 
         `x` and `y` are the entries of the state on the axes.
         """
@@ -136,7 +139,7 @@ class Bifurcation(Drawn, SweepData):
     """Sampled states of settled motions along a parameter; a result of `lagrange.bifurcation`."""
 
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: points of the settled motion against the parameter.
+        """Return the figure of the bifurcation diagram: points of the settled motion against the parameter.
 
         `entry` is the entry of the state to draw.
         """
@@ -158,7 +161,10 @@ class EquilibriumBranches(Drawn, BranchesData):
     """Branches of equilibria along a parameter; the result of `lagrange.bifurcation` without driving or section."""
 
     def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: a line for each branch, dashed where it is unstable; `entry` is the coordinate to draw."""
+        """Return the figure of equilibria along the parameter: a line for each branch, dashed where unstable.
+
+        `entry` is the coordinate to draw.
+        """
         return plot_branches(self, entry, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
@@ -185,17 +191,17 @@ class ShownModes(Modes):
         return self._summary(written)
 
     def shapes_in_numbers(self) -> ModeShapes:
-        """Return the shapes as numbers, for all coordinates and for the stated positions.
+        """Return the shapes of the modes as numbers, for all coordinates and for the stated positions.
 
         Raises StatementError where a parameter has no value.
         """
         return mode_shapes(self, self.linearization.statement)
 
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: for each mode the bars of its components, and the displaced positions.
+        """Return the figure of the modes: for each mode bars for its components, and the displaced positions.
 
-        On a user's `ax` the components of all modes are bars side by side. Raises StatementError where a parameter has
-        no value.
+        On a user's `ax` the components of all modes are bars side by side. Raises StatementError where a parameter
+        has no value.
         """
         return plot_modes(self.shapes_in_numbers(), ax, style)
 

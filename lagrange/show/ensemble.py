@@ -107,7 +107,7 @@ class Ensemble:
 
     @property
     def model(self) -> Model:
-        """Model of all runs."""
+        """The compiled model that all members share."""
         return self.problem.model
 
     @property
@@ -129,7 +129,7 @@ class Ensemble:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the rows of `y`."""
+        """Names of the rows of `y`: the coordinates, then the velocities."""
         return self.model.layout.names()
 
     def __getitem__(self, key: Any) -> FloatArray:
@@ -252,7 +252,7 @@ class Ensemble:
         return write_atomically(path, lambda file: write_rows(file, [*columns], [c.tolist() for c in columns.values()]))
 
     def _repr_html_(self) -> str:
-        """Return the card as HTML for a notebook, with a picture if one can be drawn."""
+        """Return the card of the ensemble as HTML for a notebook, with a picture if one can be drawn."""
         heading, *lines = self._card()
         card = pairs(heading[1], lines)
         return card if len(self) > MOST_DRAWN else pictured(card, self.plot, heading[1])
@@ -315,7 +315,7 @@ class Ensemble:
         return f"{heading}\n{text_table(('', ''), lines)}"
 
     def _card(self) -> list[tuple[str, str]]:
-        """Return the lines of the card as pairs (label, text), the heading first."""
+        """Return the lines of the ensemble's card as pairs (label, text), the heading first."""
         counts = np.bincount(self._codes, minlength=len(STATUSES))
         ended = listing(f"{count:,} {end.value}" for end, count in zip(STATUSES, counts.tolist(), strict=True) if count)
         shape = [count for count in self.table.varied.shape if count > 1]

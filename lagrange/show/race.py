@@ -95,8 +95,8 @@ def _below(race: Race, shown: list[Entry]) -> list[str]:
 def _draw(axis: Axes, label: str, entries: list[Entry], look: LineStyle, style: FigureStyle) -> None:
     """Draw the curve of one method: error against time of its `entries`.
 
-    `label` is its name in the legend, and `look` its colour, marker and line style. Methods of other libraries have
-    open marks. An error below the uncertainty of the reference has an open mark without a line.
+    `label` is its name in the legend, and `look` its colour, marker and line style. Markers of methods of other
+    libraries are open. An error below the uncertainty of the reference has an open marker, to which no line leads.
     """
     rival = entries[0].method.startswith(("scipy-", "cvode"))
     common: dict[str, Any] = {"color": look.colour, "marker": look.marker, "markersize": 5.5, "markeredgewidth": 1.0}

@@ -47,7 +47,10 @@ def energy_unit(statement: Statement) -> str:
 
 
 def _unit(statement: Statement, dimension: Dimension | None) -> str:
-    """Return the unit of a dimension: the one stated with it, rad for an angle, or a stated or common one that fits."""
+    """Return the unit of a dimension: the stated one, rad for an angle, else a unit with the same dimension.
+
+    The latter is a unit that was stated for another symbol, or a common one such as cm. "" means that none fits.
+    """
     if dimension is None or dimension.unit:
         return "" if dimension is None else dimension.unit
     if not dimension.exponents:

@@ -34,7 +34,7 @@ class DeclaredOrder:
         self._lock = Lock()
 
     def declare(self, names: Sequence[str]) -> None:
-        """Record the names of one call, in their order."""
+        """Record the names that one call declares, in the order of the call."""
         with self._lock:
             number = next(self._numbers)
             earlier = {self._latest[name] for name in names if name in self._latest}
@@ -45,7 +45,7 @@ class DeclaredOrder:
                     del self.calls[call]
 
     def of(self, leaves: Iterable[tuple[str, Any]]) -> list[Any]:
-        """Return symbols in the order of their declaration, and after them the undeclared ones in the order given.
+        """Return the symbols of `leaves` in the order of their declaration, then the undeclared ones as given.
 
         `leaves` are pairs (name, symbol), where a symbol is a coordinate or a parameter.
         """
@@ -111,7 +111,7 @@ def coordinate(name: str) -> Any:
 
 
 def coordinate_of(name: str) -> Any:
-    """Return the coordinate `name`, equal to that of `coordinate`, without recording it in the order of declaration."""
+    """Return the coordinate `name` as `coordinate` does, but do not record it in the order of declaration."""
     check_symbol(name, "coordinate")
     if name not in _DECLARED:
         _DECLARED[name] = function_of_time(name)

@@ -163,10 +163,11 @@ def _at_rest(coordinates: tuple[Any, ...]) -> tuple[float, ...]:
 
 
 def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
-    """Return the fields of `Statement` on functions: `given`, `orders`, `unknown` and `inferred`.
+    """Return {field: value} for the fields `given`, `orders`, `unknown` and `inferred` of a `Statement`.
 
-    The argument `inferred` are the coordinates that the user did not list. The field `inferred` has the names of
-    those among them that the user did not declare either.
+    `given` are the given functions of time in `survey`, and `orders` the highest order of derivatives of each.
+    `unknown` are the undefined functions of coordinates. The argument `inferred` has the coordinates that the user
+    did not list. The field `inferred` has the names of those among them that the user did not declare either.
     """
     return {
         "given": tuple(survey.given),
@@ -291,7 +292,10 @@ def _coordinates(coordinates: Sequence[Any] | None, survey: Survey, first_order:
 
 
 def _first_order(forces: Any, dissipation: Any) -> Iterator[Any]:
-    """Yield coordinates that occur in no energy, but have a force or a velocity in the dissipation, as a current."""
+    """Yield the coordinates that have a force, and those whose velocity is in the dissipation.
+
+    So a coordinate that occurs in no energy is found too, such as a charge whose current only heats a resistor.
+    """
     rubbed = dissipation.atoms(sympy.Derivative) if isinstance(dissipation, sympy.Basic) else ()
     for q in (*(forces if isinstance(forces, Mapping) else ()), *(rate.expr for rate in rubbed)):
         if isinstance(q, AppliedUndef) and q.args == (t,) and motion_of(q) is None and not is_shorthand(q):
@@ -414,7 +418,10 @@ def _dissipation(function: Any, by_name: Mapping[str, Any], survey: Survey) -> A
 
 
 def _drawn(positions: Any, links: Iterable[Sequence[str]], surfaces: Any, survey: Survey) -> dict[str, Any]:
-    """Return the fields of `Statement` that are drawn: positions, links and surfaces."""
+    """Return {field: value} for the fields of a `Statement` that are only drawn: positions, links and surfaces.
+
+    The symbols of their expressions are added to `survey`.
+    """
     points, edges = _positions(positions, survey)
     lines = _surfaces(surfaces, points, survey)
     views = {"positions": MappingProxyType(points), "surfaces": MappingProxyType(lines)}
@@ -507,7 +514,11 @@ def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link
 
 
 def link_part(index: int, part: Any, points: Iterable[str]) -> str:
-    """Return entry `index` of a link: at 0 and 1 the name of one of the `points`, at 2 the kind, such as "spring"."""
+    """Return `part`, the entry `index` of a link, after its check.
+
+    Entries 0 and 1 are names of `points`, and entry 2 is the kind of the link, such as "spring". Raises
+    StatementError for anything else.
+    """
     if index < 2:
         return one_of(part, points, "links names {given}, which is not a position; they are {known}.")
     return one_of(part, KINDS, "links has the kind {given}; the kinds are {known}.")
@@ -569,7 +580,7 @@ def _zero_of(stated: Any, what: str) -> Any:
 
 
 def _no_coordinates(what: str, zero: Any) -> str:
-    """Return the message for a constraint that contains no coordinate and no velocity."""
+    """Return the error message for a constraint `what` whose expression `zero` has no coordinate and no velocity."""
     if zero.is_zero:
         return f"{what} is 0 = 0, which always holds: leave it out."
     if zero.is_number:

@@ -33,11 +33,13 @@ def without_velocity(
 ) -> Any | None:
     """Return the first coordinate whose acceleration no equation can determine, or None.
 
-    `velocities` are those in the energies, and `zeros` the expressions of the constraints. `kinetic` is T, or L
-    if L was stated `alone`. A coordinate without inertia is determined by a constraint, or by a velocity in its own
-    equation 0 = dL/dq + Q - dD/dv. Example: in p*q.dot - H the equation of q determines the velocity of p. Example:
-    with D = e.dot**2/2 the equation of e is e.dot = Q. A kinetic energy that is not zero and has no velocity is taken
-    for a mistake. Then a velocity in Q or D does not suffice.
+    `velocities` are those in the energies, and `zeros` the expressions of the constraints. `kinetic` is T, or L if L
+    was stated `alone`.
+
+    A coordinate is determined if its velocity is in an energy, or if it is in a constraint. It is also determined if
+    its own equation 0 = dL/dq + Q - dD/dv contains a velocity. Example: with D = e.dot**2/2 the equation of e is
+    e.dot = Q. Example: with L = p*q.dot - H the equation of p contains q.dot. A kinetic energy that is not zero and
+    has no velocity is taken for a mistake. Then a velocity in Q or D does not suffice.
     """
     mistaken = kinetic != 0 and not (kinetic.has(*coordinates) if alone else velocities)
     rates = [velocity_of(q) for q in coordinates]

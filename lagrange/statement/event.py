@@ -104,7 +104,7 @@ def _zero(argument: Any) -> Any:
 
 
 def _instead_of(argument: Any) -> str:
-    """Return the end of the message for an argument that is not an event: its text, its type, and the remedy."""
+    """Return the end of an error message for an argument that is not an event: its text, its type, and the remedy."""
     written = _written(argument)
     match argument:
         case str() | bytes():

@@ -74,7 +74,10 @@ def flag_or_word(value: Any, what: str, word: str) -> bool | str:
 
 
 def whole_number(value: Any, what: str, least: int, most: int | None = None) -> int:
-    """Return an int between `least` and `most`, without an upper limit if that is None; 3.0 is accepted as 3."""
+    """Return `value` as an int between `least` and `most` (None: no upper limit); 3.0 is accepted as 3.
+
+    Raises StatementError for other values; `what` names the value in its message.
+    """
     number = real_number(value, what)
     if number != int(number) or number < least or (most is not None and number > most):
         bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
@@ -204,7 +207,7 @@ def text(value: Any, what: str) -> str:
 
 
 def printable(value: Any, what: str) -> str:
-    """Return the text `value`. Raises StatementError if its lines have control characters, which a terminal obeys."""
+    """Return the text `value`. Raises StatementError for control characters in it, which would act on a terminal."""
     if not text(value, what).replace("\n", " ").isprintable():
         raise StatementError(f"{what} is {shown(value)}, which has control characters: give plain text.")
     return str(value)
@@ -264,7 +267,10 @@ Result = TypeVar("Result")
 
 
 def refusing_deep(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """Return the function, raising StatementError where SymPy overflows Python's stack on a deep expression."""
+    """Return `function` with a change: it raises StatementError if an expression is nested too deeply for SymPy.
+
+    SymPy's recursive functions overflow Python's stack on such an expression.
+    """
 
     @wraps(function)
     def refused(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
@@ -334,7 +340,7 @@ def is_shorthand(value: Any) -> bool:
 
 
 def in_full(expression: Any) -> Any:
-    """Return an expression with each shorthand, such as R[0, 0], replaced by what it abbreviates."""
+    """Return an expression with each shorthand, such as R[0, 0], replaced by the expression that it abbreviates."""
     functions = expression.atoms(AppliedUndef)
     replacements = {f: getattr(f.func, SHORTHAND) for f in functions if is_shorthand(f)}
     return _differentiated(expression.xreplace(replacements)) if replacements else expression

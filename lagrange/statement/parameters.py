@@ -91,7 +91,11 @@ class Survey:
             self.add(motion.values, f"the given function {name_of(node)}")
 
     def _add_unknown(self, node: Any, what: str) -> None:
-        """Add an undefined function of coordinates, such as U(r). `node` is the function or its derivative."""
+        """Add an undefined function of coordinates, such as U(r), to the collected functions.
+
+        `node` is the function or its derivative, and `what` names the expression in messages. Raises StatementError
+        for another derivative, which SymPy has not evaluated.
+        """
         function = node.expr if isinstance(node, sympy.Derivative) else node
         if not isinstance(function, AppliedUndef) or motion_of(function) is not None:
             raise StatementError(
@@ -328,7 +332,7 @@ def default_values(table: Mapping[Any, Any], symbols: dict[str, Any]) -> dict[An
 
 
 def _within(symbol: Any, value: float) -> float:
-    """Return the value. Raises StatementError for a value below zero if the symbol was declared positive."""
+    """Return `value`. Raises StatementError if it is negative and the parameter `symbol` was declared positive."""
     if value < 0 and symbol.is_nonnegative:
         raise StatementError(
             f"parameter {symbol.name} is {value:g}, but its symbol was declared positive, and SymPy may have dropped "

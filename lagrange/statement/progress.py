@@ -142,7 +142,7 @@ class _Notebook:
 
 
 class _Log:
-    """Display of progress: lines of standard error, for a file."""
+    """Display of progress: lines on standard error, for an output that is redirected to a file."""
 
     seconds_between, timed = 10.0, False
 

@@ -344,13 +344,13 @@ def _rotations_of(coordinates: tuple[Any, ...]) -> tuple[Rotation, ...]:
 
 
 def in_symbols(names: Iterable[str], rotations: Iterable[str]) -> list[str]:
-    """Return names of a state for a message: R and R.body replace the entries of a quaternion and their velocities."""
+    """Return the `names` of a state for a message: R and R.body replace quaternion entries and their velocities."""
     known = symbols_of_entries(rotations)
     return [*(name for name in names if name not in known), *dict.fromkeys(known.values())]
 
 
 def symbols_of_entries(rotations: Iterable[str]) -> dict[str, str]:
-    """Return {name of a quaternion entry: "R"} and {name of its velocity: "R.body"} for rotations R."""
+    """Return {name of a quaternion entry: "R", name of its velocity: "R.body"} for all rotations, such as R."""
     parts = (("", ""), ("_dot", ".body"))
     return {f"{name}_{entry}{end}": f"{name}{of}" for name in rotations for end, of in parts for entry in ENTRIES}
 
@@ -454,9 +454,10 @@ def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> di
 
 
 def in_body_rates(formula: Any, names: Iterable[str]) -> Any:
-    """Return an expression with rates about the axes of the body in place of rates about the axes of space.
+    """Return `formula` with rates about the axes of the body in place of rates about the axes of space.
 
-    The orthogonality of the rotation matrix is used where that makes the expression shorter.
+    `names` are the names of the rotations. The orthogonality of the rotation matrix is used where that makes the
+    expression shorter.
     """
     rotations, replacements = list(map(rotation_of, names)), {}
     formula = formula.xreplace(

@@ -1,4 +1,4 @@
-"""The frozen record of a statement, links between its points, and its constraints."""
+"""Frozen dataclasses: the statement of a system, a link between two of its points, and one of its constraints."""
 
 from __future__ import annotations
 
@@ -34,7 +34,10 @@ class Link(NamedTuple):
 
 
 def corners(links: Sequence[Link]) -> frozenset[str]:
-    """Return the names of points at which only edges end. Pictures show neither a mark nor a path of such points."""
+    """Return the names of the points at which only edges of shapes end.
+
+    Pictures show neither a mark nor a path of such points.
+    """
     edges = {name for link in links if link.kind == EDGE for name in link[:2]}
     return frozenset(edges.difference(*(link[:2] for link in links if link.kind != EDGE)))
 

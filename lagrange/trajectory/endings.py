@@ -150,8 +150,8 @@ def rank_lost(problem: Problem, y: FloatArray, singular: Singular) -> str:
 def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
     """Return the message for a run that ends at a state (2n,) from which the motion may continue in two ways.
 
-    Errors as small as the tolerance would choose between the two. `dependent` has the constraints that are dependent
-    there.
+    Errors as small as the tolerance would decide which way the run takes. `dependent` has the constraints whose
+    gradients are linearly dependent at this state.
     """
     state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
     names = problem.model.equations.constraints.names
@@ -164,7 +164,7 @@ def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
 def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, metric: FloatArray) -> bool:
     """Return True if the acceleration at a state y (2n,) is mostly along the direction `null` (n,).
 
-    `metric` (n,) are the inertias of the coordinates, which weight them in lengths of vectors.
+    `metric` (n,) are the inertias of the coordinates. Lengths are measured with them as weights.
     """
     try:
         rate = problem.model.kernel("rhs")(t, y, problem.parameter_array)[problem.model.layout.v]
@@ -181,9 +181,10 @@ Adaptive steps come closer.
 
 
 def table_left(problem: Problem, t: float, y: FloatArray, step: float = 0.0) -> str:
-    """Return a sentence for the message if a table of a given function has no value at a state y (2n,), else "".
+    """Return a sentence if a table of a given function of time has no value at a state y (2n,), else "".
 
-    The state one `step` later is also tested. The sentence names the variable and the range of the table.
+    The state after one more `step` (a signed duration) is also tested. The sentence is part of the message of a run
+    that ends. It names the variable and the range of the table.
     """
     model, statement = problem.model, problem.model.statement
     stated = (statement.lagrangian, statement.dissipation, *statement.forces)
@@ -228,10 +229,10 @@ def until_dependent(
 
 
 def until_discontinuity(problem: Problem, run: Trajectory, passed: Discontinuity, *, series: bool) -> Trajectory:
-    """Return `run`, cut at the last state before its constraints jump.
+    """Return `run`, cut at the last state before a constraint jumps or has a corner.
 
-    `passed` is this discontinuity. If the steps are Taylor `series`, a step that ends at the discontinuity is kept:
-    it is the motion up to there, even if the projection moves its end.
+    `passed` is this discontinuity of the constraint. If the steps are Taylor `series`, a step that ends at the
+    discontinuity is kept, since the dense output of this step is valid up to there.
     """
     steps = run.steps - passed.steps
     if not series or passed.part < 1.0 - AT_THE_END:
@@ -247,7 +248,7 @@ def until_discontinuity(problem: Problem, run: Trajectory, passed: Discontinuity
 def _shortened(problem: Problem, run: Trajectory, end: tuple[float, FloatArray], steps: int, detail: str) -> Trajectory:
     """Return `run`, cut at `end` (a time and a state), with the status SINGULAR.
 
-    `steps` is its new number of steps, and `detail` the cause that its message gives.
+    `steps` is the number of steps up to `end`, and `detail` the cause for the message.
     """
     t, y = end
     told = message(Status.SINGULAR, problem, t, y, run.method, detail=detail)
@@ -293,10 +294,10 @@ def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory
 
 
 def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -> int | None:
-    """Return the first event of `contacts` that reset the motion at some zeros but let it pass at others.
+    """Return the index of the first event that reset the motion at some of its zeros but let it pass at others.
 
-    `contacts` and the result are indices of events; the result may be None. A reset that intentionally lets the
-    motion through does not count.
+    `contacts` are the indices of the events that are tested. The result is None if there is no such event. A reset
+    that intentionally lets the motion through does not count.
     """
     model, forward = problem.model, 1.0 if problem.t1 >= problem.t0 else -1.0
     if isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None:
@@ -343,7 +344,7 @@ NEIGHBOURS, OCTAVES = 8, 40
 
 
 def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Return a run, with the status UNRELIABLE if the spacing of doubles of a coordinate is too coarse for the forces.
+    """Return a run, with the status UNRELIABLE if a coordinate's doubles are too far apart to resolve the forces.
 
     The test uses the median difference of the forces between neighbouring doubles. At a jump of the forces only one
     difference is large, so jumps are not reported.
@@ -368,10 +369,7 @@ def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
 
 
 def _is_rough(problem: Problem, t: float, y: FloatArray, i: int) -> bool:
-    """Return True if the accelerations at a state change much between neighbouring doubles of coordinate `i`.
-
-    The state y (2n,) is that at time t.
-    """
+    """Return True if accelerations at a state y (2n,) change much between neighbouring doubles of coordinate `i`."""
     steps = np.concatenate([np.arange(NEIGHBOURS + 1.0), 2.0 ** np.arange(OCTAVES)])
     states = np.repeat(y[:, None], len(steps), axis=1)
     states[i] += steps * np.spacing(abs(y[i])) * (-1.0 if y[i] > 0 else 1.0)

@@ -47,7 +47,7 @@ _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 class _Prepared(threading.local):
     """Memory of a flow between its runs in one thread: the driver, its state, and accepted states.
 
-    `times` (k,) and `states` (k, 2n) have room for `STEPS_RECORDED` steps.
+    `times` (k,) and `states` (k, 2n) have enough rows for the start and `STEPS_RECORDED` steps.
     """
 
     driver: Driver | None = None
@@ -174,10 +174,10 @@ class Flow:
         parameters: Mapping[Any, Any] | None,
         times: FloatArray,
     ) -> FloatArray:
-        """Return the states (2n, N) at the output times `times` (N,) of a run from the state `start`.
+        """Return the states (2n, N) at the output times `times` (N,) of a run from the state `start` (2n,).
 
-        The run has the `span` (t0, t1). The driver writes the states during its steps. If it does not reach the end,
-        `integrate` repeats the run.
+        The run goes over `span` (t0, t1). `driver` advances it, with `state` as its memory, and writes the states at
+        output times during its steps. If the driver does not reach the end, `integrate` repeats the run.
         """
         state.outputs = outputs = Outputs(times, self._dimension)
         try:
@@ -208,8 +208,8 @@ class Flow:
     ) -> bool:
         """Advance a run with constraints and step control from `start` (2n,). Return True if it reaches its end.
 
-        The result is False also for a run of many steps, and for one that passes dependent constraints, after which
-        rounding decides the motion.
+        Return False if the run needs many steps. Also return False if it passes dependent constraints, since rounding
+        decides the motion after them.
         """
         local, counts = self._local, state.integers
         local.times[0], local.states[0] = state.t, start
@@ -224,8 +224,8 @@ class Flow:
     def _stays_slow(self, state: DriverState, steps: int) -> bool:
         """Return True if a run is slow because of rounding noise. `steps` is its number of steps so far.
 
-        The caller then repeats it by `integrate` with a coarser tolerance for small entries. Raises RunError if the
-        run, at its pace so far, needs more than `max_steps` for another reason.
+        The caller then repeats the run by `integrate`, which gives small entries a coarser tolerance. A run that is
+        slow for another reason raises RunError if it would need more than `max_steps` at its pace so far.
         """
         t0, t1 = (float(state.reals[index]) for index in (DriverState.START, DriverState.END))
         share = (state.t - t0) / (t1 - t0)
@@ -266,7 +266,7 @@ class Flow:
     ) -> FloatArray:
         """Return the states (2n, N) at `times` (N,) of a run by `integrate`, which is slower but handles all cases.
 
-        If `times` is None, they are the accepted states. Raises RunError with the message of a run that failed.
+        If `times` is None, the result has all accepted states. Raises RunError with the message of a run that failed.
         """
         values = self._model.parameter_values(parameters)
         problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values, t_eval=times)

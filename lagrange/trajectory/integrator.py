@@ -40,10 +40,10 @@ LEAST_ATOL = 1e-300
 class Tolerances:
     """Tolerances and step lengths of a driver, and notes for the user.
 
-    `rtol` and `atol` are the relative and absolute tolerance. `step` is the size of equal steps, and `longest` bounds
-    the size of chosen steps. If `share` is not zero, the absolute tolerance of an entry of the state begins with
-    `atol` and is at least `share` times the largest size of the entry so far. A driver uses `margin` times the
-    tolerances.
+    `rtol` and `atol` are the relative and absolute tolerance. `step` is the size of equal steps, and 0 for steps of
+    variable size, which `longest` bounds. If `share` is not zero, the absolute tolerance of an entry of the state
+    begins with `atol`. Later it is at least `share` times the largest size of the entry so far. A driver multiplies
+    the tolerances by `margin`.
     """
 
     rtol: float = 0.0
@@ -70,7 +70,7 @@ MAX_STEPS = 10_000_000
 
 @dataclass(frozen=True, eq=False)
 class RunOptions:
-    """The options of `lagrange.integrate`. None means that the method or the scene chooses."""
+    """The options of `lagrange.integrate`. None means that the method or the system's scene chooses."""
 
     method: Any = None
     rtol: float | None = None
@@ -125,10 +125,10 @@ def _positive(limit: float | None, name: str, unit: str) -> float | None:
 class Claims:
     """The properties that a method claims. Tests check them for every registered method.
 
-    `symplectic`: a step is symplectic for systems with a constant mass matrix. Methods that integrate momenta are so
-    for all systems without constraints, and methods with multipliers also with constraints on coordinates. `symmetric`:
-    a step of -h reverses a step of h. `energy`: the energy of a conservative system is conserved up to rounding.
-    `events`: the method locates events. `dense` is the order of the dense output.
+    `symplectic`: the map of one step is symplectic for systems with a constant mass matrix. Methods that integrate
+    momenta are symplectic for all systems without constraints, and methods with multipliers also with constraints on
+    coordinates. `symmetric`: a step of -h reverses a step of h. `energy`: the energy of a conservative system is
+    conserved up to rounding. `events`: the method locates events. `dense` is the order of the dense output.
     """
 
     order: int

@@ -90,9 +90,9 @@ def message(
 ) -> str:
     """Return the message for a run by the method named `method`, which ended with `status` at time t.
 
-    `y` (2n,) is the state with entries that are not finite, else the last accepted state. `slope` (2n,) is its
-    derivative if that is not finite. `detail` is a further cause as a separate sentence; for a singular mass matrix
-    it replaces the sentence on the status. `cause` replaces cause and remedy. `rtol` is the relative tolerance, None
+    `y` (2n,) is the state that is not finite, else the last accepted state. `slope` (2n,) is its derivative dy/dt,
+    given if it is not finite. `detail` is one more sentence on the cause; for a singular mass matrix it replaces the
+    sentence on the status. `cause` replaces the sentences on cause and remedy. `rtol` is the relative tolerance, None
     for equal steps.
     """
     if status.complete and not (detail or cause):
@@ -183,7 +183,10 @@ def outputs_alone(problem: Problem) -> str:
 
 
 def interrupted(run: Trajectory, span: Sequence[float]) -> Trajectory:
-    """Return a run over `span` with the status INTERRUPTED: Ctrl-C stopped the search for the cause of its end."""
+    """Return `run` with the status INTERRUPTED, since Ctrl-C stopped the search for the cause of its end.
+
+    `span` (t0, t1) is the span of the whole run, for the message.
+    """
     end = f"at t = {number(run.span[1])} on the way from {number(span[0])} to {number(span[1])}"
     sentence = f"{run.method} {_SENTENCES[Status.INTERRUPTED].format(where=end)}"
     return replace(run, status=Status.INTERRUPTED, message=sentence)
@@ -206,7 +209,8 @@ def event_behind_outputs(t: FloatArray) -> str:
 def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, y: FloatArray) -> str:
     """Return the cause and the remedy if a step failed because an entry of the state has zero tolerance, else "".
 
-    This is an entry of `y` (2n,) that is 0, with an absolute tolerance of 0.
+    An entry of `y` (2n,) that is 0 has zero tolerance if the absolute tolerance is 0. `status` is that of the run's
+    end.
     """
     failed = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
     if not failed or not tolerances.rtol or tolerances.atol > LEAST_ATOL or tolerances.share or y.all():
@@ -219,11 +223,11 @@ def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, 
 
 
 def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, int], atol: float) -> str:
-    """Return the cause and the remedy for a run that used up a limit because a small entry limits its steps.
+    """Return the cause and the remedy for a run that used up a limit because a small entry keeps its steps short.
 
-    `y` (2n,) is the state. `which` has the index of the small entry, and the index of the largest entry of its kind,
-    a coordinate or a velocity. `atol` is the present absolute tolerance of the largest entry. `status` says which
-    limit was used up.
+    `status` says which limit was used up, `max_steps` or `max_wall`. `y` (2n,) is the state. `which` is a pair of
+    indices: the small entry, and the entry of the same kind (coordinate or velocity) with the largest tolerance.
+    `atol` is the present absolute tolerance of the second.
     """
     limit = "max_steps" if status is Status.MAX_STEPS else "max_wall"
     names, (row, largest) = problem.model.layout.names(), which
@@ -235,10 +239,10 @@ def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, i
 
 
 def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tolerances) -> Iterator[str]:
-    """Yield a note if the absolute tolerance of a complete run gives an entry fewer digits than rtol.
+    """Yield a note if the absolute tolerance of a complete run gives an entry fewer digits than rtol asks for.
 
-    `states` (S+1, 2n) are the accepted states. An entry that is only rounding of other entries of its kind,
-    coordinates or velocities, is ignored.
+    `states` (S+1, 2n) are the accepted states. An entry is ignored if it is only the rounding error of other entries
+    of its kind (coordinates or velocities).
     """
     if not status.complete or not tolerances.rtol:
         return
@@ -273,8 +277,8 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
 def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None) -> str:
     """Return a phrase with the entries of a state that are not finite, such as ``theta_dot is nan``.
 
-    If the state `y` (2n,) is finite, they are those of its derivative `slope`. The entries of a quaternion count as
-    one, of its rotation.
+    If the state `y` (2n,) is finite, the phrase has the entries of its derivative `slope` (2n,) that are not finite.
+    The four entries of a quaternion are reported as one, the rotation.
     """
     layout, symbols = problem.model.layout, symbols_of_entries(problem.model.statement.rotations)
 

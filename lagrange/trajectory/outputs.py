@@ -27,9 +27,9 @@ PathOf = Callable[[FloatArray, FloatArray], StepPath]
 
 
 class Part(NamedTuple):
-    """Rows of a run that one call of the driver wrote: accepted times (k,) and states (k, 2n).
+    """Accepted times (k,) and states (k, 2n) of a run that one call of the driver wrote.
 
-    `call` is the number of the call.
+    `call` is the number of this call.
     """
 
     times: FloatArray
@@ -38,12 +38,12 @@ class Part(NamedTuple):
 
 
 class AcceptedStates:
-    """The accepted states of a run so far, in the parts that the driver wrote.
+    """The accepted states of a run so far, in the parts that the calls of the driver wrote.
 
-    With `outputs_alone`, all states but the last may be dropped when memory is used up; `dropped` is then True, and
-    `removed` is the number of dropped parts. `followed` evaluates output times during the run, or is None.
-    `discontinuities` tests constraints that may jump; `passed` is the first discontinuity, which ends the run.
-    `switches` ends steps at switching times of forces.
+    With `outputs_alone`, all states but the last may be dropped when memory is used up. `dropped` is then True, and
+    `removed` is the number of dropped parts. `followed` evaluates the states at output times during the run, or is
+    None. `discontinuities` searches steps for jumps and corners of constraints, or is None; the run ends at the first
+    one, which is then in `passed`. `switches` ends steps at the times at which forces switch, or is None.
     """
 
     def __init__(self, t: float, y: FloatArray, *, outputs_alone: bool = False) -> None:
@@ -64,7 +64,7 @@ class AcceptedStates:
         return self.removed > 0
 
     def add(self, t: float, y: FloatArray) -> None:
-        """Append the state y (2n,) at time t, to which the motion jumped without a step."""
+        """Append the state y (2n,) that the motion reached by a jump at time t, without a step."""
         self.parts.append(Part(np.array([t]), y[None].copy(), self.parts[-1].call))
 
     def collect(self, state: DriverState, times: FloatArray, rows: FloatArray, call: int) -> None:
@@ -81,7 +81,10 @@ class AcceptedStates:
             self.parts.append(Part(t.copy() if short else t, y.copy() if short else y, call))
 
     def follow(self, *, last: bool = False) -> None:
-        """Evaluate the states at output times on the steps since the last call. `last` is True if no step follows."""
+        """Evaluate the states at the output times on the steps since the last call.
+
+        `last` is True if no more steps follow. Nothing happens if `followed` is None.
+        """
         if self.followed is not None:
             self.followed.follow(self.parts, self.removed, last=last)
 
@@ -97,10 +100,10 @@ class AcceptedStates:
         return self.passed
 
     def make_room(self, limit: float) -> int:
-        """Return the number of further states for which memory is left. `limit` is in bytes.
+        """Return the number of further states that fit into memory. `limit` is the size of this memory in bytes.
 
-        The states at output times on new steps are evaluated first. If no memory is left, stored states are dropped
-        if `outputs_alone`.
+        The states at output times on new steps are evaluated first. If no memory is left and `outputs_alone` is True,
+        the stored states are dropped.
         """
         if self.followed is not None:
             self.follow()
@@ -111,7 +114,7 @@ class AcceptedStates:
         return room
 
     def drop(self) -> None:
-        """Drop all accepted states but the last, to free memory. The largest sizes of the entries are stored."""
+        """Drop all accepted states but the last, to free memory. The largest size of each entry is remembered."""
         self._sizes = self._largest()
         last = self.parts[-1]
         end = last._replace(times=last.times[-1:].copy(), states=last.states[-1:].copy())
@@ -139,9 +142,10 @@ class AcceptedStates:
 class FollowedSteps:
     """Evaluates the states at output times during a run by steps other than Taylor steps.
 
-    It uses the dense output of each step. The last two states of a smooth piece are kept until the next call, since a
-    dense output may use the previous step. `breaks` are the rows after which another smooth piece begins, as the
-    watcher of events recorded them, or None. `_known` is replaced by one assignment, so Ctrl-C leaves it consistent.
+    It uses the dense output of each step. Since a dense output may use the previous step, the last two states of a
+    smooth piece are kept until the next call. `breaks` are the rows after which another smooth piece begins, which
+    the search for events records; None without events. `_known` is replaced by one assignment, so Ctrl-C leaves it
+    consistent.
     """
 
     def __init__(self, problem: Problem, times: FloatArray, path_of: PathOf, breaks: Breaks | None) -> None:
@@ -167,7 +171,8 @@ class FollowedSteps:
     def follow(self, parts: Sequence[Part], removed: int, *, last: bool) -> None:
         """Evaluate the states at the output times on the new parts of the accepted states.
 
-        `removed` is the number of dropped parts before `parts`. `last` is True if no step follows.
+        `parts` are all stored parts, old and new. `removed` is the number of parts that were dropped before them.
+        `last` is True if no step follows.
         """
         times, states, first, ended, seen = self._known
         new = parts[seen - removed :]
@@ -192,10 +197,10 @@ class FollowedSteps:
         self._known = *kept, first + len(times) - keep, ended + len(break_rows), removed + len(parts)
 
     def _finish(self, times: FloatArray, states: FloatArray, *, last: bool) -> int:
-        """Evaluate the states at output times on the last smooth piece of motion of the run so far.
+        """Evaluate the states at output times on the present smooth piece of motion, and return a number of rows.
 
-        `times` and `states` are its accepted rows. Return the number of its last rows that the next call needs.
-        `last` is True if no step follows.
+        `times` (k,) and `states` (k, 2n) are the accepted rows of this piece. The result is the number of its last
+        rows that the next call needs again. `last` is True if no step follows.
         """
         if last or len(times) < 3:
             return min(1, len(times)) if last else len(times)
@@ -203,9 +208,9 @@ class FollowedSteps:
         return 2
 
     def _write(self, times: FloatArray, states: FloatArray, end: float) -> None:
-        """Evaluate and store the states at output times up to `end`, by the dense output of steps.
+        """Evaluate and store the states at output times up to the time `end`, by the dense output of steps.
 
-        The steps have the given `times` and `states` at their ends.
+        `times` (k,) and `states` (k, 2n) are the ends of these steps, which follow one another.
         """
         until = self._done + int(np.searchsorted(self._rising[self._done :], self._forward * end))
         if self._done < until:

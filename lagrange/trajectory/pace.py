@@ -38,8 +38,8 @@ def stuck(
 ) -> EventResult | None:
     """Return the end of a run at time t if its last accepted states stick to a switching surface, else None.
 
-    States stick if the motion returns to the surface from both sides. `parts` are blocks of accepted states. The last
-    `rows` states at most are tested. `covered` is the time by which the run advanced since the last test.
+    States stick if the motion returns to the surface from both sides. `parts` are blocks of accepted states; the last
+    `rows` states of the last block are tested. `covered` is the time by which the run advanced since the last test.
     """
     switched = switch(problem.model.equations.graph, problem.model.equations.accelerations)
     if not switched.stated:
@@ -55,11 +55,11 @@ def stuck(
 def _led_back(
     problem: Problem, nodes: tuple[Node, ...], last: tuple[FloatArray, FloatArray], covered: float
 ) -> int | None:
-    """Return the index of the first surface to which the motion returns from both sides at all last states, or None.
+    """Return the index of a surface to which the motion returns from both sides at all last states, or None.
 
-    `nodes` are the expressions that are zero on the surfaces. `last` has times (k,) and states (2n, k). The state on
-    the other side of a surface is the mirror image of the state. A state counts only if its motion reaches the
-    surface within the time `covered`.
+    `nodes` are the expressions that are zero on the surfaces. `last` has times (k,) and states (2n, k). To test the
+    other side, each state is mirrored at the surface. A state counts only if its motion reaches the surface within
+    the time `covered`.
     """
     times, states = last
     equations, count = problem.model.equations, len(nodes)
@@ -109,12 +109,11 @@ class Pace:
         self._problem, self._tries, self._t, self._regularity = problem, 0, problem.t0, 1.0
 
     def look(self, state: DriverState, parts: Sequence[Part], result: EventResult) -> EventResult:
-        """Return the end of a run that sticks to a switching surface, else `result`.
+        """Return the end of a run that sticks to a switching surface, else `result`, that of the last driver call.
 
-        `result` is the result of the last driver call, and `parts` are the accepted states. Sticking is tested in
-        three cases: the run would reach `max_steps` at the pace since the last test; steps become too small; an
-        implicit step of any length did not converge. In a slow run the floors (least absolute tolerances) are raised
-        to rounding noise.
+        `parts` are the accepted states. Sticking is tested in three cases: the run would reach `max_steps` at the
+        pace since the last test; steps become too small; an implicit step of any length did not converge. In a slow
+        run the floors (least absolute tolerances) are raised to rounding noise.
         """
         if result.status is Status.DIVERGED and not result.detail and state.reals[DriverState.RTOL]:
             reach = UNSOLVED_REACH * abs(state.t - float(parts[-1].times[-UNSOLVED_ROWS:][0]))
@@ -151,11 +150,11 @@ class Pace:
 
 
 def limiting_entry(problem: Problem, state: DriverState) -> tuple[int, int] | None:
-    """Return two indices of entries of the state: the one that limits the step, and one with a much larger tolerance.
+    """Return the index of the entry of the state that limits the step size, and the index of a second entry, or None.
 
     The first entry has the largest error of one DOPRI5 step relative to its tolerance. The second has the largest
-    tolerance of the same kind, coordinates or velocities. Returns None unless the first tolerance is far below the
-    second.
+    tolerance among the entries of the same kind, coordinates or velocities. The result is None unless the tolerance
+    of the first is far below that of the second.
     """
     y, h = state.y, float(state.reals[DriverState.H])
     law = slopes_of(problem.model, problem.parameter_array)

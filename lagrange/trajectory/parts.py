@@ -63,8 +63,8 @@ def rest_of(
 def _counted(event: Event, count: int) -> Event:
     """Return the event with its `terminal` count reduced by `count`, the number of its occurrences in earlier parts.
 
-    If the terminal count does not change, the event itself is returned: a plan is used again only for the same event
-    object.
+    The run ends at occurrence number `terminal`. If this number does not change, the event itself is returned, since
+    a plan is used again only for the same event object.
     """
     limit = max(event.terminal - count, min(event.terminal, 1))
     return event if limit == event.terminal else replace(event, terminal=limit)
@@ -75,8 +75,8 @@ def joined(
 ) -> Trajectory:
     """Return one run that joins the `parts` of a run in order. `note` is appended to the message of the last part.
 
-    Without output times, the last state of a part and the first state of the next part may have the same time. The
-    later state is dropped, unless `both_at_joints`.
+    The last state of a part and the first state of the next part may have the same time. Without output times the
+    later of the two is dropped, unless `both_at_joints`.
     """
     first, last = parts[0], parts[-1]
     t, y = np.concatenate([part.t for part in parts]), np.concatenate([part.y for part in parts], axis=1)
@@ -119,8 +119,8 @@ class _AfterEvent:
 def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> Trajectory:
     """Return the run of a problem whose events set parameters. `run` runs a problem with constant parameters.
 
-    An event that sets parameters ends a segment. All resets at the time of the event are computed from the state and
-    the parameters before it.
+    An event that sets parameters ends a segment of the run. All resets at the time of the event are computed from the
+    state and the parameters before the event.
     """
     # Each segment has the same event objects, so that methods prepare them once.
     # A reset is kept, because an event with a direction and a reset is a contact. With constraints it is left out: the
@@ -172,7 +172,7 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
 
 
 def _acting(problem: Problem, part: Trajectory) -> list[int]:
-    """Return the indices of the events with resets or parameter settings that occurred at the end of a segment."""
+    """Return the indices of the events at the end of the segment `part` that reset the state or set parameters."""
     if part.status not in (Status.EVENT, Status.SUCCESS):
         return []
     end = part.span[1]
@@ -191,7 +191,8 @@ def status_at_end(problem: Problem, parts: Sequence[Trajectory]) -> Status | Non
 def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float, before: FloatArray) -> _AfterEvent:
     """Return the state and the parameters after the events with indices `acting` at time t.
 
-    `before` (2n,) is the state before the events. `segment` has the parameters before them.
+    `before` (2n,) is the state before the events, and `segment` has the parameters before them. `problem` is the
+    whole run, with all events.
     """
     model, y, resets = problem.model, before.copy(), [problem.events[i] for i in acting]
     effects = impacts(model, resets)
@@ -218,7 +219,7 @@ def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float,
 
 
 def _told(problem: Problem, parts: Sequence[Trajectory]) -> str:
-    """Return a note on the step size that the method chose for all segments; "" if there is nothing to note."""
+    """Return a note on the step size, if the method chose one for all segments of a run; else ""."""
     step = parts[0].step
     if problem.step is not None or step is None or len(parts) == 1:
         return ""
@@ -232,7 +233,8 @@ def _name(problem: Problem, i: int) -> str:
 def before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
     """Return the segment `part` without the stored state after the event that ends it.
 
-    Without output times the state before the event stays. With output times no state at the event is stored.
+    Without output times, the state before the event is kept as the last one. With output times, no state at the time
+    of the event is kept.
     """
     count = int(np.searchsorted(abs(part.t - part.span[0]), abs(part.span[1] - part.span[0])))
     count += problem.t_eval is None
@@ -240,9 +242,9 @@ def before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
 
 
 def point_of(problem: Problem, part: Trajectory, y: FloatArray, status: Status, cause: str = "") -> Trajectory:
-    """Return a part of zero duration after the segment `part`: the state y (2n,), with the status of the run's end.
+    """Return a part of zero duration after the segment `part`, with the state y (2n,) at the segment's end.
 
-    `cause` is the cause of this end for its message, or "".
+    `status` is that of the run's end, and `cause` is the cause for its message, or "".
     """
     end, outputs = part.span[1], problem.t_eval is None or part.span[1] in problem.t_eval
     t = np.full(int(outputs), end)

@@ -38,7 +38,7 @@ class Plan(Protocol):
 
     @property
     def form(self) -> str:
-        """How a step is computed, for the status card; "" if there is no choice."""
+        """Text that says how a step is computed, for the printed summary of the run. Empty if there is no choice."""
 
     @property
     def watched(self) -> bool:
@@ -52,15 +52,15 @@ class Plan(Protocol):
         """Return a driver, the loop over steps, for parameters (k,)."""
 
     def watch(self, problem: Problem, driver: Any, memory: Any = None) -> Watcher | None:
-        """Return the watcher of events and switching surfaces for the plan's driver, or None without any.
+        """Return the watcher, which finds events and switching surfaces on the driver's steps; None without any.
 
-        `memory` is that of the watcher of a former run by this driver, or None.
+        `memory` is the memory of the watcher in a former run by this driver, which is used again, or None.
         """
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> PathFunction:
         """Return the dense output through the accepted times (S+1,) and states (S+1, 2n) of a run.
 
-        `watch` is the watcher of the run, which knows its resets, or None.
+        `watch` is the watcher of events, which knows at which states the motion jumps, or None without events.
         """
 
 
@@ -82,7 +82,10 @@ class Stepped(Protocol):
 
 
 def locates_events(integrator: Integrator) -> bool:
-    """Return True if a method locates events. A method with a plan does; any other states it in its `claims`."""
+    """Return True if a method locates events.
+
+    A method that prepares a plan does so. Any other method says so in its `claims`.
+    """
     return hasattr(integrator, "plan") or integrator.claims.events
 
 
@@ -105,7 +108,10 @@ class StepPlan:
     watched = False  # a step program passes switching surfaces without locating them
 
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
-        """Return the driver, a loop over steps, with the function of the state that a step evaluates."""
+        """Return the driver, a loop over steps, for parameters (k,).
+
+        The driver evaluates the right-hand side that the steps of the method need, such as accelerations or forces.
+        """
         law = LAWS[self.step.law]
         derivative = model.law(law.derivative) if self.step.solves else None
         has_constraints = self.projected and len(model.equations.constraints) > 0
@@ -113,9 +119,9 @@ class StepPlan:
         return StepDriver(model.machine, self.step, model.law(law.quantity), parameters, derivative, projection)
 
     def watch(self, problem: Problem, driver: Driver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return the watcher of the events of the run, or None without events.
+        """Return the watcher, which finds the events of the run on the driver's steps; None without events.
 
-        `memory` is that of the watcher of a former run by this driver, or None.
+        `memory` is the memory of the watcher in a former run by this driver, which is used again, or None.
         """
         if not problem.events:
             return None
@@ -156,7 +162,7 @@ Runs of larger systems take so long that making a new driver does not matter.
 
 
 class IdleDriver(NamedTuple):
-    """A driver that waits for the next run with its parameters, and the driver `state` that it advanced.
+    """A driver that waits for the next run with the same parameters, and the `state` that it advanced.
 
     `first` are the `reals` of that state at the start of a run: time, step length, tolerances. `steps` is the number
     of steps that the first driver call of the next run takes. It is the number of steps of the last run, or 0 if
@@ -186,7 +192,10 @@ class PreparedPlan:
     steps: int = 0
 
     def take(self, problem: Problem) -> IdleDriver | None:
-        """Remove and return an idle driver with its state at the start of the problem, or None if there is none."""
+        """Remove an idle driver with the parameters of the problem and return it; None if there is none.
+
+        Its state is set to the start of the problem.
+        """
         idle = self.idle.pop(problem.parameter_array.tobytes(), None)
         if idle is not None:
             settings = self.plan.tolerances
@@ -206,10 +215,10 @@ class PreparedPlan:
         steps: int,
         watch: Watcher | None,
     ) -> None:
-        """Keep the driver of a successful run for the next run with its parameters.
+        """Keep the driver of a successful run for the next run with the same parameters.
 
-        `reused` is the idle driver that the run used, None for a new driver. `steps` is the number of steps of the
-        run, and `watch` its watcher of events, or None.
+        `reused` is the idle driver that the run used, None for a new driver. `state` is the state that the driver
+        advanced, and `steps` its number of steps. `watch` is the watcher of events, or None.
         """
         if self.method is None:
             return

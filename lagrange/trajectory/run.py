@@ -106,9 +106,9 @@ def integrate_since(
 def compiled(system: Stated | Model, example: str, *, progress: bool | str = False) -> Model:
     """Return `system` itself if it is a model, else the model compiled from it.
 
-    `progress` prints on a terminal that compiling takes long. Raises StatementError for a system with functions of
-    time that have no values, and for any other object. Its message then suggests the built-in system with the name
-    `example`.
+    With `progress` a terminal shows a line if compiling takes long. Raises StatementError for a system with functions
+    of time that have no values, and for an object that is no system. The error message then suggests the built-in
+    system with the name `example`.
     """
     statement = stated(system, example)
     require_values(statement)

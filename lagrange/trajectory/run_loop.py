@@ -90,7 +90,7 @@ def drive_by(method: Planned, problem: Problem, name: str) -> Trajectory:
 def _within_time(problem: Problem, name: str, prepare: Callable[[], PreparedPlan]) -> Trajectory:
     """Run a problem by the plan that `prepare` returns. `name` is the method's name in messages.
 
-    The limit `max_wall` applies to the preparation, and again to the steps.
+    `max_wall` limits the time of the preparation, and separately the time of the steps.
     """
     if not isinstance(problem, Problem) or problem.max_wall is None:  # the method checks its problem
         return _driven(problem, prepare(), name)
@@ -102,7 +102,10 @@ def _within_time(problem: Problem, name: str, prepare: Callable[[], PreparedPlan
 
 
 def not_begun(problem: Problem, name: str, cause: str) -> Trajectory:
-    """Return the trajectory of a run that reached `max_wall` before its first step, with its cause."""
+    """Return the trajectory without steps of a run that reached `max_wall` before its first step.
+
+    `name` is the method's name. `cause` says in the message what took so long.
+    """
     times = np.array([problem.t0])
     if problem.t_eval is not None:
         times = problem.t_eval[problem.t_eval == problem.t0]
@@ -180,7 +183,8 @@ def _check_first_slope(
 ) -> tuple[Status | None, str]:
     """Return a status and a message if the right-hand side has no value at the start of a run, else None and "".
 
-    If `inertia`, a coordinate without inertia at the start also has the status SINGULAR. `name` is the method's name.
+    `name` is the method's name. If `inertia` is True, the status is SINGULAR also for a coordinate that has no
+    inertia at the start, even if the right-hand side is finite.
     """
     model, y0 = problem.model, problem.y0
     kernel = model.kernel("rhs")
@@ -204,7 +208,8 @@ def _check_first_slope(
 class _Run:
     """A run in progress: its problem, plan and method's name, the driver's state, and the accepted states `rows`.
 
-    `began` is the start by `perf_counter`. `watch` finds and handles events, None without any.
+    `began` is the start of the steps by `time.perf_counter`. `watch` finds events and switching surfaces and handles
+    them; it is None without any.
     """
 
     problem: Problem
@@ -216,7 +221,7 @@ class _Run:
     watch: Watcher | None = None
 
     def advance_to_end(self, driver: Driver, per_call: int) -> tuple[Status, str]:
-        """Advance the run to its end; return its status and a detail. The first driver call has `per_call` steps."""
+        """Advance the run to its end; return its status and cause. The first driver call takes `per_call` steps."""
         problem, state, rows, watch = self.problem, self.state, self.rows, self.watch
         limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
         times, states, call, pace = NOTHING, NOTHING, 0, Pace(problem)
@@ -280,9 +285,9 @@ class _Run:
             self.watch.is_due(self.state)
 
     def after_call(self, outcome: Outcome) -> EventResult:
-        """Return the result of a driver call that ended early without an event.
+        """Return whether and how the run ends after a driver call that stopped with `outcome`, but not for an event.
 
-        If the driver needs larger floors (least absolute tolerances), raise them; the run then goes on.
+        If the driver needs larger floors (least absolute tolerances), they are raised, and the run continues.
         """
         problem, state = self.problem, self.state
         if outcome is Outcome.PAUSED:
@@ -331,7 +336,10 @@ class _Run:
         return run
 
     def singular_end(self, status: Status, detail: str) -> tuple[Status, str]:
-        """Return SINGULAR and the cause if the equations are singular at the end, else `status` and `detail`."""
+        """Return SINGULAR and the cause if the equations are singular at the end of the run.
+
+        Otherwise return `status` and `detail`, a sentence on the cause, unchanged.
+        """
         problem, state = self.problem, self.state
         stuck = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
         given_up = status is Status.MAX_STEPS and len(problem.model.equations.constraints) > 0
@@ -346,9 +354,9 @@ class _Run:
         return (Status.SINGULAR, message) if message else (status, detail)
 
     def final_sentence(self, status: Status, cause: str) -> str:
-        """Return the message of a run that ended with `status`; `cause` is a sentence on the cause, "" if unknown.
+        """Return the message of a run that ended with `status`. `cause` is a sentence on the cause, or "" if unknown.
 
-        For an unknown cause the failed step is examined, since the equations may have no value near the end.
+        For an unknown cause the failed step is examined: the equations may have no value near the end.
         """
         problem, state, tolerances, t, y = self.problem, self.state, self.plan.tolerances, self.state.t, self.state.y
         if status is Status.SUCCESS and not cause:
@@ -413,9 +421,10 @@ class _Run:
         )
 
     def outputs(self, times: FloatArray, states: FloatArray) -> tuple[FloatArray, FloatArray, PathFunction]:
-        """Return the output times (N,), the states there (2n, N), and a dense output that has exactly these states.
+        """Return the output times (N,), the states (2n, N) at these times, and the dense output.
 
-        `times` (S+1,) and `states` (S+1, 2n) are the accepted states.
+        The dense output returns exactly these states at the output times. `times` (S+1,) and `states` (S+1, 2n) are
+        the accepted states.
         """
         problem, rows = self.problem, self.rows
         path = None if rows.dropped else self.plan.path(problem, times, states, self.watch)

@@ -56,7 +56,7 @@ def first_floors(
     """Return the floors (2n,) for a solver of another package, and the natural period of the motion.
 
     A floor is the least absolute tolerance of an entry: at least `share` times the size of the entry. `slopes` is the
-    right-hand side f(t, y). `left` is the remaining time of the run, signed.
+    right-hand side f(t, y). `left` is the signed time from t to the end of the run.
     """
     force_points = [(t + left * k / FORCE_SAMPLES, y) for k in range(FORCE_SAMPLES + 1)]
     sizes, coupled, period = entry_sizes(slopes, layout, t, y, left, force_points)
@@ -89,8 +89,8 @@ def entry_sizes(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return the sizes (2n,) of a state's entries, their changes (2n,) due to other entries, and a natural period.
 
-    The changes are those during this period. `slopes` is the right-hand side f(t, y). `left` is the remaining time of
-    the run, signed. `force_points` are times and states (2n,) at which forces are evaluated.
+    A change is the one during this period. `slopes` is the right-hand side f(t, y). `left` is the signed time from t
+    to the end of the run. The forces are evaluated at `force_points`, pairs of a time and a state (2n,).
     """
     with np.errstate(all="ignore"):
         slope = slopes(t, y)
@@ -122,7 +122,11 @@ def entry_sizes(
 
 
 def _own_sizes(layout: StateLayout, y: FloatArray, force: FloatArray, period: float) -> FloatArray:
-    """Return the sizes (2n,) of entries: their values, or their changes in a period by `force` (n,) if larger."""
+    """Return the sizes (2n,) of the entries of a state y (2n,).
+
+    The size of a velocity is the larger of its value and its change by the accelerations `force` (n,) in the time
+    `period`. The size of a coordinate is the larger of its value and its change by the velocity in this time.
+    """
     q, v = layout.split(np.abs(y))
     v = np.maximum(v, period * force)
     return np.concatenate([np.maximum(q, period * v), v])
@@ -154,9 +158,10 @@ class _Response:
         return np.asarray(abs(moved - self._slope))
 
     def rate(self, displacement: FloatArray) -> float:
-        """Return the fastest rate of the motion near the state; 0 if nothing responds to a displacement (2n,).
+        """Return the fastest rate of the motion near the state, in 1/time. It is 0 if no derivative changes.
 
-        Only derivatives of displaced entries count. At first the changes of other derivatives may be rounding.
+        The rate follows from repeated displacements, which begin with `displacement` (2n,). Only derivatives of
+        displaced entries count, since at first the changes of other derivatives may be rounding.
         """
         displaced, fastest = displacement > 0, np.inf
         for _ in range(RATE_ITERATIONS):
@@ -179,7 +184,7 @@ class _Response:
 
 
 def _ratio(response: FloatArray, displacement: FloatArray, known: NDArray[np.bool_]) -> float:
-    """Return the largest ratio of response to displacement, over the entries in the mask `known`."""
+    """Return the largest ratio of `response` to `displacement`, both (2n,), over the entries in the mask `known`."""
     both = known & (displacement > 0) & np.isfinite(response)
     return float((response[both] / displacement[both]).max(initial=0.0))
 
@@ -207,9 +212,10 @@ time. Terms that are zero at the start, as of a chain that hangs at rest, have n
 
 
 def some_rounded(layout: StateLayout, floors: FloatArray) -> bool:
-    """Return True if an entry may be a rounding error: its floor is far below the largest of its kind.
+    """Return True if an entry of the state may be a mere rounding error of the others.
 
-    `floors` (2n,) are the least absolute tolerances. The kinds are coordinates and velocities.
+    Its floor (least absolute tolerance) is then far below the largest floor of its kind, coordinates or velocities.
+    `floors` is (2n,).
     """
     return any(bool(half.min(initial=np.inf) < SMALL_FLOOR * half.max(initial=0.0)) for half in layout.split(floors))
 
@@ -239,9 +245,11 @@ def _noise(model: Model, parameters: FloatArray, t: float, y: FloatArray) -> Flo
 
 
 def _fastest_rate(slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, noise: FloatArray) -> float:
-    """Return the largest rate of the equations linearized at a state (2n,); 0 if nothing responds to displacements.
+    """Return the largest rate of the equations linearized at a state (2n,), in 1/time.
 
-    This spectral radius does not depend on the units of the entries. `noise` (n,) is the noise of the accelerations.
+    It is the spectral radius of the derivatives of accelerations by velocities, or the square root of that by
+    coordinates if this is larger. It does not depend on the units of the entries. It is 0 if no acceleration changes
+    with the state by more than `noise` (n,), the noise of the accelerations.
     """
 
     def accelerations(state: FloatArray) -> FloatArray:
@@ -256,9 +264,10 @@ def _fastest_rate(slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, 
 def _derivatives(
     accelerations: Callable[[FloatArray], FloatArray], y: FloatArray, j: int, force: FloatArray, noise: FloatArray
 ) -> FloatArray:
-    """Return the derivatives (n,) of accelerations by entry j of the state; 0 if no displacement exceeds the noise.
+    """Return the derivatives (n,) of accelerations by entry j of the state y (2n,), from finite differences.
 
-    `force` (n,) are the accelerations at the state y (2n,), and `noise` (n,) is their noise.
+    They are 0 if no displacement of the entry changes an acceleration by more than `noise` (n,), its rounding noise.
+    `force` (n,) are the accelerations at y.
     """
     least, aim, most = VISIBLE
     step, before = abs(float(y[j])) * 2.0**-26 or 2.0**-26, np.full_like(force, np.inf)
@@ -302,8 +311,8 @@ REST_HALVINGS = 52
 def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     """Raise the floors (least absolute tolerances) of a driver that returned with the outcome UNSCALED.
 
-    By this outcome the driver requests an estimate of sizes. The new floors follow from the sizes of the entries of
-    the `state`, and from their rounding noise.
+    With this outcome the driver asks for an estimate of sizes. The new floors follow from the sizes of the entries of
+    the `state`, and from their rounding noise. They are written to `state`.
     """
     reals, before = state.reals, state.count(DriverState.SURVEYED)
     t, left, share = state.t, float(reals[DriverState.END]) - state.t, float(reals[DriverState.SHARE])
@@ -342,8 +351,8 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
 def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> bool:
     """Raise the floors (least absolute tolerances) in a driver state to rounding noise.
 
-    Return True if one more than doubled. Without this, the steps of a chain with one moving link would decrease to
-    resolve the noise of the other links.
+    Floors that the user stated are not changed. Return True if a floor more than doubled. Without this, the steps of
+    a chain with one moving link would become small to resolve the noise of the links at rest.
     """
     if not state.reals[DriverState.SHARE] > 0:
         return False

@@ -41,9 +41,10 @@ class ParameterHistory:
             )
 
     def changes(self, names: Sequence[str]) -> list[tuple[float, dict[str, float]]]:
-        """Return for each segment but the first its begin, and the parameters that changed there, as a dict by name.
+        """Return for each segment but the first the time at which it begins, and the parameters that changed then.
 
-        `names` (k,) are the names of the parameters in the statement's order.
+        The parameters are a dict from name to new value. `names` (k,) are the names of the parameters in the
+        statement's order.
         """
         new = zip(self.begins[1:].tolist(), self.values[1:], self.values[1:] != self.values[:-1], strict=True)
         return [
@@ -52,11 +53,11 @@ class ParameterHistory:
 
 
 def segment_numbers(begins: FloatArray, times: FloatArray, *, forward: bool) -> NDArray[np.intp]:
-    """Return the index of the segment at each of some times (K,). `begins` (s,) are the start times of segments.
+    """Return the index of the segment at each of the times `times` (K,). `begins` (s,) are the starts of segments.
 
-    A time at which a segment begins belongs to this segment; if several begin there, to the last of them. If `times`
-    has this time twice, the first occurrence belongs to the segment before. `forward` is False for a run backwards in
-    time.
+    A time at which a segment begins belongs to this segment. If several begin at this time, it belongs to the last of
+    them. If the time occurs twice in succession in `times`, the first occurrence belongs to the segment before.
+    `forward` is False for a run backwards in time.
     """
     sign = 1.0 if forward else -1.0
     numbers = np.searchsorted(sign * begins[1:], sign * times, side="right")
@@ -162,14 +163,17 @@ class Trajectory:
                 self._hold(name, real_number(value, f"{name} of a trajectory"))
 
     def parameters_at(self, times: FloatArray, start: Parameters) -> Parameters:
-        """Return the parameters at times (K,), one column each, (k, K); `start` itself if no event sets parameters."""
+        """Return the parameters (k, K) at times (K,), one column for each time.
+
+        Return `start`, the parameters at the start of the run, if no event sets parameters.
+        """
         times = real_array(times, "times")
         if self.history is None:
             return start
         return np.ascontiguousarray(self.history.values[self._segments(self.history, times)].T)
 
     def added_energy(self, times: FloatArray) -> FloatArray:
-        """Return the energy (K,) that events added up to each of some times (K,) by setting parameters."""
+        """Return the energy (K,) that events added by setting parameters, from the start up to `times` (K,)."""
         times = real_array(times, "times")
         return (
             np.zeros(times.shape) if self.history is None else self.history.added[self._segments(self.history, times)]

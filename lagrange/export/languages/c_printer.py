@@ -98,11 +98,14 @@ class BracedPrinter(SourcePrinter):
         return "break;"
 
     def partial(self, ref: int, index: str) -> str:
-        """Return the text of partial sum number `index` of the reduction `ref`."""
+        """Return the text of one of the four partial sums of a reduction, a sum over a loop with the id `ref`.
+
+        `index` is the text of the index of the partial sum, 0 to 3.
+        """
         return f"{self.text(ref)}[{index}]"
 
     def modulo(self, index: str) -> str:
-        """Return the text of an index modulo four."""
+        """Return the text of the expression `index` modulo 4."""
         return f"{index} & {PARTIAL - 1}"
 
 

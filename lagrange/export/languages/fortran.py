@@ -201,9 +201,9 @@ def source(module: SourceModule) -> str:
 
 
 def _subroutine(name: str, arguments: str, about: str, function: PrintedFunction) -> Iterator[str]:
-    """Yield the lines of a subroutine with `arguments` and the result `singular`; `about` is its comment.
+    """Yield the lines of a subroutine with these `arguments`, whose last one is the array that it computes.
 
-    It writes to the last of `arguments`.
+    A further argument, `singular`, receives True if a matrix is singular. `about` is the comment on the subroutine.
     """
     *arrays, made = arguments.split(", ")
     size = 1

@@ -139,9 +139,9 @@ def source(module: SourceModule) -> str:
 
 
 def _function(head: str, about: str, function: PrintedFunction, least: Mapping[str, int]) -> Iterator[str]:
-    """Yield the lines of a function; `least` has the smallest allowed length of each array by its name.
+    """Yield the lines of a Julia function with the name and arguments `head` and the description `about`.
 
-    `head` is its name with the arguments, and `about` is its description.
+    The function first checks that each array has at least the length that `least` has for its name.
     """
     yield from ('"""', f"    {head}", "")
     yield from (line.replace('"', "'").replace("$", "") for line in wrapped(about, TEXT_WIDTH))

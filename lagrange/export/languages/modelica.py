@@ -353,7 +353,7 @@ class Modelica(Target):
         }
 
     def commands(self, module: SourceModule) -> list[str]:
-        """Return the shell line that runs the test."""
+        """Return the shell line that runs the test in OpenModelica."""
         return [f"omc {self.file_name(module)}_test.mos"]
 
 

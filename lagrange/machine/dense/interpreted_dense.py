@@ -30,10 +30,10 @@ NONE = np.empty(0).data
 class NumpyDense:
     """The dense output of the numpy machine (implements `DensePath`) for states with `dimension` entries.
 
-    `degree` is that of the polynomials. `both` is True if they also depend on the neighbouring steps. `size(columns)`
-    returns the number of doubles of working memory for a block of steps. `write(columns, own, beside, work, out)`
-    writes the polynomials of a block of `columns` steps to `out`, in the layout of `POLYNOMIAL`: `own` are the steps
-    of the block, `beside` the neighbouring steps, and `work` is working memory.
+    `degree` is that of the polynomials. `both` is True if a polynomial also depends on a neighbouring step.
+    `size(columns)` returns the number of doubles of work memory for a block of `columns` steps. `write(columns, own,
+    beside, work, out)` writes the polynomials of a block to `out`, in the layout of `POLYNOMIAL`: `own` has the steps
+    of the block, `beside` a neighbouring step of each, and `work` is work memory.
     """
 
     dimension: int
@@ -88,7 +88,7 @@ class NumpyDense:
     def _block(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
         """Return the coefficients (degree + 1, 2n, K) of the polynomials on one block of K steps.
 
-        `steps` are the indices of the steps in the run with accepted times `times` and `states`.
+        `steps` are the indices of the steps. The run has accepted times `times` (S+1,) and states `states` (S+1, 2n).
         """
         n, count = self.dimension, len(steps)
         out = np.empty((self.degree + 1) * n * count)
@@ -110,11 +110,11 @@ def write_steps(
     columns: int,
     *arrays: FloatArray,
 ) -> None:
-    """Write the polynomials of a block of `columns` steps by the printed procedure of their kind.
+    """Write the polynomials of a block of `columns` steps by the printed procedure for their `kind`.
 
     `kind` says how the polynomial follows from the ends of a step. `kernel` is the right-hand side and `jacobian` its
-    derivative or None. `arrays` are the steps of the block, their neighbours, working memory, and the coefficients to
-    write.
+    derivative or None. The four `arrays` are the steps of the block, a neighbouring step of each, work memory, and
+    the coefficients, which are written.
     """
     law, n = _by_columns(kernel, parameters), kernel.program.states
     derivative = None if jacobian is None else _by_columns(jacobian, parameters)
@@ -125,9 +125,11 @@ def write_steps(
 
 
 def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
-    """Return a kernel as a callback for procedures, which evaluates it at many states (one in each column).
+    """Return a function for printed procedures that evaluates a kernel at many states.
 
-    Results at a singular mass matrix are NaN.
+    Its arguments are the number of states, their times, coordinates and velocities (one column for each state), an
+    unused one, and the array that receives the results. Results at a singular mass matrix are NaN. The function
+    returns -1.
     """
     half = kernel.program.states // 2
 
@@ -141,10 +143,10 @@ def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
 
 
 def _invert(order: int, columns: int, a: Any, _: Any) -> None:
-    """Write the inverse of the matrix of each column after this matrix, or NaN if the matrix is singular.
+    """Invert a matrix of size `order` for each of `columns` columns. An inverse is NaN if its matrix is singular.
 
-    `a` is a flat array of shape (order, 2 order, columns): the left half has the matrices, the right half receives
-    their inverses.
+    `a` is a flat array of shape (order, 2 order, columns). Its left half has the matrices. The inverses are written
+    to its right half.
     """
     both = np.asarray(a)[: 2 * order * order * columns].reshape(order, 2 * order, columns)
     matrices = np.moveaxis(both[:, :order], -1, 0).copy()
@@ -163,7 +165,7 @@ def _inverse(matrix: FloatArray) -> FloatArray:
 
 
 def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the results of a kernel for many states, NaN at a singular mass matrix."""
+    """Return the results of a kernel for many states y (2n, batch) at times t; NaN at a singular mass matrix."""
     try:
         return kernel(float(t[0]), y[:, 0], parameters)[..., None] if len(t) == 1 else kernel(t, y, parameters)
     except SingularMassMatrix as error:
@@ -175,10 +177,11 @@ def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray)
 
 
 def _gathered(times: FloatArray, states: FloatArray, steps: Places, side: FloatArray | float = 0.0) -> FloatArray:
-    """Return the steps with indices `steps` of a run as a block with one column for each step.
+    """Return the steps with indices `steps` of a run as a flat block with one column for each step.
 
-    The rows are the start times, the lengths, `side`, and the states at the start and at the end. `side` is the
-    position of a neighbouring step: -1.0 before, 1.0 after, 0.0 for the step itself.
+    The rows are the start times, the lengths, `side`, and the states at the start and at the end. `side` says where
+    the step is relative to the step that needs it as a neighbour: -1.0 before, 1.0 after, 0.0 if it is this step
+    itself. `times` (S+1,) and `states` (S+1, 2n) are those of the run.
     """
     count = len(steps)
     block = np.empty(block_size(states.shape[1], count))

@@ -65,8 +65,8 @@ def _module(procedure: Procedure, entry: str) -> Module:
 class LlvmDense:
     """The dense output in machine code (implements `DensePath`) for states with `dimension` entries.
 
-    `degree` is that of the polynomials. `polynomial` returns the callback that writes the polynomials of a block of
-    steps. It raises SingularMassMatrix if a constant mass matrix is singular.
+    `degree` is that of the polynomials. `polynomial()` returns the callback that writes the polynomials of a block of
+    steps. The call raises SingularMassMatrix if a constant mass matrix is singular.
     """
 
     dimension: int
@@ -115,10 +115,11 @@ class LlvmDense:
     def _run(
         self, procedure: Procedure, written: BlockPolynomial, times: FloatArray, states: FloatArray, **arguments: Any
     ) -> None:
-        """Run a compiled procedure on the steps of a run, which have the given `times` and `states` at their ends.
+        """Run a compiled procedure on the steps of a run with accepted `times` (S+1,) and `states` (S+1, 2n).
 
         `written` is the callback that writes the polynomials of steps. `arguments` are the other arguments of the
-        procedure. The procedure serves all kinds of steps, and is compiled once per process.
+        procedure by name; it writes its results to them. The procedure serves all kinds of steps, and is compiled
+        once per process.
         """
         n = self.dimension
         values = {
@@ -164,8 +165,8 @@ def of_steps(
 def of_series(jet: int, numbers: tuple[FloatArray, FloatArray], layout: TaylorLayout, order: int) -> BlockPolynomial:
     """Return the callback that writes the polynomials of Taylor steps of an order.
 
-    `jet` is the address of the function that computes Taylor coefficients. `numbers` are the two arrays of constant
-    numbers that it takes: the first begins with the parameters. `layout` is that of the series in memory.
+    `jet` is the address of the function that computes Taylor coefficients. `numbers` are the two arrays of constants
+    that this function reads; the first begins with the parameters. `layout` is that of the series in memory.
     """
     code, padded = compiled_polynomial(series_polynomial.form()), layout.padded
     words = [jet, *map(address, numbers), order, layout.width, padded, layout.dimension]

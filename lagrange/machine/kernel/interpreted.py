@@ -31,10 +31,10 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """A number type: the function for each operation of a program, and the conversion from a double.
+    """A number type: its function for each operation of a program, and its conversion from a double.
 
-    `systems` has the functions `factor` and `solve` for linear systems, if the number type supports them. They take the
-    size of the matrix and the operands.
+    `systems` maps "factor" and "solve" to the functions for linear systems, if the number type supports them. They
+    take the size of the matrix and the operands.
     """
 
     operations: Mapping[str, Callable[..., Any]]
@@ -82,9 +82,10 @@ class InterpretedKernel:
         """Return None: this kernel has no quick calls (calls for one state that check their own arguments)."""
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the program's result for many states, which are columns.
+        """Return the program's result for many states, one in each column: the shape ends with the axis (batch,).
 
-        `inputs` has an array (size, batch) for each input of the program, such as q and v.
+        `inputs` has an array (size, batch) for each input of the program, such as q and v. `t` is a number or
+        (batch,).
         """
         return self._rows(t, [row for block in inputs for row in block], inputs[0].shape[1:], parameters)
 
@@ -100,7 +101,10 @@ class InterpretedKernel:
 
 
 def _matrix(n: int, *lower: Any) -> FloatArray:
-    """Return the full matrix (n, n) or (n, n, batch) from its lower triangle by rows."""
+    """Return the full symmetric matrix, (n, n) or (n, n, batch), from the entries `lower` of its lower triangle.
+
+    The entries are ordered by rows. Each is a number or an array (batch,).
+    """
     rows = np.array(np.broadcast_arrays(*lower), dtype=float)
     i, j = np.tril_indices(n)
     full = np.empty((n, n, *rows.shape[1:]))
@@ -110,8 +114,9 @@ def _matrix(n: int, *lower: Any) -> FloatArray:
 
 
 def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
-    """Return the solution (n,) or (n, batch) of matrix * x = right, by Gaussian elimination of the scaled matrix.
+    """Return the solution of matrix * x = right, (n,) or (n, batch), by Gaussian elimination of the scaled matrix.
 
+    `matrix` is (n, n) or (n, n, batch). `right` are the n entries of the right-hand side, each a number or (batch,).
     Rows are exchanged to obtain large pivots.
     """
     columns = np.broadcast_shapes(matrix.shape[2:], *(np.shape(entry) for entry in right))
@@ -146,8 +151,8 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
 def _scale(a: FloatArray) -> FloatArray:
     """Return the factors (n, k) by which rows and columns of k symmetric matrices are scaled before elimination.
 
-    `a` has the matrices (n, n, k). The factors are the same as in `lagrange.algorithm.linear.symmetric`. If a matrix is
-    not definite they are powers of two, so that scaling does not round.
+    `a` (n, n, k) has the matrices. The factors are the same as in `lagrange.algorithm.linear.symmetric`. For a matrix
+    that is not definite, the factors are powers of two, so that scaling does not round.
     """
     diagonal, size = np.abs(np.einsum("iik->ik", a)), np.abs(a)
     scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(diagonal), 0.0)

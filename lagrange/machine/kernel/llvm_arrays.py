@@ -261,9 +261,9 @@ def quick_calls(
 ) -> QuickCalls | None:
     """Return functions that evaluate a kernel at one state and check their own arguments in machine code.
 
-    The result is None for very long states, and if Python's objects do not have the expected layout. `kernel` is the
-    module and the address of the function in it. `prepared` has the parameters and all values that depend on them
-    alone. `size` is the length of a state, and `shape` is that of the result.
+    `kernel` is the kernel's module and its address. `prepared` has the parameters and all values that depend on them
+    alone. `size` is the length of a state, and `shape` is that of the result. The functions are None for states
+    longer than `MOST_STATE`, and if Python's objects do not have the expected layout.
     """
     return None if size > MOST_STATE or not _as_documented() else _made(kernel, prepared, size, shape)
 

@@ -75,7 +75,7 @@ def fit(dimension: int) -> bool:
 def in_registers(program: Program) -> bool:
     """Return True if a program has a kernel that takes its state in registers.
 
-    This is so if steps of methods call the program, and its state is small.
+    Such a program is called by the steps of methods, and its state is small.
     """
     return bool(program.returned) and fit(program.states)
 
@@ -122,7 +122,7 @@ class KernelCode:
 
     @property
     def called(self) -> tuple[Procedure, ...]:
-        """The procedures that the kernels call and that other modules define."""
+        """The procedures that the kernels call and that are compiled in other modules."""
         every = (callee for caller in (self.prepare, *self.scalar) for callee in caller.callees)
         return tuple(dict.fromkeys(procedure for procedure in every if procedure not in self.scalar))
 
@@ -142,12 +142,15 @@ class KernelCode:
 
     @cached_property
     def _places(self) -> list[int]:
-        """Indices of the outputs that the kernel for many states computes. All other outputs are zero."""
+        """Indices of the outputs that the kernel for many states computes: those that are not always zero."""
         cleared = cleared_outputs(self.program)
         return [k for k in range(len(self.program.outputs)) if k not in cleared]
 
     def _in_lanes(self, lanes: int) -> Procedure:
-        """Return the kernel for `lanes` states at once, whose arguments and results are vectors."""
+        """Return the procedure that evaluates the program at `lanes` states at once.
+
+        Its arguments and results are vectors with one entry for each state.
+        """
         outputs = [self.program.outputs[k] for k in self._places]
         by_value = kernel_by_value(self.program, self.prepared, outputs, style=LANES)
         signature = tuple(OWN if isinstance(parameter.type, Kind) else COMMON for parameter in by_value.parameters)
@@ -155,11 +158,14 @@ class KernelCode:
 
     @property
     def _bases(self) -> list[str]:
-        """The names of the pointer arguments of the kernel for many states: times, and one for each input."""
+        """The names, in IR, of the arrays that the kernel for many states reads: the times, then each input."""
         return ["%t", *(f"%{block.name}" for block in self.program.inputs)]
 
     def _alone(self) -> str:
-        """Return the IR of a function that evaluates one state, given by its column in the arrays of many."""
+        """Return the IR of a function that evaluates a single state of many.
+
+        The state is one column of the arrays of all states; the function takes the index of the column.
+        """
         e, name, program = Emitter(), self.program.name, self.program
         state, out = e.reserve("double", program.states), e.reserve("double", len(program.outputs))
         first = 0
@@ -190,10 +196,10 @@ class KernelCode:
         return e.function(f"define i64 @{name}_columns(i64 %count, {arguments.replace('ptr', 'ptr noalias')}) #0")
 
     def _block(self, e: Emitter, i: str, lanes: int, arguments: str, by_value: Procedure) -> None:
-        """Emit the evaluation of `lanes` states from the state with index `i` on.
+        """Emit the evaluation of `lanes` states, beginning with the state whose index is the operand `i`.
 
-        `arguments` are those of the kernel as IR, and `by_value` is its procedure. States whose matrix needs
-        pivoting are evaluated again one by one.
+        `arguments` is the text of the kernel's arguments in IR. `by_value` is the procedure that evaluates the states
+        as vectors. States whose matrix needs pivoting are evaluated again one by one.
         """
         program = self.program
         kind = f"<{lanes} x double>"
@@ -233,19 +239,28 @@ def _spliced(e: Emitter, procedure: Procedure, lanes: int, arguments: Sequence[s
 
 
 def _leave_if(e: Emitter, status: str, column: str) -> None:
-    """Emit an early return of `column` from a kernel for many states, taken if `status` reports a singular matrix."""
+    """Emit an early return from the kernel for many states, taken if `status` reports a singular matrix.
+
+    The kernel then returns `column`. Both are operands.
+    """
     with e.when(e.value(f"icmp ne i32 {status}, 0")):
         e.do(f"ret i64 {column}")
         e.label(e.fresh("never"))
 
 
 def _row(e: Emitter, row: int, column: str) -> str:
-    """Return the index of the entry (row, column) in a C-ordered array with one column for each state."""
+    """Emit the index of the entry (row, column) in a C-ordered array with one column for each state; return it.
+
+    The result and `column` are operands. The number of columns is the operand %count.
+    """
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {row}')}, {column}") if row else column
 
 
 def _at(e: Emitter, k: str) -> str:
-    """Return the index of entry `k` of the state `%column` in an array with one column for each state."""
+    """Emit the index of entry `k` of the state %column in an array with one column for each state; return it.
+
+    The result and `k` are operands. The number of columns is the operand %count.
+    """
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {k}')}, %column")
 
 
@@ -307,7 +322,7 @@ class LlvmKernel(Shared):
     def law_address(self) -> int:
         """Address of the kernel that the steps of methods call.
 
-        For a small state it is the kernel that takes the state in registers, else `address`.
+        For a small state this kernel takes the state in registers. Otherwise the address is `address`.
         """
         name = self.program.name
         return self._module.address(f"{name}_registers") if in_registers(self.program) else self.address
@@ -316,8 +331,8 @@ class LlvmKernel(Shared):
     def columns_address(self) -> int:
         """Address of the kernel for many states.
 
-        Its arguments are the number of states, their times, each input, the array `prepared`, and the array for the
-        results.
+        Its arguments are the number of states, the array of their times, an array for each input, the array
+        `prepared` (parameters and values that depend on them alone), and the array that receives the results.
         """
         module, _ = self._column_kernel
         return module.address(f"{self.program.name}_columns")
@@ -352,7 +367,8 @@ class LlvmKernel(Shared):
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
         """Return calls for one state that check their own arguments in machine code, or None for long programs.
 
-        These calls do not release the interpreter lock, which is acceptable for some microseconds.
+        Other threads wait during these calls, since they keep Python's lock. That is acceptable for some
+        microseconds.
         """
         if len(self.program.instructions) > SHORT_PROGRAM:
             return None
@@ -363,10 +379,10 @@ class LlvmKernel(Shared):
         return known[1]
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the program's result for many states, which are columns.
+        """Return the program's result for many states, one in each column: the shape ends with the axis (batch,).
 
-        `inputs` has an array (size, batch) for each input of the program, such as q and v. States are computed by
-        blocks of a vector's width. The last block is filled up with copies of the last state.
+        `inputs` has an array (size, batch) for each input of the program, such as q and v. States are computed in
+        blocks of the width of a vector. The last block is filled up with copies of the last state.
         """
         prepared = self.prepare(parameters)
         batch = inputs[0].shape[1]
@@ -388,10 +404,11 @@ class LlvmKernel(Shared):
         return out[:, :batch].reshape(*self._shape, batch)
 
     def _singular_column(self, block: range, times: FloatArray, states: FloatArray, prepared: FloatArray) -> int:
-        """Return the index of the first state of a block with a singular mass matrix. Each state is evaluated alone.
+        """Return the index of the first state of a block at which the mass matrix is singular.
 
-        `block` has the indices of its states, and `states` all states. `prepared` has the parameters and all values
-        that depend on them alone.
+        Each state of the block is evaluated alone. `block` has the indices of its states. `times` (1, batch) and
+        `states` (2n, batch) are those of all states. `prepared` has the parameters and all values that depend on them
+        alone.
         """
         out = np.empty(self.program.shape)
         for column in block:
@@ -414,8 +431,8 @@ class LlvmKernel(Shared):
     def _column_kernel(self) -> tuple[Module, ctypes._CFunctionType]:
         """The compiled module of the kernel for many states, and the function in it that ctypes calls.
 
-        They are one value, so that threads that compile at the same time each use a module and a function that belong
-        together.
+        Both are stored as one value. So a thread always gets a module and a function that belong together, even if
+        two threads compile at the same time.
         """
         module = Module(self._code.column_module(self._lanes))
         pointers = [ctypes.c_void_p] * (3 + len(self.program.inputs))

@@ -63,7 +63,7 @@ CHECKS: dict[str, Any] = {"ndarray": np.ndarray, "double": DOUBLE, "isfinite": m
 
 @lru_cache(maxsize=1)
 def tangents_are_fast() -> bool:
-    """Return True if NumPy computes tangents with vectors of eight doubles, but not sines and cosines.
+    """Return True if NumPy computes tangents by vector instructions of eight doubles, but not sines and cosines.
 
     A tangent then takes 1.5 ns and a sine 3 to 11 ns. On other processors all three take as long as in the C library.
     NumPy has such tangents on Linux only. Versions before 2.0 do not report their features.
@@ -114,10 +114,10 @@ def printed(program: Program) -> str:
 
 
 class _PrintedFunction:
-    """A printed function, called with the parameters, that computes all values that depend on parameters alone.
+    """A printed function that takes the parameters and computes all values that depend on them alone.
 
-    It returns the inner function, which evaluates the program at states, or None if the parameters require the
-    interpreter. The last result is cached.
+    A call returns the inner function, which evaluates the program at states. It returns None if the program must be
+    interpreted for these parameters. The last result is cached.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
@@ -170,17 +170,16 @@ class PythonKernel:
         return out if out.shape == shape else out.reshape(shape)
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return calls for one state that check their own arguments, or None if the interpreter is needed."""
+        """Return calls for one state that check their own arguments. None if the parameters need the interpreter."""
         key, known = parameters.tobytes(), self._quick
         if known is None or known[0] != key:
             known = self._quick = key, self._calls_of(parameters)
         return known[1]
 
     def _calls_of(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return the printed functions for one state, of y and of (q, v), which check their own arguments.
+        """Return two printed functions for one state, of (t, y) and of (t, q, v), which check their arguments.
 
-        The function of q and v is printed at its first call. The result is None if the parameters need the
-        interpreter.
+        The second is printed at its first call. The result is None if the parameters need the interpreter.
         """
         values = parameters.copy()
         whole = self._whole(values)
@@ -208,7 +207,7 @@ class PythonKernel:
         return self._checked({"q": size // 2, "v": size - size // 2})
 
     def _checked(self, arrays: Mapping[str, int]) -> _PrintedFunction:
-        """Return the printed function of one state, with checks of its arguments and results.
+        """Return the printed function for one state, which checks its arguments and results.
 
         `arrays` maps the names of its array arguments, such as y, to their lengths.
         """
@@ -217,9 +216,10 @@ class PythonKernel:
         return _PrintedFunction(defined(self._lines.checked(arrays), self.program.name, names))
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result of the program for many states. Sines may be rounded differently than for one state.
+        """Return the result of the program for many states, one in each column: the shape ends with (batch,).
 
-        `inputs` has an array (size, batch) for each input of the program, such as q and v.
+        `inputs` has an array (size, batch) for each input of the program, such as q and v. Sines may be rounded
+        differently than for one state.
         """
         return self._by_blocks(self._blocks(half_angles=tangents_are_fast()), t, inputs, parameters)
 

@@ -43,7 +43,8 @@ class Noisy(NamedTuple):
 def _noisy(name: str) -> Callable[..., Noisy]:
     """Return a function that applies the operation `name` to numbers with error bounds.
 
-    The error carried from an argument is the change of the result at both ends of the argument's error interval.
+    An argument lies in the interval of its value plus or minus its error. The error that it causes in the result is
+    the change of the result at the ends of this interval.
     """
     operation, rounding = OPERATIONS[name], 0.0 if name in EXACT_OPERATIONS else UNIT
 
@@ -99,10 +100,10 @@ def _factor(order: int, *entries: Noisy) -> Noisy:
 
 
 def _factorization_sizes(matrix: FloatArray) -> FloatArray:
-    """Return |L| |D| |L^T| (n, n) for M = L D L^T (n, n), or |M| if M has such factors only with row exchanges.
+    """Return |L| |D| |L^T| (n, n) for a symmetric matrix M = L D L^T (n, n).
 
-    An entry may be zero in M but not in the factors: a constraint adds G M^-1 G^T to the zero block of M. Source:
-    Higham, theorem 10.3.
+    Return |M| if a pivot is too small for these factors. An entry may be zero in M but not in the factors: a
+    constraint adds G M^-1 G^T to the zero block of M. Source: Higham, theorem 10.3.
     """
     sizes, remainder = abs(matrix), matrix.copy()
     for k in range(len(matrix)):
@@ -117,8 +118,8 @@ def _factorization_sizes(matrix: FloatArray) -> FloatArray:
 def _solve(order: int, matrix: Noisy, *right: Noisy) -> list[Noisy]:
     """Return the solution of a linear system with error bounds: |M^-1| times the error bounds of the residual.
 
-    `order` is the size of the matrix, and `right` is the right-hand side. M is factored in floating point; the
-    rounding errors of this factorization are part of the error.
+    `order` is the size of the matrix M, and `matrix` has its entries. `right` are the entries of the right-hand side.
+    The errors include the rounding errors of the factorization of M.
     """
     value, noise = np.array([number.value for number in right]), np.array([number.noise for number in right])
     inverse = np.linalg.inv(matrix.value)

@@ -84,10 +84,10 @@ class StraightLines:
     def columns(self, *, half_angles: bool = False) -> tuple[str, int]:
         """Return the source of an outer function `name_columns(p)`, with an inner function for many states.
 
-        The inner function takes (t, y, out, b). `t` has m times, `y` a row of m numbers for each input, `out` (k, m)
-        receives the results, and `b` are working rows. It returns False if a pivot is too small for some state, else
-        True. The second result is the number of working rows. With `half_angles` sines and cosines are computed from
-        the tangent of half the angle.
+        The inner function takes (t, y, out, b). `t` has m times, and `y` a row of m numbers for each input. The
+        results are written to `out` (k, m); `b` are rows of work memory. It returns False if a pivot is too small for
+        some state, else True. The second result of this method is the number of work rows. With `half_angles` sines
+        and cosines are computed from the tangent of half the angle.
         """
         printer = _RowPrinter(self.inner, half_angles=half_angles)
         text = printer.source(self)
@@ -120,7 +120,7 @@ def _straight(procedure: Procedure) -> Procedure:
 
 
 class _Floats(Printer):
-    """Prints the function of a program for one state, and the outer function around it that takes the parameters.
+    """Prints the function of a program for one state, inside an outer function that takes the parameters.
 
     The outer function computes the values that depend on parameters alone.
     """
@@ -162,10 +162,10 @@ class _Floats(Printer):
 
     @visits(form.Load, form.Store, form.Read, form.Write)
     def memory(self, statement: form.Load | form.Store | form.Read | form.Write) -> None:
-        """Print the read or write of a value that depends on parameters alone, as a variable of the outer function.
+        """Print the read or write of a value that depends on parameters alone.
 
-        The outer function takes the parameters and sets the variable. The inner function takes the state and reads
-        it.
+        The value is a variable of the outer function, which takes the parameters and sets it. The inner function,
+        which takes the state, reads it.
         """
         assert isinstance(statement, (form.Load, form.Store))
         slot = f"p{self.constants[statement.place]}"
@@ -197,9 +197,10 @@ class _Floats(Printer):
         self.give(results)
 
     def refuse(self, singular: int, failure: str = "None") -> None:
-        """Print a return from the function, taken if a pivot is too small.
+        """Print an early return, taken if a pivot is too small.
 
-        `singular` is the id of the flag for such a pivot, and `failure` the text of the returned value.
+        `singular` is the id of the flag for such a pivot, and `failure` the text of the returned value. If the flag
+        depends on parameters alone, the outer function returns None instead.
         """
         if singular in self.fixed:
             if singular not in self.constants:
@@ -208,7 +209,7 @@ class _Floats(Printer):
             self.leave_if(self.condition(singular), failure)
 
     def condition(self, flag: int) -> str:
-        """Return the text of a flag as a condition. `flag` is its id."""
+        """Return the text of the value with the id `flag`, a truth value, as a condition."""
         return self.text(flag)
 
     def leave_if(self, condition: str, failure: str = "None") -> None:
@@ -217,7 +218,7 @@ class _Floats(Printer):
         self.put(f"    return {failure}")
 
     def give(self, results: Sequence[int]) -> None:
-        """Print the return of the results, which are values with the given ids."""
+        """Print the return of a tuple of results. `results` are the ids of their values."""
         self.put(f"return ({''.join(f'{self.text(ref)}, ' for ref in results).rstrip()})")
 
 
@@ -303,7 +304,7 @@ class _RowPrinter(_Floats):
         self.place += 1
 
     def release(self, refs: Iterable[int]) -> None:
-        """Free the rows of those of the values `refs` (ids) that no later statement reads."""
+        """Free the rows of those values that no later statement reads. `refs` are ids of values."""
         self.free += [self.rows.pop(ref) for ref in refs if ref in self.rows and self.last[ref] <= self.place]
 
     def row(self, ref: int | None = None) -> str:
@@ -339,7 +340,10 @@ class _RowPrinter(_Floats):
                 self.operation_on_rows(let, texts)
 
     def operation_on_rows(self, let: form.Let, texts: Sequence[str]) -> None:
-        """Print an operation on rows whose result is a row of numbers. `texts` are the names of its operands."""
+        """Print an operation on rows whose result is a row of numbers.
+
+        `let` is the operation, and `texts` are the names of its operands.
+        """
         a, *others = texts
         match let.op:
             case "fma" | "fnma":
@@ -413,7 +417,7 @@ class _RowPrinter(_Floats):
 
 
 def listed(letter: str, count: int, first: int = 0) -> str:
-    """Return `count` numbered names as a target for unpacking, such as "y0, y1,".
+    """Return a comma-separated text of `count` numbered names for unpacking, such as "y0, y1,".
 
     Each name begins with `letter`. The number of the first name is `first`.
     """

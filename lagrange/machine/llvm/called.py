@@ -25,7 +25,10 @@ _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 @lru_cache(maxsize=256)
 def _function_at(code_address: int) -> Any:
-    """Return the compiled function at an address, from a cache: making one takes about as long as a call."""
+    """Return the function at a code address as a ctypes function, from a cache.
+
+    To make such an object takes about as long as a call.
+    """
     return _CALL(code_address)
 
 
@@ -37,8 +40,8 @@ class CompiledProcedure(Shared):
     """A procedure in machine code, called with numbers, arrays, records, and addresses of functions.
 
     With `tiers` it is compiled quickly at first, and again with optimization after many steps. With `optimize` LLVM
-    runs more of its optimization passes. Callees in `elsewhere` are in other modules, which the function `needs`
-    compiles.
+    runs more of its optimization passes. The callees in `elsewhere` are compiled in other modules. `needs` is called
+    before the code is compiled, to compile these modules.
     """
 
     def __init__(
@@ -105,9 +108,9 @@ class CompiledCall:
         self._quick = isinstance(code.module, TieredModule) and not code.module.is_final
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments of the procedure by name, and ignore other names. None means no array or no function.
+        """Set arguments of the procedure by name. Names that the procedure does not have are ignored.
 
-        Arrays and records are not copied.
+        Arrays and records are not copied. None stands for an absent array or function.
         """
         indices, reals, references, words = self.code.places, self.code.reals, self._kept, self._wholes
         for name, value in arguments.items():
@@ -125,7 +128,7 @@ class CompiledCall:
         return results[0] if len(results) == 1 else tuple(results) or None
 
     def _result(self, index: int, kind: Any) -> Any:
-        """Return the result stored in the word `index`, as a Python number or flag of its kind."""
+        """Return the result in the word `index` as a Python float, int or bool. `kind` is the type of the result."""
         if kind is REAL:
             return self._reals[index]
         return bool(self._wholes[index]) if kind is FLAG else self._wholes[index]
@@ -136,7 +139,7 @@ class CompiledCall:
         return not self._quick
 
     def count(self, steps: int) -> bool:
-        """Report `steps` more steps. Return True when optimized code replaces the code that was compiled quickly."""
+        """Count `steps` more steps. Return True if optimized code replaces the quickly compiled code from now on."""
         tiers = self.code.module
         if not self._quick or not isinstance(tiers, TieredModule):
             return False
@@ -147,7 +150,7 @@ class CompiledCall:
 
 
 def _word(value: Any) -> int:
-    """Return the 8-byte word that passes an argument: its address, a whole number, or 0 for None."""
+    """Return the 8-byte word that passes an argument: the address of an array or record, an integer, or 0."""
     if isinstance(value, np.ndarray):
         return address(value)
     if isinstance(value, ctypes.Structure):
@@ -178,8 +181,8 @@ def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
 def _steps(procedure: Procedure) -> str:
     """Return the IR of the function `steps`, of the type `TAKE_STEPS`, by which another compiled loop takes steps.
 
-    The first argument is the address of the words that hold the arguments of the call. The next three are arrays,
-    whose addresses are also among the words. As arguments they tell LLVM, in the caller, that the steps change these
+    Its first argument is the address of the words that hold the arguments of `run`. Its next three arguments are
+    arrays whose addresses are also among the words. They tell LLVM, in the caller, that the steps change these
     arrays.
     """
     e = Emitter()

@@ -55,9 +55,9 @@ class Emitter:
         return name
 
     def cut(self) -> None:
-        """Begin another basic block, since LLVM compiles long blocks slowly.
+        """Begin another basic block (instructions without a branch), since LLVM compiles long ones slowly.
 
-        The branch to it has a condition that LLVM cannot evaluate, for otherwise LLVM would join the two blocks.
+        The branch to it depends on a value that LLVM cannot know, since LLVM would join the two blocks otherwise.
         """
         if not self.zero:
             self.zero = self.reserve("i8")
@@ -145,8 +145,9 @@ class Emitter:
         """Emit a loop around what the `with` block emits, with values carried from one iteration to the next.
 
         The index runs from `start` by `step` while it is below `stop`. `carried` has the type and the initial value
-        of each carried value. Yields an object in which the `with` block sets `following`, the values for the next
-        iteration. After the loop, its `values` are the last values.
+        of each carried value. Yields an object with two lists. The `with` block reads the carried values from
+        `values`, and must set `following`, their values for the next iteration. After the loop, `values` has the last
+        values.
         """
         name = self.fresh("loop")
         before = self.block

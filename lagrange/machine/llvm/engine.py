@@ -54,9 +54,9 @@ class ObjectCode:
             self._taken = 0
 
     def of(self, text: str, how: str, compiled: Callable[[], bytes]) -> bytes:
-        """Return the object code of an IR text from the cache, or from `compiled()`.
+        """Return the object code of an IR text from the cache. If it is not there, call `compiled` for it.
 
-        `how` names the compile options.
+        `how` names the compile options. It is part of the key of the cache.
         """
         key = hashlib.sha256(f"{how}\n{text}".encode()).digest()
         with self._lock:
@@ -105,9 +105,10 @@ class Module(Shared):
     ) -> None:
         """Compile the functions of an IR text and load them.
 
-        With `optimize` LLVM's passes run, except those that transform loops. With `quickly` nothing is optimized, for
-        code that runs rarely. With `merge` only the procedures marked for inlining are inlined, and their local
-        arrays are kept in registers. A large text is not optimized unless it runs `often`.
+        With `optimize` LLVM's passes run, except those that transform loops. With `merge` only the procedures marked
+        for inlining are inlined, and their local arrays are kept in registers. With `quickly` code generation does
+        not optimize, for code that runs rarely. It does not optimize a large text either, unless the code runs
+        `often`.
         """
         start()
         effort = 0 if quickly or (len(text) > LARGE_MODULE and not often) else 2
@@ -127,8 +128,8 @@ class Module(Shared):
 def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
     """Return the object code of an IR text.
 
-    `passes` is called first, with the parsed module and the target machine, and runs LLVM's passes; it may be None.
-    `effort` is the optimization level of code generation, 0 to 3.
+    `passes` runs LLVM's optimization passes: it is called with the parsed module and the target machine. None runs no
+    passes. `effort` is the optimization level of code generation, 0 to 3.
     """
     check_time()
     parsed = llvm.parse_assembly(text)
@@ -155,9 +156,9 @@ class _Engine:
 
 
 def _loaded(code: bytes) -> _Engine:
-    """Return an LLVM engine that has linked some object code, and owns its memory.
+    """Return an LLVM engine that has linked the object code `code`, and owns its memory.
 
-    For object code that is already in use, the same engine is returned again.
+    If the same object code is still in use, its engine is returned again.
     """
     key = hashlib.sha256(code).digest()
     with _LINKING:
@@ -195,8 +196,8 @@ def _merge(module: Any, machine: Any) -> None:
 def linear_solver(*, often: bool) -> None:
     """Compile the solver of linear systems that kernels call, once per process.
 
-    LLVM's passes run only if a model needs the solver `often`. They take 150 ms, more than the rest of a small model.
-    Without them compilation takes 5 ms.
+    LLVM's passes run only if a model needs the solver `often`. The passes take 150 ms, longer than all other
+    compilation for a small model. Without them the solver compiles in 5 ms.
     """
     # Without the lock, two threads that compile their first models could register symbols of a discarded module.
     with _LOADING:
@@ -287,7 +288,7 @@ class TieredModule(Shared):
         return self._well is not None
 
     def count(self, steps: int) -> None:
-        """Report `steps` more steps of a run. After many steps the code is optimized, and the addresses change.
+        """Count `steps` more steps of a run. After many steps the code is optimized, and the addresses change.
 
         While another thread compiles, this thread continues with the quick version.
         """

@@ -32,7 +32,10 @@ _CONVERTED = {("real", WHOLE): "sitofp", ("real", FLAG): "uitofp", ("whole", REA
 
 
 def type_of(kind: Kind, lanes: int = 1) -> str:
-    """Return LLVM's type of a real, a whole number or a flag, or of a vector of `lanes` such values."""
+    """Return LLVM's type of values of a kind: a real, a whole number or a flag.
+
+    For `lanes` above 1 it is the type of a vector of that many values.
+    """
     return KINDS[kind] if lanes == 1 else f"<{lanes} x {KINDS[kind]}>"
 
 
@@ -63,16 +66,16 @@ def declarations() -> str:
 
 
 def declaration(name: str, op: str, lanes: int = 1) -> str:
-    """Return the IR declaration of the external function `name`.
+    """Return the IR declaration of the external function `name`, which computes the operation `op`.
 
-    The function computes the operation `op` on `lanes` reals.
+    Its arguments and results are vectors of `lanes` reals, or single reals if `lanes` is 1.
     """
     kind = type_of(REAL, lanes)
     return f"declare {kind} @{name}({', '.join([kind] * len(OPERATIONS[op][0][0]))})"
 
 
 def constant(let: form.Let) -> str:
-    """Return the IR operand of a constant, for the statement that defines it."""
+    """Return the IR operand of the constant that the statement `let` defines."""
     if let.kind is REAL:
         return literal(0.0 if let.data is None else float(let.data))
     return str(bool(let.data)).lower() if let.kind is FLAG else str(int(let.data or 0))
@@ -92,7 +95,8 @@ def splat(e: Emitter, value: str, kind: Kind, lanes: int) -> str:
 def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes: int = 1) -> str:
     """Emit the operation `op` as LLVM IR, and return the operand of its result.
 
-    `args` are its operands, and `kinds` their kinds. With more than one of `lanes` the operands are vectors.
+    `args` are its operands, and `kinds` their kinds. If `lanes` is above 1, the operands are vectors with `lanes`
+    entries.
     """
     types = [type_of(kind, lanes) for kind in kinds]
     kind = types[-1]
@@ -162,7 +166,10 @@ def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
 
 
 def largest_magnitude(e: Emitter, vector: str, lanes: int) -> str:
-    """Emit the largest entry of a vector of `lanes` numbers that are not negative, and return its operand."""
+    """Emit the largest entry of a vector, and return its operand.
+
+    The vector has `lanes` numbers that are not negative. NaN counts as the largest.
+    """
     bits = e.value(f"bitcast {type_of(REAL, lanes)} {vector} to {type_of(WHOLE, lanes)}")
     largest = e.value(f"call i64 @llvm.vector.reduce.umax.v{lanes}i64({type_of(WHOLE, lanes)} {bits})")
     return e.value(f"bitcast i64 {largest} to double")
@@ -213,7 +220,10 @@ def convention(results: Sequence[Type]) -> str:
 
 
 def together(types: Sequence[str]) -> str:
-    """Return LLVM's type for the results of a function: a structure if there are several, void if there are none."""
+    """Return one LLVM type for several results of a function: a structure of `types`.
+
+    It is the type itself for one result, and void for none.
+    """
     return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
 
 
@@ -224,7 +234,7 @@ def separated(e: Emitter, types: Sequence[str], value: str) -> Iterator[str]:
 
 
 def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
-    """Emit the return of the results `values`, as one value of type `together(types)`."""
+    """Emit the return of the results `values`, as one value of the type that `together(types)` returns."""
     kind = together(types)
     if len(types) < 2:
         e.do(f"ret {kind} {values[0]}" if types else "ret void")
@@ -243,7 +253,7 @@ def phi(e: Emitter, kind: str, ways: Sequence[tuple[str, str]]) -> str:
 
 
 def argument_type(kind: Type) -> str:
-    """Return LLVM's type of an argument of the given type: that of a number or vector, or a pointer."""
+    """Return LLVM's type of an argument: that of a number or vector, or a pointer for an array or record."""
     if isinstance(kind, Vector):
         return type_of(*kind)
     return KINDS[kind] if isinstance(kind, Kind) else "ptr"

@@ -102,7 +102,10 @@ numbers. Spills are aligned to cache lines. Code that runs once per set of param
 
 
 def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = ()) -> str:
-    """Return the IR of procedures and of all that they call. Those in `elsewhere` are declared, but not defined."""
+    """Return the IR of `procedures` and of all procedures that they call.
+
+    Those in `elsewhere` are declared, but not defined: other modules have their code.
+    """
     reached = transitive_callees(procedures, elsewhere)
     functions = [function(each, hidden=each not in procedures) for each in reached]
     return joined(functions, [declaration(each) for each in dict.fromkeys(elsewhere)])
@@ -111,8 +114,8 @@ def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = 
 def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
     """Return the IR of a module from the IR of its `functions`.
 
-    `declared` are the declarations of procedures in other modules. Further declarations and attributes that the
-    functions need are added.
+    `declared` are the declarations of procedures that other modules define. The other declarations and the attributes
+    that the functions need are added.
     """
     angles = [angle_function(width) for width in WIDTHS if any(f"@{angle_name(width)}(" in text for text in functions)]
     return "\n".join(
@@ -136,8 +139,9 @@ def function(
 ) -> str:
     """Return the IR of one procedure.
 
-    LLVM may inline a `hidden` procedure into its callers, and must inline a `merged` one. A procedure that runs rarely
-    is compiled `quickly`. Procedures in `outside` have the calling convention of a `Callee`.
+    A `hidden` procedure is local to its module, so LLVM may inline it into all callers. A `merged` one is always
+    inlined. A procedure that runs rarely is compiled `quickly`, without optimization. Procedures in `outside` have
+    the calling convention of functions that other code calls.
     """
     printer = Printer(procedure, outside=outside)
     return printer.function("internal " if hidden else "", "alwaysinline " if merged else "", quickly=quickly)
@@ -184,9 +188,10 @@ class Printer(Visitor):
         """Stores that are delayed, to be merged with adjacent ones: array, index and value."""
 
     def function(self, linkage: str, merging: str, *, quickly: bool = False) -> str:
-        """Return the IR of the procedure. `linkage` and `merging` are LLVM keywords in its head, or empty.
+        """Return the IR of the procedure. `linkage` and `merging` are LLVM keywords for its head, or "".
 
-        A procedure that runs rarely is compiled `quickly`, without optimization.
+        `linkage` may make it local to its module, and `merging` says whether it is inlined. A procedure that runs
+        rarely is compiled `quickly`, without optimization.
         """
         parameters = []
         for parameter in self.procedure.parameters:
@@ -207,7 +212,7 @@ class Printer(Visitor):
         return self.e.function(f"define {linkage}{results} @{self.procedure.name}({', '.join(parameters)}) {merging}")
 
     def result_types(self) -> list[str]:
-        """Return LLVM's types of the results. In a function called from outside, flags are C's ints."""
+        """Return LLVM's types of the results. In a function that other code calls, flags are C's ints."""
         return [foreign_type(kind) if self.foreign else argument_type(kind) for kind in self.procedure.results]
 
     # --- definitions of numbers
@@ -252,7 +257,7 @@ class Printer(Visitor):
     # --- statements
 
     def block(self, block: Block) -> None:
-        """Print statements, and release the local arrays that they allocated."""
+        """Print the statements of a block, then release the memory of the local arrays that they allocated."""
         before = len(self.memories)
         for statement in block:
             if self.together and not self.passes(statement):
@@ -267,7 +272,7 @@ class Printer(Visitor):
         del self.memories[before:]
 
     def release(self, first: int = 0) -> None:
-        """Print calls that free the heap memory of local arrays, from index `first` of `memories` on."""
+        """Print calls that free the local arrays on the heap, from index `first` of the list `memories` on."""
         for memory, _, size in self.memories[first:]:
             if size > LARGEST_ON_STACK:
                 self.e.do(f"call void @free(ptr {memory})")
@@ -284,9 +289,10 @@ class Printer(Visitor):
         return memory
 
     def passes(self, statement: Statement) -> bool:
-        """Return True if a statement may be printed before the delayed stores to an array.
+        """Return True if a statement may be printed before the stores that are delayed, which are to one array.
 
-        This is so if it does not access the array, or is itself a store to the next entry, which is delayed too.
+        This is so if the statement does not access the array. It is also so for a store to the array's next entry,
+        which is delayed too.
         """
         match statement:
             case form.Let() | form.SineCosine():
@@ -328,7 +334,7 @@ class Printer(Visitor):
 
     @visits(form.ReserveRecord, form.Part)
     def place(self, statement: form.ReserveRecord | form.Part) -> None:
-        """Print the address of a new record of zeros, or of a part of an array."""
+        """Print the address of a new record, whose numbers are zero, or of a part of an array."""
         if isinstance(statement, form.ReserveRecord):
             count = len(statement.record.fields) * statement.record.lanes
             self.define(statement.ref, self.e.reserve(numbers := f"[{count} x i64]"), statement.record)
@@ -408,7 +414,7 @@ class Printer(Visitor):
         return self.e.address(self.values[ref], held.places[field] * held.lanes, KINDS[held.kind(field)])
 
     def store(self, store: form.Store) -> None:
-        """Print the store of a number to an array, or of those entries of a vector whose iterations exist."""
+        """Print the store of a number to an array. Of a vector, only entries of existing iterations are stored."""
         e, lanes, array = self.e, self.lanes(store.place), self.array(store.array)
         where = number(self.values[store.place]) if lanes == 1 and array.kind is REAL else None
         if self.stores_together and self.current is None and where is not None:
@@ -466,9 +472,10 @@ class Printer(Visitor):
         return f"{argument_type(kind)} {self.values[arg]}"
 
     def called(self, call: form.Call, what: str, results: Sequence[Kind | Vector], *, foreign: bool = False) -> None:
-        """Print a call of `what` and define its results. Flags that a `foreign` function returns are C's ints.
+        """Print a call and define its results.
 
-        `what` is the IR of the callee with its arguments. `results` are the types of the results.
+        `what` is the IR of the callee with its arguments. `results` are the types of the results. A `foreign`
+        function, one that other code calls too, returns flags as C's ints.
         """
         e = self.e
         types = [foreign_type(kind) if foreign else argument_type(kind) for kind in results]
@@ -540,11 +547,11 @@ class Printer(Visitor):
     def repeated(
         self, inside: Block, index: int | None, start: str, step: int, body: Block | None = None
     ) -> Iterator[str]:
-        """Print a loop around `body`. The `with` block prints its condition; it gets the loop's name NAME.
+        """Print a loop. The `with` block prints the condition, after which the method prints the body.
 
-        The condition ends with a branch to the label NAME.body or NAME.end. `inside` has all statements of the loop,
-        and is the body if `body` is None. `index` is the id of a counter, which begins at `start` and grows by
-        `step`, or None.
+        Yields the loop's name NAME. The condition must end with a branch to the label NAME.body or NAME.end. `inside`
+        has all statements of the loop, condition included. `body` are those of the body, None if they are the same.
+        `index` is the id of a counter that begins at `start` and grows by `step`, None without a counter.
         """
         e, name = self.e, self.e.fresh("loop")
         variables = dict.fromkeys(s.variable for s in walk(inside) if isinstance(s, form.Set))

@@ -140,10 +140,11 @@ def _near(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 
 
 def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers: str, lanes: int) -> tuple[str, str]:
-    """Emit sine and cosine of an angle from those of its remainder, `sine` and `cosine`, and return both operands.
+    """Emit the sine and cosine of an angle from those of its remainder, and return both operands.
 
-    In odd quadrants the two are exchanged. The quadrant, whose number is in the low bits of `rounded`, gives their
-    signs. `kind` is the LLVM type of the operands, and `integers` that of as many integers.
+    The remainder is the angle less n pi/2, where n is the number of the quadrant. `sine` and `cosine` are those of
+    the remainder. They are exchanged in odd quadrants, and the quadrant gives their signs. n is in the low bits of
+    `rounded`. `kind` is the LLVM type of the operands, and `integers` that of as many integers.
     """
 
     def whole(value: int) -> str:

@@ -44,7 +44,7 @@ class Lanes:
     def run(self) -> None:
         """Print the LLVM IR of the loop: its iterations, then the results of its reductions.
 
-        Few iterations are printed one after the other, many as a loop.
+        A few iterations are written out one after the other; many are printed as a loop.
         """
         printer, each = self.printer, self.each
         count = printer.values[each.iterations]
@@ -67,7 +67,7 @@ class Lanes:
             printer.define(fold.ref, self.total(fold, partials), REAL)
 
     def outside(self) -> list[int]:
-        """Return the ids of single values that the iterations use and that are defined outside of the loop."""
+        """Return the ids of single values that the iterations use and that are defined before the loop."""
         if self.lanes == 1:
             return []
         refs: dict[int, None] = {}
@@ -79,9 +79,10 @@ class Lanes:
         return list(refs)
 
     def rest(self, sums: list[list[str]], begin: int, count: int) -> None:
-        """Print the iterations from `begin` to before `count` one after the other, and add their results to `sums`.
+        """Print the iterations from `begin` up to, but not including, `count` one after the other.
 
-        `sums` are the partial results of each reduction.
+        `sums` has, for each reduction, the operands of its partial results. The results of the iterations are added
+        to them in place.
         """
         for offset in range(begin, count, self.lanes):
             inside = [k < count - offset for k in range(self.lanes)]
@@ -90,9 +91,10 @@ class Lanes:
             self.collect(sums, offset, mask)
 
     def looped(self, sums: list[list[str]], count: str) -> None:
-        """Print the iterations up to `count` as a loop of `stride` iterations at a time.
+        """Print the iterations below `count` as a loop that takes `stride` iterations at a time.
 
-        `sums` are the partial results of each reduction; the loop carries them.
+        `sums` has, for each reduction, the operands of its partial results. The loop carries them, and they are
+        replaced by their final values.
         """
         e = self.e
         flat = [(i, k) for i, partials in enumerate(sums) for k in range(len(partials))]
@@ -109,9 +111,10 @@ class Lanes:
             sums[i][k] = value
 
     def mask(self, index: str, count: str) -> str:
-        """Return the operand of the mask that is true for the iterations from `index` on that are below `count`.
+        """Return the operand of a mask for one vector of iterations, which begins at the operand `index`.
 
-        It is empty, for no mask, if all iterations of a vector exist or extra ones do no harm.
+        The mask is true for iterations below `count`. It is empty, for no mask, if all iterations of the vector
+        exist, or if the extra ones do no harm.
         """
         stores = not self.each.spill and any(
             isinstance(statement, form.Store) for statement in accesses(self.each.body)
@@ -132,7 +135,7 @@ class Lanes:
         return self.e.value(f"add nsw {kind} {splat(self.e, offset, WHOLE, self.lanes)}, {steps}")
 
     def take(self, offset: str, mask: str) -> None:
-        """Print one vector of iterations from `offset` on, for which `mask` is true."""
+        """Print one vector of iterations, which begins at iteration `offset`. `mask` is true for those that exist."""
         printer = self.printer
         printer.current = IterationBlock(self.each, self.lanes, offset, mask, self.places(offset))
         printer.define(self.each.place, offset, WHOLE, wide=self.lanes > 1)
@@ -141,9 +144,9 @@ class Lanes:
         printer.held = {variable: printer.held[variable] for variable in outside}
 
     def collect(self, sums: list[list[str]], begin: int, mask: str) -> None:
-        """Combine the results of one vector of iterations, from `begin` on, with the partial results `sums`.
+        """Combine the results of one vector of iterations with the partial results `sums` of each reduction.
 
-        Iterations for which the mask is false are left out.
+        The vector begins at iteration `begin`. Iterations for which the mask is false are left out.
         """
         kind = type_of(REAL, self.lanes)
         for fold, partials in zip(self.each.folds, sums, strict=True):
@@ -189,14 +192,14 @@ def accesses(block: Block) -> Iterator[form.Load | form.Store]:
 
 
 def number_of_angles(block: Block) -> int:
-    """Return the number of angles in a block: its sines and cosines, where a pair of the same angle counts once."""
+    """Return the number of sines and cosines in a block. A pair of the same angle counts once."""
     operations = (statement for statement in walk(block) if isinstance(statement, (form.Let, form.VectorLet)))
     angles = sum(operation.op in ANGLES for operation in operations)
     return angles + sum(isinstance(statement, form.SineCosine) for statement in walk(block))
 
 
 def widest(block: Block) -> int:
-    """Return the largest vector width in a block, of vectors or of parallel iterations; at least 1."""
+    """Return the largest vector width in a block, at least 1: that of a vector, or of an `each` loop."""
     vectors = (
         statement.vector.width
         for statement in walk(block)
@@ -253,9 +256,10 @@ def _operation(known: Printer, let: form.VectorLet) -> str:
 
 
 def _permuted(known: Printer, let: form.VectorLet) -> str:
-    """Emit a vector made of entries of other vectors and of single values, and return its operand.
+    """Emit a vector whose entries come from other vectors or are single values, and return its operand.
 
-    The operation `permute` says which ones. Entries of each vector are moved and merged; single values are inserted.
+    The statement `let` has the operation `permute` and says where each entry comes from. Entries of each vector are
+    moved and merged; single values are inserted.
     """
     e, (kind, width), begin = known.e, let.vector, 0
     single: dict[int, str] = {}
@@ -277,8 +281,8 @@ def _permuted(known: Printer, let: form.VectorLet) -> str:
 def _moved(e: Emitter, kind: Kind, vector: str, count: int, sources: Mapping[int, int], width: int) -> str:
     """Emit a vector of `width` entries, taken from those of `vector`, and return its operand.
 
-    `sources` maps an index in the new vector to an index in `vector`, which has `count` entries. Other entries are
-    undefined.
+    `sources` maps an index in the new vector to an index in `vector`, which has `count` entries of the given `kind`.
+    Entries of the new vector without a source are undefined.
     """
     if width == count and all(k == source for k, source in sources.items()):
         return vector
@@ -288,7 +292,7 @@ def _moved(e: Emitter, kind: Kind, vector: str, count: int, sources: Mapping[int
 
 
 def _merged(e: Emitter, kind: Kind, a: str, b: str, chosen: frozenset[int], width: int) -> str:
-    """Return vector a with the entries at the indices `chosen` replaced by those of vector b."""
+    """Emit vector `a`, in which the entries `chosen` (indices) are replaced by those of `b`; return its operand."""
     vector_type = type_of(kind, width)
     mask = ", ".join(f"i32 {width + k if k in chosen else k}" for k in range(width))
     return e.value(f"shufflevector {vector_type} {a}, {vector_type} {b}, <{width} x i32> <{mask}>")
@@ -297,8 +301,8 @@ def _merged(e: Emitter, kind: Kind, a: str, b: str, chosen: frozenset[int], widt
 def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single: Mapping[int, str], width: int) -> str:
     """Emit the vector `made` with single values inserted, and return its operand.
 
-    `single` maps an index to a value; constants are inserted at once. The entries of `made` at the indices `filled`
-    are defined. `made` may be empty.
+    `single` maps an index to the value for this entry. All constants are inserted by one instruction. `filled` are
+    the indices of the entries of `made` that are defined. `made` is "" if there are none.
     """
     values, name = list(dict.fromkeys(single.values())), KINDS[kind]
     if len(values) == 1 and not filled:
@@ -345,7 +349,7 @@ def _pointers(known: Printer, statement: form.Gather | form.Scatter, kind: Kind,
 
 
 def scatter(known: Printer, scatter: form.Scatter) -> None:
-    """Print the store of a vector to the entries of an array at the indices in another vector."""
+    """Print the masked store of a vector to those entries of an array whose indices are in another vector."""
     kind, width = _vector(known, scatter.value)
     vector, mask = type_of(kind, width), f"<{width} x i1> {known.values[scatter.mask]}"
     arguments = f"{vector} {known.values[scatter.value]}, <{width} x ptr> {_pointers(known, scatter, kind, width)}"

@@ -17,8 +17,9 @@ from lagrange.program.series import SeriesProgram
 def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
     """Return the constants in the recurrences of a series, and the inverse (n, n) of each of its constant matrices.
 
-    The matrices are those of the linear systems that give accelerations and multipliers. An inverse is NaN if a
-    parameter is NaN, for example while the sign of a switching surface is unknown. Raises SingularMassMatrix.
+    `parameters` (k + s,) end with the signs of the switching surfaces. The matrices are those of the linear systems
+    that give accelerations and multipliers. An inverse is NaN if a parameter is NaN, for example while the sign of a
+    surface is unknown. Raises SingularMassMatrix.
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.constants, 0.0, [0.0] * program.states, list(parameters))
@@ -36,7 +37,8 @@ def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArra
 def symmetric(plan: SolvePlan, triangle: Sequence[float]) -> FloatArray:
     """Return the symmetric matrix (n, n) of a linear system from its lower entries `triangle`.
 
-    `plan.triangle` has the row and column of each of these entries; other entries are zero.
+    `plan.triangle` has the row and column of each of these entries. `triangle` may be longer: only as many entries
+    are read. All other entries are zero.
     """
     full = np.zeros((plan.size, plan.size))
     for (i, j), entry in zip(plan.triangle, triangle, strict=False):

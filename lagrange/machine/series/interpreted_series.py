@@ -37,7 +37,7 @@ Numbers = NDArray[Any]
 class Jet:
     """The function that computes the Taylor coefficients of a motion, for one set of parameters.
 
-    The parameters end with the sides of switching surfaces, the signs of their functions.
+    The parameters end with one number for each switching surface, the sign of its function.
     """
 
     program: SeriesProgram
@@ -45,10 +45,10 @@ class Jet:
     arithmetic: Arithmetic = field(default=FLOATS)
 
     def coefficients(self, t: Any, y: Sequence[Any] | Numbers, order: int, scale: Any = 1, low: Any = None) -> Numbers:
-        """Return the Taylor coefficients of all values of the program, (order + 1, values), at time t and state y.
+        """Return the Taylor coefficients of all values of the program, (order + 1, values), at time t.
 
-        Coefficients of order k are derivatives divided by k! and multiplied by scale**k. The state is y + `low`, where
-        `low` (2n,) is a correction below the rounding of y.
+        Row k has the derivatives divided by k! and multiplied by scale**k. The state is y + `low`, where `low` (2n,)
+        is a correction below the rounding of y, or None for zero.
 
         Values 0 to 2n - 1 are the coordinates and the velocities. Raises SingularMassMatrix.
         """
@@ -105,7 +105,8 @@ class Jet:
     def _matrices(self, triangles: Sequence[Any]) -> list[Eliminated]:
         """Return the matrix of each linear system of the series after elimination.
 
-        `triangles` has the lower triangles of the matrices that are not constant, one after the other.
+        `triangles` has the entries of those matrices that are not constant: the lower triangle of each, one after the
+        other.
         """
         entries, stages = iter(triangles), self.program.stages
         return [
@@ -116,7 +117,8 @@ class Jet:
     def _eliminated(self, plan: SolvePlan, entries: Iterator[Any]) -> Eliminated:
         """Return the matrix (n, n) of a linear system after elimination.
 
-        `plan` says which entries it has, and `entries` yields their values. Raises SingularMassMatrix.
+        `plan` says which entries of the lower triangle may differ from zero, and `entries` yields their values.
+        Raises SingularMassMatrix.
         """
         mass = np.full((plan.size, plan.size), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
         for i, j in plan.triangle:
@@ -138,10 +140,10 @@ class Jet:
 
 
 class Eliminated:
-    """A matrix after elimination with row exchanges, in any arithmetic, for the solution of linear systems with it.
+    """A matrix after elimination with row exchanges, with which linear systems are solved in any arithmetic.
 
-    In doubles, matrices that are singular up to rounding are refused before. Here only a pivot of zero is singular. A
-    matrix with an entry that is not finite does not count as singular.
+    A matrix is singular here only if a pivot is zero. Matrices of doubles that are singular up to rounding are
+    refused by an earlier test. A matrix with an entry that is not finite does not count as singular.
     """
 
     def __init__(self, matrix: Numbers) -> None:
@@ -173,9 +175,10 @@ class Eliminated:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A coefficient to compute: that of value i at order k, by a rule of the series program.
+    """A Taylor coefficient to compute: that of value `i` at order `k`, by a rule of the series program.
 
-    `x` has all coefficients computed so far, and `args` the indices of the values that the rule reads.
+    `x` (orders, values) has all coefficients computed so far. `args` are the indices of the values that the rule
+    reads, and `constants` the constants of the rule. Coefficients of order k are multiplied by `scale`**k.
     """
 
     x: Numbers
@@ -213,9 +216,9 @@ def _sqrt(at: _Place) -> Any:
 
 
 def _flat(at: _Place) -> Any:
-    """Return a Taylor coefficient of the square root at a zero of its argument.
+    """Return a Taylor coefficient of a square root at a zero of its argument. `at` is the coefficient to compute.
 
-    It is 0 if the argument stays zero, and NaN if the argument changes. `at` is the coefficient to compute.
+    It is 0 if the argument stays zero, and NaN if the argument changes.
     """
     return at.u[0] if at.arg(0)[-1] == 0 else at.u[0] + math.nan
 
@@ -297,13 +300,13 @@ class NumpySeries(Shared):
     def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
         """Return one array of all numbers that a run reads, and the length of each of its parts.
 
-        The parts are the parameters of the series, an empty part for constants, and the parameters of the event
-        functions.
+        The parts are the parameters for the series, constants (none on this machine), and the parameters for the
+        kernel `values` of the event functions.
         """
         return np.concatenate([parameters, parameters]), (len(parameters), 0, len(parameters))
 
     def count(self, steps: int) -> bool:
-        """Return False: unlike machine code, this code is not replaced by optimized code after many steps."""
+        """Return False: this code is never replaced by optimized code, as machine code is after many steps."""
         return False
 
     def load(self, program: Program) -> Kernel:
@@ -327,7 +330,7 @@ class NumpySeries(Shared):
         """Return the Taylor coefficients of the motion at the state y + `low`, with order k in row k, times scale**k.
 
         The columns are the state (2n), then the event functions and switching surfaces. `low` (2n,) is a correction
-        below the rounding of y, None for zero. The last of the `parameters` are the signs of switching surfaces.
+        below the rounding of y, None for zero. `parameters` end with the signs of the switching surfaces' functions.
         """
         with np.errstate(all="ignore"):
             coefficients = self._jet(parameters).coefficients(t, y, order, scale, low)
@@ -345,9 +348,10 @@ class NumpySeries(Shared):
 
 
 def _work_size(size: int, _columns: int) -> int:
-    """Return the number of doubles of work memory for a block of steps: `size`, however many columns it has.
+    """Return the number of doubles of work memory for a block of steps: always `size`.
 
-    The same memory for a state, its rounding errors and one series serves all steps.
+    It does not depend on the number of columns, because the steps are computed one after the other, in the same
+    memory.
     """
     return size
 
@@ -355,7 +359,8 @@ def _work_size(size: int, _columns: int) -> int:
 def _write_polynomials(series: NumpySeries, order: int, parameters: FloatArray, *arrays: Any) -> None:
     """Write the polynomials of a block of Taylor steps of an order.
 
-    `arrays` are the number of steps, the steps and their neighbours, work memory, and the coefficients to write.
+    The `arrays` are the number of steps, the steps, their neighbours (unused), work memory, and the coefficients,
+    which are written.
     """
     n, jet = series.program.states, _between_arrays(series)
     write = arrays_loaded(series_polynomial.form())

@@ -93,9 +93,10 @@ class LlvmSeries(Shared):
         return LlvmDense(self.program.states, order, partial(_polynomial, self, order, parameters))
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the Taylor coefficients of the motion at a state (2n,), with order k in row k, times scale**k.
+        """Return the Taylor coefficients of the motion at a state y (2n,), with order k in row k, times scale**k.
 
-        The columns are the state (2n), then the event functions and switching surfaces.
+        The columns are the state (2n), then the event functions and switching surfaces. `parameters` end with the
+        signs of the switching surfaces' functions.
         """
         return self.code(order).rows(order, t, y, scale, parameters)
 
@@ -117,7 +118,7 @@ def function(program: Program) -> LlvmKernel:
 
 @contextmanager
 def refused() -> Iterator[None]:
-    """Context that replaces an error of LLVM by RunError, with the advice to use the numpy machine."""
+    """Context that turns an error of LLVM into a RunError, whose message advises to use the numpy machine."""
     try:
         yield
     except RuntimeError as error:
@@ -125,7 +126,7 @@ def refused() -> Iterator[None]:
 
 
 class CompiledJet:
-    """Machine code that computes a Taylor series up to one order, or, with order 0, up to any order by loops."""
+    """Machine code that computes a Taylor series up to one order, or up to any order by loops (order 0)."""
 
     def __init__(self, packing: Packing, order: int) -> None:
         self.program = packing.program
@@ -172,7 +173,7 @@ class CompiledJet:
         return self.tiers is None or self.tiers.is_final
 
     def count(self, steps: int) -> bool:
-        """Report `steps` more steps. Return True when optimized code replaces the code that was compiled quickly."""
+        """Count `steps` more steps. Return True if optimized code replaces the quickly compiled code from now on."""
         if self.tiers is None or self.tiers.is_final:
             return False
         self.tiers.count(steps)
@@ -189,8 +190,8 @@ class CompiledJet:
     def numbers(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the numbers that the code reads and that do not change along a run, as two arrays.
 
-        The first has the parameters and all numbers that depend on them alone. The second has one zero and is not
-        read. Raises SingularMassMatrix.
+        The first has the parameters and all numbers that depend on them alone. The second is a single zero that the
+        code does not read: the loop over steps expects two arrays. Raises SingularMassMatrix.
         """
         key, known = parameters.tobytes(), self._prepared
         if known is not None and known[0] == key:
@@ -204,8 +205,8 @@ class CompiledJet:
     def joined(self, parameters: FloatArray, values: Any) -> tuple[FloatArray, list[int]]:
         """Return one array of all numbers that a run reads, and the length of each of its parts.
 
-        The parts are the two arrays of `numbers`, and the numbers of the kernel `values` of event functions unless it
-        is None. The last array is cached.
+        The parts are the two arrays of `numbers`, and the numbers that the kernel `values` reads. `values` evaluates
+        the event functions; without it, the third part is missing. The last array is cached.
         """
         key, known = (parameters.tobytes(), values), self._joined
         if known is None or known[0] != key:
@@ -228,7 +229,10 @@ class CompiledJet:
 
 
 def layout_of(packing: Packing, order: int) -> TaylorLayout:
-    """Return the layout in memory of a series at one order; order 0 is for code with loops for every order."""
+    """Return the layout in memory of a series at one order. Order 0 means code with loops for every order.
+
+    `packing` says how values with the same rule are joined to vectors.
+    """
     program = packing.program
     block = 2 if program.states <= 2 else 4 if program.states <= 4 else 8
     if order:
@@ -274,7 +278,7 @@ def event_procedures() -> tuple[Procedure, ...]:
 def link_events(*, well: bool) -> None:
     """Compile the procedures that find events on Taylor steps, and make them known to modules loaded later.
 
-    They are optimized if `well`, else compiled quickly.
+    If `well`, they are optimized. Else they are compiled quickly, unless this was done before.
     """
     with _BUILDING:
         if well or not _events.cache_info().currsize:
@@ -283,9 +287,9 @@ def link_events(*, well: bool) -> None:
 
 @cache
 def _events(well: bool) -> Module:
-    """Compile the procedures that find events on Taylor steps, and register their addresses under their names.
+    """Compile the procedures that find events on Taylor steps, and register their addresses by name.
 
-    They are optimized if `well`, else compiled quickly.
+    If `well`, they are optimized, else compiled quickly.
     """
     reached = transitive_callees(event_procedures())
     texts = [procedure_ir(each, hidden=each not in event_procedures(), merged=not each.apart) for each in reached]

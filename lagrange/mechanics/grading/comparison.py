@@ -106,10 +106,11 @@ def _points(statement: Statement, rows: Sequence[EquationRow]) -> Iterator[Sampl
 
 
 def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[list[MotionSample]]:
-    """Return alternative lists of samples, with the multipliers that an answer may use.
+    """Return lists of the same samples with different multipliers, each of which an answer may mean.
 
-    The first list has the multipliers of the system. Each other list has multiples of them, as the forces in one
-    equation require. An answer may name, scale and sign its multipliers in another way.
+    An answer may name, scale and sign its multipliers in another way than the system. The first list has the
+    multipliers of the system. Each other list has multiples of them, as required by the forces in one equation of the
+    answer.
     """
     choices = [list(samples)]
     for row in rows:
@@ -364,10 +365,10 @@ def _compared(
 
 
 def _distances(derivation: Derivation) -> list[str]:
-    """Return the names of the distances r with abs(r) or sign(r) in the right equations: answers have r > 0.
+    """Return the names of the coordinates that are distances, which an answer may assume to be positive.
 
-    A distance is a coordinate such as the radius of polar coordinates: where it is zero, another row of the mass matrix
-    is zero.
+    A distance r occurs in the right equations as abs(r) or sign(r). Where it is zero, a row of the mass matrix that
+    belongs to another coordinate is zero. An example is the radius of polar coordinates.
     """
     plain, names, distances = derivation.statement.plain, derivation.statement.names, list[str]()
     with suppress(StatementError):
@@ -389,9 +390,9 @@ def _kinks(derivation: Derivation) -> list[Any]:
 
 
 def _condition(rows: Sequence[EquationRow], derivation: Derivation, write: Write, distances: Collection[str]) -> str:
-    """Return where equations hold that are wrong elsewhere, such as "x > 0"; "" if nowhere.
+    """Return the condition under which wrong equations are right, such as "x > 0"; "" if there is none.
 
-    The condition is on signs of expressions x whose abs(x) or sign(x) is in the right equations.
+    It is on the signs of expressions x whose abs(x) or sign(x) is in the right equations.
     """
     statement = derivation.statement
     try:
@@ -411,10 +412,10 @@ def _condition(rows: Sequence[EquationRow], derivation: Derivation, write: Write
 
 
 def _numbers_in_place(rows: Sequence[EquationRow], distances: Collection[str]) -> str:
-    """Return the values of parameters that a right answer has as numbers, such as "m = 1 and k = 30".
+    """Return the values that an answer has in place of parameters, as a text such as "m = 1 and k = 30".
 
-    The result is "" if the answer is not right with such values. It is also "" if all values are 0 or 1: a term or
-    factor was then rather forgotten.
+    The result is "" if the answer is not right with these values of the parameters. It is also "" if all values are 0
+    or 1, because then a term or factor was probably forgotten.
     """
     statement = rows[0].statement
     absent = {p: x for p, x in statement.defaults.items() if not any(row.zero.has(p) for row in rows)}
@@ -435,9 +436,9 @@ def _numbers_in_place(rows: Sequence[EquationRow], distances: Collection[str]) -
 
 
 def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
-    """Return a sentence on a tiny number in a right equation, or "".
+    """Return a sentence on a tiny number that makes no difference in a right equation, or "".
 
-    The equation holds also with zero in place of the number, so the number was not tested.
+    The equation also holds with zero in place of the number, so the number was not tested.
     """
     for row in rows:
         for number in sorted(row.zero.atoms(sympy.Number), key=str):
@@ -483,7 +484,7 @@ def _is_negative(samples: Sequence[MotionSample]) -> bool:
 def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, doubted: bool) -> str:
     """Return the end of a sentence on what right equations leave undetermined, or "".
 
-    An equation without accelerations counts by its derivative with respect to time, and the length of a quaternion
+    An equation without accelerations is replaced by its first or second time derivative. The length of a quaternion
     needs no equation. Constraints are part of the statement and need not be repeated. They are required only if the
     answer is `doubted`: if it has a remark that does not hold, such as a wrong constraint.
     """

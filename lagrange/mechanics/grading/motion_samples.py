@@ -83,10 +83,10 @@ def motion_samples(
 
 
 class MotionStates:
-    """Finds states at which the constraints and first-order equations of a statement hold, and the motion there.
+    """Finds states on the constraints and first-order equations of a statement, and the accelerations there.
 
-    First-order equations are those of coordinates without inertia: relations between velocities. `indices` are those
-    of these coordinates. Coordinates that occur in a constraint are not included.
+    A first-order equation belongs to a coordinate without inertia, and is a relation between velocities. `indices`
+    are the indices of these coordinates, without those that occur in a constraint.
     """
 
     def __init__(self, statement: Statement) -> None:

@@ -80,7 +80,7 @@ class Sum:
 
     `side` is 0 for the left side and 1 for the right side. `path` has the indices of SymPy arguments that lead to the
     sum. `around` is the product of the factors that multiply the sum; `below` is true in a denominator. `terms` are
-    its terms, like terms as they were typed.
+    the terms of the sum. Like terms are not combined if they were typed separately.
     """
 
     side: int
@@ -161,7 +161,7 @@ def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) ->
 def _sums(side: int, expression: Any, typed: Sequence[Any]) -> Iterator[Sum]:
     """Yield the sums of a side: the side itself, and the sums in its products, reciprocals and brackets.
 
-    `typed` are terms of the side that may be like terms.
+    `typed` are terms of the side as they were typed, in which like terms are not combined.
     """
     terms = (*typed, *sympy.Add.make_args(expression - sympy.Add(*typed))) if typed else ()
     whole = sympy.Add.make_args(expression)
@@ -232,7 +232,11 @@ class _Search:
         return evaluated(expressions, self.row.statement, self.samples)
 
     def _bases(self, denominators: Sequence[Any]) -> list[Any]:
-        """Return the factors of all terms without their powers, the factors of typed terms first."""
+        """Return candidates for wrong factors: the bases of the factors of all terms, those of typed terms first.
+
+        A factor is a power of its base. The terms are the typed ones, those of the right equations, and
+        `denominators`.
+        """
         typed = [term * total.around for total in self.sums for term in total.terms]
         self.typed = {factor.as_base_exp()[0] for term in typed for factor in sympy.Mul.make_args(term)}
         every: dict[Any, None] = {}
@@ -249,10 +253,10 @@ class _Search:
 
     @cached_property
     def products(self) -> tuple[list[tuple[tuple[int, int], ...]], Any, list[float]]:
-        """Products of powers of factors, as ((index, exponent), ...), the logarithms of their values and their costs.
+        """Products of powers of candidate factors: a key, the logarithms of the values, and the cost of each product.
 
-        The logarithms are those of the magnitudes at the samples, an array with a row for each product. The mean of
-        each row is subtracted.
+        A key is ((index of a factor, exponent), ...). The logarithms are those of absolute values at the samples, an
+        array with a row for each product. The mean of each row is subtracted.
         """
         values = self.base_values
         usable = [i for i, line in enumerate(values) if all(line)]

@@ -28,8 +28,8 @@ def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> Stu
     """Return an equation with exact numbers in place of decimals, if it then holds at all samples; else None.
 
     Its `note` is a sentence on these numbers. The exact numbers replace decimals that are rounded from them and have
-    enough digits: 0.667 becomes 2/3. A number that was cut off, such as 0.666, remains. For a product of decimals,
-    which SymPy multiplies, the relative error is that of the most precise one.
+    enough digits: 0.667 becomes 2/3. A number that was cut off, such as 0.666, remains. SymPy multiplies the decimals
+    in a product. The result is assumed to be as precise as the most precise decimal of the equation.
     """
     equation = row.equation
     decimals_typed = [Decimal(text) for text in _DECIMAL.findall(equation.read)]

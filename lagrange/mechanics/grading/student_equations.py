@@ -113,8 +113,9 @@ class _EquationReader:
     def reader(self, text: str, what: str = "") -> tuple[TypedReader, dict[Any, Any]]:
         """Return a reader for a text, and {multiplier: symbol of the letter that the text uses for it}.
 
-        If there is one constraint, its force may have any letter that is the only unknown of the equations of motion.
-        `what` is the label of the text in messages.
+        For a system with one constraint, the text may use another letter for the multiplier, such as one for a force.
+        It must be clear from the unknown names in the text which letter this is. `what` is the label of the text in
+        messages.
         """
         words = {canonical(word) for word in WORD.findall(text)}
         reader, letters = TypedReader(self.names, self.others), [letter for letter in self.spellings if letter in words]
@@ -408,7 +409,8 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:
     """Return a program that computes expressions in plain symbols, in multiple precision.
 
-    A derivative of a jump is zero in them, as it is beside the jump. Raises OutsideDomain if a constant has no value.
+    The derivative of a jump, such as that of sign(x) at zero, is taken as zero. Raises OutsideDomain if a constant
+    has no value.
     """
     stated = {symbol: leaf for leaf, symbol in statement.plain.items()}
     beside = (expression.replace(sympy.DiracDelta, lambda *_: sympy.S.Zero) for expression in expressions)

@@ -336,7 +336,8 @@ def _all_hold(zeros: Sequence[Any], statement: Statement, samples: Sequence[Moti
 def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
     """Return a sentence if the equations are right after linearization about zero coordinates, else "".
 
-    `zeros` are the equations as expressions that are zero. Those of rotations have no zero coordinates.
+    `zeros` are the equations as expressions that are zero. A system with rotations gives "", because the entries of a
+    quaternion cannot all be zero.
     """
     moving = set(statement.plain.values())
     if statement.rotations or any(
@@ -377,7 +378,7 @@ def _slips(zeros: Sequence[Any], statement: Statement, *, alone: bool) -> Iterat
     """Yield slips that the equations may contain, the most common first.
 
     A slip is a sentence and the substitution that undoes it. `zeros` are the equations as expressions that are zero.
-    If `alone`, slips in factors and directions of coordinates are left out.
+    With `alone` two kinds of slips are left out: wrong factors, and coordinates with the opposite direction.
     """
     used = {symbol for zero in zeros for symbol in zero.free_symbols}
     parameters = [p for p in statement.parameters if p in used]

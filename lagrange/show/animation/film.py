@@ -72,10 +72,10 @@ points."""
 
 @dataclass(frozen=True)
 class FilmOptions:
-    """Requested size of the picture in pixels, and the time of the run that trails go back.
+    """Requested size of the picture in pixels, and requested duration of the trails, in the time of the run.
 
-    If the size is None, the picture fits the motion. If `trail` is None, trails go back `TRAIL_SECONDS` on the
-    screen.
+    A trail is the path of a point during this duration before a frame. If `size` is None, the picture fits the
+    motion. If `trail` is None, the duration is `TRAIL_SECONDS` on the screen.
     """
 
     size: tuple[int, int] | None
@@ -168,7 +168,7 @@ class Film:
 
     @property
     def frames(self) -> int:
-        """Number of frames."""
+        """Number of frames of the film."""
         return len(self.timing.t)
 
     def frame(self, number: int) -> Pixels:
@@ -214,7 +214,7 @@ class _FilmFigure:
 
     @cached_property
     def clear(self) -> Pixels:
-        """Pixels of the fixed parts, with all curves at full opacity.
+        """Pixels of the picture with its fixed parts, and with all curves at full opacity over their whole length.
 
         Each frame copies from these pixels the part of each curve up to its time.
         """
@@ -384,7 +384,7 @@ class MovingScene:
             legend(axis, style)
 
     def draw(self, k: int, pen: Pen) -> None:
-        """Draw the moving parts at sample number `k`."""
+        """Draw the points, links, surfaces and trails at sample number `k`."""
         now, style = self.seen[:, :, k], self.style
         if self.shadows is not None:
             below = self.shadows[:, :, k]
@@ -435,14 +435,20 @@ class Pen:
         return context
 
     def line(self, points: FloatArray, colour: str, width: float, opacity: float = 1.0, cap: str = "round") -> None:
-        """Draw a line through points (2, K), `width` points wide."""
+        """Draw a line through the positions `points` (2, K), with a width in typographic points.
+
+        `opacity` is 1 for an opaque line, and `cap` is the shape of its ends in Matplotlib.
+        """
         context = self._context(colour, width)
         context.set_alpha(opacity)
         context.set_capstyle(cap)
         self._renderer.draw_path(context, self._path(points.T), self._place)
 
     def marks(self, points: FloatArray, colour: str, size: float, shape: str = "o") -> None:
-        """Draw circles or squares ("s") at points (2, K), `size` points wide, with an edge in the background colour."""
+        """Draw circles, or squares for the shape "s", at the positions `points` (2, K).
+
+        `size` is their width in typographic points. Their edges have the colour of the background.
+        """
         if points.shape[1]:
             size *= self._point
             context, mark, where = self._context(self._paper, 1.0), self._shapes[shape], self._path(points.T)

@@ -172,7 +172,7 @@ class Recording:
 
     @property
     def frames(self) -> slice:
-        """Slice that selects the samples of the frames."""
+        """Slice that selects the samples at the frames from all samples of the recording."""
         return slice(None, None, self.detail)
 
 

@@ -56,17 +56,17 @@ class AxisWindow:
 
     @property
     def note(self) -> str:
-        """Note that names the largest value outside of the limits."""
+        """Note for the panel: the share of the time that it shows, and the largest value after that."""
         return f"shown: {SHOWN_SHARE:.0%} of the time; then up to {self.largest:.1e}"
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Values at which lines are cut: a little outside the panel."""
+        """Lowest and highest value at which lines are cut, a little outside of the panel."""
         room = OVERSHOOT * (self.high - self.low)
         return self.low - room, self.high + room
 
     def clipped(self, rows: FloatArray) -> FloatArray:
-        """Return rows of values, limited to the bounds."""
+        """Return rows of values; a value beyond `bounds` is replaced by the nearest bound."""
         return np.clip(rows, *self.bounds)
 
 

@@ -349,7 +349,7 @@ class TimePanel:
         return 1.3 if self.wide else 1.0
 
     def draw(self, axis: Axes, pixels: Pixels, style: FigureStyle) -> None:
-        """Draw all curves, with a legend if there are several."""
+        """Draw the quantity of all runs into the panel `axis`, with a legend if there are several curves."""
         runs = [
             curves(panel_quantity, run, pixels)
             for panel_quantity, run in zip(self.quantities, self.solutions, strict=True)
@@ -402,9 +402,9 @@ class TimePanel:
             )
 
     def _name(self, axis: Axes, notes: str, style: FigureStyle) -> None:
-        """Label the panel: beside it if the quantity has no name, else above it. Several curves get a legend.
+        """Write the title of the panel above it, or beside it if the quantity has a single label and no name.
 
-        `notes` are written above the panel.
+        Several curves get a legend. `notes` are written above the panel.
         """
         quantity = self.quantities[0]
         title = notes

@@ -166,18 +166,18 @@ class Box:
 
     @property
     def corners(self) -> FloatArray:
-        """All corners, (3, 8)."""
+        """All corners of the box, (3, 8)."""
         ends = np.array([self.low, self.high])
         return np.array([ends[list(np.unravel_index(k, (2, 2, 2))), range(3)] for k in range(8)]).T
 
     @property
     def drawn(self) -> FloatArray:
-        """Corners of the parts that are drawn, (3, 5): the four corners of the floor, and the top of the z axis."""
+        """Corners of the drawn parts of the box, (3, 5): four corners of the floor, and the top of the z axis."""
         (x0, y0, z0), (x1, y1, z1) = self.low, self.high
         return np.array([(x0, y0, z0), (x1, y0, z0), (x0, y1, z0), (x1, y1, z0), (x0, y0, z1)]).T
 
     def ticks(self, axis: int) -> FloatArray:
-        """Return round numbers between the ends of axis number `axis`, (k,)."""
+        """Return round numbers (k,) between the ends of axis number `axis` of the box."""
         from matplotlib.ticker import MaxNLocator
 
         low, high = float(self.low[axis]), float(self.high[axis])

@@ -161,9 +161,10 @@ def write_together(folder: str | os.PathLike[str], files: Mapping[str, Writer | 
 
 
 def _exchange(home: Path, targets: Mapping[str, Path], parts: Mapping[str, Path]) -> None:
-    """Remove the last target and targets without a new file; then move the new files `parts` to their targets.
+    """Replace the files `targets` by the new files `parts`, both by name; a target without a new file is removed.
 
-    The last one is moved last. Errors name the folder `home`.
+    The last target is removed first and replaced last, so that it is missing after an interruption. Errors name the
+    folder `home`.
     """
     *_, last = targets
     try:

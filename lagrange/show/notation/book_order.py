@@ -116,9 +116,10 @@ class BookOrder:
         return (-max(highest, POSITION), degree, last, self._place(term, highest), indices, ranks)
 
     def _last(self, ranks: list[tuple[int, int, int]]) -> int:
-        """Return the class of a term by the ranks of its symbols.
+        """Return the class of a term by the ranks of its symbols, which are in ascending order.
 
-        It is 1 for a weight, 2 for a function of time alone, which is printed last, and 0 for any other term.
+        It is 1 for a weight, a product with the acceleration of gravity g. It is 2 for a function of time alone,
+        which is printed last, and 0 for any other term.
         """
         if ranks and ranks[-1] == LAST and not any(rank[0] == POSITION for rank in ranks if rank != LAST):
             return 2
@@ -173,10 +174,11 @@ class BookOrder:
         return [first, *ordered]
 
     def reversible(self, total: Any, term: Any) -> bool:
-        """Return True if the minus sign of a term may reverse its factor `total`: -(m1 - m2)*g becomes (m2 - m1)*g.
+        """Return True if the minus sign of a term may be moved into its factor `total`: -(m1 - m2)*g is (m2 - m1)*g.
 
-        `total` must be a difference of masses, or of other constants if the statement does not contain it: a stated
-        difference such as R - r is usually positive. A term that a user typed is not changed.
+        `total` must be a difference of two masses, or another difference of constants that does not occur in the
+        statement. A stated difference such as R - r is usually positive, and is kept. A term that a user typed is not
+        changed.
         """
         if not total.is_Add or len(total.args) != 2 or sum(map(_negative, total.args)) != 1 or self.moves(total):
             return False

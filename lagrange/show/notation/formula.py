@@ -73,7 +73,7 @@ class Typesetter:
         return [(negative, self.notation.grouped(piece, PRODUCT)) for negative, piece in signed]
 
     def ordered(self, expression: Any) -> list[Any]:
-        """Return the terms of an expression in plain symbols, in order."""
+        """Return the terms of an expression in plain symbols, in the order of textbooks."""
         return self.order.terms(sympy.Add.make_args(expression), lambda term: self.signed(term)[0])
 
     def piece(self, node: Any) -> FormulaPiece:

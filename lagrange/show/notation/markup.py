@@ -84,7 +84,7 @@ class LatexNotation(BookNotation):
         return self.function_names.get(name) or self.letter(name.rstrip("'")) + "'" * name.count("'")
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
-        """Return a matrix in parentheses."""
+        """Return a matrix in LaTeX, in parentheses; `rows` are the texts of its entries."""
         return "\\begin{pmatrix} " + " \\\\ ".join(" & ".join(row) for row in rows) + " \\end{pmatrix}"
 
 
@@ -111,7 +111,7 @@ def row(*parts: str) -> str:
 
 
 def operator(sign: str) -> str:
-    """Return a sign as an operator element."""
+    """Return a sign, such as +, as a MathML element for an operator."""
     return f"<mo>{escape(sign)}</mo>"
 
 
@@ -139,7 +139,7 @@ class MathmlNotation(BookNotation):
     magnitude = row(operator("|"), "{0}", operator("|"))
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
-        """Return a name as a letter, with dots above it for time derivatives and with indices below the line."""
+        """Return a name in MathML: a letter, with dots above it for time derivatives and indices below the line."""
         head, parts = index_parts(name) if name not in self.literal else (latin(name), [])
         spelled = f"<mi>{escape(head if name in self.literal else UNICODE_GREEK.get(head, head))}</mi>"
         if dots:
@@ -152,7 +152,7 @@ class MathmlNotation(BookNotation):
         return f"<msub>{head}{parts[0] if len(parts) == 1 else row(*parts)}</msub>" if parts else head
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return the symbol of a quantity whose usual `letter` the user has taken, with indices.
+        """Return the symbol, in MathML, of a quantity whose usual `letter` the user has taken, with indices.
 
         The letter becomes calligraphic. A letter without a calligraphic form is replaced by its `word`.
         """
@@ -175,48 +175,51 @@ class MathmlNotation(BookNotation):
         return self.constants.get(name, f"<mi>{name}</mi>")
 
     def brackets(self, inside: str) -> str:
-        """Return elements in parentheses. Around a single line they do not stretch, which would add wide gaps."""
+        """Return MathML in parentheses, which stretch only around a tall text such as a fraction.
+
+        Parentheses that stretch have wide gaps beside them.
+        """
         if any(tall in inside for tall in TALL):
             return row(operator("("), inside, operator(")"))
         return row('<mo stretchy="false">(</mo>', inside, '<mo stretchy="false">)</mo>')
 
     def joined(self, texts: Sequence[str]) -> str:
-        """Return a product: factors side by side, with a space before a function."""
+        """Return a product in MathML: its factors, `texts`, side by side, with a space before a function."""
         return row(*(SPACE + text if k and text.startswith(CALLS) else text for k, text in enumerate(texts)))
 
     def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
-        """Return a fraction: `above` over `below`."""
+        """Return a fraction in MathML: `above` over `below`."""
         return FormulaPiece(f"<mfrac>{_one(above)}{_one(below)}</mfrac>", POWER)
 
     def raised(self, base: str, exponent: str) -> FormulaPiece:
-        """Return a power as one element: `base` with the raised `exponent`."""
+        """Return a power as one element of MathML: `base` with the raised `exponent`."""
         shown = f"<mn>{exponent}</mn>" if exponent.lstrip("-").isdigit() else row(exponent)
         return FormulaPiece(f"<msup>{base}{shown}</msup>", POWER)
 
     def root(self, inside: FormulaPiece) -> FormulaPiece:
-        """Return the square root of `inside`."""
+        """Return the square root of `inside` in MathML."""
         return FormulaPiece(f"<msqrt>{inside.text}</msqrt>")
 
     def function_name(self, name: str) -> str:
-        """Return the name of a function as an element."""
+        """Return the name of a function as a MathML element."""
         return f"<mi>{self.function_names.get(name, name)}</mi>"
 
     def applied(self, head: str, inside: str) -> str:
-        """Return the function `head` with its arguments in parentheses."""
+        """Return MathML of the function `head` with its arguments, `inside`, in parentheses."""
         return row(head, APPLY, self.brackets(inside))
 
     def beside(self, head: str, inside: str) -> str:
-        """Return the function `head` followed by a single symbol without parentheses."""
+        """Return MathML of the function `head`, followed by the single symbol `inside` without parentheses."""
         return row(head, APPLY, SPACE, inside)
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
-        """Return a matrix: a table in parentheses."""
+        """Return a matrix in MathML: a table in parentheses; `rows` are the elements of its entries."""
         lines = ("".join(f"<mtd>{row(entry)}</mtd>" for entry in line) for line in rows)
         return self.brackets("<mtable>" + "".join(f"<mtr>{line}</mtr>" for line in lines) + "</mtable>")
 
 
 def _one(piece: FormulaPiece) -> str:
-    """Return a piece of a formula as a single element."""
+    """Return a piece of a formula as a single element of MathML."""
     return row(piece.text) if piece.level == SUM else piece.text
 
 

@@ -232,7 +232,7 @@ class Notation:
         return f"({inside})"
 
     def joined(self, texts: Sequence[str]) -> str:
-        """Return the product of texts, which already have the necessary parentheses."""
+        """Return the product of factors; `texts` are the texts of the factors, with the necessary parentheses."""
         return self.product_sign.join(texts)
 
     def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
@@ -268,7 +268,7 @@ class Notation:
         return FormulaPiece(self.case_frame.format(self.case_separator.join(parts)))
 
     def comparison(self, left: str, relation: str, right: str) -> str:
-        """Return a condition; the relation is one of <, <=, >, >=, =, !=."""
+        """Return the text of a condition that compares two texts; `relation` is one of <, <=, >, >=, =, !=."""
         return self.relation.format(left, self.relations.get(relation, relation), right)
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
@@ -286,9 +286,10 @@ class Notation:
         return self.derivative.format(above, below)
 
     def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
-        """Return the sum of terms; each is a pair (True if subtracted, text).
+        """Return the text of a sum; each of its terms is a pair (True if subtracted, text without sign).
 
-        With `leading` the first term has no plus sign; without it the sum continues the line above.
+        With `leading` there is no plus sign before the first term. Without it there is one, because the sum continues
+        the line above.
         """
         (negative, first), *rest = terms
         start = (self.sign_before if leading else self.sign_of_line)[negative]

@@ -120,14 +120,17 @@ class PageWriter:
         return ", ".join(parts)
 
     def formulas(self, formulas: Sequence[Formula]) -> str:
-        """Return formulas on separate lines, aligned."""
+        """Return formulas as a block of LaTeX in Markdown; several formulas are on separate lines and aligned."""
         lines = [line for formula in formulas for line in self._page.lines.formula(formula)]
         if len(lines) == 1:
             return f"$$\n{_plain(self._page.in_one_line(lines[0]))}\n$$"
         return f"$$\n{_plain(self._page.aligned(lines, 'aligned'))}\n$$"
 
     def short(self, formula: Formula, name: str, instead: str) -> str:
-        """Return a formula, or instead of a long one a sentence that begins with `name` and ends with `instead`."""
+        """Return a formula as LaTeX in Markdown; a sentence replaces a formula with too many operations.
+
+        The sentence begins with `name` and ends with `instead`.
+        """
         size = operations_of(formula)
         if size > MOST_SHOWN_OPERATIONS:
             return left_out(name, f"it has {size} operations", instead)
@@ -145,11 +148,11 @@ class PageWriter:
         return "\n\n".join(texts), sum(text.count(NEXT_LINE) + 1 for text in texts)
 
     def equations(self, heading: str, laws: Sequence[Any]) -> str:
-        """Return a heading followed by the SymPy equations `laws`, folded if they are long."""
+        """Return Markdown: a heading, and the SymPy equations `laws` under it, folded if they are long."""
         return self.under(heading, [Formula((law.lhs, law.rhs)) for law in laws])
 
     def under(self, heading: str, formulas: Sequence[Formula]) -> str:
-        """Return formulas under a heading, folded where they are long."""
+        """Return Markdown: a heading, and formulas under it, folded if they are long."""
         text = self.formulas(formulas)
         lines = text.count(NEXT_LINE) + 1
         if lines > LONG:
@@ -207,7 +210,7 @@ class ExpressionTuple(tuple[Any, ...]):
     statement: Statement
 
     def __new__(cls, expressions: Iterable[Any], statement: Statement) -> ExpressionTuple:
-        """Return the tuple, with the statement whose symbols the expressions contain."""
+        """Return a tuple of the expressions that also stores the statement, whose symbols the expressions contain."""
         entries = super().__new__(cls, expressions)
         entries.statement = statement
         return entries

@@ -91,7 +91,10 @@ def _modes(modes: Modes, writer: PageWriter) -> Iterator[Part]:
 
 
 def _number(frequency: Any, modes: Modes, writer: PageWriter) -> str:
-    """Return the numerical value of a frequency in LaTeX; empty unless it has symbols, all of them with values."""
+    """Return the numerical value of a frequency as LaTeX for the end of a formula, or "".
+
+    The result is "" for a frequency without symbols, and for one with a symbol that has no value.
+    """
     value = sympy.N(frequency.subs(modes.linearization.statement.defaults))
     if not (modes.symbolic and value.is_number and frequency.free_symbols):
         return ""

@@ -153,7 +153,10 @@ def _polynomial(name: str, arguments: Sequence[Any], coefficients: dict[Any, Non
 
 
 def _written_out(expression: Any, coefficients: dict[Any, None]) -> Any:
-    """Return the expression with polynomials for its undefined functions of coordinates."""
+    """Return the expression with polynomials in place of its undefined functions of coordinates.
+
+    The coefficients of the polynomials are new symbols, which are added to `coefficients`.
+    """
     functions = [node for node in expression.atoms(AppliedUndef) if node.args != (t,)]
     for function in sorted({node.func for node in functions}, key=str):
         arguments = [sympy.Dummy(real=True) for _ in range(max(len(n.args) for n in functions if n.func == function))]
@@ -170,9 +173,10 @@ def _pending(node: Any) -> bool:
 
 
 def require_values(statement: Statement, remedy: str = "") -> None:
-    """Raise StatementError if a given function has no values, or a function of coordinates no formula.
+    """Raise StatementError if a given function has no values, or if a function of coordinates has no formula.
 
-    A `remedy` such as "linearize(inputs=[{}])" is offered first, with the name of the function in it.
+    The message first offers the text `remedy`, such as "linearize(inputs=[{}])", in which {} becomes the name of the
+    function.
     """
     names = [name_of(function) for function in open_functions(statement)]
     if names:

@@ -75,9 +75,9 @@ _LATEST: deque[TabulatedFunction] = deque(maxlen=256)
 
 
 def table_of(node: Any) -> tuple[Any, TabulatedFunction] | None:
-    """Return the argument and the table of a spline in an expression, None if the node is not such a spline.
+    """Return (argument, table) if a node of an expression is the spline of a table, else None.
 
-    Only the latest tables are known.
+    Only the tables that were made most recently are recognised.
     """
     bounds = table_range(node)
     same = [table for table in tuple(_LATEST) if bounds and _ends(table) == bounds[1:]]
@@ -173,12 +173,12 @@ class Motion:
 
     @property
     def expression(self) -> Any:
-        """The expression; None for a table or a function without values."""
+        """The given function as an expression in t and parameters; None for a table or a function without values."""
         return self.values if isinstance(self.values, sympy.Expr) else None
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time with a value; -inf and inf without a table."""
+        """First and last time at which the given function has a value; -inf and inf unless it is a table."""
         table = self.values
         return (table.points[0], table.points[-1]) if isinstance(table, TabulatedFunction) else (-math.inf, math.inf)
 
@@ -196,7 +196,7 @@ def motion_of(function: Any) -> Motion | None:
 
 
 def _slope(expression: Any, order: int) -> Any:
-    """Return the derivative of order `order` in t, where t is real. At a corner or a jump it is one-sided."""
+    """Return the derivative of order `order` in t of an expression, for real t. At a corner it is one-sided."""
     time = sympy.Dummy(real=True)
     derivative = expression.xreplace({t: time})
     for _ in range(order):

@@ -158,16 +158,16 @@ class Reader:
 
     @property
     def token(self) -> Token:
-        """The current token."""
+        """The token at the current position in the text."""
         return self.tokens[self.place]
 
     def take(self) -> Token:
-        """Return the current token, and move to the next one."""
+        """Return the token at the current position, and move to the next one."""
         self.place += 1
         return self.tokens[self.place - 1]
 
     def at(self, *texts: str, kind: str = "operator") -> bool:
-        """Return True if the current token is of this kind and one of these texts."""
+        """Return True if the token at the current position has the kind `kind` and one of the `texts`."""
         return self.token.kind == kind and self.token.text in texts
 
     @contextmanager
@@ -180,9 +180,9 @@ class Reader:
         self.depth -= 1
 
     def built(self, start: int, build: Callable[..., ParsedValue], *parts: Any) -> ParsedValue:
-        """Return the parsed part that `build(*parts)` makes, after its check.
+        """Return `build(*parts)`, a parsed part of the text, after the check of its size and value.
 
-        A RefusalError becomes a SceneError at the offset `start`.
+        A RefusalError is raised as a SceneError at the offset `start` in the text.
         """
         try:
             return self._checked(build(*parts))
@@ -213,7 +213,7 @@ class Reader:
         return value
 
     def logic(self) -> ParsedValue:
-        """Read a condition or a value."""
+        """Read the condition or the value at the current position of the text."""
         return self.comparison()
 
     def comparison(self) -> ParsedValue:
@@ -300,7 +300,7 @@ class Reader:
         return values
 
     def named(self, token: Token) -> ParsedValue:
-        """Return the value of the name `token`, which was read."""
+        """Return the value of a name: of the symbol or definition that the text of `token` names."""
         name = token.text
         if name in self.names:
             return self.built(token.offset, ParsedValue, self.names[name], self.constants.get(name))
@@ -351,9 +351,10 @@ class Reader:
         refuse(reason if reason.endswith(".") else f"{reason}.", token.offset)
 
     def _checked(self, value: ParsedValue) -> ParsedValue:
-        """Return a parsed part after its check. A part without symbols must have a finite value as a double.
+        """Return a parsed part of the text after the check of its size.
 
-        If SymPy evaluated it to an exact number, its double is computed from this number.
+        A part without symbols must have a finite value. If SymPy evaluated the part to an exact number, its value as
+        a double is computed from this number.
         """
         varies = self.guard.check(value.expression)
         if isinstance(value.expression, sympy.Number):

@@ -37,7 +37,7 @@ _NUMBER_FIRST = (sympy.Add, sympy.Mul)
 
 
 class RefusalError(Exception):
-    """Reason why an expression is refused. The reader adds the column."""
+    """Error: an expression is refused. Its message is the reason, to which the reader of the text adds the column."""
 
 
 class Guard:
@@ -63,7 +63,7 @@ class Guard:
         return self.varies[expression]
 
     def enter(self, node: Any) -> None:
-        """Do nothing; a subclass examines here a subexpression that has passed the check."""
+        """Do nothing. A subclass examines here each subexpression that passed the check."""
 
     def join(self, build: Callable[..., Any], parts: list[Any]) -> Any:
         """Return the sum or product of `parts`, made by `build`: sympy.Add or sympy.Mul.

@@ -128,7 +128,7 @@ class SceneDocument(Document):
             return real_number(value, what)
 
     def expression(self, reader: ExpressionReader, *path: str | int) -> Any:
-        """Return the text or number at a path as a SymPy expression."""
+        """Return the text or number at a path of keys and indices in the file, as a SymPy expression."""
         return self._of_text(reader.read, *path)
 
     def one_or_more(self, reader: ExpressionReader, *path: str | int) -> Any:
@@ -192,7 +192,7 @@ class SceneReader:
             document.refuse(f"evaluate is {kind_of(self.evaluated)}: write true or false.", "evaluate")
 
     def statement(self) -> Statement:
-        """Return the checked statement."""
+        """Return the statement that the scene file states, checked."""
         document = self.document
         rotations = self.rotations()
         turning = {name_of(q): q for each in rotations for q in each.quaternion}
@@ -352,7 +352,10 @@ class SceneReader:
             self.document.refuse(reason, "signs", name)
 
     def reader(self, names: Mapping[str, Any], given_names: Mapping[str, Any]) -> ExpressionReader:
-        """Return the reader of the expressions, with the tables and definitions of the scene."""
+        """Return the reader of the scene's expressions, which also knows the tables and definitions of the file.
+
+        `names` maps identifiers to SymPy objects, and `given_names` those of given functions of time.
+        """
         functions = self.data.get("functions", [])
         if not isinstance(functions, list) or not all(isinstance(name, str) for name in functions):
             self.document.refuse('functions is not a list of names: write functions = ["U"].', "functions")
@@ -372,7 +375,7 @@ class SceneReader:
         return reader
 
     def measured(self, reader: ExpressionReader, name: str) -> Any:
-        """Return the spline of the table `name` of measured values, as a SymPy expression."""
+        """Return the table `name` of measured values as a SymPy expression: a cubic spline in its argument."""
         entry = self.document.value("tables", name)
         if not isinstance(entry, Mapping) or set(entry) != set(TABLE_KEYS):
             self.document.refuse(

@@ -48,7 +48,7 @@ class _Frame:
 
 
 def places(text: str) -> tuple[dict[KeyPath, int], dict[KeyPath, int]]:
-    """Return {path: offset of its key} and {path: offset of its value}, right up to the first error of a TOML text."""
+    """Return {path: offset of its key} and {path: offset of its value} in a TOML text, up to its first error."""
     keys: dict[KeyPath, int] = {}
     values: dict[KeyPath, int] = {}
     frames = [_Frame((), "table")]
@@ -176,7 +176,12 @@ class Document:
         self.data = self._parse()
 
     def refuse(self, reason: str, *path: str | int, column: int | None = None, key: bool = False) -> NoReturn:
-        """Raise a SceneError at the value (or key) of `path`, or at the nearest existing table around it."""
+        """Raise a SceneError with the message `reason`, located at the value at `path`.
+
+        If `key` is true, it is located at the key of this value. If the file has no such value, the error is located
+        at the nearest table around it. `column` is the number of a character in the text at `path`, from 1; the error
+        is then located at this character.
+        """
         keys, values = self._places
         offset = 0
         for ancestor in (path[:length] for length in range(len(path), 0, -1)):
@@ -216,7 +221,7 @@ class Document:
         return table
 
     def text(self, *path: str | int) -> str:
-        """Return the text at a path. Raises SceneError for another type."""
+        """Return the text at a path of keys and indices in the file. Raises SceneError for another type."""
         value = self.value(*path)
         if not isinstance(value, str):
             self.refuse(f"{path[-1]} is {kind_of(value)}: give a text in quotation marks.", *path)
@@ -233,7 +238,7 @@ class Document:
         return text
 
     def value(self, *path: str | int) -> Any:
-        """Return the value at an existing path."""
+        """Return the value of the file at a path of keys and indices, which must exist."""
         value: Any = self.data
         for key in path:
             value = value[key]

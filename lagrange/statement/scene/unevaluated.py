@@ -109,7 +109,10 @@ class UnevaluatedExpressions(Expressions):
 
 
 class UnevaluatedReader(Reader):
-    """Parser of one text. `a/b` of whole numbers is a fraction, `1/x` a power, and `x - 2*y` has the term `-2*y`."""
+    """Parser of one text, as an unevaluated expression.
+
+    `a/b` of whole numbers is a fraction, `1/x` a power, and `x - 2*y` has the term `-2*y`.
+    """
 
     unevaluated = True
     guard: UnevaluatedGuard
@@ -179,7 +182,7 @@ class UnevaluatedReader(Reader):
         return ParsedValue(_power(term_of(base), term_of(exponent)))
 
     def _applied(self, word: FunctionWord, parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return the function `word` applied to the parts; exp(1) is the constant E."""
+        """Return the function `word` of the parsed arguments `parts`, unevaluated; exp(1) is the constant E."""
         check_arity(word, len(parts))
         arguments = list(map(term_of, parts))
         if word.build is sympy.exp and parts[0].literal and arguments == [1]:
@@ -248,7 +251,7 @@ def _power(base: Any, exponent: Any) -> Any:
 
 
 def _binary_number(numbers: Sequence[Any]) -> Any:
-    """Return mantissa * 2**exponent as a number with a precision in bits; `numbers` are these three."""
+    """Return mantissa * 2**exponent as a SymPy number; `numbers` are mantissa, exponent and precision in bits."""
     if len(numbers) != 3 or not all(isinstance(number, sympy.Integer) for number in numbers):
         raise RefusalError("float takes three whole numbers: mantissa, exponent of two, and bits")
     mantissa, exponent, precision = map(int, numbers)

@@ -143,7 +143,10 @@ class SharedText:
         return Text(name)
 
     def _part(self, node: Any) -> Text:
-        """Return the text of a part inside another one: the name of a new definition if its text is long."""
+        """Return the text of a subexpression for use in another one.
+
+        A long text becomes a definition, and the name of the definition is returned.
+        """
         entry = self._known[node]
         if len(entry.text) > LONG_PART:
             entry = self._known[node] = self._defined(entry)
@@ -463,7 +466,7 @@ class _SceneWriter:
     def dimensions(self) -> Iterator[tuple[str, str]]:
         """Yield (name, quoted unit or dimension) of each symbol whose dimension is known.
 
-        For t the second is left out, since it is the default.
+        The symbol t is left out if its unit is the second, which is the default.
         """
         for symbol, dimension in self.statement.dimensions.items():
             name = symbol.name if isinstance(symbol, sympy.Symbol) else name_of(symbol)

@@ -103,16 +103,16 @@ class Part:
     moves: bool = False
 
     def at(self, level: int) -> str:
-        """Return the text, in brackets if the outermost operation binds weaker than `level`."""
+        """Return the text of the part, in brackets if its outermost operation binds weaker than `level`."""
         return self.text if self.level >= level else f"({self.text})"
 
 
 @dataclass
 class Choices:
-    """The readings that are chosen where a text has several: `chosen` maps choices to the index of an option.
+    """Choices of the parser at places of a text that have several readings.
 
-    A choice is named by a text; without an entry its option is 0. `asked` maps each choice that the parser met to its
-    number of options.
+    A choice is named by a text. `chosen` maps it to the index of an option; without an entry the option is 0. `asked`
+    maps each choice that the parser met to its number of options.
     """
 
     chosen: dict[str, int] = field(default_factory=dict)
@@ -124,9 +124,9 @@ class Choices:
         return min(self.chosen.get(choice, 0), count - 1)
 
     def others(self) -> list[dict[str, int]]:
-        """Return the choices that give other readings, those with the fewest options other than the default first.
+        """Return sets of choices that give other readings, those that differ least from the default options first.
 
-        Each is a value of `chosen`: {choice: index of an option}.
+        Each is a value for `chosen`: {choice: index of an option}.
         """
         open_choices = {choice: count for choice, count in self.asked.items() if count > 1}
         every = product(*(range(count) for count in open_choices.values()))
@@ -146,7 +146,7 @@ class Formula:
 
     @property
     def shown(self) -> str:
-        """The text with d/dt(...) in place of the names of time derivatives."""
+        """The text of the formula, with d/dt(...) in place of the names of time derivatives."""
         text = self.text
         for name, (operand, order) in reversed(self.rates.items()):
             sign = "d/dt" if order == 1 else f"d^{order}/dt^{order}"
@@ -210,7 +210,7 @@ class _Parser:
         return self.tokens[index] if index < len(self.tokens) else None
 
     def next_is(self, *signs: str) -> bool:
-        """Return True if the current token is one of these signs."""
+        """Return True if the token at the current position is one of these signs."""
         token = self.peek()
         return token is not None and token.is_sign(*signs)
 
@@ -278,7 +278,7 @@ class _Parser:
         return _times(above, below, "/")
 
     def starts_value(self) -> bool:
-        """Return True if the current token begins a factor."""
+        """Return True if the token at the current position begins a factor."""
         token = self.peek()
         if token is None:
             return False
@@ -447,7 +447,7 @@ class _Parser:
         return self.raised(part)
 
     def called(self, name: str, arguments: list[Part]) -> Part:
-        """Return the text of a call of the function `name`."""
+        """Return the part that is a call of the function `name` with `arguments`."""
         moves = any(part.moves for part in arguments)
         return Part(f"{name}({', '.join(part.text for part in arguments)})", moves=moves)
 

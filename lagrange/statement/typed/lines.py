@@ -1,7 +1,7 @@
 """Lines of a text with equations: text outside of formulas is blanked out, and continued lines are joined.
 
-The text keeps its length, so that offsets in it are those of the typed text. Of a document that cannot be read as a
-whole the formulas are kept, or the section of the equations of motion.
+The text keeps its length, so that offsets in it are those of the typed text. If a document cannot be read as a whole,
+only its formulas are read, or only the section with the equations of motion.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 r"""Vector equations: each row of \begin{pmatrix} ... \end{pmatrix} becomes a separate equation.
 
-In the equation of a row, the entry in brackets replaces a column, or a product of matrices with a column.
+A vector equation contains columns, and products of matrices with columns. In the equation of a row, each of them is
+replaced by its entry in this row, in brackets.
 """
 
 from __future__ import annotations

@@ -170,9 +170,11 @@ class TypedReader:
         return read
 
     def _is_left_out(self, clause: Clause, narrow: tuple[int, int], *, moves: bool) -> bool:
-        """Return True if a clause that cannot be read need not be: a remark, a general law, or unknown names only.
+        """Return True if a clause that cannot be read may be ignored.
 
-        `narrow` is the span of its equation without words around it. If it has an acceleration, `moves` is true.
+        It is then a remark, a general law such as Lagrange's formula, or it has unknown names only. `narrow` is the
+        span (begin, end) of the equation in the clause, without words around it. `moves` is true if the equation has
+        an acceleration.
         """
         words = [side for side in clause.part(*narrow).sides() if any(token.kind == "word" for token in side)]
         foreign = [self._is_foreign(side) for side in words]
@@ -280,9 +282,9 @@ class TypedReader:
         return tuple(cancelled)
 
     def _read_before(self, sides: Sequence[Sequence[Token]], offset: int) -> str:
-        """Return the part of an equation before an offset in the strict notation, without operators at its end.
+        """Return the part of an equation before `offset`, in the strict notation, without operators at its end.
 
-        `sides` are the tokens of the sides.
+        `sides` has the tokens of each side of the equation.
         """
         read: list[str] = []
         for side in sides:
@@ -315,7 +317,10 @@ class TypedReader:
         return reader, [replace(clause, names=reader.names) for _, clause in sorted(left.items())]
 
     def _defined(self, definition: Definition) -> dict[str, Any]:
-        """Return {name: value} of a definition, with the derivatives if the value moves; {} if there is no value."""
+        """Return {name: value} of a definition, {} if no value is found.
+
+        If the value changes in time, the result also has its first and second time derivatives by name.
+        """
         symbol = sympy.Symbol(definition.name, real=True)
         reader = TypedReader(self.symbols | {definition.name: symbol}, self.others)
         try:
@@ -336,11 +341,12 @@ class TypedReader:
         return {}
 
     def _equated(self, clause: Clause) -> list[list[list[Token]]]:
-        """Return the equations of a clause, as lists of sides. Raises _Faults.
+        """Return the equations that a clause states, each as a list of sides. Raises _Faults.
 
-        For a = b = c they are a = b and a = c. In a chain, a side of unknown names such as const in p = m x' = const is
-        left out, and between two others also a side such as F/m. If a side equals "const", or if a velocity equals an
-        unknown name, the equation is that the rate of the side is zero.
+        A side is a list of tokens. The chain a = b = c states a = b and a = c. A side of a chain is left out if all
+        its names are unknown, such as p in p = m x' = const. A side between two others, such as F/m, is left out if
+        one of its names is unknown. If a side equals "const", or if a side with velocities equals an unknown name,
+        the equation states that the time derivative of that side is zero.
         """
         sides, begin = clause.sides(), clause.begin
         offsets = [token.begin for token in clause.tokens if token.is_sign("=")]
@@ -365,7 +371,7 @@ class TypedReader:
         return [[sides[0], side] for side in sides[1:]] or [sides]
 
     def _is_foreign(self, side: Sequence[Token], *, between: bool = False) -> bool:
-        """Return True if a side has unknown names, no known ones and no other fault.
+        """Return True if one side of an equation has unknown names, no known ones, and no fault of another kind.
 
         If the side is `between` two others, it may also have known names.
         """
@@ -437,7 +443,10 @@ class TypedReader:
         return expression
 
     def _refusal(self, text: str, faults: Sequence[TypedFault], what: str) -> str:
-        """Return the message: the faults with their places, as far as they fit, then the symbols of the system."""
+        """Return the error message for a text: its faults with their places, then the symbols of the system.
+
+        As many faults as fit are listed. `what` is the label of the text.
+        """
         pieces = (piece for word in WORD.findall(text) for reading in self.names.readings(word) for piece in reading)
         if not any(piece.kind == "symbol" and piece.name != "t" for piece in pieces):
             shown = "".join(mark for mark in " ".join(text.split())[:60] if mark.isprintable())
@@ -465,7 +474,7 @@ class TypedReader:
         return f"such as {[*self.names.bases, *self.names.names][0]}'' = ... The symbols are {self._symbols()}."
 
     def _symbols(self) -> str:
-        """Return the names of the system as a list for a message."""
+        """Return the names of the system's symbols, listed in one text for a message."""
         names = listing(name for name in self.symbols if not name.endswith(("_dot", "_ddot")))
         if len(names) > LONGEST_SYMBOLS:
             names = names[:LONGEST_SYMBOLS].rsplit(",", 1)[0] + " and others"

@@ -135,7 +135,7 @@ class Clause:
         return Clause(self.text, begin, end, tokens, self.names, aside)
 
     def formula(self) -> list[Token]:
-        """Return the tokens, with signs in place of words for operations; a word that is a symbol is kept."""
+        """Return the tokens of the clause. Signs replace words for operations, unless such a word is a symbol."""
         return [
             replace(token, kind="sign", text=OPERATIONS[token.text])
             if token.text in OPERATIONS and token.kind == "word" and not self.names.readings(token.text)
@@ -144,7 +144,7 @@ class Clause:
         ]
 
     def sides(self) -> list[list[Token]]:
-        """Return the tokens between the signs of equality."""
+        """Return the sides of the equation in the clause, each as the list of its tokens."""
         sides: list[list[Token]] = [[]]
         for token in self.formula():
             if token.is_sign("="):
@@ -186,7 +186,10 @@ class Clause:
         return [clause for clause in parts if clause.end > clause.begin]
 
     def _trimmed(self, begin: int, end: int, aside: bool) -> Clause:
-        """Return text[begin:end] as a clause, without punctuation and unpaired brackets at its ends."""
+        """Return text[begin:end] as a clause, without punctuation and unpaired brackets at its ends.
+
+        `aside` is true for a remark beside an equation.
+        """
         text = self.text
         depth = depth_of(text[begin:end])
         while end > begin and (text[end - 1] in " \t\r\n,;" or (text[end - 1] in OPEN and depth > 0)):
@@ -236,8 +239,9 @@ class Clause:
     def is_remark(self, *, introduces: bool = False) -> bool:
         """Return True if this clause, which has no acceleration and cannot be read, is not about the motion.
 
-        It is prose, a sentence, or the definition of another quantity such as L = T - V. For an aside after "where", or
-        if the clause `introduces` an equation by a colon, a first word alone does not make a sentence.
+        It is prose, a sentence, an inequality, or the definition of another quantity such as L = T - V. A word at the
+        beginning makes the clause a sentence. This does not hold for an aside after "where", nor if the clause
+        `introduces` an equation by a colon.
         """
         run = [word.kind for word in self._introduction()]
         sentence = WORD in run and len(run) - run.count(SYMBOL) > 1
@@ -307,8 +311,8 @@ class Clause:
     def _is_apart(self, begin: int, end: int, *, bare: bool = False) -> bool:
         """Return True if text[begin:end] is prose or a unit, which is left out in brackets or after punctuation.
 
-        Prose has at least as many words as symbols and names. It must have more words than those if `bare` is true,
-        which means after "where" without a comma.
+        Prose has at least as many words as symbols and names together. It must have more words if `bare` is true:
+        then it follows "where" without a comma.
         """
         words = [word for word in self.words if begin <= word.begin and word.end <= end]
         kinds = [word.kind for word in words]

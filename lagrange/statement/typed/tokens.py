@@ -94,7 +94,7 @@ def tokens_of(text: str, begin: int, end: int) -> list[Token]:
 
 
 class _Scanner:
-    """Scans a text once, from left to right."""
+    """Divides a text into tokens, in one pass from left to right."""
 
     def __init__(self, text: str, end: int) -> None:
         self.text, self.end = text[:end], end
@@ -103,7 +103,7 @@ class _Scanner:
         self.listing: list[bool] = []  # for each open bracket, whether it has several arguments
 
     def scan(self, offset: int) -> list[Token]:
-        """Return all tokens from an offset on."""
+        """Return all tokens of the text from an offset on."""
         while offset < self.end:
             blank = _BLANK.match(self.text, offset)
             if blank:

@@ -160,12 +160,12 @@ class Dimension:
 
     @property
     def whole(self) -> bool:
-        """True if all exponents are whole numbers."""
+        """True if the exponents of all base dimensions are whole numbers."""
         return all(power.denominator == 1 for _, power in self.exponents)
 
     @property
     def in_words(self) -> str:
-        """The unit as stated, else the dimension, as text."""
+        """The stated unit as text, or the dimension as text if no unit was stated."""
         return self.unit or str(self)
 
     def __str__(self) -> str:

@@ -69,7 +69,11 @@ class WrongTermError(Exception):
 
 
 def with_dimensions(statement: Statement, table: Mapping[Any, Any]) -> Statement:
-    """Return the statement with the dimensions of its symbols. Raises StatementError with the first wrong term."""
+    """Return the statement with the dimensions of its symbols.
+
+    They are stated in the user's `table`, or follow from stated ones. Raises StatementError that names the first term
+    with a wrong dimension.
+    """
     known = {"t": t, **dict(zip(statement.names, statement.coordinates, strict=True))}
     known |= {symbol.name: symbol for symbol in statement.parameters}
     known |= {name_of(function): function for function in statement.given}
@@ -207,7 +211,10 @@ def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any])
 
 
 class _Checker(UnitEquations):
-    """Checks the dimension of every term. In its methods `wanted` is the required dimension, or None for any."""
+    """Checks the dimension of every term.
+
+    In its methods `expected` is the required dimension of an expression, or None if any is right.
+    """
 
     def check(self, expression: Any, expected: Dimension | None) -> Dimension | None:
         """Return the dimension of an expression. Raises WrongTermError for the first term with a wrong dimension."""
@@ -357,10 +364,11 @@ MOST_REMEDIES, MOST_NAMED = 2, 4  # Most remedies, and most stated units, that a
 def with_scales(
     parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], plain: Mapping[Any, Any]
 ) -> dict[Any, Dimension]:
-    """Return the dimensions with unit factors that were inferred from the stated units.
+    """Return the dimensions of symbols with the scale factors of their units, which follow from the stated units.
 
-    `plain` maps functions to symbols for messages. Raises StatementError for a term in another unit than required, and
-    for a symbol whose unit would not be a product of the stated base units.
+    `parts` are the expressions of the statement. `plain` maps functions to symbols for messages. Raises
+    StatementError for a term in another unit than required, and for a symbol whose unit would not be a product of the
+    stated base units.
     """
     equations = UnitEquations(dimensions, strict=True)
     for part in parts:
@@ -377,7 +385,10 @@ def with_scales(
 
 
 def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], wrong_term: Any) -> str:
-    """Return a remedy for a term in a wrong unit, such as "x in cm instead of m"; symbols of the term are first."""
+    """Return a remedy for a term in a wrong unit, such as "x in cm instead of m".
+
+    Other units are tried for one symbol after another, those in the term `wrong_term` first.
+    """
     stated = [symbol for symbol, dimension in dimensions.items() if dimension.unit]
     # Symbols of the term first: one of them is more often the wrong one.
     stated.sort(key=lambda symbol: not wrong_term.has(symbol))
@@ -416,7 +427,10 @@ def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimensi
 
 
 def _completed(equations: UnitEquations, symbol: Any, dimension: Dimension) -> Dimension:
-    """Return a dimension with the factor of the unit of `symbol`; the factor is None if it is not determined."""
+    """Return `dimension` with the scale factor of the unit of `symbol`, as the unit equations determine it.
+
+    The factor is None if the `equations` do not determine it.
+    """
     unit_dimension = equations.dimension(symbol)
     return replace(dimension, factor=None if unit_dimension is None else unit_dimension.factor)
 

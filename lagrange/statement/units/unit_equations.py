@@ -167,7 +167,7 @@ class OtherUnitError(Exception):
 
 
 class UnitEquations:
-    """The units of expressions, and the values of the unknowns that equations have determined.
+    """Equations between units of expressions, and the values of the unknowns that they determine.
 
     `dimensions` are the known dimensions by symbol. If `strict`, a term in another unit raises OtherUnitError. Else
     contradictions are ignored: the first equation decides.
@@ -179,7 +179,7 @@ class UnitEquations:
         self.units: dict[Any, UnitProduct | None] = {}
 
     def require(self, part: CheckedPart) -> None:
-        """State that the unit of an expression equals its required one."""
+        """Add the equation that the expression of `part` has its required unit."""
         unit = self.unit(part.expression)
         if unit is None or part.like is None:
             return
@@ -240,7 +240,7 @@ class UnitEquations:
         return UnitProduct()
 
     def _common(self, terms: Sequence[Any]) -> UnitProduct | None:
-        """State that the units of terms are equal, and return this unit; None if all terms are zero."""
+        """Add the equations that all terms have the same unit, and return this unit; None if all terms are zero."""
         first = None
         for term in terms:
             unit = self.unit(term)
@@ -261,7 +261,7 @@ class UnitEquations:
         return UnitProduct()
 
     def _number(self, expression: Any) -> None:
-        """State that an expression is dimensionless."""
+        """Add the equation that an expression is dimensionless."""
         unit = self.unit(expression)
         if unit is not None:
             self._equate(sympy.Add.make_args(expression)[0], unit, UnitProduct())
@@ -274,7 +274,10 @@ class UnitEquations:
         return unit
 
     def _equate(self, term: Any, unit: UnitProduct, other: UnitProduct) -> None:
-        """State that two units are equal. If the check is strict, `term` is the subject of the error."""
+        """Add the equation that two units are equal, and solve it for one of its unknowns.
+
+        Without unknowns, units that differ raise OtherUnitError if the check is strict. The error names `term`.
+        """
         ratio = self._reduced(unit.times(other, Fraction(-1)))
         unknown = ratio.unknown(sympy.Basic)
         if unknown is None and ratio.unknown(str) is None:

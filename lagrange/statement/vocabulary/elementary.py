@@ -46,7 +46,7 @@ class Elementary:
 
     @property
     def partial(self) -> Rule:
-        """The derivative, as a function of the value y and the argument a."""
+        """The derivative of this function, as a callable of its value y and its argument a."""
         if self.slope is None:
             assert self.derivative is not None
             return self.derivative
@@ -55,7 +55,7 @@ class Elementary:
 
     @cached_property
     def symbolic(self) -> Any:
-        """The SymPy function."""
+        """This function in SymPy, such as sympy.sin."""
         return getattr(sympy, self.name)
 
     @cached_property
@@ -71,7 +71,7 @@ class Elementary:
 
     @property
     def array_name(self) -> str:
-        """The name of this function in NumPy, if NumPy has it."""
+        """The name of this function in NumPy, such as "arcsin" for asin, if NumPy has the function."""
         return f"arc{self.name[1:]}" if self.name.startswith("a") else self.name
 
     def _each(self, a: Any) -> Any:

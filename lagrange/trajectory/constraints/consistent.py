@@ -30,8 +30,9 @@ tolerances the violation grows to 1e-9 to 1e-5 over a run. A corner that a step 
 class Consistent:
     """A state on the constraints, returned by `System.consistent`.
 
-    `initial` has a value for every coordinate and velocity, as `run` takes it. `moved` is the largest change, and
-    `entry` its coordinate or velocity, None if nothing moved. `changes` has the changes of all entries.
+    `initial` has a value for every coordinate and velocity, as `run` takes it. `changes` maps every coordinate and
+    velocity to its change from the requested state. `moved` is the largest of these changes, and `entry` is the
+    coordinate or velocity that it belongs to, None if nothing moved.
     """
 
     initial: Mapping[Any, float]
@@ -89,10 +90,10 @@ def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
 def consistent_state(
     model: Model, t: float, y: FloatArray, parameters: FloatArray, held: Sequence[int] = ()
 ) -> FloatArray:
-    """Return the state on the constraints that is nearest to a state (2n,). The entries in `held` stay fixed.
+    """Return the state on the constraints that is nearest to a state y (2n,).
 
-    Coordinates move by the least amount, measured by the kinetic energy; then velocities do. Raises StatementError if
-    no such state is found.
+    Entries with the indices `held` keep their values. Coordinates move by the least amount, measured by the kinetic
+    energy; then velocities do. Raises StatementError if no such state is found.
     """
     if not len(model.equations.constraints):
         return y.copy()
@@ -100,10 +101,10 @@ def consistent_state(
 
 
 def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the state if it satisfies the constraints, or its projection if it misses them by rounding.
+    """Return the state y (2n,) if it satisfies the constraints, or its projection if it misses them by rounding.
 
-    Velocities of coordinates without inertia are computed if they are zero. For a state that is further away, raises
-    StatementError, which names the constraints.
+    Velocities of coordinates without inertia are computed if they are zero. For a state that misses the constraints
+    by more than rounding, raises StatementError, which names the constraints.
     """
     if not len(model.equations.constraints) or residuals_of(model).hold(t, y, parameters):
         return y
@@ -114,10 +115,10 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
 
 
 def complete_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the state y (2n,), moved onto the constraints if some coordinates have no inertia; else y, unchanged.
+    """Return the initial state y (2n,) of an exported system, moved onto the constraints if that is necessary.
 
-    The equations of such coordinates are of first order, and their velocities follow from other entries: those that
-    are zero are computed. Other systems are exported with their initial state as stated.
+    It is necessary if some coordinates have no inertia. Their equations are of first order, so their velocities
+    follow from other entries: those that are zero are computed. For all other systems y is returned unchanged.
     """
     return consistent_start(model, t, y, parameters) if model.equations.first_order else y
 
@@ -127,10 +128,10 @@ START_CORRECTIONS = 20
 
 
 def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return states (2n, k) with velocities without inertia computed, if the equations of motion use them.
+    """Return states y (2n, k) with computed velocities of coordinates without inertia.
 
-    `y` (2n, k) are the given states. The system has no other constraints. Columns in which such velocities do not
-    exist are NaN. Raises RunError if an equation determines no velocity.
+    This is done only if the equations of motion use these velocities. The system has no other constraints. Columns in
+    which such velocities do not exist are NaN. Raises RunError if an equation determines no velocity.
     """
     if not model.equations.unsettled:
         return y

@@ -41,9 +41,9 @@ constraint decreases to 1e-6 / AROUND.
 
 
 def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return the constraints that are dependent at a state (2n,) and at all nearby states that satisfy them, or None.
+    """Return the constraints that are dependent at a state y (2n,) and at all nearby states on the constraints.
 
-    Dependent constraints have linearly dependent rows of the gradient G.
+    Dependent constraints have linearly dependent rows of the gradient G. The result is None if there are none.
     """
     projection, first = Projection(model, t, parameters), None
     units = units_of(projection.metric(y))
@@ -70,10 +70,10 @@ With the same parameters they are not dependent everywhere on the surface. With 
 
 
 def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
-    """Raise StatementError if constraints are dependent at a start and everywhere around it.
+    """Raise StatementError if constraints are dependent at a start and at all nearby states that satisfy them.
 
-    Without this test, rounding may make their derivatives look independent, with multipliers of 1e16. Only the first
-    start for each set of parameters is tested.
+    Without this test, rounding may make the rows of their gradient look independent, with multipliers of 1e16. Only
+    the first start for each set of parameters is tested.
     """
     if model.statement.redundant != REFUSE or _INDEPENDENT.get(model) == parameters.tobytes():
         return
@@ -83,9 +83,10 @@ def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatAr
 
 
 def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> bool:
-    """Return True if the rows of the gradient G are independent at a state, and not much smaller than at one nearby.
+    """Return True if the rows of the gradient G are clearly independent at a state y (2n,).
 
-    This quick test takes 0.02 ms for a four-bar linkage. If it fails, `dependence_around` decides, in 0.8 ms.
+    Also no row may be much smaller there than at one nearby state. This quick test takes 0.02 ms for a four-bar
+    linkage. If it fails, `dependence_around` decides, in 0.8 ms.
     """
     q = model.layout.split(y)[0]
     beside = y.copy()
@@ -102,7 +103,10 @@ def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: Floa
 
 
 def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
-    """Raise StatementError if constraints are dependent everywhere around a state that has no accelerations."""
+    """Raise StatementError if a state y (2n,) has no accelerations because its constraints are dependent.
+
+    They must also be dependent at all nearby states that satisfy the constraints.
+    """
     dependent = dependence_around(model, t, y, parameters)
     if dependent is not None:
         allowed = model.statement.redundant != REFUSE
@@ -118,9 +122,10 @@ def _rows(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Sing
 
 
 def _vanishing(model: Model, t: float, off: FloatArray, on: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return a constraint whose gradient is much smaller at `on`, a state on the constraints, than at `off`, or None.
+    """Return a constraint whose gradient is much smaller at the state `on` than at the state `off`, or None.
 
-    This happens for a squared constraint, such as x**2 = 0.
+    Both are (2n,). `on` is on the constraints, and `off` is near it. A squared constraint, such as x**2 = 0, has such
+    a gradient.
     """
     off_sizes, on_sizes = (np.abs(residuals_of(model).gradient(t, y, parameters)).max(axis=1) for y in (off, on))
     which = np.flatnonzero(on_sizes < VANISHING_RATIO * off_sizes)
@@ -162,9 +167,9 @@ def dependent_passage(
     """Find the first state at which constraints are dependent, so that rounding decides the motion after it.
 
     `times` (S+1,) and `states` (S+1, 2n) are accepted states. Only states at short steps are searched. Returns the
-    index of the last earlier state whose velocities are accurate to sqrt(rtol), and the dependent constraints, or
-    None. If the run has `stopped`, a state counts only if the motion moved away from it: a run may end where
-    constraints are dependent.
+    index of an accepted state and the dependent constraints, or None. The index is that of the last state before the
+    dependence whose velocities are accurate to sqrt(rtol). If the run has `stopped` early, a dependence counts only
+    if the motion moved away from it afterwards: a run may end where constraints are dependent.
     """
     count = len(times) - 1 - FIRST_STEPS
     if count < 2 or not rtol:
@@ -191,10 +196,10 @@ def dependent_passage(
 
 
 class _Nearness:
-    """Computes the least singular value of the constraint gradient G at states, relative to a value of the motion.
+    """Computes the least singular value of the constraint gradient G at states of a run, relative to a reference.
 
-    The reference is the largest value among the start, the middle and the end, since a motion may begin or end near
-    dependent constraints. The rows of G are scaled by their largest lengths at these three states.
+    The reference is the largest of these values at the start, the middle and the end of the run, since a motion may
+    begin or end near dependent constraints. The rows of G are divided by their largest lengths at these three states.
     """
 
     def __init__(self, model: Model, parameters: FloatArray, times: FloatArray, states: FloatArray) -> None:
@@ -226,7 +231,7 @@ class _Nearness:
         return values
 
     def dependent(self, t: float, y: FloatArray) -> Singular | None:
-        """Return the most dependent combination of constraints at a state (2n,); None if G is not finite."""
+        """Return the combination of constraints that is most nearly dependent at y (2n,); None if G is not finite."""
         unit = np.eye(self._longest.shape[1])
         gradient = self._residuals.gradient(t, y, self._parameters)[self._rows]
         return least_regular(unit, gradient, scales(unit, self._longest))

@@ -46,9 +46,11 @@ SEARCH_AHEAD = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Discontinuity:
-    """A discontinuity of a constraint, at the fraction `part` of the step from the state (t, y) to the time `after`.
+    """A discontinuity of a constraint inside a step of a run.
 
-    `what` is the message. `steps` is the number of steps from that state to the last state that was searched.
+    The step begins at the state `y` (2n,) at the time `t` and ends at the time `after`. The discontinuity is at the
+    fraction `part` of the step. `what` is the message. `steps` is the number of steps from `t` to the last state that
+    was searched.
     """
 
     t: float
@@ -60,10 +62,10 @@ class Discontinuity:
 
 
 class Discontinuities:
-    """Finds the corners and jumps of constraints in runs of one model with parameters (k,): on steps, or ahead.
+    """Finds the corners and jumps of constraints in runs of one model with parameters (k,).
 
-    At a corner or a jump the derivatives of a constraint, which give its force, have no value. `span` is the duration
-    of the run.
+    It searches steps that were taken, or a straight line ahead of a state. At a corner or a jump the derivatives of a
+    constraint, which give its force, have no value. `span` is the duration of the run.
     """
 
     def __init__(self, model: Model, parameters: FloatArray, span: float) -> None:
@@ -80,9 +82,10 @@ class Discontinuities:
         return Discontinuity(float(times[row]), states[row], float(times[row + 1]), part, what, steps)
 
     def ahead(self, t: float, y: FloatArray, step: float) -> str:
-        """Return a message if a motion along the slope at a state (2n,) soon meets a discontinuity, else "".
+        """Return a message if the motion soon meets a discontinuity of a constraint, else "".
 
-        The search extends over two steps, or over a small fraction of the run if `step` is 0.
+        The motion is continued from the state y (2n,) at time t in a straight line along its slope. The search
+        extends over two steps of the size `step`, or over a small fraction of the run if `step` is 0.
         """
         h = 2 * step if step else SEARCH_AHEAD * self.span
         try:
@@ -97,8 +100,8 @@ class Discontinuities:
     def _switched(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
         """Return the first switching surface at which a constraint jumps or has a corner, or None.
 
-        The result is the index of the state before the surface, the fraction of the step at which the surface is
-        reached, and a message. `times` is (k,), `states` is (k, 2n).
+        `times` is (k,), `states` is (k, 2n). The result is the index of the state before the surface, the fraction of
+        the step at which the surface is reached, and a message.
         """
         g = self.residuals.surfaces(times, states.T, self.parameters)
         begins, ends = g[:, :-1], g[:, 1:]
@@ -128,7 +131,10 @@ class Discontinuities:
         return int(rows[first]), float(parts[first]), self._told(which, int(surfaces[first]))
 
     def _told(self, which: int, surface: int) -> str:
-        """Return the message for a jump or corner of constraint `which` of `residuals.labels` at a surface."""
+        """Return the message for a jump or corner of a constraint at a switching surface.
+
+        `which` is the index of the constraint in `residuals.labels`, and `surface` the index of the surface.
+        """
         name, node = self.residuals.labels[which], self.residuals.switched.expressions[surface]
         zero = self.model.equations.express(node).xreplace(dict(self.model.statement.plain))
         where = formula(-zero if zero.could_extract_minus_sign() else zero, LONGEST_SURFACE)
@@ -147,8 +153,8 @@ class Discontinuities:
     ) -> FloatArray:
         """Return for k pairs of a step and a surface the fractions (k,) of the step at which the surface is crossed.
 
-        Step i begins at the state with index `rows[i]`, and crosses the surface with index `surfaces[i]`. The states
-        between are on the chord to the next state.
+        Pair i is the step that begins at the state with index `rows[i]`, and the surface with index `surfaces[i]`. On
+        a step, the states lie on the straight line to the next state.
         """
         columns = np.arange(len(rows))
 
@@ -203,11 +209,11 @@ class Discontinuities:
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """Constraints at k states on one side of a surface: `values` phi and psi (p + m, k), `sizes` of their terms.
+    """Constraints at k states on one side of a switching surface, scaled so that two sides can be compared.
 
-    `rows` (m, n, k) is the gradient G, and `positions` (p,) are the rows of G that belong to phi. All are divided by
-    the lengths of the rows of G. So a constraint that is only multiplied by a factor on one side of a surface is the
-    same on both sides.
+    `values` (p + m, k) are phi and psi, and `sizes` the sizes of their terms. `rows` (m, n, k) is the gradient G.
+    `positions` (p,) are the indices of the rows of G that belong to phi. Everything is divided by the lengths of the
+    rows of G. So a factor of a constraint that changes at the surface makes no difference.
     """
 
     values: FloatArray
@@ -229,8 +235,8 @@ class _Surface:
     def change(self, other: _Surface) -> FloatArray:
         """Return the change (p + m, k) of each constraint from these states to the states of `other`.
 
-        The changes of phi come first, then those of psi, relative to the terms of the constraint. If the row of G of
-        a psi changes by more, the result has this change instead.
+        The changes of phi come first, then those of psi, relative to the terms of the constraint. For a psi, the
+        result is the change of its row of G if that is larger.
         """
         signs = np.where((self.rows * other.rows).sum(axis=1) < 0, -1.0, 1.0)
         turned = np.abs(self.rows - signs[:, None] * other.rows).max(axis=1)
@@ -250,9 +256,9 @@ def may_be_discontinuous(model: Model) -> bool:
 def _chord(
     times: FloatArray, states: FloatArray, rows: NDArray[np.intp], parts: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return times (k,) and states (2n, k) at the fractions `parts` (k,) of straight lines between successive states.
+    """Return times (k,) and states (2n, k) on straight lines between successive states of a run.
 
-    The lines begin at the states with the indices `rows` (k,).
+    Line i begins at the state with index `rows[i]`. The result is at its fraction `parts[i]`.
     """
     t = times[rows] + parts * (times[rows + 1] - times[rows])
     return t, (states[rows] + parts[:, None] * (states[rows + 1] - states[rows])).T

@@ -36,8 +36,8 @@ NEAREST = 1e-9
 class Residuals:
     """Residuals of a surface at a point (k,): m values that are zero on the surface, and their gradients (m, k).
 
-    `terms` are the sizes of the terms that cancel in each value. `sizes` are the scales of the values, to which
-    rounding is relative: the terms, or the gradient times the entries of the point if this is larger.
+    `terms` (m,) are the sizes of the terms that cancel in each value. `sizes` (m,) are the scales to which rounding
+    is relative. The scale of a value is the larger of its terms and its gradient times the entries of the point.
     """
 
     values: FloatArray
@@ -57,9 +57,10 @@ Surface = Callable[[FloatArray], Residuals]
 
 
 class Nearest:
-    """Search for the point of a surface that is nearest to a point, in the metric of a symmetric matrix.
+    """Search for the point of a surface that is nearest to another point.
 
-    Only the `free` entries move. The matrix may be singular if it is definite on the tangents of the surface.
+    `metric` (k, k) is the symmetric matrix that measures distances. It may be singular if it is definite on the
+    tangents of the surface. Only the `free` entries (a mask) of the point may change.
     """
 
     def __init__(self, surface: Surface, metric: FloatArray, free: FloatArray) -> None:
@@ -67,9 +68,9 @@ class Nearest:
         self._free = np.flatnonzero(free)
 
     def of(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
-        """Return the point of the surface nearest to `start`, and its residuals.
+        """Return the point of the surface nearest to `start` (k,), and its residuals.
 
-        If Newton's method does not converge, return the last iterate.
+        If Newton's method does not converge, the point is the last iterate.
         """
         x, residuals = self.restored(start)
         if residuals.largest > ON_SURFACE:
@@ -90,7 +91,11 @@ class Nearest:
         return x, residuals
 
     def restored(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
-        """Return a point of the surface close to `start`, by Newton's method with shortest steps, and its residuals."""
+        """Return a point of the surface close to `start` (k,), and its residuals.
+
+        Newton's method takes the shortest step that solves the linearized equations. Unlike `of`, this does not look
+        for the nearest point.
+        """
         x, residuals = start, self._surface(start)
         for _ in range(NEAREST_CORRECTIONS):
             if (
@@ -111,9 +116,9 @@ class Nearest:
         return x, residuals
 
     def _step(self, residuals: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
-        """Return the displacement d with G d = `right` that is closest to `towards`; zero if d overflows.
+        """Return the displacement d (k,) closest to `towards` (k,) with G d = `right` (m,); zero if d overflows.
 
-        G is the gradient of the `residuals`.
+        G is the gradient of the `residuals`. Distances are measured by the metric.
         """
         free, n = self._free, len(self._free)
         gradient = residuals.gradient[:, free]

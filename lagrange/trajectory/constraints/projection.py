@@ -60,9 +60,10 @@ class Projection:
         return max(self._at(part, y, units).largest for part in (0, 1))
 
     def completed(self, y: FloatArray) -> FloatArray:
-        """Return a state (2n,) with the velocities of coordinates without inertia computed from their equations.
+        """Return a state y (2n,) with the velocities of coordinates without inertia computed from their equations.
 
-        Velocities that are not zero are the user's: they are kept, and `check` tests them.
+        Only velocities that are zero are computed. Others were chosen by the user: they are kept, and `check` tests
+        them.
         """
         rows = self.model.equations.following
         if not rows:
@@ -85,9 +86,9 @@ class Projection:
         return np.where(alone & (y == 0.0), completed_state, y)
 
     def solved_for(self, rows: Sequence[int], y: FloatArray) -> FloatArray | None:
-        """Return a state with the entries `rows` computed from all others; None if that is impossible.
+        """Return a state with the entries `rows` (indices) computed from all others; None if that is impossible.
 
-        The constraints and the equations of coordinates without inertia determine the entries.
+        The equations are the constraints, and the equations of motion of coordinates without inertia.
         """
         fixed = [row for row in range(len(y)) if row not in rows]
         return Projection(self.model, self.t, self.parameters, fixed).reached(y)
@@ -103,9 +104,9 @@ class Projection:
                 raise StatementError(self._violated(residuals, far, part, y))
 
     def violated(self, y: FloatArray, before: FloatArray) -> str | None:
-        """Return a sentence on the constraints that a state violates by more than rounding, or None.
+        """Return a sentence on the constraints that a state y (2n,) violates by more than rounding, or None.
 
-        Displacements are measured by the mass matrix at the state `before`, where it is finite.
+        The inertias at the state `before` (2n,), where the mass matrix is finite, are the units of displacements.
         """
         units = units_of(self.metric(before))
         for part in (0, 1):
@@ -128,7 +129,7 @@ class Projection:
     def reached(self, y: FloatArray, *, nearest: bool = True) -> FloatArray | None:
         """Return the nearest state on the constraints, or None if none is found.
 
-        If `nearest` is False, return some close state instead, which takes a tenth of the time.
+        If `nearest` is False, return a state close to y (2n,), not the nearest, which takes a tenth of the time.
         """
         units, after = units_of(self.metric(y)), y
         for part in (0, 1):
@@ -143,8 +144,8 @@ class Projection:
         """Return the state with the nearest coordinates (part 0) or velocities (part 1) on the constraints.
 
         The second result has the residuals at this state. `units` (n,) are the scales of displacements, the square
-        roots of inertia. If the search fails, the state is the last iterate. If `nearest` is False, some close state
-        is returned instead, in less time.
+        roots of inertia. If the search fails, the state is the last iterate. If `nearest` is False, a state close to
+        y (2n,) is returned instead, in less time.
         """
         rows = (self.model.layout.q, self.model.layout.v)[part]
 
@@ -195,7 +196,11 @@ class Projection:
         return [constraint for constraint in self.residuals.stated if part or constraint.holonomic]
 
     def _values(self, residuals: Residuals, rows: list[int], part: int) -> str:
-        """Return a text with the values of the constraints `rows` on coordinates (part 0) or velocities (part 1)."""
+        """Return a text with the values of some constraints, for a message.
+
+        `rows` are indices of the constraints on coordinates (part 0), or of all constraints on velocities (part 1).
+        `residuals` has their values.
+        """
         stated = self._stated(part)
         told = [
             f"{stated[row].name!r} ({_zero(stated[row], part, self.model)}) is {residuals.values[row]:.6g}, with terms "
@@ -264,9 +269,10 @@ def _far(residuals: Residuals) -> list[int]:
 
 
 def _zero(stated: Constraint, part: int, model: Model) -> str:
-    """Return the text of what must be zero: a stated constraint (part 0), or its rate of change (part 1).
+    """Return the text of what must be zero for a stated constraint, as a message names it.
 
-    A constraint that is stated in velocities has its own text in both parts.
+    For constraints on coordinates (part 0) it is the constraint, and for constraints on velocities (part 1) its rate
+    of change. A constraint that is stated in velocities has its own text in both parts.
     """
     text = _text(stated, model)
     return f"the rate of change of {text}" if part and stated.holonomic else text

@@ -87,7 +87,10 @@ class ConstraintResiduals:
         return bool((np.abs(quick_result[:half]) <= ON_SURFACE * quick_result[half:]).all())
 
     def worst(self, t: float, y: FloatArray, parameters: FloatArray) -> tuple[str, float]:
-        """Return the text of the constraint that a state violates most, and its violation relative to its terms."""
+        """Return the text of the constraint that a state y (2n,) violates most, and its violation.
+
+        The violation is relative to the terms of the constraint.
+        """
         values, terms = self.of_many(t, y, parameters)
         shares = np.abs(values) / np.where(terms > 0, terms, 1.0)
         row = int(np.argmax(np.where(np.isfinite(shares), shares, np.inf)))
@@ -95,7 +98,7 @@ class ConstraintResiduals:
 
     @property
     def labels(self) -> list[str]:
-        """The names of the constraints in the order of phi, then psi: those on positions, then all, (p + m,)."""
+        """The names of the constraints (p + m,): the p constraints phi on positions, then all m constraints psi."""
         return [
             *(name for name, is_holonomic in zip(self.names, self.holonomic, strict=True) if is_holonomic),
             *self.names,
@@ -115,10 +118,10 @@ class ConstraintResiduals:
         return np.empty((0, len(t))) if self._surfaces is None else self._surfaces(t, y, parameters)
 
     def of_part(self, part: int, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
-        """Return the residuals of constraints on positions (part 0), or of all constraints on velocities (part 1).
+        """Return the residuals of the constraints phi on positions (part 0), or of all constraints psi (part 1).
 
-        Gradients are by the coordinates, or by the velocities. `units` (n,) are the scales of displacements, the
-        square roots of inertia.
+        Their gradients are by the coordinates (part 0), or by the velocities (part 1). `units` (n,) are the scales of
+        displacements, the square roots of inertia.
         """
         values, terms = self.of_many(t, y, parameters)
         gradient, layout = self.gradient(t, y, parameters), self._layout
@@ -149,9 +152,9 @@ class ConstraintResiduals:
         return None
 
     def of_many(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return phi, then psi, and the sizes of their terms, (p + m, k) each, at times (k,) and states (2n, k).
+        """Return phi, then psi, in one array, and the sizes of their terms, (p + m, k) each.
 
-        For one time and state (2n,) they are (p + m,).
+        `t` has k times and `y` k states (2n, k). For one time and one state (2n,) the results are (p + m,).
         """
         with np.errstate(all="ignore"):
             results = self._residuals(t, y, parameters)
@@ -172,11 +175,11 @@ def units_of(metric: FloatArray) -> FloatArray:
 def _residuals(
     values: FloatArray, rows: FloatArray, terms: FloatArray, entries: FloatArray, units: FloatArray
 ) -> Residuals:
-    """Return `Residuals` of `values` (m,) with their gradients `rows` (m, k) and `terms` (m,); compute their sizes.
+    """Return `Residuals` with `values` (m,), gradients `rows` (m, k) and `terms` (m,), and with computed sizes.
 
-    The size of a value is the larger of its terms and its gradient times the size of the `entries` (k,) of the state.
-    For this all entries count as equally large after multiplication by their scales `units` (k,): as large as the
-    largest product.
+    The size of a value is the larger of its terms and the magnitude of its gradient times the size of the state's
+    `entries` (k,). For this product all entries count as equally large once they are multiplied by their scales
+    `units` (k,).
     """
     largest = np.abs(units * entries).max(initial=0.0)
     # A gradient that is not finite is refused later, in a message with the constraint's name.

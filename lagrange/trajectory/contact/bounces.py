@@ -44,10 +44,11 @@ LONGEST = 2_000
 
 @dataclass(frozen=True, eq=False)
 class WrittenImpacts:
-    """Impacts without friction as resets of events: `resets` has one for each contact, or None.
+    """Impacts without friction as resets of events: `resets` has one reset for each contact, or None.
 
-    A reset is None if the restitution is zero, the formulas are too long, or the gap is not a polynomial. `kernel`
-    returns, for each contact, the impulse, the energy lost and the impact speed at a state.
+    A reset is a dict from symbol to new value. It is None if the restitution is zero, the formulas are too long, or
+    the gap is not a polynomial. `kernel` returns three numbers for each contact at a state: the impulse, the energy
+    lost and the impact speed.
     """
 
     resets: tuple[dict[Any, Any] | None, ...]
@@ -94,9 +95,10 @@ def response_of(mass: Any, direction: Any) -> Any:
 def _impact(
     contact: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any
 ) -> tuple[dict[Any, Any], Any, Any, Any]:
-    """Return the reset of an impact of a contact, with its impulse, energy loss and speed, as expressions.
+    """Return the reset of an impact of a contact, its impulse, its energy loss and its impact speed.
 
-    `q` are the coordinates, `rates` the velocities, and `mass` is the mass matrix. The reset closes the gap exactly.
+    All are expressions; the reset is a dict from symbol to new value, and also closes the gap exactly. `q` are the
+    coordinates, `rates` the velocities, and `mass` is the mass matrix.
     """
     direction = sympy.Matrix([contact.gap.diff(x) for x in q])
     speed = -sympy.Add(partial_rate(contact.gap, q), *(w * v for w, v in zip(direction, rates, strict=True)))
@@ -119,10 +121,10 @@ def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
 
 
 class Bounces:
-    """The present series of impacts with ever shorter flights between them, which may accumulate at a finite time.
+    """The present series of impacts with ever shorter flights between them. It may accumulate at a finite time.
 
-    `times` and `speeds` (k,) are those of the impacts in the series. `contacts` are the contacts of each of the last
-    `FEWEST_FLIGHTS` impacts.
+    `times` and `speeds` (k,) are those of the impacts in the series. `contacts` has the last `FEWEST_FLIGHTS`
+    impacts: the set of the contacts that take part in each.
     """
 
     def __init__(self) -> None:
@@ -134,9 +136,10 @@ class Bounces:
         self.contacts: list[frozenset[int]] = []
 
     def add(self, times: FloatArray, speeds: FloatArray, contacts: Sequence[frozenset[int]]) -> None:
-        """Add impacts with `times` and `speeds` (k,) to the series, and the sets of `contacts` of the last impacts.
+        """Add impacts with `times` and `speeds` (k,) to the series.
 
-        A flight that is not shorter than the previous one begins a new series.
+        `contacts` has, for each of the last impacts, the set of contacts that take part in it. A flight that is not
+        shorter than the previous one begins a new series.
         """
         whole = np.append(self.times, times)
         again = np.flatnonzero(np.diff(whole, 2) >= 0)
@@ -147,8 +150,8 @@ class Bounces:
     def most(self, restitutions: Sequence[float | None]) -> int:
         """Return the number of impacts that a compiled loop may handle before the run tests for an accumulation.
 
-        The number is chosen so that the relative speed of a bouncing ball decreases to about `SMALLEST_BOUNCE`.
-        `restitutions` has the value of each contact, None if it depends on the speed.
+        `restitutions` has the value of each contact, None if it depends on the speed. After this number of impacts
+        the speed of a bouncing ball has decreased to about `SMALLEST_BOUNCE` of the largest speed in the series.
         """
         constants = [e for e in restitutions if e is not None and e > 0]
         weakest = min(constants, default=1.0)
@@ -159,7 +162,10 @@ class Bounces:
 
     @property
     def end(self) -> float | None:
-        """The time at which the impacts accumulate, from the ratio of the last flights; None if they do not yet."""
+        """The time at which the impacts accumulate, from the ratio of successive flights; None if they do not yet.
+
+        None is also the result as long as the impact speed has not decreased to `SMALLEST_BOUNCE` of the largest.
+        """
         few = not len(self.speeds) or self.speeds[-1] > SMALLEST_BOUNCE * self.speeds.max()
         return None if few else self.limit
 
@@ -176,9 +182,10 @@ class Bounces:
 def in_order(
     times: Sequence[FloatArray], states: Sequence[FloatArray]
 ) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
-    """Return occurrences of several events in order of time: their times (N,), their events (N,) and states (N, 2n).
+    """Return the occurrences of several events in order of time.
 
-    `times` and `states` have one array for each event, (k,) and (k, 2n). Events are given by index.
+    `times` (k,) and `states` (k, 2n) have one array for each event. The results are the times (N,), the index of the
+    event (N,), and the states (N, 2n) of all occurrences.
     """
     if len(times) == 1:
         return times[0], np.zeros(len(times[0]), dtype=np.intp), states[0]

@@ -58,7 +58,10 @@ class Friction:
     way: FloatArray | None = None
 
     def cases(self) -> list[tuple[str, FloatArray | None]]:
-        """Return the possible states of the contact, each with its sliding direction, None if none is known."""
+        """Return the possible states of the contact, such as "sliding", each with its direction of sliding.
+
+        The direction is None for the other states, and for sliding in a plane in an unknown direction.
+        """
         if not self.components:
             return [(OPEN, None), (CLOSED, None)]
         if self.way is not None:
@@ -73,7 +76,8 @@ class Friction:
 class Balance:
     """A solution of the complementarity problem: `forces` and `rates` (rows,).
 
-    For each contact it has the state (open, closed, sliding or sticking), and the direction of sliding or None.
+    `states` has the state of each contact: open, closed, sliding or sticking. `ways` has the direction of sliding of
+    each contact (a unit vector), or None.
     """
 
     forces: FloatArray
@@ -108,7 +112,7 @@ def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
 
 
 def rows_of(contacts: Sequence[Friction]) -> Iterator[tuple[int, slice]]:
-    """Yield for each contact the row of the normal component, and the slice of the friction components."""
+    """Yield for each contact the index of its normal row, and the slice of its friction rows."""
     row = 0
     for contact in contacts:
         yield row, slice(row + 1, row + 1 + contact.components)
@@ -116,19 +120,20 @@ def rows_of(contacts: Sequence[Friction]) -> Iterator[tuple[int, slice]]:
 
 
 def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArray:
-    """Return the rounding errors (..., rows) of the rates A f + b for forces f (..., rows).
+    """Return bounds of the rounding errors (..., rows) of the rates A f + b, for forces f (..., rows).
 
-    Rates below these errors count as zero. `matrix` is A and `bias` is b.
+    Rates below these bounds count as zero. `matrix` is A (rows, rows), and `bias` is b (rows,).
     """
     return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(bias) + np.abs(bias).max(initial=0.0)))
 
 
 def _displaces(balance: Balance, other: Balance, contacts: Sequence[Friction]) -> bool:
-    """Return True if solution `balance` excludes `other`, where a surface slides that a force could hold at rest.
+    """Return True if the solution `balance` excludes the solution `other`.
 
-    By Coulomb's law a surface at rest slides only if no force in its friction cone holds it. All surfaces that stick
-    in `other` must stick in `balance`. Any other difference, such as a contact that opens, must follow from the slip:
-    kinetic friction could not exert the force that holds a surface.
+    By Coulomb's law a surface at rest slides only if no force in its friction cone holds it. So `other` is excluded
+    if a surface slides in it that `balance` holds at rest. All surfaces that stick in `other` must stick in
+    `balance`. Any other difference, such as a contact that opens, must follow from the slip: kinetic friction could
+    not exert the force that holds the surface.
     """
     if any(b == STICKING != a for a, b in zip(balance.states, other.states, strict=True)):
         return False
@@ -162,9 +167,10 @@ class _Rows:
         self.slides = np.array([surface.way is not None for surface in contacts])
 
     def directions(self, values: FloatArray) -> FloatArray:
-        """Return unit vectors (C, rows) along the friction rows of `values` (C, rows), separately for each contact.
+        """Return unit vectors (C, rows) along the friction components of `values` (C, rows), one for each contact.
 
-        C is the number of combinations of contact states. Other rows, and rows of a zero vector, are zero.
+        C is the number of combinations of contact states. Normal rows are zero. The rows of a contact are zero if its
+        vector in `values` is zero.
         """
         sizes = np.sqrt((values**2) @ self.members)[:, self.contact]
         return np.where(self.along & (sizes > 0), values / np.where(sizes > 0, sizes, 1.0), 0.0)
@@ -212,17 +218,18 @@ def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
 def _balance_of(rows: _Rows, forces: FloatArray, rates: FloatArray, states: list[str], ways: FloatArray) -> Balance:
     """Return the solution for one combination of contact `states`, with the direction of each sliding contact.
 
-    `forces`, `rates` and the sliding directions `ways` have shape (rows,). `rows` describes the rows.
+    `forces`, `rates` and `ways`, the directions of sliding, have shape (rows,). `rows` says which contact each row
+    belongs to.
     """
     directions = (ways[rows.members[:, i]] if state == SLIDING else None for i, state in enumerate(states))
     return Balance(forces, rates, tuple(states), tuple(directions))
 
 
 def _first_ways(matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArray[np.str_]) -> FloatArray:
-    """Return first guesses (C, rows) of the sliding directions: opposite to forces that would hold all surfaces.
+    """Return first guesses (C, rows) of the directions of sliding: opposite to forces that would hold all surfaces.
 
     `matrix` is A and `bias` is b in the rates A f + b. `states` (C, k) are C combinations of states of the k
-    contacts.
+    contacts. A contact without such a force gets its first slip direction.
     """
     forces, _, solved = _forces(matrix, bias, rows, np.where(states == SLIDING, STICKING, states), np.zeros(len(bias)))
     first = np.zeros(len(bias))
@@ -235,10 +242,11 @@ def _first_ways(matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArr
 def _forces(
     matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArray[np.str_], ways: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return forces and rates (C, rows) for C combinations of states (C, k) and sliding directions `ways` (C, rows).
+    """Return forces and rates (C, rows) for C combinations of contact states, and a mask (C,).
 
-    Rates are zero where contacts are closed or stick. The third result is a mask (C,), True for combinations with a
-    solution. If contacts depend on each other, the forces are not unique; the shortest force vector is returned.
+    The mask is True for combinations with a solution. `states` is (C, k), and `ways` (C, rows) are the directions of
+    sliding. Rates are zero where contacts are closed or stick. If contacts depend on each other, the forces are not
+    unique; the shortest force vector is returned.
     """
     contact_states = states[:, rows.contact]
     active = np.where(rows.along, contact_states == STICKING, contact_states != OPEN)
@@ -260,10 +268,10 @@ def _forces(
 def _obeys(
     rows: _Rows, states: NDArray[np.str_], ways: FloatArray, forces: FloatArray, rates: FloatArray, noise: FloatArray
 ) -> NDArray[np.bool_]:
-    """Return a mask (C,) of the valid ones of C combinations: forces push, rates separate, friction is in its cone.
+    """Return a mask (C,) of those of C combinations that obey the laws of contact.
 
-    `states` (C, k) are the states of the contacts; `ways` are sliding directions, and `noise` the errors of `rates`,
-    with shapes (C, rows).
+    Forces push, rates separate, and friction forces are in their cones. `states` (C, k) are the states of the
+    contacts. `ways`, the directions of sliding, `forces`, `rates` and `noise`, the errors of rates, are (C, rows).
     """
     weak = NOISE * np.abs(forces).max(axis=1, keepdims=True)
     push, apart = forces[:, rows.normals], rates[:, rows.normals]

@@ -52,9 +52,10 @@ class WrittenFriction:
     events: tuple[Event, ...]
 
     def of_whole(self, problem: Problem, way: int, moment: float) -> Problem:
-        """Return a problem of the system as a problem of this model, which has the way (1, -1 or 0) as a coordinate.
+        """Return a problem of the system as a problem of this model, whose state has one more coordinate, the way.
 
-        `way` is the initial direction of sliding, 1 or -1, or 0 for sticking. `moment` is the value of the parameter.
+        `way` is its initial value: the direction of sliding, 1 or -1, or 0 for sticking. `moment` is the value of the
+        parameter `moment`, a short time.
         """
         indices = [self.model.layout.q.stop - 1, len(problem.y0)]
         y0 = np.insert(problem.y0, indices, [way, 0.0])
@@ -63,7 +64,7 @@ class WrittenFriction:
         return replace(problem, model=self.model, y0=y0, largest=largest, parameters=parameters)
 
     def plain(self, y: FloatArray) -> FloatArray:
-        """Return states (2n,) or (2n, N) of the system from states of this model, which also have the way."""
+        """Return states of the system, (2n,) or (2n, N), from states of this model, without the way and its rate."""
         return plain_states(self.model.layout, y)
 
     def plain_run(self, part: Trajectory) -> Trajectory:
@@ -73,10 +74,10 @@ class WrittenFriction:
         return replace(part, y=self.plain(part.y), dense=dense, y_events=events)
 
     def ways(self, part: Trajectory, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the changes between sliding and sticking in the run `part`, whose last state is `last`.
+        """Return the changes between sliding and sticking in the run `part`, whose last state is `last` (2n + 2,).
 
-        The results are the times (k,), the states before the changes (k, 2n + 2), and the ways after them (k,): the
-        direction of sliding, 1 or -1, or 0 for sticking.
+        The results are the times (k,), the states before the changes (k, 2n + 2), and the ways after them (k,). A way
+        is the direction of sliding, 1 or -1, or 0 for sticking.
         """
         first, row = -len(self.events), self.model.layout.q.stop - 1
         times, _, states = in_order(part.t_events[first:], part.y_events[first:])
@@ -135,10 +136,10 @@ def written_friction(model: Model, which: int) -> WrittenFriction | None:
 
 
 def _coupled(line: Any, response: Any, parameters: Sequence[Any]) -> bool:
-    """Return True if the product of `line` and `response` is not zero.
+    """Return True if the product of the vectors `line` and `response` is not zero.
 
-    A force along one direction, such as the slip, then causes an acceleration along another, such as the gap. The
-    product is tested at irrational values of the parameters.
+    `line` is one direction, such as that of the gap. `response` are the accelerations due to a force along another
+    one, such as the slip. The product is tested at irrational values of the parameters.
     """
     values = {symbol: sympy.sqrt(sympy.prime(k + 1)) for k, symbol in enumerate(parameters)}
     terms = [float((x * y).xreplace(values)) for x, y in zip(line, response, strict=True)]
@@ -197,9 +198,9 @@ def _written(model: Model, which: int, forces: _Forces) -> WrittenFriction:
 def _behind(statement: Any, forces: _Forces, moment: Any, way: Any, onwards: Any) -> dict[Any, Any]:
     """Return the reset at a change between sliding and sticking, as a dict from symbols to their new values.
 
-    Gap and gap rate become zero. The slip becomes zero, or small in the direction `onwards`, 1, -1 or 0. `way` is the
-    coordinate for the direction of sliding. `forces` are those of the contact, and `moment` is a parameter, a short
-    time.
+    Gap and gap rate become zero. `onwards` is the new way: 0 makes the slip zero, 1 or -1 makes it small in this
+    direction. `way` is the coordinate for the way. `forces` are those of the contact, and `moment` is the parameter
+    that is a short time.
     """
     contact, q = forces.contact, statement.coordinates
     pace = 2 * SLIGHT * abs(forces.hold) * forces.sizes[1] * sympy.Max(abs(time), moment)

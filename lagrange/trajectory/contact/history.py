@@ -38,10 +38,10 @@ TIME, LOST, FRICTION = 0, 2, 3
 class ContactHistory:
     """The history of contacts along a run: the segments, each with its mode, and the impacts.
 
-    `begins` (s,) are the times at which segments begin. `impacts` has an array (k, 3 + slips) for each contact: time,
-    normal impulse, energy lost, friction impulse. `rests` has for each contact the times at which its impacts
-    accumulate. `rubbed` (N,) is the energy that sliding has dissipated up to the outputs, for a run read from a file;
-    for other runs it is computed.
+    `begins` (s,) are the times at which segments begin, and `modes` their modes (the state of each contact).
+    `impacts` has an array (k, 3 + slips) for each contact: time, normal impulse, energy lost, friction impulse.
+    `rests` has for each contact the times at which its impacts accumulate. `rubbed` (N,) is the energy that sliding
+    has dissipated up to each output. Only a run read from a file has it; for other runs it is computed.
     """
 
     begins: FloatArray
@@ -108,7 +108,7 @@ class ContactRun:
         return ByName("contact", ((contact.name, ContactResult(self, i, contact)) for i, contact in enumerate(stated)))
 
     def _segments(self, times: FloatArray) -> Iterator[tuple[Mode, NDArray[np.bool_]]]:
-        """Yield each mode that holds at some of the times (K,), with the mask (K,) of these times."""
+        """Yield each mode that holds at some of the times (K,), and a mask (K,) that is True at these times."""
         numbers = segment_numbers(self.history.begins, times, forward=True)
         modes = self.history.modes
         for mode in dict.fromkeys(modes[i] for i in np.unique(numbers)):
@@ -137,7 +137,7 @@ class ContactRun:
         return values
 
     def _in_mode(self, mode: Mode, expression: Any, times: FloatArray, y: FloatArray) -> FloatArray:
-        """Return an expression (K,) at times (K,) and states (2n, K) in a mode."""
+        """Return an expression (K,) at times (K,) and states y (2n, K), with the equations of motion of a mode."""
         statement = self.model.statement
         plain = expression_of(expression, "the expression").xreplace(statement.gaps)
         pairs = zip(statement.contacts, mode.states, strict=True)

@@ -47,12 +47,13 @@ SLOW_SHARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """The contacts at a state: their `gaps` (k,), and for each contact a row for dgap/dt, then a row for each slip.
+    """The contacts at a state: the gaps (k,), and the rates (dgap/dt and slips), their derivatives and noise.
 
-    `rates` (rows,) are the values of dgap/dt and the slips, `directions` (rows, n) their derivatives by the velocities,
-    and `bias` (rows,) their derivatives by time at zero acceleration. A unit force along each row causes the
-    accelerations `responses` (n, rows), under the stated constraints. Gaps count as zero up to `near` (k,), rates up to
-    `noise` (rows,), and velocities up to `still` (n,).
+    A row is a rate: each contact has a row for dgap/dt, then one for each slip. `rates` (rows,) are the values,
+    `directions` (rows, n) their derivatives by the velocities, and `bias` (rows,) their derivatives by time at zero
+    acceleration. A unit force along a row causes the accelerations in its column of `responses` (n, rows), under the
+    stated constraints. Gaps count as zero up to `near` (k,), rates up to `noise` (rows,), and velocities up to
+    `still` (n,).
     """
 
     gaps: FloatArray
@@ -66,7 +67,7 @@ class Touch:
 
     @cached_property
     def compliance(self) -> FloatArray:
-        """Change of each rate caused by a unit force along each row, (rows, rows)."""
+        """Change of each rate that a unit force (or impulse) along each row causes, (rows, rows)."""
         return self.directions @ self.responses
 
 
@@ -140,7 +141,7 @@ class Kinematics:
     def held(self, contact: int, times: FloatArray, states: FloatArray, sticking: NDArray[np.bool_]) -> bool:
         """Return True if a contact is closed at all states (2n, N): gap and gap rate are zero up to rounding.
 
-        At states in the mask `sticking` (N,) its slips must also be zero.
+        `contact` is its index. At states in the mask `sticking` (N,) its slips must also be zero.
         """
         k, mine = len(self.normals), self.rows[contact]
         values = np.asarray(self._kernel(times, states, self.parameters))
@@ -149,10 +150,10 @@ class Kinematics:
         return bool((np.abs(gap) <= near).all() and (np.abs(rate) <= still).all() and (np.abs(slips) <= still).all())
 
     def at(self, t: float, y: FloatArray, before: Touch | None = None) -> Touch:
-        """Return the contacts at a state (2n,).
+        """Return the contacts at a state y (2n,).
 
-        If `before` is given, its `responses` and `still` are used again instead of being computed. The caller must make
-        sure that coordinates differ from those of `before` by rounding at most; velocities may differ.
+        If `before` is given, its `responses` and `still` are reused, which saves time. The caller must make sure that
+        the coordinates are those of `before`, up to rounding. Velocities may differ.
         """
         n, k, rows = self.model.dimension, len(self.normals), len(self._speeds)
         values = np.asarray(self._kernel(t, y, self.parameters))
@@ -184,10 +185,10 @@ class Kinematics:
         return np.asarray(np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n])
 
     def closed(self, y: FloatArray, touch: Touch, contacts: Sequence[int], unchanged: Sequence[int] = ()) -> FloatArray:
-        """Return the state y (2n,) changed so that the gaps of `contacts` are closed, by one Newton step.
+        """Return the state y (2n,) changed so that the gaps of `contacts` (indices) are closed, by one Newton step.
 
         `touch` has the contacts at y. The change is the least, measured by the kinetic energy. The gaps of the
-        contacts `unchanged` are kept.
+        contacts `unchanged` (indices) do not change.
         """
         if not contacts:
             return y
@@ -218,7 +219,7 @@ class Kinematics:
         return value
 
     def friction(self, contact: int, slip: FloatArray, noise: FloatArray) -> Friction:
-        """Return the friction of a contact with velocities `slip` (components,) of its surfaces.
+        """Return the friction of contact number `contact`, for slip velocities `slip` (components,).
 
         The contact slides if these velocities exceed `noise` (components,).
         """

@@ -43,11 +43,12 @@ Way = int | None
 
 @dataclass(frozen=True)
 class Mode:
-    """The state of each contact, and the directions `ways` of contacts that slide along a line, 1 or -1.
+    """The mode of a run: `states` has the state of each contact, such as "open" or "sliding".
 
-    `kept` are the indices of independent constraints, or None if all constraints are independent. `bouncing` are the
-    contacts that count as closed while their impacts accumulate. `slowest` is the slip in a plane up to which a contact
-    counts as sticking. If `still`, nothing can move: contacts that would slide by their forces are at rest.
+    `ways` has the direction of each contact that slides along a line, 1 or -1. `kept` are the indices of independent
+    constraints, or None if all constraints are independent. `bouncing` are the contacts that count as closed while
+    their impacts accumulate. `slowest` is the slip in a plane up to which a contact counts as sticking. If `still`,
+    nothing can move: contacts that would slide by their forces are at rest.
     """
 
     states: tuple[str, ...]
@@ -64,7 +65,11 @@ class Mode:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The state of each contact in results: "sticking" instead of "sliding" if `still`, "open" if `bouncing`."""
+        """The state of each contact as results report it.
+
+        It is that of the mode, with two exceptions: "sticking" instead of "sliding" if `still`, and "open" for
+        contacts in `bouncing`.
+        """
         states = (STICKING if self.still and state == SLIDING else state for state in self.states)
         return tuple(OPEN if i in self.bouncing else state for i, state in enumerate(states))
 
@@ -77,10 +82,11 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class PreparedMode:
-    """A compiled mode: its model and events. `ends` has the contact and kind of each event that ends the mode.
+    """A compiled mode: its `model`, and its `events`.
 
-    The events of the user come first, then the events that end the mode. If `friction` is given, its changes between
-    sliding and sticking come last. `zeros` evaluates the events that end the mode, (k,), at a time and a state.
+    The user's events come first. The events that end the mode follow; for each of them `ends` has the index of its
+    contact and its kind. With `friction`, the events between sliding and sticking come last: they are handled inside
+    the loop over steps.
     """
 
     model: Model
@@ -95,7 +101,7 @@ class PreparedMode:
         return slice(last - len(self.ends), last)
 
     def plain(self, y: FloatArray) -> FloatArray:
-        """Return states (2n,) or (2n, N) of the system from states of the mode's model."""
+        """Return states (2n,) or (2n, N) of the system from those of the mode's model, which may be longer."""
         return y if self.friction is None else self.friction.plain(y)
 
     def plain_run(self, part: Trajectory) -> Trajectory:
@@ -104,7 +110,7 @@ class PreparedMode:
 
     @cached_property
     def zeros(self) -> Kernel:
-        """The expressions of the events that end the mode, as a function."""
+        """A function of time and state that evaluates the expressions of the events that end the mode, (k,)."""
         events = self.events[self.mode_events]
         return quick_function(
             self.model,
@@ -140,10 +146,11 @@ class Modes:
     def prepared(
         self, mode: Mode, problem: Problem, written: WrittenImpacts | None, friction: WrittenFriction | None, most: int
     ) -> PreparedMode:
-        """Return `mode` compiled, for a problem that continues in it. The user's events come before those of the mode.
+        """Return `mode` compiled, for a problem that continues in it.
 
-        Impacts that are `written` out are resets inside the loop over steps, up to `most` impacts of a contact. If
-        `friction` is given, changes between sliding and sticking are resets inside this loop, too.
+        The user's events come before those of the mode. `written` has formulas of the impacts, or is None. With it
+        impacts are resets inside the loop over steps, up to `most` impacts of a contact. With `friction`, changes
+        between sliding and sticking are resets inside this loop, too.
         """
         plain = mode if friction is None else mode.going(friction.which, 0)
         key = replace(plain, bouncing=()), friction, problem.events, 0 if written is None else most
@@ -197,9 +204,10 @@ class Modes:
 
     @cached_property
     def _holds_rest(self) -> list[bool]:
-        """For each contact, True if its slip is zero when all velocities are zero, which is false on a moving belt.
+        """For each contact, True if its slip is zero when all velocities are zero; this is false on a moving belt.
 
-        The last entry is the same for the constraints stated in velocities.
+        The list has one more entry, the last. It is True if the constraints stated in velocities also hold when all
+        velocities are zero.
         """
         stated = self.model.statement
         at_rest = dict.fromkeys(stated.velocities, sympy.S.Zero)
@@ -300,9 +308,10 @@ def _ends(contacts: Sequence[Contact], mode: Mode) -> tuple[tuple[Event, ...], t
 
 
 def _present(event: Event, absent: dict[Any, Any]) -> Event:
-    """Return an event in whose expression the normal forces of open contacts are zero.
+    """Return an event in whose expression the normal forces of open contacts are replaced by zero.
 
-    `absent` maps these forces to zero. If the expression is then constant, the result is an event that never occurs.
+    `absent` maps symbols of such forces to zero. If the expression is then constant, the result is an event that
+    never occurs.
     """
     zero = event.expression.xreplace(absent)
     if zero == event.expression:

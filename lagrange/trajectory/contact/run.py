@@ -79,10 +79,10 @@ def run_through_contacts(
 
 
 class _ContactRun:
-    """A run in progress: its parts, and the mode, time and state at which it continues.
+    """A run in progress: its `parts`, and the mode, time and state at which it continues.
 
-    `prepared` is the mode of the last segment, `part` its trajectory, and `end_state` (2n,) the state at its end
-    before any reset.
+    `prepared` is the compiled mode of the last segment, `part` its trajectory, and `end_state` (2n,) the state at its
+    end before any reset.
     """
 
     prepared: PreparedMode
@@ -158,10 +158,10 @@ class _ContactRun:
         self.parts.append(part)
 
     def _limit(self, end: float, mode: Mode, following: Mode) -> tuple[Status, str] | None:
-        """Return the status and the cause of the end of a run that reached a limit between two modes, else None.
+        """Return the status and the cause for a run that reached a limit between two modes; else None.
 
-        The limits are those of steps and of time, and the number of changes of the mode at one instant. At the time
-        `end` the run would change from `mode` to `following`.
+        There are limits of steps, of time, and of changes of the mode at one instant. At the time `end` the run would
+        change from `mode` to `following`.
         """
         problem = self.problem
         if sum(part.steps + part.rejected for part in self.parts) + len(self.parts) >= problem.max_steps:
@@ -182,7 +182,10 @@ class _ContactRun:
         )
 
     def _hurry(self, limit: str) -> str:
-        """Return the cause if frequent changes of the mode used up `limit`, such as "max_steps", else ""."""
+        """Return the cause if a run used up a limit because its mode changed often; else "".
+
+        `limit` is the name of the limit, such as "max_steps".
+        """
         recent = self.begins[-RECENT:]
         between = (recent[-1] - recent[0]) / RECENT
         if len(recent) < RECENT or between > HURRIED * (self.problem.t1 - self.problem.t0):
@@ -252,7 +255,10 @@ class _ContactRun:
         return self.kept[-1]
 
     def _verified(self, part: Trajectory, mode: Mode) -> Trajectory:
-        """Return a segment; its status is UNRELIABLE if bodies overlap in it, because an impact was missed."""
+        """Return the segment `part`, with the status UNRELIABLE if bodies overlap because an impact was missed.
+
+        `mode` is the mode of the segment, by which open contacts are known.
+        """
         times = np.linspace(*part.span, SAMPLES + 1)[1:]
         gaps, near = self.kinematics.gaps(times, part.dense(times))
         deepest = max(OVERLAP, ERRORS * (self.problem.rtol or 0.0)) / TOUCHING * near
@@ -288,8 +294,8 @@ class _ContactRun:
     def _passed_impacts(self, written: WrittenImpacts) -> bool:
         """Record the impacts inside the last segment. Return False if it must be run again without compiled impacts.
 
-        Impacts of several contacts at one instant, and steps that fail, need a test of each impact. `written` has the
-        formulas of the impacts.
+        This is so if a step failed, or if another gap is closed at an impact: such impacts need a test of their own.
+        `written` has the formulas of the impacts.
         """
         segment, users, end = self.part, len(self.problem.events), self.part.span[1]
         if segment.status in FAILED:
@@ -333,10 +339,10 @@ class _ContactRun:
         return all((kind == GAP and rates[i] >= 0) or (kind == SLIP and i in self.freed) for i, kind in fired)
 
     def _locate_end(self, segment: Problem) -> None:
-        """Move the end of the last segment, before any reset, closer to the zero of the event, by one secant step.
+        """Move the end of the last segment closer to the zero of the event that ended it, by one secant step.
 
-        A series locates the zero only up to the tolerance of the run. The run continues from the corrected end. Also
-        stores the contacts whose events ended the segment.
+        The end is the one before any reset. A series locates the zero only up to the tolerance of the run. The run
+        continues from the corrected end. The contacts whose events ended the segment are stored in `fired`.
         """
         part, (begin, end), users = self.part, self.part.span, len(self.problem.events)
         fired = zip(part.t_events[users:], part.y_events[users:], strict=True)

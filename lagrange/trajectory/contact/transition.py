@@ -46,9 +46,9 @@ class Impact:
 class Behind:
     """Result of a transition: the state `y` (2n,) and the mode after it, and the impacts.
 
-    `before` (2n,) is the state before impacts, with overlaps of bodies removed. `impacts` are pairs of the index of a
-    contact and its impact. `speeds` are the impact speeds of the contacts whose gap closed. `unseen` are contacts that
-    open and would close again before the gap exceeds rounding.
+    `before` (2n,) is the state before the impacts, in which overlaps of bodies are removed. `impacts` are pairs of
+    the index of a contact and its `Impact`. `speeds` are the impact speeds of the contacts whose gap closed. `unseen`
+    are the indices of contacts that open and would close again while their gap is still within rounding.
     """
 
     y: FloatArray
@@ -60,7 +60,7 @@ class Behind:
 
 
 class Transitions:
-    """Computes the state and the mode after a mode ends."""
+    """Computes the state and the mode of a run after a mode has ended."""
 
     def __init__(self, modes: Modes, kinematics: Kinematics, span: float, rtol: float) -> None:
         self.modes, self.kinematics = modes, kinematics
@@ -119,7 +119,10 @@ class Transitions:
         return Behind(y, before, following, impacts, speeds, unseen)
 
     def _freed_ways(self, t: float, y: FloatArray, mode: Mode, freed: Collection[int]) -> dict[int, FloatArray]:
-        """Return the direction in which each contact of `freed` begins to slide, opposite to its friction force."""
+        """Return the direction (components,) in which each contact of `freed` begins to slide, by its index.
+
+        It is opposite to the friction force that held the contact in `mode`, at the state y (2n,).
+        """
         model = self.modes.model_of(mode)
         forces = dict(
             zip(
@@ -145,8 +148,9 @@ class Transitions:
     ) -> tuple[FloatArray, tuple[tuple[int, Impact], ...], tuple[float, ...]]:
         """Return the state after an impact, pairs of contact index and impact, and the speeds of `closing` contacts.
 
-        `touching` are all contacts with zero gap that may exchange impulses. `closing` are those whose gap decreases.
-        `plastic` contacts have no restitution. `touch` has the contacts at the state y (2n,) before the impact.
+        `touching` are the indices of all contacts with zero gap, which may exchange impulses. `closing` are those
+        whose gap decreases. `plastic` contacts have no restitution. `touch` has the contacts at the state y (2n,)
+        before the impact.
         """
         kin, v = self.kinematics, self._layout.v
         matrix, law = touch.compliance, self.modes.model.statement.simultaneous
@@ -181,7 +185,10 @@ class Transitions:
         return after, tuple(impacts), tuple(float(-touch.rates[kin.normals[i]]) for i in closing)
 
     def _coupled(self, matrix: FloatArray, touching: Sequence[int]) -> bool:
-        """Return True if an impulse at one of the touching contacts changes the rates of another."""
+        """Return True if an impulse at one of the contacts `touching` changes the gap rate or the slip of another.
+
+        `matrix` (rows, rows) has the change of each of these rates by each unit impulse.
+        """
         others = np.abs(matrix)
         for rows in self.kinematics.rows:
             others[np.ix_(rows, rows)] = 0.0
@@ -225,8 +232,8 @@ class Transitions:
     ) -> Balance:
         """Return the only solution in `balances`. Raises `Undetermined` if there are none or several.
 
-        The other arguments are for its message: the `chosen` contacts at the state y, and `what` they do, "motion" or
-        "impact".
+        The other arguments are for the error message: the `chosen` contacts in `touch` at the state y (2n,), and
+        `what` is undetermined, "motion" or "impact".
         """
         if len(balances) == 1:
             return balances[0]
@@ -243,7 +250,7 @@ class Transitions:
         released: Collection[int],
         near: Sequence[int],
     ) -> tuple[FloatArray, Mode, FloatArray]:
-        """Return the state and the mode after a transition, for `resting` contacts with zero gap and gap rate.
+        """Return the state and the mode after a transition, for contacts `resting` with zero gap and gap rate.
 
         Contacts in `near` have zero gap, in `stopped` zero slip, in `released` zero normal force. `ways` has the
         directions of beginning slips. The third result (rows,) has the time derivatives of gap rates and slips.
@@ -294,9 +301,10 @@ class Transitions:
         return self._entered(y, touch, mode, begins), mode, pulls
 
     def _turned(self, y: FloatArray, entered: FloatArray, touch: Touch, mode: Mode) -> list[int]:
-        """Return the contacts whose slip in the state `entered` does not have the direction that `mode` states.
+        """Return the contacts whose slip in the state `entered` (2n,) is zero or opposite to the direction in `mode`.
 
-        Their slip in the state y (2n,) was rounding, which the change to `entered` removed: they are at rest.
+        Their slip in the state y (2n,) was only rounding, which the change to `entered` removed. So they are at rest.
+        `touch` has the contacts at y.
         """
         change = entered[self._layout.v] - y[self._layout.v]
         turned = []
@@ -320,7 +328,10 @@ class Transitions:
         return None if len(rows) == len(stated) + len(gradient) else rows
 
     def _held_rows(self, states: Sequence[str]) -> list[int]:
-        """Return the rows of gaps and slips that are constraints for the given `states` of the contacts."""
+        """Return the indices of the rows (gap rates and slips) that are zero in a mode.
+
+        `states` are the states of the contacts: a closed gap is constant, and a contact that sticks has no slip.
+        """
         kin = self.kinematics
         rows = []
         for i, state in enumerate(states):
@@ -330,11 +341,11 @@ class Transitions:
         return rows
 
     def _entered(self, y: FloatArray, touch: Touch, mode: Mode, begins: dict[int, float]) -> FloatArray:
-        """Return a state whose velocities satisfy the constraints of a mode, by the least change.
+        """Return the state y (2n,) with velocities changed to satisfy the constraints of a mode.
 
-        The kinetic energy measures the change. Velocities that are rounding become zero. `begins` maps the rows of
-        slips and gaps that begin to grow to small initial rates. Without these rates, rounding of the accelerations
-        could end the growth at once.
+        The change is the least, measured by the kinetic energy. Velocities that are rounding become zero. `begins`
+        maps rows of gap rates and slips that begin to grow to small initial values. Without these values, rounding of
+        the accelerations could end the growth at once.
         """
         held_rows = self._held_rows(mode.states)
         if not held_rows and not begins:

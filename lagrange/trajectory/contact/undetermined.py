@@ -60,10 +60,10 @@ def _where(kin: Kinematics, touch: Touch, y: FloatArray, chosen: Sequence[int]) 
 
 
 def _region(model: Model, which: int, way: int) -> str:
-    """Return, as text, the gap acceleration due to a unit normal force and the sliding friction that it causes.
+    """Return, as text, the acceleration of a gap due to a unit normal force and the sliding friction that it causes.
 
-    The contact `which` slides in the direction `way`, 1 or -1. Where this acceleration is not positive, pushing does
-    not open the gap. The result is "" if the text is too long, or if the system has constraints.
+    The contact with index `which` slides in the direction `way`, 1 or -1. Where this acceleration is not positive, a
+    normal force does not open the gap. The text is "" if it is too long, or if the system has constraints.
     """
     statement, contact = model.statement, model.statement.contacts[which]
     mass = None if statement.constraints else coupling(statement)

@@ -33,9 +33,10 @@ ALIKE = 1e-9
 class Impact:
     """An event of a model: the zeros of the expression `node` with a direction, a terminal count and a reset.
 
-    The reset replaces the entries `rows` of the state by results of `kernel`, from result `first` on. `kernel` is None
-    without a reset. A `root` is not an event of the user, but a square root in the equations of motion: the series of
-    the motion ends at a zero of the square root. `model` is the model whose constraints hold after the reset.
+    `direction` is the sign of the crossings that count, 0 for both. The run ends at occurrence number `terminal`,
+    never if it is 0. The reset replaces the entries `rows` of the state by results of `kernel`, from result `first`
+    on. `kernel` is None without a reset. A `root` is not an event of the user, but a square root in the equations of
+    motion: the series of the motion ends at its zero. `model` is the model whose constraints hold after the reset.
     """
 
     node: Node
@@ -65,7 +66,7 @@ class Impact:
 
     @property
     def constrained(self) -> bool:
-        """True if the state after a reset has to satisfy constraints."""
+        """True if the event resets the state and the new state has to satisfy constraints."""
         return self.reset and self.model is not None and len(self.model.equations.constraints) > 0
 
     @property
@@ -78,9 +79,10 @@ class Impact:
         return self.direction in (0, rising)
 
     def apply(self, t: float, before: FloatArray, parameters: FloatArray, state: FloatArray) -> None:
-        """Write the entries that the event resets to `state` (2n,), computed from the state `before` it (2n,).
+        """Write the entries that the event resets to `state` (2n,), computed from the state `before` (2n,).
 
-        `parameters` is (k,). An entry that another event at the same time resets to a different value becomes nan.
+        `before` is the state before all events at time t, and `parameters` is (k,). An entry that another event at
+        this time has reset to a different value becomes nan.
         """
         if self.kernel is not None:
             rows = list(self.rows)
@@ -99,9 +101,9 @@ def reset_state(
 ) -> tuple[FloatArray, EventResult]:
     """Return the state (2n,) after resets, and the end of the run if the state is not valid.
 
-    `resets` maps events to their indices in `names()`. Every reset is computed from the state `before`. With
-    constraints the new state is treated like an initial state. The state `before` satisfies the constraints only up to
-    the error of the step. So the reset is tested on the nearest state that satisfies the constraints exactly.
+    `resets` maps events to their indices in `names()`. Every reset is computed from the state `before` (2n,). If
+    constraints hold after a reset, the new state must satisfy them, like an initial state. Since `before` satisfies
+    the constraints only up to the error of the step, the test uses the nearest state that satisfies them exactly.
     """
     after = _reset(resets, t, before, parameters)
     if not np.isfinite(after).all():

@@ -15,7 +15,7 @@ class EventResult:
     """Result of event processing: whether and why the run ends, and whether the state has jumped.
 
     `status` is the status of a run that ends, else None, and `detail` a sentence on its cause. `jumped` is True if
-    the state has jumped. `smooth` is True if the motion may continue although its Taylor series ends there.
+    the state has jumped. `smooth` is True if only the Taylor series ends at this point, and the motion may continue.
     """
 
     status: Status | None = None
@@ -35,7 +35,7 @@ def at_rest(name: str) -> EventResult:
 
 
 def accumulating(name: str) -> EventResult:
-    """Return the end of a run in which event `name` occurs again and again, so that time does not advance."""
+    """Return the end of a run at which event `name` occurs again and again at nearly the same time."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"Events accumulate: {name} is zero again and again within the spacing of floating-point times, as for a ball "
@@ -70,7 +70,7 @@ def sliding(name: str, t: float) -> EventResult:
 
 
 def nowhere(name: str) -> EventResult:
-    """Return the end of a run whose reset gives a state that is not finite; `name` is the text of its events."""
+    """Return the end of a run whose reset gives a state that is nan or infinite. `name` is the text of its events."""
     return EventResult(
         Status.NON_FINITE,
         f"The reset where {name} is zero gives a state that is nan or infinite. Look for a division by zero, for a "
@@ -91,7 +91,7 @@ def off_constraints(names: str, violated: str) -> EventResult:
 def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
     """Return the end of a run at a state at which an event function has no value.
 
-    `names` are the names of the event functions. `watched` (order + 1, functions) has their Taylor coefficients at
+    `names` are the names of the watched functions (E,). `watched` (order + 1, E) has their Taylor coefficients at
     this state.
     """
     bad = int(np.argmax(~np.isfinite(watched).all(axis=0)))
@@ -114,10 +114,10 @@ def rootless(name: str) -> EventResult:
 
 
 def without_series(name: str, value: float, *, smooth: bool) -> EventResult:
-    """Return the end of a run at a point after which the series of the event function `name` is not valid.
+    """Return the end of a run at a point after which the series of the watched function `name` is not valid.
 
-    `value` is the value of the function there. `smooth` is True for a switching surface in a branch that ends there,
-    since the motion may continue.
+    `value` is the value of the function there. `smooth` is True for a switching surface, since the motion may
+    continue although the series of the surface ends.
     """
     return EventResult(
         Status.NON_FINITE,

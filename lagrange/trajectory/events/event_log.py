@@ -36,13 +36,17 @@ class Occurrences:
         return self._count
 
     def append(self, t: float, y: FloatArray, steps: int) -> None:
-        """Add an occurrence at a time and a state (2n,). It counts once `steps` steps are accepted."""
+        """Add an occurrence at a time t and a state y (2n,).
+
+        It is reported as soon as the run has `steps` accepted steps.
+        """
         self.extend(np.array([t]), y[None], steps)
 
     def extend(self, t: FloatArray, y: FloatArray, steps: int, mark: object = None) -> None:
-        """Add occurrences at times (k,) and states (k, 2n). They count once `steps` steps are accepted.
+        """Add occurrences at times (k,) and states (k, 2n).
 
-        A repeated call with the `mark` of the last call adds nothing.
+        They are reported as soon as the run has `steps` accepted steps. `mark` identifies the batch; a second call in
+        succession with the same mark adds nothing.
         """
         again = mark is not None and bool(self._parts) and self._parts[-1][3] == mark
         if len(t) and not again:
@@ -50,7 +54,7 @@ class Occurrences:
             self._count += len(t)
 
     def until(self, steps: int) -> tuple[FloatArray, FloatArray]:
-        """Return the times (k,) and states (k, 2n) of the occurrences that count after `steps` accepted steps."""
+        """Return the times (k,) and states (k, 2n) of the occurrences in the first `steps` accepted steps."""
         parts = [part for part in self._parts if part[2] <= steps]
         if len(parts) == 1:
             return parts[0][0], parts[0][1]
@@ -63,8 +67,8 @@ class Occurrences:
 class Breaks:
     """The rows of a run (indices of stored states) after which a new smooth piece of motion begins.
 
-    `size` is the length 2n of a state. The step before a break may have been shortened. `times` (k,) and `states` (k,
-    2n) are the end of the whole step before it was shortened, and NaN for other steps.
+    `size` is the length 2n of a state. The step that ends at a break may have been shortened. Then `times` (k,) and
+    `states` (k, 2n) have the end of the full step; they are NaN for other steps.
     """
 
     def __init__(self, size: int) -> None:
@@ -75,12 +79,18 @@ class Breaks:
         return self._count
 
     def append(self, row: int, whole: tuple[float, FloatArray] | None) -> None:
-        """Add a break after a row. `whole` is the end of the step before it was shortened, or None."""
+        """Add a break after the stored state with index `row`.
+
+        `whole` is the time and state at the end of the step before it was shortened, or None for a step that was not.
+        """
         end, state = (math.nan, np.full(self._parts[0][2].shape[1], math.nan)) if whole is None else whole
         self.extend(np.array([row]), np.array([end]), state[None])
 
     def extend(self, rows: NDArray[np.int64], times: FloatArray, states: FloatArray) -> None:
-        """Add breaks after `rows` (k,), with the `times` (k,) and `states` (k, 2n) at the ends of whole steps."""
+        """Add breaks after the stored states with the indices `rows` (k,).
+
+        `times` (k,) and `states` (k, 2n) are the ends of the full steps that were shortened, NaN for other steps.
+        """
         if len(rows):
             self._parts.append((rows, times, states))
             self._count += len(rows)
@@ -88,8 +98,8 @@ class Breaks:
     def since(self, first: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
         """Return the rows (k,), times (k,) and states (k, 2n) of all breaks except the first `first` ones.
 
-        A row is the index of the stored state before the break. Times and states are the ends of the whole steps, or
-        NaN.
+        A row is the index of the stored state before the break. Times and states are the ends of the full steps that
+        were shortened, NaN for other steps.
         """
         parts, begin = [], self._count
         for part in reversed(self._parts):
@@ -102,7 +112,10 @@ class Breaks:
 
 
 class EventLog:
-    """The occurrences of events along a run, for states of length `size`. `state` is the driver's present state."""
+    """The occurrences of each event along a run. `state` is the driver's present state, None before the run.
+
+    `events` is the number of events, and `size` the length 2n of a state.
+    """
 
     def __init__(self, events: int, size: int) -> None:
         self.occurrences = [Occurrences(size) for _ in range(events)]
@@ -123,15 +136,18 @@ class EventLog:
         return None
 
     def occur(self, indices: Sequence[int], impacts: Sequence[Impact], state: DriverState) -> bool:
-        """Record the events `indices` of `impacts` at the present state. Return True if one ends the run."""
+        """Record an occurrence of some events at the present state. Return True if one of them ends the run.
+
+        `indices` are those of the events in `impacts`, which has all events.
+        """
         for i in indices:
             self.occurrences[i].append(state.t, state.y.copy(), state.count(DriverState.STEPS))
         return any(0 < impacts[i].terminal <= len(self.occurrences[i]) for i in indices)
 
     def keep(self, which: NDArray[np.int64], when: FloatArray, states: FloatArray, steps: int) -> None:
-        """Add k occurrences, which count once `steps` steps are accepted.
+        """Add k occurrences, in order of time, which are reported as soon as the run has `steps` accepted steps.
 
-        `which` (k,) are the indices of the events, `when` (k,) the times in order; the states are (k, 2n).
+        `which` (k,) are the indices of their events, `when` (k,) the times, and `states` (k, 2n) the states.
         """
         if len(self.occurrences) == 1:
             self.occurrences[0].extend(when, states, steps)
@@ -159,19 +175,25 @@ class EventLog:
 
 
 class ChangeCounter:
-    """Counts changes of the motion, such as resets, at nearly one time, to detect that time does not advance."""
+    """Counts changes of the motion, such as resets, that happen at nearly one time.
+
+    Many of them mean that the run does not advance.
+    """
 
     def __init__(self) -> None:
         self.last = -math.inf
         self.counts: Counter[int] = Counter()
 
     def begin(self, t: float, which: int) -> None:
-        """Restart the count with a change of the motion by event `which` at time t, far from all earlier changes."""
+        """Restart the count at time t with one change of the motion, by the event with index `which`."""
         self.counts = Counter([which])
         self.last = t
 
     def accumulates(self, t: float, which: Iterable[int]) -> bool:
-        """Count changes by the events `which` at time t. Return True if one causes too many at nearly one time."""
+        """Count a change at time t by each of the events `which`. Return True if one event has too many.
+
+        Only changes at nearly the same time are counted together. Too many means that the run does not advance.
+        """
         if abs(t - self.last) > CLOSEST * max(abs(t), EARLIEST):
             self.counts.clear()
         self.last = t
@@ -180,20 +202,21 @@ class ChangeCounter:
 
 
 class ResetIntervals:
-    """Detects that intervals between resets no longer decrease, because only rounding noise separates them."""
+    """Detects that intervals between resets no longer decrease, so that only rounding noise separates the resets."""
 
     def __init__(self) -> None:
         self.least = 0.0
         self.count = 0
 
     def begin(self, length: float) -> None:
-        """Restart the count with an interval `length` between two resets, to which later ones are compared."""
+        """Restart the count. Later intervals between two resets are compared to this interval `length`."""
         self.least, self.count = length, 0
 
     def idle(self, length: float, *, unseen: bool) -> bool:
-        """Count an interval `length` between two resets. Return True if too many in a row no longer decrease.
+        """Count an interval `length` between two resets. Return True if too many in succession do not decrease.
 
-        `unseen` is True if the event function did not exceed rounding noise in the interval.
+        `unseen` is True if the event function did not exceed rounding noise in the interval. Only such intervals
+        count.
         """
         if unseen and length >= SAME_INTERVAL * self.least:
             self.count += 1

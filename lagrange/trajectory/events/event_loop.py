@@ -37,8 +37,9 @@ CHANGE_STEPS = 8
 class WatchedEvents:
     """The events of a run by a step program, kept for the next run of its driver with the same events.
 
-    `kernel` evaluates the event functions. `memory` is shared with the compiled loop `steps`, which is None if no run
-    was long enough. `dense` is the first dense output, whose compiled code all later ones use.
+    `impacts` are the events, and `kernel` evaluates their functions. `memory` is shared with the compiled loop
+    `steps`, which is None if no run was long enough to compile it. `dense` is the first dense output, whose compiled
+    code all later ones use.
     """
 
     impacts: tuple[Impact, ...]
@@ -70,7 +71,7 @@ class WatchedEvents:
     def path(self, path_of: PathOf, times: FloatArray, states: FloatArray) -> StepsPath:
         """Return the dense output through accepted times (S+1,) and states (S+1, 2n).
 
-        `path_of` makes the first one. Later ones use its compiled code again.
+        `path_of` is called with times and states to make the first dense output. Later calls reuse its compiled code.
         """
         if self.dense is not None:
             return replace(self.dense, times=times, states=states)
@@ -81,11 +82,11 @@ class WatchedEvents:
     def compiled(
         self, problem: Problem, driver: Driver, t: float, steps: int, changes: int, *, fixed: bool
     ) -> EventSteps | None:
-        """Return the compiled loop over steps; None if the machine has none, or if compiling seems not worth it.
+        """Return the compiled loop over steps; None if the machine has none, or if compiling does not pay.
 
-        The remaining length of the run is estimated from the numbers of `steps` and of `changes` of the motion up to
-        time t. Unless the steps are equal (`fixed`), the loop first tests each step for events on a cubic, the
-        Hermite polynomial through both ends of the step.
+        The remaining length of the run is estimated from `steps`, the number of steps up to time t, and from
+        `changes`, the number of resets. `fixed` is True for equal steps. Otherwise the loop first tests each step on
+        a cubic, the Hermite polynomial through both ends of the step; it searches only steps that may have an event.
         """
         work, covered, span = steps + CHANGE_STEPS * changes, abs(t - problem.t0), abs(problem.t1 - problem.t0)
         if self.dense is None or work <= ENOUGH or work * span < WORTH_COMPILING * covered:
@@ -106,11 +107,12 @@ class WatchedEvents:
         stayed: Mapping[int, float],
         zeros: Mapping[int, int],
     ) -> None:
-        """Write the sides of zero (signs) of the event functions to the memory of the compiled loop.
+        """Write the signs of the event functions and the counts of events to the memory of the compiled loop.
 
-        Also write how many more times each event may occur before the caller has to act; `occurrences` has those so
-        far. `stayed` maps the events that count as zero at the start of a smooth piece of motion to the size of the
-        event function there. `zeros` maps events to the direction in which they reached zero.
+        `zero_sides` has the sign (side of zero) of each function. `occurrences` has those of each event so far. From
+        them follows how often the event may still occur before the caller has to act. `stayed` maps each event that
+        counts as zero at the start of a smooth piece of motion to the size of its function there. `zeros` maps each
+        event that has just occurred to the direction of its zero.
         """
         memory, impacts = self.memory, self.impacts
         memory.sign[:] = [side.sign for side in zero_sides]

@@ -35,8 +35,8 @@ from lagrange.trajectory.trajectory import FloatArray
 class MotionStart:
     """Event functions at the start of a smooth piece of motion: which ones are zero there, and why.
 
-    `first` is True at the start of the run. Events are given by index. `stayed` maps events that count as zero to the
-    size of the event function. `zeros` maps events that have just occurred to their direction: 1, -1, or 0 for a
+    `first` is True at the start of the run. Events are given by index. `stayed` maps each event that counts as zero
+    to the size of its function. `zeros` maps each event that has just occurred to its direction: 1, -1, or 0 for a
     touch without crossing. `rested` are events with a reset that have stayed zero on all steps since the start; their
     sign is undecided. `jumped` are events that occurred at a jump over zero. Rounding decides on which side of a jump
     the motion starts, so a second jump at once is the same jump.
@@ -59,8 +59,9 @@ def sides_behind(
     """Return the sides of zero (known signs) of event functions after a reset, from `sides` before it.
 
     A side of sign 0 is undecided. `change` has the values of the event functions before and after the reset, (E,)
-    each, and `noise` (E,) is their rounding. Events in `happened` have just occurred: their side is undecided. A
-    pending touch of a contact is cleared, because a contact must not act without crossing zero.
+    each. The side of a function that changes by more than `noise` (E,), its rounding error, is undecided. So are
+    those of the events in `happened` (indices), which have just occurred. A contact that came near zero before the
+    reset does not count as near it afterwards, since it must not act without crossing zero.
     """
     sides_after = []
     for i, (side, impact, before, after) in enumerate(zip(sides, impacts, *change, strict=True)):
@@ -99,11 +100,12 @@ def sent_through(
     states: tuple[FloatArray, FloatArray],
     along: float,
 ) -> EventZero | None:
-    """Return a zero in `zeros` at which the reset would send the motion to the wrong side, or None.
+    """Return the first zero in `zeros` at which the reset would send the motion to the wrong side, or None.
 
-    The path of a long step may bring a ball to the floor although its velocity there already points upwards. A reset
-    would then send it downwards. `rates` computes the time derivatives of the event functions. `states` are the
-    states before and after the reset. `along` is 1, or -1 for a run backwards in time.
+    For example, the polynomial of a long step may bring a ball to the floor although its velocity there already
+    points upwards. A reset would then send it downwards. `rates` computes the time derivatives of the event
+    functions. `states` are the states (2n,) before and after the reset. `along` is 1, or -1 for a run backwards in
+    time.
     """
     coming, going = along * rates(np.full(2, t), np.column_stack(states), parameters).T
     for m in zeros:
@@ -115,18 +117,19 @@ def sent_through(
 def entry(batch: StepBatch, step: int, index: int, span: float) -> float:
     """Return the size up to which the event function of contact `index` counts as zero at the start of a step.
 
-    It is the noise of the event function, or its change during the spacing of floating-point times. `span` is the
-    duration of the run, which sets the spacing.
+    `step` is the index of the step in the batch. The size is the noise of the event function, or its change over one
+    floating-point spacing of time if this is larger. The spacing is relative to `span`, the duration of the run.
     """
     steps = abs(span / (batch.path.times[step + 1] - batch.path.times[step]))
     return float(max(batch.noise[index, step], batch.sensitive[index, step] * (EPSILON / DENSE_ROUND_OFF) * steps))
 
 
 def lie(begun: MotionStart, impacts: Sequence[Impact], sample: Sample) -> set[int]:
-    """Return the contacts at rest: zero at the start of the motion without a new event, and constant on the step.
+    """Return the indices of the contacts that are at rest on the first step of a motion.
 
-    An example is a ball that has given its velocity to the next ball and lies beside it. Only rounding changes the
-    event function of such a contact.
+    The function of such a contact is zero at the start without a new event, and changes only by rounding on the step
+    `sample`. An example is a ball that has given its velocity to the next ball and lies beside it. `begun` describes
+    the start, and `impacts` are all events.
     """
     margins = {i: 4 * size for i, size in begun.stayed.items() if i not in begun.zeros and impacts[i].contact}
     moves = np.abs(sample.values - sample.values[:, :1]).max(axis=1)

@@ -20,10 +20,11 @@ from lagrange.trajectory.trajectory import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class EventSeries:
-    """Taylor coefficients `rows` (order + 1, 2n + E) of the state and of E event functions, in the time unit `scale`.
+    """Taylor coefficients of the state and of E event functions, in the time unit `scale`.
 
-    `watched` (order + 1, E) are the columns of the event functions, and `noise` (E,) is their rounding. `rtol` is the
-    tolerance of the series. `unit` is a time at which the terms of the event functions are compared.
+    `rows` (order + 1, 2n + E) has all coefficients, and `watched` (order + 1, E) those of the event functions.
+    `noise` (E,) is the rounding error of the functions at the state. `rtol` is the tolerance of the series. The terms
+    of an event function are compared at the time `unit`.
     """
 
     scale: float
@@ -39,8 +40,8 @@ class EventSeries:
     ) -> EventSeries:
         """Return the series at time t and state y (2n,) in the time unit `scale`, negative for a run backwards.
 
-        `values` are the further arguments of the series: parameters and signs of switching surfaces. Raises
-        SingularMassMatrix.
+        `values` are the further arguments of the series: the parameters, then the signs of the switching surfaces.
+        Raises SingularMassMatrix.
         """
         size = len(y)
         rows = series.rows(order, t, y, scale, values)
@@ -56,7 +57,10 @@ class EventSeries:
         return cls(scale, unit, rtol, rows, watched, noise)
 
     def near(self, which: int) -> FloatArray:
-        """Return the series (order + 1,) of event function `which`, scaled to a time where terms are comparable."""
+        """Return the series (order + 1,) of the event function with index `which`.
+
+        Its unit of time is chosen so that its terms are comparable.
+        """
         return near(self.watched[:, which : which + 1], self.unit, self.rtol, self.noise[which : which + 1])[:, 0]
 
     def leaving(self, which: int, margin: float = math.inf) -> tuple[int, int]:
@@ -69,7 +73,10 @@ class EventSeries:
         return leaving(self.watched[:, which], margin, self.unit, tolerance, float(self.noise[which]))
 
     def falls(self, which: int, soon: float) -> bool:
-        """Return True if event function `which` reaches zero within the time `soon`, by its first derivative."""
+        """Return True if event function `which` reaches zero within the time `soon`.
+
+        Only its value and its first derivative are used.
+        """
         g, slope = self.watched[:2, which]
         return bool(g * slope < 0 and abs(g) <= abs(slope) * soon / abs(self.scale))
 
@@ -77,8 +84,9 @@ class EventSeries:
 def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[float]:
     """Return for each column of a series the time, at most s, up to which it is accurate.
 
-    A column of the series (order + 1, k) is accurate if its truncation error is below the tolerance, or below its
-    noise (k,). For most series the first and the last two terms prove that they are accurate on the whole step.
+    A column of the series (order + 1, k) is accurate if its truncation error is below the relative tolerance `rtol`,
+    or below its rounding error `noise` (k,). For most series the first and the last two terms already prove that they
+    are accurate up to s.
     """
     tolerance, run, ends, far = EVENT_SLACK * max(rtol, EPSILON), called(event_series.reach.form()), [0, 1, -2, -1], []
     with np.errstate(all="ignore"):
@@ -92,8 +100,8 @@ def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray) -> list[
 def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray) -> FloatArray:
     """Return a series (order + 1, k) in another unit of time, so that the terms of each column are comparable.
 
-    The coefficients of order i are multiplied by s**i. Here s is `unit`, or the shorter time up to which a column is
-    accurate, by the tolerance `rtol` and its `noise` (k,).
+    The coefficients of order i are multiplied by s**i. Here s is the time up to which the column is accurate, at most
+    `unit`. A column is accurate up to the tolerance `rtol` or its rounding error `noise` (k,).
     """
     with np.errstate(all="ignore"):
         return np.asarray(series * np.array(reach(series, unit, rtol, noise)) ** _ranks(len(series) - 1)[:, None])

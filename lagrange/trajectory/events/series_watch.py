@@ -45,12 +45,13 @@ S = DriverState
 
 
 class SeriesWatch(EventLog):
-    """Watches the functions of surfaces and events along a run. Indices count surfaces first, then events.
+    """Finds zeros of surfaces and events along a run by Taylor steps. Indices count surfaces first, then events.
 
-    The series have an `order`, and `names` returns the names of the watched functions. `memory` is shared with the
-    loop over steps; the memory of a former run by the driver with the same parameters is used again, or None is
-    given. `zero_sides` are the sides of zero (known signs) of the functions before the next step. `starting` has the
-    functions that are zero at the start of this step, and `pending` the events at the present state.
+    `series` has the given `order`, and `names` returns the names of the functions. `impacts` are the events. `memory`
+    is shared with the loop over steps; it comes from a former run by the driver, or is None. `zero_sides` are the
+    sides of zero (known signs) of the functions before the next step. `starting` has the indices of the functions
+    that are zero at the start of this step. `pending` are the zeros at the present state that are still to be
+    processed.
     """
 
     def __init__(
@@ -112,9 +113,10 @@ class SeriesWatch(EventLog):
         return result
 
     def process(self, state: DriverState) -> EventResult:
-        """Make the change at the state where the loop over steps stopped: reset it, cross a surface, or end the run.
+        """Process the event at the state where the loop over steps stopped, and return the result.
 
-        If there is no such change, return the reason why no step is possible there.
+        The state is reset, a surface is crossed, or the run ends. If there is no event, the result says why no step
+        is possible from this state.
         """
         self.read(state)
         try:
@@ -125,7 +127,7 @@ class SeriesWatch(EventLog):
             self.write()
 
     def _step_refused(self, state: DriverState) -> EventResult:
-        """Return the end of the run at a state from which a watched function cannot be continued by its series."""
+        """Return the end of the run at a state from which the series of a watched function is not valid."""
         look = self.ahead(state)
         if not np.isfinite(look.watched).all():
             result = undefined(self.names(), look.watched)
@@ -137,7 +139,7 @@ class SeriesWatch(EventLog):
         return rootless(name) if self.is_root(limiting) else without_series(name, value, smooth=smooth)
 
     def end(self, state: DriverState) -> EventResult:
-        """Apply the pending events at the end of the run, and return the result of the run."""
+        """Apply the pending events at the end of the run, and return the result: how the run ends."""
         self.read_events(state)
         if not self.pending and self.memory.record.due == 0:
             return EventResult(Status.SUCCESS)
@@ -147,14 +149,15 @@ class SeriesWatch(EventLog):
         return result if ended else EventResult(Status.SUCCESS, jumped=result.jumped)
 
     def is_due(self, state: DriverState) -> bool:
-        """Return True if an event is pending at the state, even if no series begins there."""
+        """Return True if an event is pending at the state, even if the motion has no Taylor series from there."""
         self.read(state)
         return bool(self.pending)
 
     def continue_past(self, state: DriverState) -> EventResult | None:
-        """Pass over the driver's state, where the motion has no Taylor series.
+        """Pass over the driver's state, where the motion has no Taylor series, by a short step of another method.
 
-        Return the result after the point, the end of the run at a square root, or None if the point cannot be passed.
+        Return the result after the step, or the end of the run if a square root becomes zero at the state. Return
+        None if the point cannot be passed.
         """
         self.read(state)
         if self.unbegun and (begun := self._begin(state)).status is not None:
@@ -221,10 +224,11 @@ class SeriesWatch(EventLog):
         return rootless(self.names()[roots_met[0].which]) if roots_met and result.status is None else result
 
     def _on_surface(self, zeros: Sequence[EventZero], before: Sequence[Side], state: DriverState) -> list[EventZero]:
-        """Return the `zeros` that are events, with the directions that hold after the crossing of a surface.
+        """Return those of `zeros` that are events, with the directions that hold after the crossing of a surface.
 
-        The zeros are those of event functions at a crossed surface. For example, abs(x) turns back at x = 0, so its
-        zero is a touch. `before` are the signs of the functions before the crossing.
+        All are zeros of event functions at the state, on a surface that has just been crossed. A direction may
+        change: abs(x) turns back at x = 0, so its zero is a touch. `before` are the signs of all watched functions
+        before the crossing.
         """
         events = []
         for m in zeros:
@@ -247,9 +251,10 @@ class SeriesWatch(EventLog):
     def _jump(
         self, zeros: Sequence[EventZero], all_zeros: Sequence[EventZero], state: DriverState, *, ends: bool
     ) -> EventResult:
-        """Reset the state by the events in `zeros`, and start a new motion, unless one of them `ends` the run.
+        """Reset the state by the events in `zeros`, and start a new smooth piece of motion.
 
-        `all_zeros` has all zeros of watched functions at this time, also those of other events.
+        If one of the events `ends` the run, no new piece is started. `all_zeros` has the zeros of all watched
+        functions at this time, also of those without a reset.
         """
         before = self.ahead(state)
         resets = {self.impact_of(m): m.which for m in sorted(zeros, key=lambda m: m.which)}
@@ -272,9 +277,10 @@ class SeriesWatch(EventLog):
         return replace(began, jumped=True)
 
     def _cross(self, crossed: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Continue on the other side of each crossed surface, if the motion leaves to that side.
+        """Choose the side on which the motion leaves each of the surfaces `crossed`, and continue there.
 
-        A motion that stayed on another surface by itself may leave it with the new equations.
+        A motion that stayed on another surface may leave that surface with the new equations. The run ends if no side
+        is consistent.
         """
         choices = {m.which: (m.root.rising, -m.root.rising, 0) for m in crossed}
         choices |= {i: (0, 1, -1) for i in range(self.surfaces) if self.sides[i] == 0 and i not in choices}
@@ -293,8 +299,8 @@ class SeriesWatch(EventLog):
     def start(self, state: DriverState, stayed: Mapping[int, float], before: EventSeries | None = None) -> EventResult:
         """Determine the sign of every surface and event function at the driver's state, or just after it.
 
-        `stayed` maps the events that occurred here to the size of the event function; four times this size counts as
-        zero. `before` has the series before a reset, or is None.
+        `stayed` maps the index of each event that occurred here to the size of its function. Four times this size
+        counts as zero. `before` has the series before a reset, or is None.
         """
         self.sides = stated_sides(self.series.program, state.t, state.y, self.parameters)
         try:
@@ -336,10 +342,10 @@ class SeriesWatch(EventLog):
         return {i: side for i, side in enumerate(sides, self.surfaces) if side.sign}
 
     def at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
-        """Return a function that maps the signs of switching surfaces, 1, -1 or 0, to their series at the state.
+        """Return a function that evaluates the series of the switching surfaces at the driver's state.
 
-        The state is that of the driver. The series (order + 1, surfaces) are scaled so that their terms are
-        comparable.
+        It maps the signs of the surfaces (1, -1 or 0) to their series (order + 1, surfaces), in units of time that
+        make the terms comparable. The signs matter because the forces depend on them.
         """
         size, scale = len(state.y), signed_scale(state)
 
@@ -360,9 +366,10 @@ class SeriesWatch(EventLog):
         state.taylor.inspect = 1
 
     def impacts_at_once(self, state: DriverState, happened: Container[int]) -> list[EventZero]:
-        """Return the zeros of contacts that act at the start of the motion, by the rules of the module `motion_start`.
+        """Return the zeros of contacts that act at the start of the motion, by the rules of `motion_start`.
 
-        Contacts in `happened` are left out. An example is a ball that starts on the floor and falls: it has to bounce.
+        Contacts whose indices are in `happened` have just acted and are left out. An example is a ball that starts on
+        the floor and falls: it has to bounce.
         """
         zeros = []
         for index, impact in enumerate(self.impacts):
@@ -433,7 +440,7 @@ class SeriesWatch(EventLog):
             self.sides = memory.sides_of(switched[-1][1])
 
     def read_sides(self) -> None:
-        """Read the signs of the watched functions and the pending event from the memory of the compiled loop."""
+        """Read the signs of the watched functions and the pending events from the memory of the compiled loop."""
         memory, record = self.memory, self.memory.record
         signs, nears = memory.signs.tolist(), memory.nears.tolist()
         self.zero_sides = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]

@@ -65,7 +65,8 @@ class Window:
 class Sample:
     """A step from time `t` with length `h`, and its event functions `values` (E, 17) at 17 Chebyshev nodes.
 
-    `states` (2n, 17) are the Chebyshev coefficients of the state on the step. `batch` is the batch of the step.
+    `states` (2n, 17) are not values but the Chebyshev coefficients of the state on the step. `batch` is the batch
+    that has the step.
     """
 
     t: float
@@ -79,7 +80,10 @@ class Sample:
         return evaluate(self.states, np.array([s]))[:, 0]
 
     def rates(self, s: FloatArray) -> FloatArray:
-        """Return the rates of the event functions (E, K) at fractions s (K,), per step length instead of per time."""
+        """Return the derivatives (E, K) of the event functions at fractions s (K,) of the step, by the fraction.
+
+        They are the time derivatives, multiplied by the length of the step.
+        """
         rates = self.batch.rates()
         return self.h * rates(self.t + self.h * s, evaluate(self.states, s), self.batch.parameters)
 
@@ -90,12 +94,12 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class StepBatch:
-    """A batch of accepted steps: the path, and the event functions along it.
+    """A batch of S accepted steps: the path over them, and E event functions along it.
 
-    `rates` returns the kernel of the time derivatives of the event functions. `ends` (E, S+1) are the event functions
-    at the states, and `edge` (E, S+1) their errors. `noise` (E, S) is the error of a function on a step, and
-    `sensitive` (E, S) the part of this error that is due to the change of the state. `certain` (E, S) is True if the
-    function keeps its sign on the step.
+    `kernel` evaluates the event functions, and `rates()` returns the kernel of their time derivatives. `ends` (E,
+    S+1) are the functions at the states, and `edge` (E, S+1) their errors. `noise` (E, S) is the error of a function
+    on a step, and `sensitive` (E, S) the part of this error that is due to the change of the state. `certain` (E, S)
+    is True if the function keeps its sign on the step.
     """
 
     kernel: Kernel
@@ -168,9 +172,10 @@ def evaluate(chebyshev: FloatArray, s: FloatArray) -> FloatArray:
 
 
 def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
-    """Return a mask (...) of functions that keep their sign, proved by their Chebyshev coefficients (..., degree + 1).
+    """Return a mask (...): True where Chebyshev coefficients (..., degree + 1) prove that a function keeps its sign.
 
-    `noise` (...) is their error. The truncated part is estimated as eight times the last coefficients.
+    `noise` (...) are the errors of the functions. The truncated part is estimated as eight times the last
+    coefficients.
     """
     sizes = np.abs(chebyshev)
     tail = sizes[..., 1:].sum(axis=-1) + TAIL * sizes[..., -2:].max(axis=-1) + 4 * noise
@@ -180,7 +185,10 @@ def certain(chebyshev: FloatArray, noise: FloatArray) -> NDArray[np.bool_]:
 def state_noise(
     kernel: Kernel, parameters: FloatArray, times: FloatArray, states: FloatArray, values: FloatArray
 ) -> FloatArray:
-    """Return the errors (E, k) of event functions due to rounding of the times (k,) and states (2n, k)."""
+    """Return the errors (E, k) of event functions due to rounding of the times (k,) and states (2n, k).
+
+    `values` (E, k) are the functions at these times and states.
+    """
     tilt = RELATIVE_PERTURBATION * perturbation_factors(len(states) + 1)
     with np.errstate(all="ignore"):
         moved = kernel(times * (1 + tilt[-1]), states * (1 + tilt[:-1, None]), parameters)

@@ -68,8 +68,8 @@ S = DriverState
 class Cut:
     """Point to which a run is set back: `steps` steps are kept, the last one up to time t and state y (2n,).
 
-    `length` is the length of the step that contains the point or follows it. `whole` is the end of a step that is
-    shortened, or None. If the cut is `late`, no event acts there: the time limit of the run was reached.
+    `length` is the length of the step that contains the point or begins there. `whole` is the former end (time and
+    state) of a step that is shortened, or None. A `late` cut has no event: the time limit was reached.
     """
 
     steps: int
@@ -93,7 +93,7 @@ class EventDriver:
         self._first = self._stale = True
 
     def adopt(self, state: DriverState) -> None:
-        """Do nothing: unlike a driver by Taylor series, this driver does not replace the memory of the state."""
+        """Do nothing. Only a driver by Taylor series replaces the array `state.y` by its own."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run by at most `budget` steps; write accepted times and states to `times` (k,), `rows` (k, 2n).
@@ -119,9 +119,9 @@ class EventDriver:
             self._first = False
 
     def _in_loop(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
-        """Advance the run by machine code. Return an outcome, or None after a step to be searched on arrays.
+        """Advance the run by machine code. Return an outcome, or None after a step that must be searched on arrays.
 
-        Accepted times and states are written to `times` (k,) and `rows` (k, 2n).
+        Accepted times and states are written to `times` (k,) and `rows` (k, 2n); k is their capacity.
         """
         if self._compiled is None:
             raise AssertionError("there is machine code")
@@ -140,11 +140,11 @@ class EventDriver:
         return None
 
     def _leave_to_arrays(self) -> None:
-        """Set the number of next steps to search for events on arrays: 1 at first, then twice the last number."""
+        """Choose the number of next steps to search on arrays, not by machine code: 1, then twice the last number."""
         self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, LONGEST_LOOK)
 
     def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
-        """Take steps if all earlier ones are reviewed, and review some steps on arrays: find the events on them.
+        """Take steps if all earlier ones are searched, and search some steps for events on NumPy arrays.
 
         Return an outcome, or None to continue. Accepted times and states are written to `times` (k,) and `rows` (k,
         2n).
@@ -166,7 +166,7 @@ class EventDriver:
         return self._look(state, run.begin + count - 1, waiting)
 
     def _is_compiled(self, t: float, steps: int) -> bool:
-        """Compile the loop over steps with events if that is worth while. Return True if this call compiled it.
+        """Return True if this call compiled the loop over steps with events. It does so if that saves time.
 
         This is decided only in the first call and at the start of a smooth piece of motion. The number of steps in
         other calls depends on measured times, but the digits of events must not depend on measured times.
@@ -199,7 +199,7 @@ class EventDriver:
         return Waiting(*arguments)
 
     def _forget(self, state: DriverState) -> None:
-        """Set the driver state back to its time, entries and counts before the steps not yet searched for events."""
+        """Discard the steps not yet searched for events. The driver state is set back to the time before them."""
         memory, run = self._memory, self._run
         if memory.waits:
             state.reals[:], state.counts[:], state.y[:] = memory.kept_reals, memory.kept_counts, memory.states[1]
@@ -209,8 +209,8 @@ class EventDriver:
     def _look(self, state: DriverState, last: int, waiting: Waiting) -> Outcome | None:
         """Find the events on the steps up to number `last`, on arrays. Return an outcome, or None to continue.
 
-        If all steps are searched, accept them. If an event resets the state or ends the run, set the run back to it.
-        `waiting` has these steps.
+        When all steps are searched, they are accepted. If an event resets the state or ends the run, the run is set
+        back to this event. `waiting` has the steps.
         """
         memory, run = self._memory, self._run
         if not memory.waits:
@@ -230,9 +230,9 @@ class EventDriver:
         return None if code == GO_ON else Outcome(code)
 
     def _set_back(self, state: DriverState, cut: Cut, steps: int, waiting: Waiting) -> None:
-        """Set the driver state back to the point `cut`. The next step begins a new smooth piece.
+        """Set the driver state back to the point `cut`, where the next smooth piece of motion begins.
 
-        `waiting` has the steps not yet accepted; the first `steps` of them are kept.
+        `waiting` has the steps not yet accepted. Its first `steps` steps are kept, and later ones are discarded.
         """
         memory, run, count = self._memory, self._run, len(state.floors)
         state.fault = None
@@ -320,18 +320,19 @@ class StepWatch(EventLog):
         return EventResult(Status.EVENT, jumped=result.jumped) if ends and result.status is None else result
 
     def end(self, state: DriverState) -> EventResult:
-        """Return the result SUCCESS, because no event is pending at the end."""
+        """Return the result SUCCESS: no event is pending at the end, since the driver stops at each event."""
         return EventResult(Status.SUCCESS)
 
     def is_due(self, state: DriverState) -> bool:
-        """Return False: the driver stops at each event and reports it, so no event is pending at other states."""
+        """Return False: the driver stops at each event that has to be processed, so none is pending elsewhere."""
         return False
 
     def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, steps_before: int) -> Cut | None:
-        """Return the first point with a reset or an end of the run on some steps, or None; record earlier events.
+        """Record the events on some steps up to the first point with a reset or an end of the run; return this point.
 
-        The steps are `begin` to before `end` of times (S+1,) and states (S+1, 2n). The run is set back to the result,
-        whose events are then pending for `process`. `steps_before` counts the steps before `times[0]`.
+        The steps are `begin` to before `end` of times (S+1,) and states (S+1, 2n). The result is None without such a
+        point; else the run is set back to it, and `process` handles its events. `steps_before` counts the steps
+        before `times[0]`.
         """
         path = self.memory.path(self._path_of, times, states)
         cut = self._ahead(Window(path, begin, end), steps_before + begin)
@@ -344,7 +345,7 @@ class StepWatch(EventLog):
         return started and not self._resting
 
     def write(self) -> None:
-        """Write the sides of zero (known signs) of event functions, and event counts, for machine code."""
+        """Write the known signs of event functions, and event counts, to the memory of the compiled loop."""
         run, begun = self.shared.run, self._start
         run.starts, run.jumps = int(begun is not None), self.jumps
         run.changed, run.changed_at = self.changed, self._changed_at
@@ -377,9 +378,9 @@ class StepWatch(EventLog):
         self.memory.collect(self, self.breaks)
 
     def _ahead(self, path: StepsPath, steps_before: int) -> Cut | None:
-        """Find the events on all steps of a path. Return the first point with a reset or an end, or None.
+        """Record the events on all steps of a path up to the first point with a reset or an end; return this point.
 
-        `steps_before` is the number of steps of the run before the path.
+        Return None without such a point. `steps_before` is the number of steps of the run before the path.
         """
         times = path.times
         batch = StepBatch.of(self.kernel, self._rates, self.parameters, path)
@@ -412,9 +413,9 @@ class StepWatch(EventLog):
         return EventResult() if np.isfinite(values).all() else undefined(self.names(), values[None])
 
     def _step(self, batch: StepBatch, step: int, watched: Sequence[int], steps_before: int) -> Cut | None:
-        """Record the zeros of events `watched` on a step. Return the first point with a reset or an end, or None.
+        """Record the zeros of events on a step up to the first one with a reset or an end; return this point or None.
 
-        `steps_before` is the number of steps of the run before this step.
+        `watched` are the indices of the events that may be zero. `steps_before` counts the steps before the batch.
         """
         sample, begun = batch.sample(step), self._start
         last = bool(batch.path.times[step + 1] == self.problem.t1)
@@ -461,10 +462,10 @@ class StepWatch(EventLog):
         return None
 
     def _at_zero(self, batch: StepBatch, step: int, watched: Sequence[int]) -> list[int]:
-        """Return the events that are zero at the start of a smooth piece of motion, where the step begins.
+        """Return the events that are zero at the start of a smooth piece of motion, if the step begins there.
 
-        Also store the values of their functions. An event with a known sign at the start is not included: its zeros
-        are found as on any other step.
+        `watched` are the indices of the events to test. The values of their functions are stored. An event with a
+        known sign at the start is not included: its zeros are found as on any other step.
         """
         begun, ends = self._start, batch.ends[:, step]
         if begun is None:
@@ -483,9 +484,9 @@ class StepWatch(EventLog):
     def _changes_at_once(self, begun: MotionStart, zero: Mapping[int, StepZeros], sample: Sample) -> bool:
         """Return True if an event acts, or the run ends, at the start of a smooth piece of motion.
 
-        It tests two cases: the motion leads through the zero of a contact, or still leads through a zero at which a
-        reset has just acted. `begun` describes the start, and `sample` is the first step. `zero` has the zeros of the
-        event functions that start at zero with an undecided sign.
+        There are two cases: the motion passes through the zero of a contact, or it still passes through a zero whose
+        reset has just acted. `begun` describes the start, and `sample` is the first step. `zero` maps the index of
+        each event that starts at zero with an undecided sign to its zeros on the step.
         """
         for i, found_zeros in zero.items():
             sign, order = found_zeros.leaving
@@ -515,8 +516,8 @@ class StepWatch(EventLog):
     ) -> None:
         """Record the events on a step before the zero `first`, whose event resets the state or ends the run.
 
-        Events at the time of `first` become pending. `zeros` are all on the step, and `traces` the analysis of each
-        event function.
+        The events at the time of `first` become pending. `zeros` are all zeros on the step, in order. `traces` has,
+        by index of the event, the zeros and signs of each event function on the step.
         """
         s = first.root.time
         close = TOGETHER * max(abs(sample.t / sample.h), s)
@@ -537,7 +538,7 @@ class StepWatch(EventLog):
         self._pending = [mine[i] for i in sorted(mine)]
 
     def _record(self, zeros: Iterable[EventZero], sample: Sample, steps_before: int) -> None:
-        """Record those of the `zeros` on a step that have a direction in which their event counts.
+        """Record those zeros on a step at which an event occurs: their direction is one that counts for the event.
 
         `sample` is the step, and `steps_before` is the number of steps before it.
         """
@@ -547,7 +548,7 @@ class StepWatch(EventLog):
                 self.occurrences[m.which].append(sample.t + s * sample.h, sample.state(s), steps_before + 1)
 
     def _jump(self, zeros: Sequence[EventZero], all_zeros: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Reset the state by the events in `zeros`, and start a new motion. `all_zeros` has all at this time."""
+        """Reset the state by the events in `zeros`, and start a new motion. `all_zeros` are all at this time."""
         before, model = state.y.copy(), self.problem.model
         values = self.kernel(state.t, before, self.parameters)
         resets = {self.impacts[m.which]: m.which for m in zeros}

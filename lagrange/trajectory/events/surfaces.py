@@ -57,11 +57,12 @@ def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: Fl
 
 
 def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, tuple[int, ...]]) -> FloatArray:
-    """Return the first consistent choice of sides, with which the motion leaves the surfaces that it is on.
+    """Return the first consistent choice of sides (signs of surfaces) at a state on switching surfaces.
 
-    A side, 1 or -1, is the sign of a surface. `surfaces` maps all sides to the Taylor series of all surfaces. `sides`
-    are the present sides. `choices` maps the index of each surface on which the motion is to the sides to try, the
-    likely one first. Side 0 means that the motion stays on the surface by itself.
+    A choice is consistent if the motion, with the forces of these sides, leaves the surfaces to these sides.
+    `surfaces` maps the sides of all surfaces to their Taylor series. `sides` are the present sides, 1 or -1.
+    `choices` maps the index of each surface on which the motion is to the sides to try, the likely one first. Side 0
+    means that the motion stays on the surface.
 
     If no choice is consistent, the result is the first choice with which the series are not finite, so that the run
     ends there. Without such a choice raises Sliding, or SingularMassMatrix if a choice has a singular mass matrix.
@@ -86,10 +87,11 @@ def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, t
 
 
 def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> FloatArray:
-    """Return the Taylor series of all surfaces (order + 1, surfaces), and correct their sides `trial` in place.
+    """Return the Taylor series of all surfaces (order + 1, surfaces), and correct the sides `trial` in place.
 
-    A side, 1 or -1, is corrected if the surface is clearly not zero and has the opposite sign. This happens because a
-    surface may depend on the sides of others. The sides of surfaces with indices in `chosen` are kept.
+    `surfaces` maps sides to the series. A side, 1 or -1, is corrected if the function of the surface is clearly not
+    zero and has the opposite sign. This happens because a surface may depend on the sides of others. The sides of
+    surfaces with indices in `chosen` are kept.
     """
     g = surfaces(trial)
     for _ in trial:
@@ -135,7 +137,7 @@ MOST_LEAP_STEPS = 2000
 
 @dataclass
 class Continuations:
-    """The leaps of a run so far: short steps, without a series, over points at which the motion has no Taylor series.
+    """The leaps of a run so far. A leap is a short step, by another method, over a point without a Taylor series.
 
     `method` makes the integrator that takes the leaps; its default tolerances are used. `rows` are the indices of the
     accepted states at which leaps begin. `landed` is the time at which the last leap ended. `continuations_in_a_row`
@@ -161,11 +163,11 @@ class Continuations:
         return [state.t + math.copysign(min(x, abs(left)), left) for x in lengths if x > least]
 
     def landing(self, state: DriverState, end: float, *, switched: Callable[[float], bool]) -> FloatArray | None:
-        """Return the state (2n,) after a leap to the time `end`, or None if forces change too much for a leap.
+        """Return the state (2n,) after a leap to the time `end`, or None if the forces change too much for a leap.
 
-        A leap is a short step without a Taylor series. `switched` takes a duration and returns True if the equations
-        switch, at a surface, within this time. Then the forces at the end are compared with those after the switch,
-        else with those at the start.
+        A leap is a short step without a Taylor series. The forces at its end are compared with those at its start.
+        `switched` takes a duration and returns True if the equations switch at a surface within this time. If they
+        switch at once, the forces just after the start are compared instead.
         """
         part = replace(
             self.problem,
@@ -209,9 +211,10 @@ class Continuations:
         state.y[:] = y
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:
-        """Return True if the accelerations at both ends of a leap are nearly equal, or grow gradually from the first.
+        """Return True if the accelerations at both ends of a leap are nearly equal, or change gradually.
 
-        `points` are three pairs of time and state (2n,): at the start of the leap, early in it, and at its end.
+        `points` are three pairs of time and state (2n,): at the start of the leap, early in it, and at its end. The
+        change is gradual if little of it happens before the early point.
         """
         model, parameters = self.problem.model, self.problem.parameter_array
         kernel, v = model.kernel("rhs"), model.layout.v

@@ -88,9 +88,10 @@ class TimeSwitches:
         state.reals[DriverState.END] = self._after = self._problem.t1
 
     def passes(self, state: DriverState) -> bool:
-        """Move a driver that stopped before a surface of time to the time after it. Return False at the end of the run.
+        """Move the time of a driver that stopped before a surface of time to the first time after the surface.
 
-        These two times are a few floating-point spacings apart, so the state does not change.
+        These two times are a few floating-point spacings apart, so the state does not change. Return False, and
+        change nothing, at the end of the run.
         """
         if state.t == self._problem.t1:
             return False
@@ -128,8 +129,8 @@ class TimeSwitches:
     def _between(self, surface: int, low: float, high: float) -> tuple[float, float]:
         """Return the last time before a surface changes sign between `low` and `high`, and the first time after it.
 
-        `surface` is the index of the surface. It has its sign at `low` at the first time, and its sign at `high` at
-        the second.
+        `surface` is the index of the surface. Its sign at the first result is that at `low`, and its sign at the
+        second that at `high`.
         """
         first, last = self._values(np.array([low, high]))[surface]
         old, new = np.sign(first), np.sign(last)

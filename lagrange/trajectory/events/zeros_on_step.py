@@ -47,9 +47,10 @@ class Root:
 
 @dataclass(frozen=True)
 class EventZero:
-    """A root of the event function with index `which`, a zero of this function on a step.
+    """A root of the event function with index `which` on a step.
 
-    Its time is a fraction of the step, or for a Taylor series a multiple of the series' time scale.
+    The time of `root` is a fraction of the step. For a Taylor series, it is a multiple of the time scale of the
+    series.
     """
 
     which: int
@@ -58,9 +59,9 @@ class EventZero:
 
 @dataclass(frozen=True)
 class Side:
-    """The sign of an event function between two steps, the only information that a step passes to the next.
+    """The sign of an event function at the end of a step, which the search on the next step starts from.
 
-    `sign` is the last sign beyond noise, 1 or -1. It is 0 at the start of a run, and of a new motion after an impact.
+    `sign` is the last sign beyond noise, 1 or -1. It is 0 at the start of a run, and of a new motion after a reset.
     `near` is True if the function has come within its noise of zero since it had this sign. The next step then
     decides whether it crosses or touches zero.
     """
@@ -92,12 +93,12 @@ def roots(
     last: bool = False,
     isolate: Isolate | None = None,
 ) -> tuple[list[Root], Side]:
-    """Return the roots of g(tau) = sum c[k] tau**k on a step, along the integration, and the side of g at its end.
+    """Return the roots of g(tau) = sum c[k] tau**k on a step, in order, and the side (sign) of g at its end.
 
     `coefficients` (m,) are c, with m at most 65. `h` is the length of the step, negative in a backward run. `before`
-    is the side, the sign of g, that the previous step returned. Without it g starts here, and a root at the start is
-    not an event. `noise` is an error of g in addition to the rounding of the coefficients, which is estimated as 8 *
-    2**-52 sum |c[k] h**k|. `last` is True if no step follows.
+    is the side that the previous step returned. None means that g starts here; then a root at the start is not an
+    event. `noise` is an error of g in addition to the rounding of the coefficients, which is estimated as 8 * 2**-52
+    sum |c[k] h**k|. `last` is True if no step follows.
 
     `isolate` is the procedure that isolates the roots, by default in Python. Raises ValueError if a coefficient, the
     noise or the length is not finite, for no coefficients, and for too many.
@@ -136,11 +137,12 @@ NOWHERE = np.empty(0)
 
 @dataclass(frozen=True, eq=False)
 class LocalPolynomial:
-    """A polynomial that represents an event function on a part of a step, from `start` over `width`.
+    """A polynomial that represents an event function on a part of a step.
 
-    Both are fractions of the step. `coefficients`, the constant first, belong to powers of the time since the start
-    of the part, in units of its width. They are empty on a part where the function has no value, or a pole. `noise`
-    bounds the error of the polynomial. At a `jump` the part is a point at which the sign changes without a zero.
+    The part begins at `start` and has the length `width`, both fractions of the step. `coefficients`, the constant
+    first, belong to powers of the time since the start of the part, in units of its width. They are empty on a part
+    where the function has no value, or a pole. `noise` bounds the error of the polynomial. At a `jump` the part is a
+    point at which the sign changes without a zero.
     """
 
     start: float
@@ -153,11 +155,12 @@ class LocalPolynomial:
 def local_polynomials(
     g: Callable[[FloatArray], FloatArray], values: FloatArray, noise: float, *, smooth: bool = False
 ) -> Iterator[LocalPolynomial]:
-    """Yield a polynomial for each part of a step, in order, on which it resolves g or g certainly keeps its sign.
+    """Yield polynomials of an event function g on parts of a step, in order.
 
-    `g` maps fractions (K,) of the step to values (K,); `values` are its values at the Chebyshev points of the whole
-    step. `noise` is the error of g. The parts end where g has no value. With `smooth`, coefficients below the noise
-    are omitted on a part at the start of the step, where derivatives are needed.
+    On each part the polynomial resolves g, or g certainly keeps its sign. `g` maps fractions (K,) of the step to
+    values (K,); `values` are its values at the Chebyshev points of the whole step. `noise` is the error of g. The
+    parts end where g has no value. With `smooth`, coefficients below the noise are omitted on a part at the start of
+    the step, where derivatives are needed.
     """
     stack = [(0.0, 0, values, math.inf, 0.0)]
     halvings = 0
@@ -191,9 +194,9 @@ def _polynomial(
     """Return the polynomial on a part of a step from its Chebyshev coefficients, or None if the part must be halved.
 
     The part begins at the fraction `start` of the step and has the length `width`. `size` is the largest magnitude of
-    the function. If the coefficients do not resolve the function, but its sign is certain, only the first is kept.
-    Coefficients below rounding or `least` are omitted and counted as noise. So is the truncated rest of the series:
-    at a kink the rest is several times the last coefficient.
+    the function, and `noise` its error. If the coefficients do not resolve the function, but its sign is certain,
+    only the first is kept. Coefficients below rounding or `least` are omitted and counted as noise. So is the
+    truncated rest of the series: at a kink the rest is several times the last coefficient.
     """
     sizes = np.abs(chebyshev)
     floor = noise + 8 * EPSILON * size
@@ -230,10 +233,10 @@ SAME_JUMP = 2.0**-44
 class StepZeros:
     """The `zeros` of an event function on a step, in order, with times as fractions of the step.
 
-    `parts` are polynomials on parts of the step, each with the side, the sign of the function, before it. `after` is
-    the side at the end. `until` is the fraction of the step from which the function has no value, else infinity. For
-    a function that starts at zero, `leaving` has its sign just after the start (0 if it stays zero) and its leading
-    power of time.
+    `parts` are pairs of a polynomial on a part of the step and the side (sign of the function) before this part.
+    `after` is the side at the end of the step. `until` is the fraction of the step from which the function has no
+    value, else infinity. `leaving` concerns a function that starts at zero: its sign just after the start (0 if it
+    stays zero), and the lowest power of time in it.
     """
 
     parts: tuple[tuple[LocalPolynomial, Side], ...]
@@ -307,9 +310,9 @@ def ended(step_zeros: StepZeros, s: float, isolate: Isolate | None = None, *, de
 
 
 def _merged(located: list[Root]) -> tuple[Root, ...]:
-    """Return the roots of a step with repeated crossings of one jump merged.
+    """Return the roots of a step, without crossings of a jump that cancel each other.
 
-    The rounded path may cross a jump several times. Two opposite crossings cancel each other.
+    The path may cross one jump several times because of rounding. Two crossings in opposite directions cancel.
     """
     merged: list[Root] = []
     for root in located:
@@ -321,19 +324,20 @@ def _merged(located: list[Root]) -> tuple[Root, ...]:
 
 
 def _divided(piece: LocalPolynomial) -> LocalPolynomial:
-    """Return a polynomial that is zero at the start of its part, divided by time from there.
+    """Return a polynomial that is zero at the start of its part, divided by time from the start.
 
-    Then a second zero close to the first is found. The noise is multiplied by 2 k**2, the slope of Chebyshev's
-    polynomial of degree k at the end of [0, 1].
+    The division removes this zero, so that a second zero close to it is found. The noise is multiplied by 2 k**2, the
+    slope of Chebyshev's polynomial of degree k at the end of [0, 1].
     """
     rank = max(len(piece.coefficients) - 1, 1)
     return replace(piece, coefficients=piece.coefficients[1:], noise=2 * rank * rank * piece.noise)
 
 
 def _integrated(sample: Sample, index: int, piece: LocalPolynomial) -> LocalPolynomial:
-    """Return an event function that starts at zero, divided by time, computed from the integral of its derivative.
+    """Return the polynomial of an event function that starts at zero, divided by time from the start.
 
-    `piece` is the same quotient computed from the values of the function. The derivative avoids the rounding of a
+    It is the integral of the function's time derivative, divided by time. `piece` is the same quotient, computed from
+    the values of the function, and is returned if a derivative is not finite. The derivative avoids the rounding of a
     large constant in the function, such as the height of the floor on which a ball lands.
     """
     values = sample.rates(piece.width * nodes())[index] * piece.width
@@ -346,9 +350,9 @@ def _integrated(sample: Sample, index: int, piece: LocalPolynomial) -> LocalPoly
 
 
 def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
-    """Return the sign of a function just after a start at zero, and its leading power of time.
+    """Return the sign of a function just after a start at zero, and the lowest power of time in it.
 
-    `piece` is the function divided by time.
+    `piece` is the polynomial of the function, divided by time. The sign is 0 if the function stays zero.
     """
     beyond = np.flatnonzero(np.abs(piece.coefficients) > piece.noise)
     if not len(beyond):

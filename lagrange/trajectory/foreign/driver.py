@@ -32,7 +32,11 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """The status and time at which a run ends, the state (2n,) for the message, and its derivative if not finite."""
+    """The status and time at which a run ends, with the data of the message.
+
+    `y` is the state (2n,). `slope` is its derivative dy/dt if this is not finite, else None. `detail` is a further
+    sentence on the cause, or "".
+    """
 
     status: Status
     t: float
@@ -160,13 +164,19 @@ class GuardedRhs:
             self._remember(Fault(Status.NON_FINITE, t, y.copy()))
 
     def _remember(self, fault: Fault) -> None:
-        """Record a fault, unless its state is not finite and an earlier fault of the step, its cause, is recorded."""
+        """Record a fault, for the message if the run ends.
+
+        A fault at a state that is not finite is ignored if the step already has a fault, which is then its cause.
+        """
         if self.fault is None or np.isfinite(fault.y).all():
             self.fault = self.last_fault = fault
             self.fault_at = self.evaluations
 
     def recent_fault(self) -> Fault | None:
-        """Return a fault of the last few steps, the probable reason why a solver makes no progress, or None."""
+        """Return the last fault if it is at most 100 evaluations old, else None.
+
+        It is the probable reason why a solver makes no progress.
+        """
         return self.last_fault if self.evaluations - self.fault_at <= 100 else None
 
 
@@ -244,9 +254,9 @@ def drive_stepwise(
 ) -> Trajectory:
     """Return the trajectory of a problem, run step by step by the solvers that `start` makes.
 
-    `name` is the method's name, and `package` the package of the solver. The error of a first step h grows like
-    h**`first`; `first` = 0 means that the solver chooses the first step well. `listening` is a context that collects
-    warnings and messages of the package; the last message explains a divergence.
+    `name` is the method's name, and `package` the package of the solver. `listening` is a context that collects
+    warnings and messages of the package; the last message explains a divergence. `first` is the power of the first
+    step h with which its error grows, h**`first`, from which h is chosen. 0 means that the solver chooses h well.
     """
     tolerances = adaptive_settings(name, problem, None, None, None)
     with np.errstate(all="ignore"), listening as messages:
@@ -257,7 +267,8 @@ def drive_stepwise(
 class SolverPlan:
     """The plan of one run by solvers of another package: tolerances, driver, and dense output. Implements `Plan`.
 
-    `start` makes a solver. `messages` are the messages of the package, and `interpolants` the paths over the steps.
+    `start` makes a solver. `messages` are the messages of the package, and `interpolants` the paths over the steps so
+    far.
     """
 
     problem: Problem
@@ -280,9 +291,9 @@ class SolverPlan:
         return SolverDriver(self, GuardedRhs(self.problem, self.package, parameters, deadline))
 
     def watch(self, problem: Problem, driver: SolverDriver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return the object that searches the steps of the run for events, or None if the problem has no events.
+        """Return the watcher, which searches the steps of the run for events; None if the problem has no events.
 
-        `memory` is that of the watcher of a former run by this driver, or None.
+        `memory` is the memory of the watcher in a former run by this driver, which is used again, or None.
         """
         return StepWatch(problem, driver, self._latest, fixed=False, memory=memory) if problem.events else None
 
@@ -325,12 +336,12 @@ class SolverDriver:
         """Fault for which the solver requested a survey of sizes. It ends the run if the survey changes nothing."""
 
     def adopt(self, state: DriverState) -> None:
-        """Do nothing: unlike a driver by Taylor series, this driver does not replace the memory of the state."""
+        """Do nothing. Only a driver by Taylor series replaces the array `state.y` by its own."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Take up to `budget` trial steps, write the accepted states, and return how the call ended.
 
-        The accepted times and states are written to `times` and to the rows (2n,) of `rows`.
+        The times are written to `times` (c,), and the states to `rows` (c, 2n); c is their capacity.
         """
         law, plan = self._law, self._plan
         try:
@@ -387,9 +398,9 @@ class SolverDriver:
     def _asks(self, state: DriverState, fault: Fault) -> bool:
         """Return True if steps became too small because an entry has no known size, so that floors must be raised.
 
-        The floors are the absolute tolerances of the entries. An entry of the state that has only been rounding so
-        far has no known size. If the last estimate of sizes changed no floor, the steps are small for another reason.
-        `fault` is that of the failed step.
+        A floor is the least absolute tolerance of an entry. An entry of the state that has only been rounding so far
+        has no known size. If the last estimate of sizes changed no floor, the steps are small for another reason, and
+        the result is False. `fault` is that of the failed step.
         """
         vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
         if not vanished or state.count(S.SURVEYED) >= MOST_SURVEYS or np.array_equal(state.floors, self._asked):
@@ -400,8 +411,8 @@ class SolverDriver:
     def _scale(self, state: DriverState, t: float, y: FloatArray) -> float:
         """Set the absolute tolerances by the sizes of entries at the start (t, y). Return a bound of the first step.
 
-        It is infinity if the solver chooses the step. A solver's own choice depends on the absolute time, while this
-        bound follows from the natural period of the system.
+        The bound follows from the natural period of the system, since a solver's own choice would depend on the
+        absolute time. It is infinity if the solver chooses the step.
         """
         plan, law = self._plan, self._law
         has_floors = (state.floors > LEAST_FLOOR).any() and plan.problem.largest is None

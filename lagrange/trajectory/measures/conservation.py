@@ -47,9 +47,9 @@ DIRECTIONS = 8
 def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptive: bool) -> Trajectory:
     """Return the trajectory of a run that began with the energy `before`; UNRELIABLE if the energy is not conserved.
 
-    The status is changed only if the equations of motion conserve the energy. Equal steps (not `adaptive`) may jump
-    over a collision or a singular configuration without an error. If an event reset the state, the energy just before
-    the first reset is tested.
+    The status changes only if the equations of motion conserve the energy. `adaptive` is False for equal steps, which
+    may jump over a collision or a singular configuration without an error. If an event reset the state, the energy
+    just before the first reset is tested.
     """
     model = problem.model
     if not trajectory.status.complete or not model.equations.structure.may_keep_energy or not trajectory.y.size:
@@ -83,11 +83,11 @@ def _kept(
     after: float,
     share: float,
 ) -> bool:
-    """Return True if the energy `after`, at the end of a run, equals the energy `before` within a tolerance.
+    """Return True if the energy at the end of a run equals that at its start within a tolerance.
 
-    `end` is the state (2n,) at the end, and `until` its time. The tolerance is the fraction `share` of the kinetic
-    energy at the mean speed of the run, or the rounding error of the energy if that is larger. Cheap tests come
-    first.
+    `before` is the energy at the start, and `after` that at the end. `end` is the state (2n,) at the end, and `until`
+    its time. The tolerance is the fraction `share` of the kinetic energy at the mean speed of the run, or the
+    rounding error of the energy if that is larger. Cheap tests come first.
     """
     change, model = abs(after - before), problem.model
     momenta = quickly(model.kernel("momenta"), problem.parameter_array, problem.t0, end)
@@ -149,9 +149,10 @@ def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
 
 
 def _noise(problem: Problem, before: float) -> float:
-    """Return the largest change of the initial energy `before` if the state changes by rounding or a first step.
+    """Return the rounding error of the initial energy, `before`.
 
-    The initial state of the problem is changed in several directions for this.
+    It is the largest change of the energy if the initial state changes in several directions by rounding, or by a
+    tiny first step.
     """
     layout, y0 = problem.model.layout, problem.y0
     sizes = np.concatenate([np.full(len(part), np.abs(part).max()) for part in layout.split(y0)])

@@ -57,10 +57,10 @@ class ConstraintForces:
         return ByName("constraint", zip(self.names, rows, strict=True))
 
     def _from(self, begin: int, end: int) -> FloatArray:
-        """Return the multipliers (m, k) of all constraints at the states from `begin` to before `end`.
+        """Return the multipliers (m, k) of all constraints at the states from index `begin` to before `end`.
 
-        They are NaN at states that do not determine them. Bisection finds these states; usually it is the last state,
-        where a run ended.
+        They are NaN at states that do not determine them. Such a state is found by bisection; usually it is the last
+        one, where a run ended.
         """
         try:
             which = slice(begin, end)
@@ -77,7 +77,11 @@ class ConstraintForces:
         return self._gradient(name) * self.multipliers[name]
 
     def on_point(self, name: str, point: str) -> FloatArray:
-        """Return the force of one constraint on a named point, (2, N) or (3, N), for `Solution.constraint_force`."""
+        """Return the force of one constraint on a named point along the run, (2, N) or (3, N).
+
+        It is the force that `Solution.constraint_force` returns. `name` is that of the constraint, and `point` that
+        of the point.
+        """
         rows = self._gradient(name)
         points = self._points
         if not points:
@@ -115,7 +119,10 @@ class ConstraintForces:
 
     @cached_property
     def _slopes(self) -> dict[str, FloatArray]:
-        """The derivatives dr/dq of the position r of each named point, (2 or 3, n, N), by the name of the point."""
+        """The derivatives dr/dq of the position r of each named point, by the name of the point.
+
+        Their shape is (2, n, N) or (3, n, N).
+        """
         equations = self.model.equations
         slopes: dict[str, FloatArray] = {}
         for label, point in self._points.items():
@@ -127,10 +134,11 @@ class ConstraintForces:
         return slopes
 
     def _acted_on(self, name: str, rows: FloatArray) -> tuple[str, ...]:
-        """Return the names of the smallest set of points whose motions alone the constraint `name` relates.
+        """Return the names of the points on which the constraint `name` acts: those whose positions alone it relates.
 
-        `rows` (n, N) is the constraint's row of G. Then phi is a function of the positions r of these points, and the
-        force on each point is lambda dphi/dr. Raises StatementError if there is no such set, or if there are several.
+        `rows` (n, N) is the constraint's row of G. The constraint is then a function phi of the positions r of these
+        points, and the force on each is lambda dphi/dr. The smallest set of points is taken. Raises StatementError if
+        there is no such set, or if there are several.
         """
         samples = np.unique(np.linspace(0, len(self.t) - 1, POINT_SAMPLES).astype(int)) if len(self.t) else np.arange(0)
         moving = [label for label, slopes in self._slopes.items() if np.abs(slopes[:, :, samples]).max(initial=0.0) > 0]
@@ -162,7 +170,8 @@ class ConstraintForces:
 def _unique(slopes: FloatArray, row: FloatArray) -> bool:
     """Return True if row = slopes^T F has exactly one solution F, the force on the points per unit multiplier.
 
-    `slopes` are the derivatives dr/dq of the points, and `row` (n,) is the constraint's row of G at one state.
+    `slopes` (k, n) are the derivatives of the k entries of the points' positions by the coordinates. `row` (n,) is
+    the constraint's row of G. Both are those at one state.
     """
     if len(slopes) > slopes.shape[1] or not (np.isfinite(slopes).all() and np.isfinite(row).all()):
         return False

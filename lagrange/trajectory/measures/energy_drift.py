@@ -24,10 +24,10 @@ _NEAR_ZERO = 1e-3
 class EnergyDrift:
     """The energy E along a run: `first` is E0 at the start, or at the first output if no start is known.
 
-    `last` is E at the end, `absolute` is max |E - E0|, and `relative` is `absolute` / `scale`. The scale is |E0|; if E0
-    is close to zero, the scale is the largest |v.p| / 2, for most systems the largest kinetic energy. `conserved` is
-    True if the equations conserve the energy, and None if that is not known. The drift measures accuracy only if
-    `conserved` is True. `against` describes the scale in words.
+    `last` is E at the end, `absolute` is max |E - E0|, and `relative` is `absolute` / `scale`. The scale is |E0|. If
+    E0 is close to zero, the scale is the largest |v.p| / 2, for most systems the largest kinetic energy. `against`
+    names the scale in words. `conserved` is True if the equations conserve the energy, and None if that is not known.
+    The drift measures accuracy only if `conserved` is True.
     """
 
     conserved: bool | None
@@ -61,9 +61,10 @@ class EnergyDrift:
 
 
 def since_start(run: Trajectory) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the times (N,) and states (2n, N) of the run's outputs, preceded by those of its start, and True.
+    """Return the times (N,) and states (2n, N) of the run's outputs, and True if they begin with the start.
 
-    If the state at the start is not stored and cannot be computed, return those of the outputs alone, and False.
+    The start is put before the outputs if they do not contain it. If its state is not stored and cannot be computed,
+    the outputs alone and False are returned.
     """
     first, t, y = run.span[0], run.t, run.y
     if not len(t) or t[0] == first:
@@ -86,8 +87,8 @@ def energy_drift(
 ) -> EnergyDrift:
     """Return the drift of the energy of states y (2n, N) at times t (N,).
 
-    `from_start` is True if the first state is the start of the run. `start` are the first parameters of the run. The
-    energy that events add by setting parameters is subtracted. The energy `lost` (N,) at contacts is added.
+    `from_start` is True if the first state is the start of the `run`. `start` has the parameters at the start. Energy
+    that events add by setting parameters is subtracted. The energy `lost` (N,) up to each time at contacts is added.
     """
     parameters, (q, v) = run.parameters_at(t, start), model.layout.split(y)
     with np.errstate(all="ignore"):  # The run reports states that are not finite.
@@ -111,11 +112,12 @@ DRIFT_SAMPLES = 9
 
 @dataclass(frozen=True, repr=False)
 class ConstraintDrift:
-    """The violations (m, N) of constraints along a run, each relative to the largest size of the constraint's terms.
+    """The violations (m, N) of the constraints along a run, each relative to the scale of its constraint.
 
-    If no terms cancel, as in y = 0, the scale is the gradient times the sizes of the entries of the state. `positions`
-    are the violations of phi, and zero for constraints stated in velocities. `velocities` are the violations of
-    dphi/dt, or of the constraint that is stated in velocities.
+    The scale is the largest size of the constraint's terms along the run. If no terms cancel, as in y = 0, it is the
+    gradient times the sizes of the entries of the state. `positions` are the violations of phi, and zero for
+    constraints stated in velocities. `velocities` are the violations of dphi/dt, or of the constraint that is stated
+    in velocities.
     """
 
     positions: FloatArray
@@ -149,9 +151,9 @@ class ConstraintDrift:
 
 
 def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> ConstraintDrift | None:
-    """Return the violations of constraints in states y (2n, N) at times t (N,); None if there are no constraints.
+    """Return the violations of the constraints in states y (2n, N) at times t (N,).
 
-    The result is also None without states.
+    Return None without constraints or without states.
     """
     values, constraints = model.parameter_array(parameters), model.equations.stated
     if not len(constraints) or not len(t):
@@ -170,8 +172,9 @@ def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Par
 def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
     """Return the scales (2m,) for violations of constraints whose terms do not cancel, such as y = 0.
 
-    The scale of a constraint is its gradient times the sizes of the state's entries, the largest over sample states.
-    The constraints count twice: as phi, and as dphi/dt.
+    First come the scales of the m constraints phi on positions, then those of their rates dphi/dt. A scale is the
+    gradient times the sizes of the state's entries, the largest over some sample states. `t` (N,) and `y` (2n, N) are
+    those of the run.
     """
     residuals, mass = residuals_of(model), model.interpreted("mass_matrix")
     m = len(model.equations.stated)

@@ -27,9 +27,9 @@ MOST_LINES = 10_000_000
 
 
 def states_at(run: Trajectory, t: ArrayLike, width: int) -> FloatArray:
-    """Return the states of a run at one time, (2n,), or at K times in any order, (2n, K); `width` is 2n.
+    """Return the states of a run at one time, (2n,), or at K times in any order, (2n, K).
 
-    Raises StatementError for a time that the run did not reach: nothing is extrapolated.
+    `width` is 2n. Raises StatementError for a time that the run did not reach: nothing is extrapolated.
     """
     times = reached_times(run, t, width)
     with np.errstate(all="ignore"):
@@ -38,9 +38,10 @@ def states_at(run: Trajectory, t: ArrayLike, width: int) -> FloatArray:
 
 
 def reached_times(run: Trajectory, t: ArrayLike, width: int = 1) -> FloatArray:
-    """Return one time, (), or K times, (K,), within a run; `width` numbers are computed for each.
+    """Return the user's time or times t as a checked array: () for one time, (K,) for K times.
 
-    Raises StatementError for a time that the run did not reach.
+    The caller computes `width` numbers for each time; this is for the message if memory does not suffice. Raises
+    StatementError for a time that the run did not reach.
     """
     times = real_array(t, "t", width=width)
     if times.ndim > 1 or not np.isfinite(times).all():
@@ -76,7 +77,10 @@ def times_at(run: Trajectory, rate: Any) -> FloatArray:
 
 
 def divided(t: FloatArray, parts: int) -> FloatArray:
-    """Return times (K,) that divide each interval between neighbours of `t` into `parts` equal parts."""
+    """Return the times (K,) that divide each interval between successive times `t` into `parts` equal parts.
+
+    The times `t` themselves are included.
+    """
     if len(t) < 2 or parts < 2:
         return t
     inner = t[:-1, None] + np.arange(parts) / parts * np.diff(t)[:, None]
@@ -103,9 +107,9 @@ def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters
 
 
 def fixed_points(statement: Statement) -> dict[str, bool]:
-    """Return a dict from the name of each point, and of the origin, to True if the point does not move, else False.
+    """Return a dict from the name of each point, and of the origin, to True if the point never moves, else False.
 
-    Points along surfaces count as fixed: they have no paths.
+    The value is also True for points along surfaces, since no paths are drawn for them.
     """
     fixed = {
         name: not any(part.atoms(AppliedUndef) or part.has(time) for part in parts)

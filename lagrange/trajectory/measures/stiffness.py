@@ -67,9 +67,10 @@ Polynomial = tuple[float, ...]
 class Stiffness:
     """Medians over the steps of a stiff run that were at the limit of stability.
 
-    `share` is the fraction of the examined steps at the limit. `rate` is the size of the eigenvalue of the Jacobian
-    that limits the step, per unit of time. `product` is `rate` times the step, and `limit` is the largest stable
-    product in the direction of the eigenvalue. `slower` is the ratio of `rate` to the rate of change of the solution.
+    `share` is the fraction of the examined steps at the limit. `rate` is the magnitude of the eigenvalue of the
+    Jacobian that limits the step, per unit of time. `product` is `rate` times the step, and `limit` is the largest
+    stable product in the direction of this eigenvalue. `slower` is the ratio of `rate` to the rate of change of the
+    solution. `method` is the name of the method.
     """
 
     method: str
@@ -142,10 +143,10 @@ def with_stiff_end(model: Model, trajectory: Trajectory, parameters: Mapping[Any
 
 
 def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatArray, values: FloatArray) -> FloatArray:
-    """Return a quantity of the model, such as "jacobian", at the start of each step on a path; axis 0 is the step.
+    """Return a quantity of the model, such as "jacobian", at the start of some steps on a path; axis 0 is the step.
 
-    `steps` are the indices of the steps, and `values` the parameters. The program is interpreted, because compiling
-    takes longer.
+    `steps` (k,) are the indices of the steps, and `values` the parameters. The program is interpreted, because
+    compiling takes longer.
     """
     states = path.states[steps].T
     kernel = model.interpreted(name)
@@ -154,10 +155,11 @@ def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatAr
 
 
 def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, least: float) -> FloatArray:
-    """Return the largest change of an entry of the velocity over each of `steps` (k,), relative to its scale, (k,).
+    """Return the largest relative change (k,) of the velocities' entries over k steps.
 
-    The scale of an entry is its largest value along the run, at least `least` times the speed. `velocities` (S+1, n)
-    are those of all accepted states. `masses` (k, n, n) are the mass matrices at the start of the steps.
+    `steps` (k,) are the indices of the steps. A change is relative to the largest value of the entry along the run,
+    or to `least` times the speed if that is larger. `velocities` (S+1, n) are those of all accepted states. `masses`
+    (k, n, n) are the mass matrices at the starts of the steps; they weight the entries in the speed.
     """
     weights = np.abs(np.diagonal(masses, axis1=1, axis2=2)).mean(axis=0)
     speed = math.sqrt(float(np.mean(np.sum(velocities[steps] ** 2 * weights, axis=1))))
@@ -169,10 +171,10 @@ def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, leas
 def _found(
     method: str, polynomial: Polynomial, h: FloatArray, changes: FloatArray, jacobians: FloatArray
 ) -> Stiffness | None:
-    """Return the `Stiffness` of a run from k sampled steps with lengths `h` (k,), or None if it is not stiff.
+    """Return the `Stiffness` of a run from k sampled steps of signed lengths `h` (k,), or None if it is not stiff.
 
-    `method` is its name, and `polynomial` its stability polynomial. `changes` (k,) are the rates of relative change
-    of the velocity over the steps, and `jacobians` (k, 2n, 2n) are the Jacobians at their starts.
+    `method` is the name of the method, and `polynomial` its stability polynomial. `changes` (k,) are the relative
+    changes of the velocity per unit of time, and `jacobians` (k, 2n, 2n) the Jacobians at the starts of the steps.
     """
     at_limit = []
     for step, change, jacobian in zip(h, changes, jacobians, strict=True):
@@ -198,8 +200,8 @@ def _found(
 def stability_polynomial(tableau: ButcherTableau) -> Polynomial:
     """Return the coefficients 1, b.1, b.A.1, b.A^2.1, ... of the stability polynomial R(z) of a Runge-Kutta tableau.
 
-    A step of length h multiplies y by R(z) if y' = y z/h. E. Hairer, G. Wanner, Solving ODE II, 2nd ed., 1996, IV.2,
-    (2.7).
+    In b.A.1 the last factor is a vector of ones. A step of length h multiplies y by R(z) if y' = y z/h. Source: E.
+    Hairer, G. Wanner, Solving ODE II, 2nd ed., 1996, IV.2, (2.7).
     """
     A = np.zeros((tableau.stages, tableau.stages))
     for i, row in enumerate(tableau.A):
@@ -230,9 +232,10 @@ def _limit(polynomial: Polynomial, angle: float) -> float:
 
 
 def stability_limit(polynomial: Polynomial, angle: float) -> float:
-    """Return the length |z| up to which |R(z)| <= 1, for z of a given angle and a stability polynomial R.
+    """Return the largest |z| up to which |R(z)| <= 1, for complex z of the argument `angle`.
 
-    The angle is between pi/2, for an oscillation, and pi, for a decay.
+    `polynomial` has the coefficients of the stability polynomial R. The angle is between pi/2, for an oscillation,
+    and pi, for a decay.
     """
     # An angle within a rounding of 1e-4 of the imaginary axis counts as on it: damping would hide the growth there.
     return _limit(polynomial, math.pi / 2 + round(angle - math.pi / 2, 3))

@@ -25,5 +25,5 @@ def built_in(name: str) -> Callable[[Maker], Maker]:
 
 
 def entered(family: str) -> dict[str, Callable[..., Any]]:
-    """Return the constructors of the methods in the module `family` by method name, in order of definition."""
+    """Return the constructors of the methods in the module `family`, by method name, in the order of the file."""
     return _ENTERED[family]

@@ -108,8 +108,9 @@ def runge_kutta_step(tableau: ButcherTableau, law: str = "rhs") -> StepProgram:
 def local_step(tableau: ButcherTableau, g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any) -> tuple[Any, ...]:
     """Return q and v after a step of the tableau in local coordinates about its start, then their error estimates.
 
-    g(t, Q, V, q) is a function of a local state Q, V about the coordinates q at the start of the step. It returns
-    four vectors: dQ/dt and dV/dt, and the coordinates and velocities that the local state represents.
+    q and v are vectors of n entries at time t, and h is the step size. g(t, Q, V, q) is a function of a local state
+    Q, V about the coordinates q at the start of the step. It returns four vectors: dQ/dt and dV/dt, then the
+    coordinates and velocities that the local state represents.
     """
 
     def slope(at: Any, state: Any) -> Any:

@@ -113,18 +113,18 @@ def _program(
 
 
 def backward_euler(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Return the state at t + h, after a step along the slope f at its end.
+    """Return the state at t + h, after a step from y at t along the slope f(t + h, y_new) at its end.
 
-    solve(residuals, guess) returns the slope at which the residuals are zero.
+    `solve(residuals, guess)` returns this slope, the unknown for which `residuals` is zero.
     """
     k = solve(lambda k: f(t + h, y + k * h) - k, lambda: f(t, y))
     return y + k * h
 
 
 def trapezoidal(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Return the state at t + h, after a step along the mean of the slopes f at both ends.
+    """Return the state at t + h, after a step from y at t along the mean of the slopes f at both ends.
 
-    solve(residuals, guess) returns the slope at the end, at which the residuals are zero.
+    `solve(residuals, guess)` returns the slope at the end, the unknown for which `residuals` is zero.
     """
     first = f(t, y)
     k = solve(lambda k: f(t + h, y + (first + k) * (h / 2)) - k, first)
@@ -132,9 +132,9 @@ def trapezoidal(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[.
 
 
 def implicit_midpoint(f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Return the state at t + h, after a step along the slope f at its midpoint.
+    """Return the state at t + h, after a step from y at t along the slope f at its midpoint.
 
-    solve(residuals, guess) returns the slope at which the residuals are zero.
+    `solve(residuals, guess)` returns this slope, the unknown for which `residuals` is zero.
     """
     k = solve(lambda k: f(t + h / 2, y + k * (h / 2)) - k, lambda: f(t, y))
     return y + k * h
@@ -199,8 +199,8 @@ STARTER = Collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
 def bdf2(f: Callable[..., Any], t: Any, y: Any, before: Any, h: Any, solve: Callable[..., Any]) -> Any:
     """Return the state at t + h after a step of the formula BDF2 from y at t and the state `before` at t - h.
 
-    The parabola through the three states has the slope f at its end. solve(residuals, guess) returns the unknowns at
-    which the residuals are zero.
+    The parabola through the three states has the slope f(t + h, y_new) at its end. `solve(residuals, guess)` returns
+    the unknown slope, for which `residuals` is zero.
     """
     base = (y * 4 - before) / 3
     k = solve(lambda k: f(t + h, base + k * (h * Fraction(2, 3))) - k, lambda: f(t, y))

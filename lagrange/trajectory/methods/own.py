@@ -62,7 +62,7 @@ class StepMethod:
 
     @cached_property
     def claims(self) -> Claims:
-        """The claimed properties: the order that was stated, and the order of the Hermite path between steps."""
+        """The claimed properties: the order that the user stated, and the order of the dense output."""
         return Claims(order=self.order, dense=max(3, self.order - 1))
 
     @property
@@ -102,7 +102,10 @@ def step_method(function: Callable[..., Any], *, order: int, name: str = "", ste
 
 @lru_cache(maxsize=64)
 def _program(name: str, function: Callable[..., Any]) -> StepProgram:
-    """Return the step function of a user as a program: the operations that one call of it records."""
+    """Return the step function of a user as a program, recorded from one call.
+
+    The call has symbolic vectors as arguments. `name` is the name of the method in messages.
+    """
 
     def guarded(*arguments: Any) -> Any:
         try:
@@ -155,7 +158,7 @@ def _kind_of(value: object) -> str:
 
 
 def _number(value: Real) -> Coefficient:
-    """Return a number as a fraction if it is exact, that is an integer or rational, else as a float."""
+    """Return a number as an exact fraction if it is an integer or rational, else as a float."""
     return Fraction(value) if isinstance(value, Rational) else float(value)
 
 
@@ -173,15 +176,15 @@ NUMPY_OPERATIONS = {"add": operator.add, "subtract": operator.sub, "multiply": o
 
 
 class TrialVector(TracedVector):
-    """A linear combination of the state and the slopes with numbers as coefficients, from a trial call of a step.
+    """A linear combination of the state and the slopes with numbers as coefficients, in a trial call of a step.
 
-    Any other operation raises an error that names it.
+    Any operation that is not linear raises an error that names the operation.
     """
 
     __slots__ = ()
 
     def made(self, terms: Mapping[int, Coefficient]) -> Self:
-        """Return a vector with the nonzero ones of the coefficients `terms`, by index of the vector."""
+        """Return the vector with the coefficients `terms`, by index of the combined vector. Zeros are left out."""
         return type(self)({i: c for i, c in terms.items() if c})
 
     def __add__(self, other: Any) -> Self:
@@ -235,8 +238,9 @@ class TrialVector(TracedVector):
 class _Tried:
     """The operations of a trial call of a step function, as linear combinations of the state and the slopes.
 
-    Slopes are evaluated at the `times` and `arguments`. The coefficients of a combination are given by the index of
-    the vector: first the state, then the slopes.
+    The step evaluates slopes at the `times` and the vectors `arguments`, and returns the vectors `results`. Each
+    vector is a dict from index to coefficient. Index 0 is the state y, or indices 0 and 1 are q and v; then come the
+    slopes.
     """
 
     times: tuple[Coefficient, ...]
@@ -255,7 +259,7 @@ def _agree(pairs: Iterable[tuple[Coefficient, Coefficient]]) -> bool:
 
 
 def _tried(name: str, function: Callable[..., Any], states: int, t: Fraction, h: Fraction) -> _Tried:
-    """Return the operations of the step function `name` at time t with step h, and what it returned.
+    """Return the operations of a trial call of the step function `name` at time t with step h, and its results.
 
     `states` is 1 for a step of the state y, 2 for a step of q and v. Raises StatementError for anything but linear
     combinations of vectors.
@@ -365,9 +369,10 @@ def _check_whole(name: str, what: str, terms: dict[int, Coefficient]) -> None:
 
 
 def _scales(tried: _Tried, doubled: _Tried) -> bool:
-    """Return True for a Runge-Kutta step: its coefficients are proportional to h, and its times are t + c h.
+    """Return True if two trial calls are those of a Runge-Kutta step.
 
-    `tried` and `doubled` are the trial calls at the two `TRIAL_POINTS`, with steps of h and 2 h.
+    Its coefficients are proportional to h, and its times are t + c h. The calls are at the two `TRIAL_POINTS`:
+    `tried` has the step h and `doubled` has 2 h.
     """
     if len(tried.times) != len(doubled.times):
         return False

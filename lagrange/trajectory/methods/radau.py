@@ -63,7 +63,7 @@ class RadauStep:
         return y + Z[-1], error
 
     def embedded(self) -> list[float]:
-        """Return the weights with which the increments of the stages enter the error vector."""
+        """Return the weights (stages,) with which the increments of the stages enter the error vector."""
         A, _, c = collocation_tableau(POINTS[self.stages])
         # The embedded weights are a quadrature of order s with weight gamma at 0. With hF = A^-1 Z they become weights
         # of Z.
@@ -74,9 +74,10 @@ class RadauStep:
         return [float(w) for w in (weights - A[-1]) @ np.linalg.inv(A)]
 
     def predict(self, ratio: Any, *old: Any) -> tuple[Any, ...]:
-        """Return guesses of the next step's increments: the extrapolated polynomial through those of the last step.
+        """Return guesses of the next step's increments, one vector for each stage.
 
-        `old` are the increments of the last step. `ratio` is the length of the next step divided by that of the last.
+        The polynomial through the increments of the last step, `old`, is extrapolated. `ratio` is the length of the
+        next step divided by that of the last.
         """
         _, _, c = collocation_tableau(POINTS[self.stages])
         return tuple(value - old[-1] for value in continued((0.0, *c), c, ratio, (old[0] * 0, *old)))
@@ -85,8 +86,8 @@ class RadauStep:
 def continued(points: Sequence[float], next_points: Sequence[float], ratio: Any, old: Sequence[Any]) -> list[Any]:
     """Return values on the next step of the polynomial that has the values `old` at `points` of the last step.
 
-    The values are at `next_points`. Points are fractions of their step. The next step is `ratio` times as long as the
-    last.
+    The values are at `next_points`. All points are fractions of their own step. The next step is `ratio` times as
+    long as the last one.
     """
     basis = [np.poly1d(line[::-1]) for line in lagrange_basis(points)]
 
@@ -104,9 +105,9 @@ RADAU3, RADAU5 = RadauStep(2), RadauStep(3)
 
 @dataclass(frozen=True)
 class RadauPath:
-    """Function that makes the dense output of Radau's method: on each step a polynomial of degree `stages` + 1.
+    """Function that makes the dense output of Radau's method with `stages` stages.
 
-    Its order is `stages` + 1, too.
+    On each step it is a polynomial of degree and order `stages` + 1.
     """
 
     stages: int
@@ -149,9 +150,9 @@ A, _, C = collocation_tableau(POINTS[STAGES])
 def radau5_index2(g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any, solve: Callable[..., Any]) -> tuple[Any, ...]:
     """Return q and v at t + h after a step from q and v at t, then the error vectors of q and v.
 
-    g(t, q, v, lambda) returns momenta, forces, constraint forces, and the constraints phi and psi = dphi/dt.
-    solve(residuals, guess) returns the zero of the residuals. The unknowns are the changes of the velocity and the
-    multipliers at the stages.
+    g(t, q, v, lambda) returns five vectors: momenta, forces, constraint forces, and the constraints phi and psi =
+    dphi/dt. `solve(residuals, guess)` returns the unknowns for which `residuals` is zero: the changes of the velocity
+    and the multipliers at the stages.
     """
     none, gamma = q * 0, DAMPING[STAGES]
     before, *_ = g(t, q, v, none)
@@ -183,10 +184,10 @@ def radau5_index2(g: Callable[..., Any], t: Any, q: Any, v: Any, h: Any, solve: 
 
 
 def predict(ratio: Any, *old: Any) -> list[Any]:
-    """Return guesses of the unknowns of the next step: the polynomials through those of the last, extrapolated.
+    """Return guesses of the unknowns of the next step, by extrapolation of polynomials through the last ones.
 
-    `old` are the unknowns of the last step, the velocity changes and then the multipliers at the stages. `ratio` is
-    the length of the next step divided by that of the last.
+    `old` are the unknowns of the last step: the velocity changes at the stages, then the multipliers at the stages.
+    `ratio` is the length of the next step divided by that of the last.
     """
     changes, pushes = old[:STAGES], old[STAGES:]
     return [*RADAU5.predict(ratio, *changes), *continued(C, C, ratio, pushes)]

@@ -79,9 +79,10 @@ def register(name: str, method: Any, *, order: int | None = None, replaces: bool
 
 
 def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator]:
-    """Return a function that makes the integrator of a registered `method`, after a check of what it makes.
+    """Return a function without arguments that makes the integrator of a registered `method`.
 
-    `method` and `order` are the arguments of `register`.
+    One integrator is made and checked now. `method` and `order` are the arguments of `register`. Raises
+    StatementError.
     """
     if order is not None:
         if isinstance(method, ButcherTableau) or callable(getattr(method, "integrate", None)):
@@ -175,9 +176,10 @@ def names() -> list[str]:
 
 
 def find(method: Any) -> Integrator:
-    """Return the integrator `method` itself, or the one with this name. Raises StatementError for anything else.
+    """Return the integrator for a method as a user gives it.
 
-    A tableau gives its Runge-Kutta method.
+    `method` is an integrator, which is returned unchanged, the name of a method, or a tableau, whose Runge-Kutta
+    method is returned. Raises StatementError for anything else.
     """
     if isinstance(method, ButcherTableau):
         return RungeKutta(method)

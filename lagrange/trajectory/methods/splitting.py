@@ -279,7 +279,10 @@ def Composition8(step: float | None = None) -> Splitting:
 
 
 def _mirrored(outer: tuple[float, ...]) -> tuple[float, ...]:
-    """Return symmetric coefficients with the sum 1: `outer`, one coefficient in the middle, and `outer` reversed."""
+    """Return coefficients that are the same in reverse order and have the sum 1.
+
+    They are `outer`, one coefficient in the middle, and `outer` reversed.
+    """
     return (*outer, 1 - 2 * sum(outer), *outer[::-1])
 
 
@@ -294,7 +297,8 @@ HIGHEST_CHECKED = 10
 def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> None:
     """Raise StatementError if a composition of kicks and drifts is not of the claimed `order`.
 
-    `flows` are pairs ("kick" or "drift", fraction of the step), in order. `name` is the name of the method.
+    `flows` are its kicks and drifts in order, as pairs of "kick" or "drift" and a fraction of the step. `name` is the
+    name of the method.
     """
     if not 1 <= order <= HIGHEST_CHECKED:
         raise StatementError(

@@ -36,8 +36,8 @@ TOP_ORDER = 64
 class Taylor:
     """The adaptive Taylor series method, compiled from the energies; order by cost, 4 to 32 (listed as 20).
 
-    `rtol` and `atol` are tolerances, `order` is a fixed order from 4 to 64. If an option is None, the option of the run
-    counts, or the method chooses.
+    `rtol` and `atol` are the tolerances, and `order` is a fixed order from 4 to 64. If an option is None, the option
+    of the run is used; without one, the method chooses.
     """
 
     rtol: float | None = None
@@ -93,7 +93,7 @@ class TaylorPlan:
 
     @cached_property
     def form(self) -> str:
-        """Description of the run: the order, and one word on how the series is computed."""
+        """Text for the printed summary of a run: the order, and how the series is computed, such as "in loops"."""
         return f"order {self.order}, {self.series.form(self.order)}"
 
     writes_outputs = True
@@ -104,15 +104,19 @@ class TaylorPlan:
         return bool(self.series.program.watched)
 
     def driver(self, model: Model, parameters: FloatArray) -> SeriesDriver:
-        """Return a driver of the steps. Its sides, the signs of the switching surfaces, are still undecided (NaN)."""
+        """Return a driver of the steps for parameters (k,).
+
+        The signs of the switching surfaces follow in its array of parameters. They are NaN, since they are still
+        undecided.
+        """
         if sides := self.series.program.sides:
             parameters = np.concatenate([parameters, np.full(sides, np.nan)])
         return SeriesDriver(model.machine, self.series.code(self.order), self.order, parameters)
 
     def watch(self, problem: Problem, driver: SeriesDriver, memory: EventMemory | None = None) -> SeriesWatch | None:
-        """Return the object that searches the steps for events and crossings of surfaces, or None without any.
+        """Return the watcher, which searches the steps for events and crossings of surfaces; None without any.
 
-        `memory` is that of the watcher of a former run by this driver, or None.
+        `memory` is the memory of the watcher in a former run by this driver, which is used again, or None.
         """
         if not self.watched:
             return None
@@ -148,9 +152,10 @@ def _margin(problem: Problem, rtol: float) -> float:
 
 
 def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:
-    """Return the square roots in the equations and in `events` whose zeros are watched, each with its radicand.
+    """Return the square roots whose zeros end a Taylor series, as a mapping from root to radicand.
 
-    A square root that is itself an event is left out, because its zeros are watched as those of the event.
+    They are those in the equations of motion and those in the expressions `events`. A square root that is itself an
+    event is left out, because its zeros are found as those of the event.
     """
     if not events:
         return model.square_roots

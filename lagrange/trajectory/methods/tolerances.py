@@ -65,10 +65,10 @@ def adaptive_settings(
 ) -> Tolerances:
     """Return the tolerances of an adaptive method: those of the run, else of the method, else the defaults.
 
-    `name` is the method's name. `step`, `rtol` and `atol` are the method's own options; a step is refused. If the run
-    and the method both state a tolerance, the two must be equal. The default absolute tolerance of an entry is a
-    fraction of its size, by `FLOOR_SHARE`. `least` is the smallest relative tolerance that the method can use.
-    `margin` maps rtol to the fraction of the tolerances at which the method's steps aim.
+    `name` is the method's name. `step`, `rtol` and `atol` are the method's own options, None if not given; a step is
+    refused. If the run and the method both state a tolerance, the two must be equal. The default absolute tolerance
+    of an entry is a fraction of its size, by `FLOOR_SHARE`. `least` is the smallest relative tolerance that the
+    method can use. `margin` maps rtol to the factor by which the driver multiplies the tolerances.
     """
     check_problem(name, problem)
     if problem.step is not None or step is not None:
@@ -93,7 +93,8 @@ def fixed_settings(
 ) -> Tolerances:
     """Return the step of a fixed-step method: that of the run, else of the method, else a thousandth of the span.
 
-    `name` is the method's name. `step`, `rtol` and `atol` are the method's own options; tolerances are refused.
+    `name` is the method's name. `step`, `rtol` and `atol` are the method's own options, None if not given; tolerances
+    are refused.
     """
     check_problem(name, problem)
     if problem.rtol is not None or problem.atol is not None or rtol is not None or atol is not None:

@@ -69,8 +69,8 @@ def variational_trapezoid(g: Momenta, t: Any, q: Any, v: Any, h: Any, solve: Cal
 class Galerkin:
     """The step function that integrates q' = v and p' = f with the Runge-Kutta tableau A, b, c of s stages.
 
-    With the tableau of Gauss's method the discrete action is the action of polynomials of degree s, integrated with s
-    points.
+    p are the momenta and f the forces. With the tableau of Gauss's method, q is a polynomial of degree s on the step,
+    and the action of this polynomial is integrated with s points.
     """
 
     A: tuple[tuple[Abscissa, ...], ...]
@@ -157,8 +157,8 @@ Constrained = Callable[..., tuple[Any, Any, Any, Any, Any]]
 class LobattoPair:
     """The step that integrates q' = v with Lobatto IIIA and p' = f + c with IIIB, with phi = 0 at every stage.
 
-    The last column of IIIB is zero. So the multiplier at the end changes only the momentum there, and makes the
-    velocity satisfy the constraints.
+    f are the forces and c the constraint forces. The last column of IIIB is zero. So the multiplier at the end
+    changes only the momentum there, and makes the velocity satisfy the constraints.
     """
 
     A: tuple[tuple[Abscissa, ...], ...]

@@ -40,10 +40,11 @@ class StepInterpolant:
         interpolant: Callable[[FloatArray], FloatArray],
         degree: int,
     ) -> StepInterpolant:
-        """Return the polynomial of a degree over a step between two `times`, with the states at both `ends`.
+        """Return the polynomial of a given `degree` over one step, sampled from a solver's interpolant.
 
-        `interpolant` maps times of the solver (k,) to states (2n, k). `solver_times` are those at both ends, which may
-        count from another origin.
+        The step goes from the first to the second of `times`, and `ends` are the states (2n,) there, which the
+        polynomial has exactly. `interpolant` maps times of the solver (k,) to states (2n, k). `solver_times` are the
+        solver's times at both ends, which may count from another origin.
         """
         first, last = solver_times
         x = nodes(degree)[:, None]
@@ -65,8 +66,8 @@ class StepInterpolant:
 class StepInterpolants(Sequence[StepInterpolant]):
     """The polynomials over the steps of a run, from the step with index `first` on. Each is made at its first access.
 
-    The solver's path is sampled for it. This takes as long as a step of a fast solver, and few runs need states
-    between their steps.
+    `entries` has for each step its polynomial, or a function that makes it by sampling the solver's path. Sampling
+    takes as long as a step of a fast solver, and few runs need states between their steps.
     """
 
     def __init__(self, entries: list[Any], first: int = 0) -> None:
@@ -104,8 +105,8 @@ class SampledPath:
 def _shares(count: int, theta: FloatArray) -> FloatArray:
     """Return the weights (K, count) with which values at `count` Chebyshev points enter the polynomial at theta (K,).
 
-    The points and theta are fractions of a step. J.-P. Berrut, L. N. Trefethen, Barycentric Lagrange interpolation,
-    SIAM Review 46 (2004) 501, (4.2) and (5.4).
+    The points and theta are fractions of a step. Source: J.-P. Berrut, L. N. Trefethen, Barycentric Lagrange
+    interpolation, SIAM Review 46 (2004) 501, (4.2) and (5.4).
     """
     away = theta[:, None] - nodes(count - 1)
     hits = away == 0

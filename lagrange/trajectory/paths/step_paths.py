@@ -24,8 +24,9 @@ from lagrange.trajectory.trajectory import FloatArray
 class StepPath:
     """The path over accepted steps: times (S+1,), states (S+1, 2n), and the dense output of their method.
 
-    On each step the path is a polynomial of degree at most 16, on which events are located; `kind` is its formula.
-    `tableau` is that of an explicit Runge-Kutta method, whose stages define the path, else None.
+    On each step the path is a polynomial of degree at most 16, on which events are located. `dense` evaluates it, and
+    `kind` is its formula. `tableau` is that of an explicit Runge-Kutta method, whose stages define the path, else
+    None.
     """
 
     dense: DensePath
@@ -58,9 +59,10 @@ class StepPath:
 class MotionsPath:
     """Dense output of a run with resets: one path for each smooth piece, from times (K,) to states (2n, K).
 
-    `times` (S+1,) and `states` (S+1, 2n) are the accepted states of the run. `breaks` has the indices of the states
-    after which a new piece begins. It also has, for each piece, the time and state at the end of the whole last step,
-    NaN if that step was not shortened. `path` is a path through some states of the run, whose formula all pieces use.
+    `times` (S+1,) and `states` (S+1, 2n) are the accepted states of the run. `breaks` are three arrays with an entry
+    for each piece but the last: the index of its last accepted state, then the time and the state at the end of its
+    last step before that step was shortened. The latter two are NaN if it was not shortened. `path` is a path through
+    some states of the run, whose formula all pieces use.
     """
 
     times: FloatArray
@@ -77,7 +79,7 @@ class MotionsPath:
         return _by_piece(motions, times, self._motion, states)
 
     def _motion(self, number: int) -> StepPath:
-        """Return the path over the smooth piece of the run with index `number`. Resets separate the pieces."""
+        """Return the path over the smooth piece with index `number`. A piece ends at each reset."""
         rows, ends, whole = self.breaks
         begin = int(rows[number - 1]) + 1 if number else 0
         last = int(rows[number]) if number < len(rows) else len(self.times) - 1
@@ -95,8 +97,8 @@ def _by_piece(
 ) -> FloatArray:
     """Write the states at times (K,) to `states` (2n, K), and return them.
 
-    `numbers` (K,) are the indices of the pieces of the run to which the times belong. `path_of` returns the path of a
-    piece.
+    `numbers` (K,) are the indices of the pieces of the run to which the times belong. `path_of` maps such an index to
+    the path of the piece, a function from times (k,) to states (2n, k).
     """
     order = np.argsort(numbers, kind="stable")
     for group in np.split(order, np.flatnonzero(np.diff(numbers[order])) + 1):
@@ -140,7 +142,7 @@ def step_path(
 
 @lru_cache(maxsize=64)
 def stages_polynomial(tableau: ButcherTableau) -> StepPolynomial:
-    """Return the formula of the dense output of an explicit Runge-Kutta method, from its tableau."""
+    """Return the formula of the dense output of an explicit Runge-Kutta method, which is made from its stages."""
     if tableau.dense is None:
         raise AssertionError("a method is registered with its dense output")
     rows = np.zeros((len(tableau.rows), len(tableau.rows)))
@@ -253,8 +255,8 @@ class PiecewisePath:
     """Dense output of a run with one interpolant per step: from times (K,) to states (2n, K).
 
     `edges` (steps + 1,) are the times of the accepted states, rising or falling. `start` (2n,) is the first state.
-    `interpolants` are the functions between edges, from times (k,) to states (2n, k). At an edge the later interpolant
-    is used.
+    `interpolants` has a function for each step, from times (k,) to states (2n, k). At an edge, the interpolant of the
+    step that begins there is used.
     """
 
     edges: FloatArray

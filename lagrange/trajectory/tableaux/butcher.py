@@ -43,7 +43,10 @@ def rows(text: str) -> tuple[Coefficients, ...]:
 
 
 def triangle(entries: Sequence[Entry], first: int = 0) -> tuple[tuple[Entry, ...], ...]:
-    """Return entries in order as rows of `first`, `first` + 1, ... entries, as the matrix of an explicit method has."""
+    """Return entries as rows of a triangle: the first row has `first` entries, each later row has one more.
+
+    Entries are in order of rows. The rows are those of the matrix A of an explicit method.
+    """
     lines: list[tuple[Entry, ...]] = []
     begin = 0
     while begin < len(entries) or not lines:
@@ -73,7 +76,10 @@ def moved(tableau: ButcherTableau, f: Callable[[Any, Any], Any], t: Any, y: Any,
 
 
 def _weighted(weights: Coefficients, slopes: Sequence[Any]) -> Any:
-    """Return the sum of the slopes of stages, each times its weight; slopes without a weight are left out."""
+    """Return the sum of the slopes of stages, each times its weight.
+
+    Slopes after the last weight, and those with the weight zero, are left out.
+    """
     return sum(slope * (int(w) if w == int(w) else float(w)) for w, slope in zip(weights, slopes, strict=False) if w)
 
 
@@ -96,7 +102,7 @@ class ErrorEstimate:
 
     @property
     def control(self) -> int:
-        """The power of h with which the norm of the error shrinks: the step factor is norm**(-1/control)."""
+        """The exponent of h with which the norm of the error shrinks: the step factor is norm**(-1/control)."""
         return 2 * self.order - self.damping_order + 1 if self.damping else self.order + 1
 
 
@@ -318,9 +324,9 @@ def density(tree: Tree) -> int:
 def stage_weights(matrix: tuple[Coefficients, ...], order: int) -> Mapping[Tree, Coefficients]:
     """Return the weights Phi_j(tree) of the stages j, (stages,), for every tree with at most `order` nodes.
 
-    The order condition of a tree is sum_j b_j Phi_j = 1/gamma. `matrix` is the lower triangle A of a tableau; row i
-    has at least i entries. If an entry is a float, all entries become floats, with which the weights of order 9 take
-    milliseconds only.
+    The order condition of a tree is sum_j b_j Phi_j = 1/gamma. `matrix` has the rows of the lower triangle A of a
+    tableau; row i has at least i entries. Weights are exact fractions. If an entry is a float, all become floats,
+    with which the weights of order 9 take milliseconds only.
     """
     unit: Coefficient = Fraction(1)
     if any(isinstance(entry, float) for row in matrix for entry in row):

@@ -59,9 +59,10 @@ def gauss_tableau(stages: int) -> Tableau:
 
 
 def lobatto_pair(stages: int) -> tuple[Any, ...]:
-    """Return A, b, c of the method Lobatto IIIA with 2 or 3 stages, and A of Lobatto IIIB, its symplectic partner.
+    """Return A, b, c of the method Lobatto IIIA with 2 or 3 stages, then the matrix A of Lobatto IIIB.
 
-    Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, II.1.4 and VI.4.2.
+    The two methods are a symplectic pair, with the same b and c. Source: E. Hairer, C. Lubich, G. Wanner, Geometric
+    Numerical Integration, 2nd ed., 2006, II.1.4 and VI.4.2.
     """
     A, b, c = collocation_tableau([Fraction(i, stages - 1) for i in range(stages)])
     conjugate = tuple(tuple(bj - bj * A[j][i] / bi for j, bj in enumerate(b)) for i, bi in enumerate(b))
@@ -69,9 +70,10 @@ def lobatto_pair(stages: int) -> tuple[Any, ...]:
 
 
 def _zero(near: float, degree: int) -> Fraction:
-    """Return the zero, rounded to 200 bits, of the Legendre polynomial of a `degree` next to the double `near`.
+    """Return the zero, rounded to 200 bits, of the Legendre polynomial of a `degree` that is nearest to `near`.
 
-    It is computed by Newton's method in fractions: three steps, each of which doubles the number of correct digits.
+    `near` is the zero as a double. Newton's method takes three steps in fractions, each of which doubles the number
+    of correct digits.
     """
     x = Fraction(near)
     for _ in range(3):
