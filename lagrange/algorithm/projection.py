@@ -59,10 +59,11 @@ def project(
 ) -> tuple[Outcome, bool]:
     """Move a state [q, v] at time t onto its constraints. Return an outcome, and True if the state has moved.
 
-    The callback `corrections` computes [dq, dv], the relative violation, and the violation that would remain.
-    `numbers` are its parameters, followed by the values that depend on them alone. `lost` is the rounding error
-    of each entry of the state. It is updated, because corrections are added with compensation. Memory is
-    accessed in blocks of `block` numbers.
+    The outcome is UNPROJECTED if the constraints are still violated, else DONE. The callback `corrections`
+    computes [dq, dv], the relative violation, and the violation that would remain; `numbers` are its
+    parameters, followed by the values that depend on them alone. With a singular matrix the outcome is DONE,
+    because the next step reports the matrix. `lost` is the rounding error of each entry of the state; it is
+    updated, because corrections are added with compensation. Memory is accessed in blocks of `block` numbers.
     """
     move = reals(whole_blocks(dimension + 2, block) + MOST_WRITTEN_BEYOND, room=block)
     has_moved = False
@@ -87,12 +88,12 @@ def project(
 def starts_on_constraints(
     corrections: Callable[..., Any], numbers: In, t: float, state: Out, *, dimension: int, relations: bool
 ) -> bool:
-    """Return True if a state violates its constraints by at most `MOST_AT_START`, or if a matrix is singular.
+    """Return True if a state [q, v] at time t violates its constraints by at most `MOST_AT_START`.
 
-    With `relations` some velocities follow from the constraints: the state is moved onto the constraints, and
-    only the violation of the other constraints is limited. The callback `corrections` computes the correction
-    of a state and its violation. `numbers` are its parameters, followed by the values that depend on them
-    alone.
+    With `relations` some velocities follow from the constraints: the state is then moved onto the constraints,
+    and only the violation of the other constraints is limited. The callback `corrections` computes the
+    correction of a state and its violation; `numbers` are its parameters, followed by the values that depend on
+    them alone. With a singular matrix the result is True, because the first step reports the matrix.
     """
     move = reals(dimension + 3 + MOST_WRITTEN_BEYOND)
     # A matrix that is singular here is singular in the first step, which reports it.

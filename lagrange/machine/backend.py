@@ -73,9 +73,9 @@ class Kernel(Protocol):
         """
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return fast functions that evaluate the kernel at one state with these parameters, or None.
+        """Return fast functions that evaluate the kernel at one state, for fixed `parameters` (k,).
 
-        Raises SingularMassMatrix.
+        None if the machine has no such functions. Raises SingularMassMatrix.
         """
 
 
@@ -204,11 +204,11 @@ class Series(Protocol):
         """Return the loaded code that computes the series up to an order, and takes Taylor steps."""
 
     def dense(self, order: int, parameters: FloatArray) -> DensePath:
-        """Return the dense output of Taylor steps of an order, for one set of parameters."""
+        """Return the dense output of Taylor steps of an order, for one set of parameters (k + sides,)."""
 
     @property
     def values(self) -> Kernel:
-        """The kernel of the event functions and switching surfaces. It takes the same parameters as the series."""
+        """The kernel of the switching surfaces and event functions. It takes the same parameters as the series."""
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
         """Return the scaled Taylor coefficients at a state (2n,). Row k has the coefficients of order k times scale**k.
@@ -356,7 +356,7 @@ class KernelProvider(Protocol):
 
     @property
     def again(self) -> Callable[..., Any]:
-        """Function that builds the model of a statement on the same machine, for pickles and for changed statements.
+        """Function that builds a model from a statement on the same machine, for pickles and changed statements.
 
         Its arguments are the statement and the indices of independent constraints, or None if these are unknown.
         """

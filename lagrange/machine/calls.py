@@ -57,7 +57,7 @@ def quickly(kernel: Kernel, parameters: FloatArray, t: float, y: FloatArray) -> 
 
 
 def nothing(*_: Any) -> None:
-    """Return None. It stands for a missing fast function: None asks the caller to evaluate the kernel itself."""
+    """Return None: a fast function for kernels that have none. The caller then evaluates the kernel itself."""
 
 
 def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:

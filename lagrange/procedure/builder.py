@@ -148,8 +148,8 @@ class Builder:
     def permuted(self, parts: Sequence[Any], indices: Sequence[int]) -> Any:
         """Return a vector of some entries of `parts`, which are vectors and single values.
 
-        The entries of all parts are numbered consecutively, and `indices` are the numbers of the chosen entries. For
-        one index the result is a single value.
+        The entries of all parts are numbered consecutively from 0. `indices` are the numbers of the chosen entries,
+        in order. For one index the result is a single value.
         """
         kind = parts[0].kind
         if len(indices) > 1:
@@ -211,7 +211,7 @@ class Builder:
         return ref
 
     def made(self, kind: Kind | Vector, make: Callable[[int], Statement]) -> Any:
-        """Add the statement `make(id)` for a new id, and return the value that it defines."""
+        """Add the statement that `make` returns for a new id, and return the value that the statement defines."""
         ref = self.unused()
         self.add(make(ref))
         return self.value_of(ref, kind)
@@ -301,10 +301,10 @@ class Builder:
         spill: bool = True,
         unrolled: bool = False,
     ) -> None:
-        """Copy the first `count` numbers of `source` to `target`.
+        """Copy the first `count` values of the array `source` to the array `target`.
 
-        Up to `width` numbers are copied at a time. With `spill`, whole blocks are copied, which may write beyond
-        `count`. With `unrolled` no loop is printed.
+        Up to `width` values are copied at a time. With `spill`, whole blocks are copied, which may overwrite values
+        after the first `count`. With `unrolled` no loop is printed.
         """
         with self.each(count, width=width, spill=spill, unrolled=unrolled) as i:
             target[i] = source[i]
@@ -359,8 +359,8 @@ class Builder:
     def each(self, count: Any, *, width: int = PARTIAL, spill: bool = False, unrolled: bool = False) -> Iterator[Whole]:
         """Add a loop: the body of the `with` runs for each index below `count`, in any order.
 
-        The body may use `fold`. Up to `width` iterations may run at a time. With `spill` these may write beyond
-        `count`. With `unrolled` all iterations are written out.
+        The body may use `fold`. Up to `width` iterations may run at a time. With `spill` these may overwrite array
+        entries from `count` on. With `unrolled` all iterations are written out.
         """
         number = self.operand(count, WHOLE)
         index, outside, self._folds = self.unused(), self._folds, []
@@ -374,10 +374,10 @@ class Builder:
         self._folds = None
 
     def fold(self, op: str, value: Any, factor: Any = None) -> Real:
-        """Return the reduction `op` of a value over the iterations of the enclosing `each`, known after it.
+        """Return the reduction `op` of a value over the iterations of the enclosing `each`.
 
-        "add" is the sum, "dot" the sum of value * factor. "max" is the largest value, NaN if any value is, and "most"
-        ignores NaN. "magnitude" is the largest |value|.
+        It is known after the loop. "add" is the sum, "dot" the sum of value * factor. "max" is the largest value, NaN
+        if any value is, and "most" ignores NaN. "magnitude" is the largest |value|.
         """
         if self._folds is None:
             raise LagrangeError(f"procedure {self.name}: sums of values are possible inside `each` only.")

@@ -102,10 +102,10 @@ READ = Array(read=True)
 
 @dataclass(frozen=True)
 class Callee:
-    """The type of a parameter that is a function: the kinds of its parameters and of its results.
+    """The type of a parameter that is a function: the types of its parameters and the kinds of its results.
 
-    In Python such a function returns None, a value or a tuple of values. In machine code a flag is C's int, and several
-    results are returned in registers.
+    In Python such a function returns None, a value or a tuple of values. In machine code a flag is C's int, and
+    several results are returned in registers.
     """
 
     parameters: tuple[Kind | Array, ...]
@@ -157,10 +157,10 @@ class SineCosine(NamedTuple):
 
 
 class VectorLet(NamedTuple):
-    """A vector: the result of an operation `op` on vectors of one width, entry by entry, or of `permute`.
+    """A vector that an operation `op` computes: entry by entry on vectors of one width, or by `permute`.
 
     `permute` chooses entries of its operands, which are vectors and single values. All their entries are numbered
-    consecutively, and `places` are the numbers of the chosen ones.
+    consecutively from 0, and `places` are the numbers of the chosen ones.
     """
 
     ref: int
@@ -171,7 +171,7 @@ class VectorLet(NamedTuple):
 
 
 class Reduce(NamedTuple):
-    """A single value from a vector: whether `any` flag is true, or the `entry` at an index."""
+    """A single value from a vector: by `any`, true if any flag is true; by `entry`, the entry at index `place`."""
 
     ref: int
     kind: Kind
@@ -190,7 +190,10 @@ class VectorLoad(NamedTuple):
 
 
 class Gather(NamedTuple):
-    """Statement that reads entries of an array at the indices in a vector of wholes; zero where the mask is false."""
+    """Statement that reads a vector of entries of an array; entries are zero where the mask is false.
+
+    `places` is the vector of their indices. Without a mask all entries are read.
+    """
 
     ref: int
     vector: Vector
@@ -202,7 +205,8 @@ class Gather(NamedTuple):
 class VectorStore(NamedTuple):
     """Statement that writes a vector to adjacent entries of an array, from index `place` on, where the mask is true.
 
-    All these entries exist: those where the mask is false may be read and written back unchanged.
+    Without a mask all entries are written. The array has all these entries: those where the mask is false may be read
+    and written back unchanged.
     """
 
     array: int
@@ -212,7 +216,10 @@ class VectorStore(NamedTuple):
 
 
 class Scatter(NamedTuple):
-    """Statement that writes a vector to an array, at the indices in a vector of wholes, where the mask is true."""
+    """Statement that writes the entries of a vector to an array, where the mask is true.
+
+    `places` is the vector of indices in the array, one for each entry.
+    """
 
     array: int
     places: int
@@ -235,7 +242,7 @@ class ReserveRecord(NamedTuple):
 
 
 class Part(NamedTuple):
-    """Statement that defines the part of an array from index `start` on."""
+    """Statement that defines a part of an array as an array: all elements from index `start` on."""
 
     ref: int
     array: int
@@ -355,13 +362,13 @@ class Fold(NamedTuple):
 
 
 class Each(NamedTuple):
-    """A loop over indices from 0 to below `iterations`, in any order or at the same time.
+    """A loop over the indices from 0 to `iterations` - 1, in any order or at the same time.
 
     Arrays are accessed at the index itself, or read at an index that no iteration writes. An iteration may have local
-    variables, and loops with the same count in every iteration. It has no calls and no branches. A printer may compute
-    up to `width` iterations at a time, one of `WIDTHS`, and four if there is a sum. Entries of an array from
-    `iterations` on are unchanged, except with `spill` or beyond the size of the array. With `unrolled` no loop is
-    printed: all iterations follow one another.
+    variables, and loops with the same count in every iteration. It has no calls and no branches. A printer may
+    compute up to `width` iterations at a time, one of `WIDTHS`, and four if there is a sum. With `spill` these may
+    overwrite array entries from `iterations` on; otherwise such entries within the size of the array are unchanged.
+    With `unrolled` no loop is printed: all iterations follow one another.
     """
 
     place: int
@@ -440,12 +447,12 @@ class Procedure:
 
     @property
     def numbers(self) -> tuple[Kind, ...]:
-        """The kinds of the results, for a procedure that returns no vectors."""
+        """The kinds of the results of a procedure. Results that are vectors are left out."""
         return tuple(kind for kind in self.results if isinstance(kind, Kind))
 
     @cached_property
     def callees(self) -> tuple[Procedure, ...]:
-        """The transitive callees, each once and before its callers."""
+        """The procedures that this one calls, directly or through others, each once and before its callers."""
         procedures: dict[Procedure, None] = {}
         for call in calls(self.body):
             if isinstance(call.callee, Procedure):
@@ -471,7 +478,7 @@ def inner(statement: Statement) -> tuple[Block, ...]:
 
 
 def rebuilt(statement: Statement, change: Callable[[Block], Block]) -> Statement:
-    """Return a statement in which each inner block is replaced by `change(block)`, called for the last block first."""
+    """Return a statement in which `change(block)` replaces each inner block, called for the last block first."""
     names = _BLOCKS.get(type(statement), ())
     changes: dict[str, Any] = {name: change(getattr(statement, name)) for name in reversed(names)}
     return statement._replace(**changes)

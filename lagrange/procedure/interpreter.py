@@ -50,7 +50,10 @@ def run(procedure: Procedure, *args: Any) -> Results:
 
 
 def _block(block: Sequence[Any], known: Environment) -> Results | None:
-    """Run statements; return the results if a statement ends the procedure, else None. `known` maps ids to values."""
+    """Run statements. Return the results of the procedure if a statement ends it, else None.
+
+    `known` maps the ids of values, variables and memory to their present contents.
+    """
     for statement in block:
         value = _VALUES.get(type(statement))
         if value is not None:
@@ -63,7 +66,8 @@ def _block(block: Sequence[Any], known: Environment) -> Results | None:
 def _effect(statement: Statement, known: Environment) -> Results | None:
     """Run a statement that changes memory or variables, or directs control.
 
-    Return the results of the procedure if the statement ends it, else None. `known` maps ids to values.
+    Return the results of the procedure if the statement ends it, else None. `known` maps the ids of values, variables
+    and memory to their present contents.
     """
     match statement:
         case form.Store(array=array, place=index, value=value):
@@ -253,7 +257,10 @@ def _power(a: float, b: float) -> float:
 
 
 def _total(function: Callable[[float], float], *, pole: float = math.nan) -> Callable[[float], float]:
-    """Return `function` without exceptions: NaN outside the domain, infinite on overflow, and `pole` at zero."""
+    """Return `function` with results instead of exceptions.
+
+    They are NaN outside the domain, infinite on overflow, and `pole` at zero if the function is undefined there.
+    """
 
     def value(x: float) -> float:
         try:

@@ -25,9 +25,10 @@ CHEAP = frozenset((*_ARITHMETIC, "less", "less_equal", "equal", "and", "or", "no
 class MemberMemory:
     """An array or a record of the new procedure, which runs all members at once.
 
-    `own` is true if each member has its own values: entry i of all members is then adjacent in memory. `apart` is the
-    id of a vector of indices if the part of each member begins at another index, else None. `level` is the number of
-    enclosing branches that only some members take, at the allocation, or -1 for an array of the caller.
+    `own` is true if each member has its own values: the values of all members at one index are then adjacent in
+    memory. `apart` is None if the array begins at the same index for all members, else the id of a vector of their
+    first indices. `level` is the number of enclosing branches that only some members take, at the allocation, or -1
+    for an array of the caller.
     """
 
     ref: int
@@ -87,9 +88,9 @@ class MemberStatements:
         return made
 
     def put(self, op: str, kind: Kind, *args: int, wide: bool = False) -> int:
-        """Add the operation `op` and return the id of its result.
+        """Add the operation `op` on the values with the ids `args`, and return the id of its result.
 
-        The result is a vector if an operand is one, or if `wide` is true.
+        `kind` is the kind of the result. It is a vector if an operand is one, or if `wide` is true.
         """
         if not wide and self.vectors.isdisjoint(args):
             ref = self.new(kind)
@@ -101,7 +102,10 @@ class MemberStatements:
         return ref
 
     def loaded(self, array: int, index: int, kind: Kind) -> int:
-        """Return the id of a vector of adjacent entries of an array from an index on, one for each member."""
+        """Add the read of a vector, one array entry for each member, and return its id.
+
+        The entries are adjacent. `array` is the id of the array, and `index` the id of the index of the first entry.
+        """
         ref = self.new(kind, wide=True)
         self.out.append(form.VectorLoad(ref, self.vector(kind), array, index))
         return ref
@@ -118,15 +122,15 @@ class MemberStatements:
     # --- masks and variables
 
     def both(self, mask: int, other: int) -> int:
-        """Return the mask of the members in both masks. `other` may be undefined for members outside `mask`."""
+        """Return the id of the mask of the members that are in two masks. `other` may be undefined outside `mask`."""
         return self.put("select", FLAG, mask, other, self.constant(FLAG, value=False))
 
     def without(self, mask: int, gone: int) -> int:
-        """Return the mask of the members of `mask` that are not in `gone`."""
+        """Return the id of the mask of those members of `mask` that are not in the mask `gone`."""
         return self.put("select", FLAG, gone, self.constant(FLAG, value=False), mask)
 
     def some(self, mask: int) -> int:
-        """Return the flag that is true if a mask contains any member."""
+        """Return the id of a flag that is true if the mask contains any member."""
         ref = self.new(FLAG)
         self.out.append(form.Reduce(ref, FLAG, "any", mask))
         return ref
@@ -149,7 +153,7 @@ def leaves(block: Block) -> bool:
 
 
 def is_cheap(when: form.When) -> bool:
-    """Return True if computing both branches takes less time than testing whether any member takes each."""
+    """Return True if it is faster to compute both branches than to test whether any member takes each of them."""
     both = (*when.then, *when.otherwise)
     operations = [statement for statement in both if isinstance(statement, form.Let)]
     simple = all(isinstance(statement, (form.Let, form.Get, form.Set, form.Note)) for statement in both)

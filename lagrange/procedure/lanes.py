@@ -160,7 +160,7 @@ class _Rewriter(Visitor, MemberStatements):
                 return made
 
     def hold(self, old: int, kind: Array | Record, share: Share) -> MemberMemory:
-        """Return the memory of the new procedure that replaces the caller's array or record with the id `old`."""
+        """Return the new memory for the caller's array or record `old`; `share` says if each member has its own."""
         self.types[old] = kind
         made = self.memory[old] = MemberMemory(
             self.new(), share.own, self.new(WHOLE, wide=True) if share.apart else None
@@ -174,12 +174,12 @@ class _Rewriter(Visitor, MemberStatements):
         return old in self.spread.own
 
     def value(self, old: int, *, wide: bool) -> int:
-        """Return the id of the value that replaces an old one, as a vector if `wide` is true."""
+        """Return the id of the new value for the value with the id `old`, as a vector if `wide` is true."""
         ref = self.values[old]
         return self.wide(ref) if wide else ref
 
     def present(self, mask: int, statement: Statement) -> int:
-        """Return a mask without the members that returned from the procedure inside a statement."""
+        """Return the mask of those members of `mask` that have not returned from the procedure inside a statement."""
         if self.alive is None or not any(leaves(body) for body in inner(statement)):
             return mask
         return self.both(mask, self.got(self.alive))
@@ -256,7 +256,7 @@ class _Rewriter(Visitor, MemberStatements):
     # --- memory
 
     def index(self, held: MemberMemory, old_index: int) -> int:
-        """Return the id of the index in the new memory for an old index that is the same for all members."""
+        """Return the id of the index in the new memory for `old_index`, which is the same for all members."""
         if not held.own:
             return old_index
         known = self.constants.get(old_index)
@@ -276,7 +276,7 @@ class _Rewriter(Visitor, MemberStatements):
         return self.put("add", WHOLE, first, numbers)
 
     def is_anywhere(self, array: int, old_index: int) -> bool:
-        """Return True if members may access an array at different indices."""
+        """Return True if members may access an array at different indices: they differ, or the array's starts do."""
         return self.memory[array].apart is not None or self.differs(old_index)
 
     @visits(form.Load)
@@ -476,7 +476,7 @@ class _Rewriter(Visitor, MemberStatements):
         self.repeated(repeat, goes_on, lambda: self.block(repeat.body), uneven=self.differs(repeat.condition))
 
     def repeated(self, loop: Statement, goes_on: Callable[[], int], body: Callable[[], None], *, uneven: bool) -> None:
-        """Add a loop. `goes_on` adds the statements of its condition, and `body` those of its iterations.
+        """Add a loop. `goes_on` adds the statements of its condition and returns its id; `body` adds an iteration.
 
         `uneven` is true if members may end the loop at different iterations.
         """
@@ -523,9 +523,10 @@ class _Rewriter(Visitor, MemberStatements):
             self.values[fold.ref] = self.total(partial, iterations)
 
     def looped(self, each: form.Each, sums: Sequence[Sequence[int]], *, uneven: bool) -> list[list[int]]:
-        """Rewrite the iterations of an `each` as a loop, and return the partial results of each reduction.
+        """Add a loop for the iterations of an `each`, and return the ids of the partial results of each reduction.
 
-        `sums` has the initial partial results. `uneven` is true if members may have different numbers of iterations.
+        `sums` has the ids of the initial partial results. `uneven` is true if members may have different numbers of
+        iterations.
         """
         partial = [[self.declared(value) for value in initial] for initial in sums]
         start, stop, before = self.constant(WHOLE, 0), self.values[each.iterations], self.mask
@@ -562,9 +563,9 @@ class _Rewriter(Visitor, MemberStatements):
         return [[self.got(variable) for variable in variables] for variables in partial]
 
     def collected(self, fold: form.Fold, partial: Sequence[int]) -> list[int]:
-        """Return the partial results of a reduction after one more iteration.
+        """Return the ids of the partial results of a reduction after one more iteration.
 
-        The value of the iteration is added to the first partial result, which then moves to the end.
+        The value of the iteration is added to the first partial result, which then moves to the end of the list.
         """
         before, value = partial[0], self.values[fold.value]
         if fold.factor is not None:
@@ -576,7 +577,11 @@ class _Rewriter(Visitor, MemberStatements):
         return [*partial[1:], new]
 
     def total(self, partial: Sequence[int], iterations: int) -> int:
-        """Return the result of a reduction. Its partial results were rotated once for each iteration."""
+        """Return the id of the result of a reduction, from the ids of its partial results.
+
+        `iterations` is the id of the number of iterations. Each of them has moved the first partial result to the
+        end.
+        """
         if len(partial) == 1:
             return partial[0]
         known = self.constants.get(iterations)
@@ -588,6 +593,6 @@ class _Rewriter(Visitor, MemberStatements):
         return self.put("select", REAL, is_even, self.summed(partial, 0), self.summed(partial, 1))
 
     def summed(self, partial: Sequence[int], odd: int) -> int:
-        """Return the sum of four partial sums, first in pairs. `odd` is 1 after an odd number of iterations, else 0."""
+        """Return the id of the sum of four partial sums; `odd` is 1 after an odd number of iterations, else 0."""
         a, b, c, d = (*partial[-odd:], *partial[:-odd]) if odd else partial
         return self.put("add", REAL, self.put("add", REAL, a, b), self.put("add", REAL, c, d))

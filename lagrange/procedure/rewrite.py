@@ -101,7 +101,8 @@ class Pruner:
 class _Pass:
     """One backward pass over a procedure, which removes statements whose results are never read.
 
-    `got` are the ids of the variables that are read anywhere in the procedure.
+    `got` are the ids of the variables that are read anywhere in the procedure. `needed` are the ids that later
+    statements read.
     """
 
     def __init__(self, pruner: Pruner, got: frozenset[int]) -> None:
@@ -125,7 +126,7 @@ class _Pass:
         return rebuilt(statement, self.block)
 
     def idle(self, statement: Statement) -> bool:
-        """Return True if a statement has no effect on results."""
+        """Return True if a statement can be removed: nothing reads what it defines or sets, or it is empty."""
         match statement:
             case form.Declare(ref=ref):
                 return ref not in self.got

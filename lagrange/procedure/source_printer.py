@@ -84,7 +84,7 @@ class SourcePrinter(Visitor, Syntax):
     def name(self, ref: int, stem: str = "") -> str:
         """Choose an unused name for the value with the id `ref`, and return it.
 
-        `stem` is the preferred beginning of the name.
+        `stem` is the preferred beginning of the name; by default it is the name of the value in the procedure.
         """
         name = self.legal(re.sub(r"\W", "_", stem or self.procedure.names.get(ref, f"x{ref}")))
         plain, count = name.strip("_"), 1
@@ -119,9 +119,9 @@ class SourcePrinter(Visitor, Syntax):
         self.put(line)
 
     def settle(self) -> None:
-        """Print an assignment for every deferred value, before its operands may change.
+        """Print an assignment for every deferred value, because the next line may change its operands.
 
-        The expression of a deferred value would otherwise be inserted at its use.
+        A deferred value is an expression that would otherwise be inserted where the value is used.
         """
         for ref in list(self.waiting):
             _, text = self.texts[ref]
@@ -141,7 +141,10 @@ class SourcePrinter(Visitor, Syntax):
         return array
 
     def text(self, ref: int, least: int = 0) -> str:
-        """Return the text of a value as an operand, in parentheses if its binding strength is below `least`."""
+        """Return the text of the value with the id `ref` as an operand.
+
+        It is in parentheses if its binding strength is below `least`.
+        """
         self.waiting.pop(ref, None)
         level, text = self.texts[ref]
         return text if level >= least else f"({text})"
@@ -236,9 +239,10 @@ class SourcePrinter(Visitor, Syntax):
         return operator.binds, operator.applied(self.text, let.args)
 
     def made(self, ref: int, kind: Kind, level: int, text: str) -> None:
-        """Keep the text of a value until its use. Print its definition now if it has a name or several uses.
+        """Keep the text of a value until its only use, or print the definition of the value now.
 
-        `level` is the binding strength of the text.
+        The definition is printed if the value has a name, several uses or a long text. A value that is not used is
+        dropped. `ref` is the id of the value, and `level` the binding strength of the text.
         """
         self.types[ref] = kind
         if self.uses.get(ref, 0) == 1 and len(text) < LONGEST_VALUE and ref not in self.procedure.names:
@@ -278,9 +282,10 @@ class SourcePrinter(Visitor, Syntax):
                 self.each(statement)
 
     def repeat(self, test: Block, condition: int, body: Block) -> None:
-        """Print a loop under a condition. `test` has the statements that compute the condition.
+        """Print a loop under a condition.
 
-        If one expression is not enough, `test` and a conditional break are printed at the beginning of an endless loop.
+        `test` has the statements that compute the condition, which has the id `condition`. If one expression is not
+        enough, `test` and a conditional break are printed at the beginning of an endless loop.
         """
         self.settle()
         before = len(self.lines)
@@ -304,7 +309,8 @@ class SourcePrinter(Visitor, Syntax):
     def iterations(self, index: int, bounds: tuple[str, str, str], body: Block, folds: Sequence[form.Fold]) -> None:
         """Print a loop over an index, with the reductions `folds`.
 
-        `bounds` are the first index, the bound, and the step.
+        `index` is the id of the index. `bounds` are the texts of the first index, of the bound, which is excluded,
+        and of the step.
         """
         self.texts[index], self.types[index] = (ATOM, INDICES[self.loops]), WHOLE
         self.write(self.opening("for", INDICES[self.loops], *bounds))
@@ -338,7 +344,7 @@ class SourcePrinter(Visitor, Syntax):
             self.put(self.declare(self.name(fold.ref), REAL, start))
 
     def end_fold(self, fold: form.Fold) -> None:
-        """Print the definition of the result of a sum from its partial sums. Other reductions need no statement."""
+        """Print the definition of a sum as the total of its partial sums. Other reductions need no statement."""
         if fold.op in SUMS:
             held = [self.partial(fold.ref, str(k)) for k in range(PARTIAL)]
             total = f"({held[0]} + {held[1]}) + ({held[2]} + {held[3]})"
@@ -351,7 +357,7 @@ class SourcePrinter(Visitor, Syntax):
             self.put(self.assign(self.partial(ref, str(k)), self.literals.real(0.0)))
 
     def folded(self, fold: form.Fold, index: int) -> tuple[str, str]:
-        """Return target and text of the assignment that adds one more value to a reduction.
+        """Return target and text of the assignment that adds the value of one more iteration to a reduction.
 
         `index` is the id of the loop index.
         """

@@ -94,8 +94,9 @@ class Literals:
 class Syntax(ABC):
     """Base class of printers: how a language spells the parts of a procedure.
 
-    `operators` has the operations that are printed as operators; all others are functions. `literals` prints constants.
-    `greater` has the texts of comparisons with exchanged operands, used if the first operand is a constant.
+    `operators` has the operations that are printed as operators; all others are functions. `literals` prints
+    constants. `greater` has the spelling of comparisons with exchanged operands, such as b > a for a < b. It is used
+    if the first operand is a constant.
     """
 
     operators: Mapping[str, Operator]
@@ -123,18 +124,18 @@ class Syntax(ABC):
 
     @abstractmethod
     def legal(self, stem: str) -> str:
-        """Return a valid name that begins with a stem. The name may be in use already."""
+        """Return a valid name of the language that begins with `stem`. Another value may have this name already."""
 
     @abstractmethod
     def function_of(self, op: str) -> str:
-        """Return the name of the function for an operation that is not an operator."""
+        """Return the name of the function that computes the operation `op`, which is not an operator."""
 
     @abstractmethod
     def define(self, name: str, kind: Kind, text: str) -> str:
-        """Return the statement that assigns a value to a new name."""
+        """Return the statement that defines the value `name` of a kind by the text of an expression."""
 
     def declare(self, name: str, kind: Kind, text: str) -> str:
-        """Return the statement that declares a variable with its first value."""
+        """Return the statement that declares the variable `name` of a kind. `text` is its first value."""
         return self.define(name, kind, text)
 
     @abstractmethod
@@ -155,7 +156,7 @@ class Syntax(ABC):
 
     @abstractmethod
     def part(self, part: Part) -> None:
-        """Print the definition of a part of an array, or keep its text until its use."""
+        """Print the definition of a part of an array. A language may keep its text until its use instead."""
 
     def member(self, record: int, field: str) -> str:
         """Return the text of a field of a record."""
@@ -183,7 +184,10 @@ class Syntax(ABC):
 
     @abstractmethod
     def closing(self, kind: str) -> str:
-        """Return the line that closes a block of a kind, or "". After "" for an `if`, its `else` follows directly."""
+        """Return the line that closes a block of the given kind; "" for none.
+
+        After "" for an `if`, its `else` follows directly.
+        """
 
     @abstractmethod
     def leaving_loop(self) -> str:

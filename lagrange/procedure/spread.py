@@ -47,7 +47,7 @@ def signature_of(call: form.Call, differing: Container[int], apart: Container[in
 
 @dataclass(frozen=True)
 class Spread:
-    """Result of the analysis: ids in `own` belong to values, variables and memory that differ between members.
+    """Result of the analysis: `own` has the ids of values, variables and memory that differ between members.
 
     Arrays in `apart` begin at another index for each member. With `parting`, members may return at different
     statements. `results` has a flag for each result: true if it differs.
@@ -103,7 +103,10 @@ class _SpreadSearch:
         return Spread(frozenset(self.own), frozenset(self.apart), self.parting, results)
 
     def mark(self, ref: int, *, differs: bool, apart: bool = False) -> None:
-        """Record that a value differs between members, or that array parts begin at different indices."""
+        """Record that the value `ref` differs between members, or that an array begins at different indices.
+
+        `apart` is true for the latter.
+        """
         if differs:
             self.own.add(ref)
         if apart:

@@ -33,17 +33,17 @@ class Value:
 
 
 def _operator(op: str) -> Callable[[Any, Any], Any]:
-    """Return the method of a Python operator: the operation `op` on the value and another operand."""
+    """Return a method for a Python operator, such as `__add__`: the operation `op` on the value and its argument."""
     return lambda self, other: self.builder.operation(op, self, other)
 
 
 def _reflected(op: str) -> Callable[[Any, Any], Any]:
-    """Return the method of a Python operator whose first operand is the other one."""
+    """Return a method for a Python operator, such as `__radd__`: its argument is the first operand of `op`."""
     return lambda self, other: self.builder.operation(op, other, self)
 
 
 def _unary(op: str) -> Callable[[Any], Any]:
-    """Return the method of a Python operator with one operand."""
+    """Return a method for a Python operator with one operand, such as `__neg__`: the operation `op` on the value."""
     return lambda self: self.builder.operation(op, self)
 
 
@@ -138,9 +138,9 @@ class Variable:
 
 
 class Memory:
-    """An array, read and written by index. `a[start:]` and `a.at(start)` are the part from an index on.
+    """An array, read and written by index. `a[start:]` and `a.at(start)` are its part from an index on.
 
-    `root` is the id of the whole array, for a part of an array.
+    `root` is the id of the whole array of which this one is a part; for a whole array it is its own id.
     """
 
     def __init__(self, builder: Builder, ref: int, array: Array, root: int | None = None) -> None:
@@ -164,7 +164,7 @@ class Memory:
         return made
 
     def put(self, index: Any, value: Entries) -> None:
-        """Write a vector to adjacent entries from an index on."""
+        """Write the entries of a vector to adjacent elements of the array, from index `index` on."""
         self.builder.add(form.VectorStore(self.ref, self.builder.operand(index, WHOLE), value.ref))
 
     def at(self, start: Any) -> Memory:

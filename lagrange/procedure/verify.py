@@ -145,7 +145,10 @@ class _Check:
         return False
 
     def place(self, index: int) -> None:
-        """Raise an error if an index of an array is computed from the index of an `each`."""
+        """Raise an error if an array index is computed from the index of an `each`, but is not that index itself.
+
+        `index` is the id of the array index.
+        """
         if index in self.places and index != self.each:
             raise self.error("an iteration of an `each` reads or writes at a place made of its index")
 
@@ -156,7 +159,7 @@ class _Check:
             raise self.error(f"%{array} is only read")
 
     def call(self, call: form.Call) -> None:
-        """Raise an error unless the arrays, records and functions that a call passes on fit its parameters."""
+        """Raise an error unless the types of arrays, records and functions in a call fit the callee's parameters."""
         callee = call.callee if isinstance(call.callee, Procedure) else self.memory.get(call.callee)
         assert isinstance(callee, (Procedure, Callee))
         types = [
@@ -196,9 +199,10 @@ class _Check:
                 self.known.update(fold.ref for fold in folds)
 
     def has_room(self, index: int, body: Block) -> None:
-        """Raise an error unless the arrays that a reduction accesses at its `index` have room for a whole last block.
+        """Raise an error unless the arrays that a reduction reads have room for a whole last block.
 
-        Called for reductions whose number of iterations is not a constant.
+        They are accessed at the loop index, whose id is `index`. Called for reductions whose number of iterations is
+        not a constant.
         """
         for statement in body:
             if isinstance(statement, (form.Load, form.Store)) and statement.place == index:

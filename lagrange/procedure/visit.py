@@ -69,7 +69,7 @@ def defined(statement: Statement) -> tuple[int, ...]:
 
 
 def _numbers(value: Any) -> Iterator[int]:
-    """Yield the ids in a field of a statement. A called procedure has none."""
+    """Yield the ids in the value of a statement's field. A called procedure contains none."""
     match value:
         case int():
             yield value
@@ -90,7 +90,7 @@ def reads(block: Block) -> frozenset[int]:
 
 
 def uses_of(block: Block) -> dict[int, int]:
-    """Return the number of uses of each id in a block.
+    """Return how often each id is used in a block, by id.
 
     A use inside a loop counts twice if the value is defined outside of the loop.
     """

@@ -67,7 +67,7 @@ def local(equations: Equations) -> Named:
 
 
 def _quotient(a: Sequence[Node], q: Sequence[Node]) -> list[Node]:
-    """Return the vector part of q^-1 a for quaternions q and a."""
+    """Return the three nodes of the vector part of q^-1 a, for quaternions q and a of four nodes each."""
     square = _square(q)
     _, *vector = product(conjugate(q), a)
     return [entry / square for entry in vector]
@@ -135,7 +135,10 @@ def momentum_jacobian(equations: Equations) -> Named:
 
 
 def constraint_forces(equations: Equations) -> Named:
-    """Return the generalized force G_i^T lambda_i of each constraint i, n entries for each."""
+    """Return the nodes of the generalized force G_i^T lambda_i of each constraint i, n nodes for each.
+
+    G_i is the gradient of the constraint, and lambda_i its multiplier.
+    """
     forces = [
         entry * multiplier
         for row, multiplier in zip(equations.stated.gradient, equations.multipliers, strict=True)

@@ -67,10 +67,10 @@ class Elimination:
 
     @cached_property
     def ranks(self) -> tuple[int, ...]:
-        """Position of each unknown in the order that a factorization with pivoting uses.
+        """Position of each unknown in the order of elimination that is used with pivoting.
 
-        A matrix with multipliers is sparse: the order puts coupled unknowns close to each other, for a small
-        bandwidth. Without multipliers it is the given order.
+        A matrix with Lagrange multipliers is sparse: the order puts coupled unknowns close to each other, for a small
+        bandwidth. Without multipliers it is the original order.
         """
         if not self.negative:
             return tuple(range(self.order))
@@ -84,7 +84,7 @@ class Elimination:
 
     @cached_property
     def band(self) -> int:
-        """Half bandwidth of the matrix that is factored with pivoting, in the order of `ranks`."""
+        """Half bandwidth of the matrix with unknowns in the order of `ranks`: the largest |i - j| of an entry."""
         return max((abs(self.ranks[i] - self.ranks[j]) for i, j in self.entries), default=0)
 
     @property
@@ -94,7 +94,7 @@ class Elimination:
 
     @property
     def written_out(self) -> bool:
-        """True if printed code has the operations of the factorization one by one, without loops."""
+        """True if generated code factors the matrix by one statement for each operation, without loops."""
         return self.order <= LARGEST_IN_LINE or (bool(self.negative) and self.operations <= MOST_MULTIPLICATIONS)
 
 
@@ -109,7 +109,10 @@ def elimination(order: int, entries: frozenset[tuple[int, int]], negative: tuple
 
 
 def block_eliminations(plan: SolvePlan) -> list[Elimination]:
-    """Return the elimination of each diagonal block of the matrix of a solve plan."""
+    """Return the elimination of each diagonal block of the matrix of a linear system.
+
+    `plan` describes the structure of the matrix.
+    """
     eliminations = []
     for block in plan.blocks:
         index = {unknown: i for i, unknown in enumerate(block)}
@@ -119,10 +122,10 @@ def block_eliminations(plan: SolvePlan) -> list[Elimination]:
 
 
 def is_factored(plan: SolvePlan) -> bool:
-    """Return True if the matrix of a solve plan is factored anew at each state.
+    """Return True if the matrix of a linear system is factored anew at each state.
 
-    False if it is diagonal, constant in time, or inverted instead. Factors are used for matrices with multipliers,
-    which are sparse.
+    `plan` describes its structure. False if it is diagonal, constant in time, or inverted instead. Factors are used
+    for matrices with multipliers, which are sparse.
     """
     blocks = [block for block in block_eliminations(plan) if block.order > 1]
     return plan.inverted and all(block.negative and block.written_out for block in blocks)

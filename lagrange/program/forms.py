@@ -54,7 +54,7 @@ class Form:
 
     @property
     def nodes(self) -> list[Node]:
-        """All nodes in the forces and in the parts of the momenta, without the momenta themselves."""
+        """All nodes in the terms of the forces and of the momenta, without the nodes of the momenta themselves."""
         nodes = [node for terms in self.forces for _, node in terms]
         for part in self.parts.values():
             nodes += [node for _, node in part.terms]
@@ -63,10 +63,10 @@ class Form:
 
 
 def forms(p: Sequence[Node], f: Sequence[Node], q: Sequence[Node], v: Sequence[Node], time: Node) -> list[Form]:
-    """Return the forms of the equations dp/dt = f for the coordinates q with rates v.
+    """Return the forms of the equations of motion dp/dt = f, one of which the caller chooses by their costs.
 
-    The first form has `p` and `f` as they are. The others are the expanded sums and d'Alembert's form, if these do
-    not have too many terms. The caller compares the costs.
+    `p` are the momenta, `f` the forces, q the coordinates and v their rates. The first form has `p` and `f` as they
+    are. The others are the expanded sums and d'Alembert's form, if these do not have too many terms.
     """
     graph = time.graph
     whole = Form(tuple(p), {node: Momentum(((1, node),)) for node in p}, tuple(((1, node),) for node in f))
@@ -90,7 +90,7 @@ _Term = tuple[tuple[Node, ...], Exact]
 
 
 def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
-    """Return the nodes below the outputs that are kept whole when the outputs are expanded to sums of products.
+    """Return the nodes that are kept whole when the outputs are expanded to sums of products.
 
     These are nodes other than products that are read more than once, and products that are outputs and are also read
     elsewhere.
@@ -190,9 +190,9 @@ class _ByParts:
         return Form(tuple(self.p), self.parts, tuple(_terms(graph, left[i]) for i in range(len(self.p))))
 
     def split(self, momentum: Node) -> bool:
-        """Store the parts of a momentum and its slope, the sum of Y dC/dt over its terms C Y.
+        """Store the terms of a `momentum` and its slope, the sum of Y dC/dt over its terms C Y.
 
-        Return False if there are too many terms.
+        C is free of velocities. Return False, with nothing stored, if there are too many terms.
         """
         graph = self.graph
         expansion = _expanded(momentum, self.whole)
@@ -233,7 +233,7 @@ def _term(node: Node) -> _Term:
 class _FinishedCoordinates:
     """Coordinates whose equations are already in d'Alembert's form: C dY/dt = f - Y dC/dt for terms C Y of momenta.
 
-    Each has its force f, its slope (the sum of Y dC/dt), and the node of the difference of both.
+    For each one these are stored: its force f, its slope (the sum of Y dC/dt), and the node of f minus the slope.
     """
 
     def __init__(self) -> None:
@@ -246,9 +246,9 @@ class _FinishedCoordinates:
         self._forces.append((force, slope, rest))
 
     def joined(self, terms: Expansion) -> Expansion:
-        """Return `terms` with f minus the slope of each finished coordinate replaced by the node of this difference.
+        """Return `terms` in which the node of f minus the slope replaces f and the slope of finished coordinates.
 
-        f is the force of the coordinate. Its slope is the sum of Y dC/dt over the terms C Y of its momentum.
+        f is the force of a coordinate. Its slope is the sum of Y dC/dt over the terms C Y of its momentum.
         """
         result = dict(terms)
         todo = [index for key in result for index in self._places.get(key, ())]

@@ -88,16 +88,16 @@ class _Lowering:
                 self.done[node] = self.compute(node)
 
     def ref(self, node: Node) -> int:
-        """Return the index of the instruction that computes a node; new instructions are emitted if needed."""
+        """Return the index of the instruction that computes a node; instructions that are missing are emitted."""
         if node not in self.done:
             self.done[node] = self.compute(node)
         return self.done[node]
 
     def emit(self, op: str, *args: int, level: Binding = Binding.CONSTANT, **data: Any) -> int:
-        """Return the index of an instruction: that of an equal one if it exists, else of a new one.
+        """Return the index of the instruction `op` on the results with the indices `args`.
 
-        `args` are the indices of its operands, `level` says on what it depends at least (nothing, parameters or the
-        motion), and `data` are its other fields.
+        An equal instruction is reused; otherwise a new one is added. `level` says what it depends on apart from its
+        operands: nothing, parameters or the motion. `data` are its other fields.
         """
         instruction = Instruction(op, args, **data)
         if instruction not in self.numbers:
@@ -157,7 +157,10 @@ class _Lowering:
         return term if total is None else self.emit("add", total, term)
 
     def add_term(self, total: int | None, coefficient: Exact, arg: Node) -> int:
-        """Return the index of the result total + coefficient * arg. A total of None is zero."""
+        """Emit total + coefficient * arg, and return the index of the result.
+
+        `total` is the index of a result, or None for zero.
+        """
         negative = coefficient < 0
         if arg.kind is Kind.PRODUCT and arg not in self.done:
             over, under = _split_factors(arg.args, self.uses)
@@ -173,9 +176,9 @@ class _Lowering:
         return self.emit("sub" if negative else "add", total, value)
 
     def add_product(self, total: int | None, coefficient: Exact, factors: Sequence[Node]) -> int:
-        """Return the index of the result total + coefficient * product of the factors. A total of None is zero.
+        """Emit total + coefficient * product of the factors, and return the index of the result.
 
-        The last factor enters by a multiply-add.
+        `total` is the index of a result, or None for zero. The last factor enters by a multiply-add.
         """
         *first, last = factors
         if last.binding <= Binding.PARAMETER or total is None:
@@ -197,9 +200,9 @@ class _Lowering:
         return self.emit("div", self.chain(coefficient, over), divisor)
 
     def chain(self, coefficient: Exact, factors: Sequence[Node]) -> int:
-        """Return the index of the result coefficient * product of the factors.
+        """Emit coefficient * product of the factors, and return the index of the result.
 
-        The coefficient and parameters are multiplied first.
+        The coefficient and the parameters are multiplied first.
         """
         value: int | None = None
         refs = [(node.binding <= Binding.PARAMETER, self.ref(node)) for node in factors]
@@ -250,7 +253,7 @@ class _Lowering:
         return value
 
     def is_early(self, ref: int) -> bool:
-        """Return True for an instruction that depends on parameters alone, or reads a parameter.
+        """Return True if instruction number `ref` depends on parameters alone, or reads a parameter.
 
         Parameters that change along a motion are read at the front too, but what depends on them is not hoisted.
         """
@@ -276,7 +279,7 @@ def _beyond_doubles(value: Exact, what: str) -> StatementError:
 
 
 def _split_factors(factors: Sequence[Node], uses: dict[Node, int]) -> tuple[list[Node], list[Node]]:
-    """Return the multipliers and the divisors among the factors of a product.
+    """Return the factors of a product in two lists: those to multiply by, and those to divide by.
 
     Divisors come from negative powers that are used only in this product, of bases that are not parameters alone.
     `uses` counts the uses of each node.
@@ -290,7 +293,7 @@ def _split_factors(factors: Sequence[Node], uses: dict[Node, int]) -> tuple[list
 
 
 def _depth_first(outputs: Sequence[Node]) -> list[Node]:
-    """Return all nodes that the outputs depend on, arguments first.
+    """Return all nodes on which the outputs depend, with the arguments of a node before it.
 
     Nodes of one output are adjacent, so that values have short lives.
     """

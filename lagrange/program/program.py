@@ -116,7 +116,10 @@ class Program:
 
     @cached_property
     def eliminations(self) -> Mapping[int, Elimination]:
-        """Elimination of the matrix of each "factor" instruction, by index, without entries that are always zero."""
+        """The elimination of the matrix of each "factor" instruction, by the index of the instruction.
+
+        Matrix entries that are always zero are left out.
+        """
         code, result = self.instructions, {}
         for ref, instruction in enumerate(code):
             if instruction.op == "factor":
@@ -147,9 +150,10 @@ class Program:
 def arranged(
     instructions: Sequence[Instruction], outputs: Sequence[int], is_early: Callable[[int], bool]
 ) -> tuple[tuple[Instruction, ...], int, tuple[int, ...]]:
-    """Return the instructions that the outputs need, those for which `is_early` is true first, renumbered.
+    """Return the instructions that the outputs need, early ones first, with operands renumbered accordingly.
 
-    Also return the number of early ones, and the new indices of the outputs.
+    `outputs` are indices of instructions, and `is_early` is true for the index of an early one. Also return the
+    number of early instructions, and the new indices of the outputs.
     """
     needed = bytearray(len(instructions))
     for ref in outputs:
@@ -167,7 +171,10 @@ def arranged(
 
 
 def uses_of(program: Program) -> list[int]:
-    """Return, for each instruction, a lower bound of the number of times that printed code reads its result."""
+    """Return for each instruction how often generated code reads its result, at least.
+
+    Operands of linear systems and of selections count twice, and each output adds one.
+    """
     uses = [0] * len(program.instructions)
     for instruction in program.instructions:
         for arg in instruction.args:
@@ -190,11 +197,12 @@ class SolveGroup(NamedTuple):
 
 
 def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int]) -> list[int | SolveGroup]:
-    """Sort the instructions `refs` so that systems with the same matrix are solved together, as a `SolveGroup`.
+    """Return the instructions `refs` in an order in which systems with the same matrix are solved together.
 
-    A group has at most `most(factor)` solves with the matrix of the instruction `factor`. The index of a solve in a
-    group marks where its right-hand side is known; its solution is known after the group. Instructions are sorted by
-    the number of solves on which they depend in sequence, then by index. Without groups the order is unchanged.
+    Such solves are joined to a `SolveGroup`, of at most `most(factor)` solves with the matrix of the instruction
+    `factor`. The index of a solve in a group marks where its right-hand side is known; its solution is known after
+    the group. Instructions are sorted by the number of solves on which they depend in sequence, then by index.
+    Without groups the order is unchanged.
     """
     refs = list(refs)
     factors = [program.instructions[i].args[0] for i in refs if program.instructions[i].op == "solve"]
@@ -222,7 +230,10 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
 
 
 def _parts(solves: list[int], most: int) -> list[tuple[int, ...]]:
-    """Divide solves with one matrix into groups of similar size, at most `most` each. Omit groups of one solve."""
+    """Divide the indices of solves with one matrix into groups of similar size, at most `most` each.
+
+    Groups of one solve are omitted.
+    """
     if min(len(solves), most) < 2:
         return []
     size = -(-len(solves) // -(-len(solves) // most))

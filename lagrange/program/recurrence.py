@@ -80,8 +80,8 @@ class RecurrenceBuilder:
     def _pairs(self, order: Sequence[Node]) -> Counter[tuple[Node, Node]]:
         """Return for each pair of factors a weight: the number of products that contain it.
 
-        A product of exactly two factors adds a large weight, because the series of its pair exists already. So do
-        cos(q) and sin(q) times the velocity, which the series of sin(q) and cos(q) need.
+        `order` are all nodes. A product of exactly two factors adds a large weight, because the series of its pair
+        exists in any case. So do cos(q) and sin(q) times the velocity, which the series of sin(q) and cos(q) need.
         """
         counts: Counter[tuple[Node, Node]] = Counter()
         for node in order:
@@ -116,7 +116,10 @@ class RecurrenceBuilder:
         return self.numbers[key]
 
     def reserve(self, node: Node) -> int:
-        """Return the index of a new series value for a node. Its rule is set later, and may read the value."""
+        """Return the index of a new series value for a node.
+
+        Its rule is set later, so that the rule may read the value itself.
+        """
         self.rules.append(SeriesRule("constant"))
         self.nodes.append(node)
         self.offsets.append(None)
@@ -124,7 +127,7 @@ class RecurrenceBuilder:
         return self.values[node]
 
     def constant(self, node: Node | Exact) -> int:
-        """Return the index of a constant in the table of constants of the series; a new one is added."""
+        """Return the index of a constant in the table of constants of the series; add it if it is not there."""
         node = self.graph.node(node)
         return self.constants.setdefault(node, len(self.constants))
 
@@ -174,7 +177,7 @@ class RecurrenceBuilder:
         return self.add(SeriesRule("linear", args, tuple(self.constant(c) for c in scales)), node, constant)
 
     def split(self, node: Node) -> tuple[Node, int]:
-        """Return the constant factor of a node, and the index of the series value of the other factors."""
+        """Return a node as a constant factor, and the index of the series value of its other factors' product."""
         if node.kind is not Kind.PRODUCT or node in self.values:
             return self.graph.one, self.value(node)
         scale = self.graph.product([a for a in node.args if a.binding <= Binding.PARAMETER])
@@ -192,7 +195,7 @@ class RecurrenceBuilder:
     def product(self, factors: Sequence[Node]) -> int:
         """Return the index of the series value of the product of `factors`, nodes that vary in time.
 
-        The factors are multiplied pair by pair, first the pairs that other products need.
+        The factors are multiplied two by two, beginning with the pairs that most products need.
         """
         rest = sorted(factors, key=lambda f: (f.binding, f.id))
         while len(rest) > 2:
@@ -232,7 +235,10 @@ class RecurrenceBuilder:
         return self.add(SeriesRule("power", (a,), (self.constant(exponent),)), node)
 
     def rate(self, node: Node) -> Node | None:
-        """Return da/dt if the node a is a linear combination of coordinates with constant coefficients, else None."""
+        """Return da/dt if the node a is a linear combination of coordinates with constant coefficients.
+
+        Otherwise return None.
+        """
         if node not in self.rates:
             self.rates[node] = self._rate(node)
         return self.rates[node]
@@ -256,7 +262,10 @@ class RecurrenceBuilder:
         return self.graph.sum(terms)
 
     def integrate(self, value: int, a: Node, w: int, sign: int = 1) -> None:
-        """Set the rule of a reserved series value u: u' = sign * w * a', for a node a and the index w of a value."""
+        """Set the rule of the reserved series value with index `value`, called u: u' = sign * w * a'.
+
+        a is a node, and w the index of another series value.
+        """
         rate = self.rate(a)
         if rate is None:
             self.rules[value] = SeriesRule("along", (self.value(a), w), (self.constant(sign),))
@@ -270,7 +279,7 @@ class RecurrenceBuilder:
         self.rules[value] = SeriesRule("integral", (product,), (self.constant(self.graph.sum(((sign, scale),))),))
 
     def integral(self, node: Node, rates: Mapping[Node, Node]) -> None:
-        """Add the series value of the symbol `node`: the integral of its derivative, which is in `rates`.
+        """Add the series value of the symbol `node`, the integral of its derivative `rates[node]`.
 
         `rates` maps symbols to their derivatives. Symbols inside the derivative get series values in the same way.
         """
@@ -285,7 +294,7 @@ class RecurrenceBuilder:
             self.rules[value] = SeriesRule("integral", (self.value(rates[symbol]),), (self.constant(1),))
 
     def split_rate(self, rate: Node, w: int) -> list[tuple[Exact, Node]]:
-        """Return the terms of rate * w as pairs (coefficient, node), where w is the series value with that index.
+        """Return the terms of rate * w as pairs (coefficient, node), where w is the index of a series value.
 
         `rate` is a sum of nodes. The product of each of its terms with w becomes a series value.
         """
@@ -365,9 +374,9 @@ def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
 
 
 def _exponential(b: RecurrenceBuilder, node: Node, exponent: Node | None = None) -> int:
-    """Return the index of the series value u = exp(a), by u' = u a'.
+    """Return the index of the series value u = exp(a), with the rule u' = u a'.
 
-    By default a is the argument of the node, else `exponent`.
+    `node` computes u at order 0. The node a is `exponent`, or the argument of `node` if that is None.
     """
     a = node.args[0] if exponent is None else exponent
     b.value(a)
@@ -416,7 +425,10 @@ def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
 
 
 def _by_derivative(b: RecurrenceBuilder, node: Node) -> int:
-    """Return the index of the series value u = F(a), by u' = w a' with the derivative w of F, which may contain u."""
+    """Return the index of the series value u = F(a), with the rule u' = w a'.
+
+    w is the derivative of the function F, which may contain u. `node` is F(a).
+    """
     a = node.args[0]
     b.value(a)
     value = b.reserve(node)
@@ -439,14 +451,17 @@ def _atan2(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _swept(b: RecurrenceBuilder, a: Node, w: Node, sign: int) -> int:
-    """Return the index of the series value that is `sign` times the integral of w da, up to a constant."""
+    """Return the index of a series value that is, up to a constant, `sign` times the integral of w da."""
     if w.binding <= Binding.PARAMETER:
         return b.add(SeriesRule("linear", (b.value(a),), (b.constant(b.graph.sum(((sign, w),))),)), None)
     return b.add(SeriesRule("along", (b.value(a), b.value(w)), (b.constant(sign),)), None)
 
 
 def _pow(b: RecurrenceBuilder, node: Node) -> int:
-    """Return the index of the series value base ** exponent, or exp(exponent * log(base)) if the exponent varies."""
+    """Return the index of the series value of `node`, a power with an exponent that may vary.
+
+    If it varies, the power is computed as exp(exponent * log(base)).
+    """
     base, exponent = node.args
     if exponent.binding <= Binding.PARAMETER:
         return b.add(SeriesRule("power", (b.value(base),), (b.constant(exponent),)), node)
@@ -454,7 +469,7 @@ def _pow(b: RecurrenceBuilder, node: Node) -> int:
 
 
 def _piecewise(b: RecurrenceBuilder, node: Node) -> int:
-    """Return the index of the series value of the first branch whose condition holds.
+    """Return the index of the series value of `node`: that of its first branch whose condition holds.
 
     The conditions are constant along a series.
     """

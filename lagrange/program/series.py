@@ -67,7 +67,7 @@ OWN = -1
 
 
 class Factor(NamedTuple):
-    """One factor x in the sum of x[j] y[k-j] over lower orders j that a rule reads.
+    """One factor x in the sum of x[j] y[k-j] over orders 0 < j < k that a rule reads at order k.
 
     `argument` is the position of x among the arguments of the rule, or `OWN` for the computed value itself. If
     `ranked`, x[j] is multiplied by j.
@@ -182,9 +182,9 @@ class SeriesProgram:
 
     @cached_property
     def trials(self) -> tuple[tuple[int, ...], ...]:
-        """For each stage, indices of the series values to compute with unknowns of zero, in order.
+        """For each stage, indices of the series values to compute before its linear system is solved, in order.
 
-        The right-hand side of its linear system reads them.
+        Its unknowns count as zero in them. The right-hand side of the system reads them.
         """
         sides = ([value for value in stage.left if value is not None] for stage in self.stages)
         return tuple(self._at(self._needed(values), solved) for solved, values in enumerate(sides, 1))
@@ -199,14 +199,14 @@ class SeriesProgram:
         return tuple(self._at(needed, solved) for solved in range(1, len(self.stages) + 1))
 
     def _at(self, values: Sequence[int], solved: int) -> tuple[int, ...]:
-        """Return those of the series values that are known after exactly `solved` linear systems, except unknowns.
+        """Return those of the series values that are first known after `solved` linear systems.
 
-        `values` are indices of series values.
+        `values` are indices of series values; unknowns of linear systems are left out.
         """
         return tuple(i for i in values if self.depth[i] == solved and self.rules[i].op != "unknown")
 
     def _outputs(self, *, left: bool) -> list[int]:
-        """Return the indices of the series values that linear systems, events, dq/dt or later orders read.
+        """Return the indices of dq/dt, and of the series values that linear systems, events or later orders read.
 
         With `left` the momenta on the left of the linear systems are included.
         """
@@ -216,17 +216,17 @@ class SeriesProgram:
 
     @cached_property
     def kept(self) -> frozenset[int]:
-        """Values whose coefficients x[j] of lower orders are read as they are, not multiplied by the order j."""
+        """Indices of values whose coefficients x[j] of lower orders some rule reads without a factor j."""
         return kept_values(self.rules)
 
     @cached_property
     def ranked(self) -> frozenset[int]:
-        """Values whose coefficients x[j] of lower orders are read multiplied by the order, as j * x[j]."""
+        """Indices of values whose coefficients x[j] of lower orders some rule reads as j * x[j]."""
         return kept_values(self.rules, ranked=True)
 
     @cached_property
     def lagged(self) -> frozenset[int]:
-        """Values whose coefficient of order k - 1 some rule reads for order k: the integrands of integrals."""
+        """Indices of values whose coefficient of order k - 1 some rule reads at order k: integrands of integrals."""
         return lagged_values(self.rules)
 
     @cached_property
@@ -265,9 +265,9 @@ class SeriesProgram:
         return any(stage.plan.multipliers for stage in self.stages) and not self.hides_growth
 
     def _needed(self, outputs: list[int]) -> list[int]:
-        """Return the indices of the series values `outputs`, and of all that they read at the same order.
+        """Return the indices `outputs`, and those of all values that they read at the same order.
 
-        They are in the order of computation.
+        The indices are those of series values, in the order of computation.
         """
         marked = set(outputs)
         for i in range(len(self.rules) - 1, -1, -1):
@@ -307,5 +307,5 @@ def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, 
 
 
 def lagged_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
-    """Return the indices of the series values that rules of integrals read at the previous order only."""
+    """Return the indices of the integrands of integrals: a rule of order k reads them at order k - 1 only."""
     return frozenset(rule.args[0] for rule in rules if rule.op == "integral")

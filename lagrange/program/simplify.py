@@ -102,7 +102,7 @@ class _Simplifier:
         return self.numbers[instruction]
 
     def again(self, instruction: Instruction) -> Signed:
-        """Emit an instruction of the old program, and return its signed result in the new program."""
+        """Emit what an instruction of the old program computes, and return its signed result in the new program."""
         if instruction.op == "constant" and instruction.value < 0.0:
             return Signed(self.emit("constant", value=-instruction.value), negative=True)
         if instruction.op == "neg":
@@ -121,7 +121,10 @@ class _Simplifier:
         return Signed(self.emit(instruction.op, *args, **data))
 
     def odd(self, op: str, a: Signed, b: Signed) -> Signed:
-        """Emit a product or quotient (`op`); return its signed result, negative if one operand is negative."""
+        """Emit the product or quotient of two signed values, and return its signed result.
+
+        `op` is "mul" or "div". The result is negative if exactly one operand is.
+        """
         return Signed(self.emit(op, a.ref, b.ref), a.negative != b.negative)
 
     def sum(self, a: Signed, b: Signed) -> Signed:
@@ -136,24 +139,30 @@ class _Simplifier:
         return result
 
     def added(self, a: Signed, b: Signed) -> Signed:
-        """Return the signed sum of two values, by one addition or subtraction."""
+        """Emit one addition or subtraction of two signed values, and return its signed result."""
         if a.negative == b.negative:
             return Signed(self.emit("add", a.ref, b.ref), a.negative)
         return Signed(self.emit("sub", *((b.ref, a.ref) if a.negative else (a.ref, b.ref))))
 
     def plain(self, ref: int) -> int:
-        """Return the index in the new program of the old result `ref`, with its sign applied."""
+        """Return the index of an instruction of the new program for the result `ref` of the old one.
+
+        A negative sign is applied by a further operation.
+        """
         return self.plain_of(self.values[ref])
 
     def plain_of(self, value: Signed) -> int:
-        """Return the index in the new program of a signed value, with its sign applied."""
+        """Return the index of an instruction that computes a signed value.
+
+        A negative sign is applied by a further operation.
+        """
         if not value.negative:
             return value.ref
         free = self.turned(value.ref, 0)
         return self.emit("neg", value.ref) if free is None else free
 
     def turned(self, ref: int, readers: int) -> int | None:
-        """Return the index of the negative of the result `ref`, if the negation costs no operation.
+        """Return the index of a result that is the negative of the result `ref`, if that costs no further operation.
 
         Return None if it costs one, or if more than `readers` instructions read the result.
         """
@@ -187,12 +196,15 @@ class _Simplifier:
         return [Signed(instruction.args[0]), Signed(instruction.args[1], instruction.op == "sub")]
 
     def terms(self, value: Signed) -> list[Term]:
-        """Return a value as a list of products: several for a sum that nothing else reads, otherwise one."""
+        """Return a value as a list of terms (True if subtracted, indices of the factors).
+
+        There are several terms for a sum that nothing else reads, otherwise one.
+        """
         terms = self.sums.get(value.ref, [(False, self.factors[value.ref])])
         return [(negative != value.negative, factors) for negative, factors in terms]
 
     def cancelled(self, terms: list[Term]) -> list[Term]:
-        """Return terms in which F*u replaces F*(u - v) and F*v, as often as such pairs occur."""
+        """Return the terms of a sum after F*u has replaced each pair of terms F*(u - v) and F*v."""
         for i, (negative, factors) in enumerate(terms):
             for difference in factors:
                 rest = list(factors)
@@ -209,7 +221,7 @@ class _Simplifier:
         return terms
 
     def total(self, terms: Sequence[Term]) -> Signed:
-        """Emit the sum of the products `terms`, and return its signed value."""
+        """Emit the sum of `terms`, signed products of factors, and return its signed value."""
         result = None
         for negative, factors in terms:
             value = Signed(self.product(factors), negative)
@@ -219,7 +231,7 @@ class _Simplifier:
         return result
 
     def product(self, factors: Sequence[int]) -> int:
-        """Emit the product of `factors`, and return its index.
+        """Emit the product of the results with the indices `factors`, and return its index.
 
         Factors that depend on parameters alone come first, and inputs come last. Products that differ only in inputs
         then share the product of their other factors.
@@ -232,7 +244,7 @@ class _Simplifier:
 
 
 def _uses(program: Program) -> list[int]:
-    """Return the number of instructions that read each result, counting an output as one more."""
+    """Return for each result how many instructions read it, plus one for each output that it is."""
     uses = [0] * len(program.instructions)
     for instruction in program.instructions:
         for arg in instruction.args:

@@ -32,9 +32,10 @@ calls and solves, in order."""
 
 
 def parts(combination: Combination, h: Node) -> tuple[Combination, tuple[tuple[int, Exact], ...]]:
-    """Return the terms of a linear combination in two groups: the second has coefficients that are multiples of h.
+    """Return two groups of terms of a linear combination: the second are those multiplied by h.
 
-    A coefficient c h is given as the exact number c: the sum of these terms is multiplied by the step size h.
+    A term is (index of a vector, coefficient). In the second group a coefficient c h is given as the exact number c:
+    the sum of this group is multiplied by the step size h.
     """
     plain, scaled = [], []
     for vector, node in combination:
@@ -69,7 +70,7 @@ class Law:
     inputs: int = 2
 
     def dimension(self, numbers: int) -> int:
-        """Return the length 2n of the state, for a quantity whose inputs have `numbers` entries in total."""
+        """Return the length 2n of the state of a system whose law reads `numbers` entries in total."""
         return 2 * numbers // self.inputs
 
 
@@ -151,9 +152,10 @@ class Solve:
 
 @dataclass(frozen=True, eq=False)
 class Damp:
-    """The vector (I - factor J)^-1 times a combination. J is the last Jacobian of the solve with index `of`.
+    """The vector (I - factor J)^-1 x, for a linear combination x of vectors, given as `vector`.
 
-    `result` is the index of the new vector, and `vector` the combination.
+    J is the last Jacobian of the system of equations (solve) with index `of`. `result` is the index of the new
+    vector.
     """
 
     result: int
@@ -229,7 +231,7 @@ class StepProgram:
 
     @cached_property
     def damps(self) -> tuple[Damp, ...]:
-        """The damped vectors (I - factor J)^-1 times a combination, in order."""
+        """The actions of the step that compute a vector (I - factor J)^-1 x, in order."""
         return tuple(action for action in self.actions if isinstance(action, Damp))
 
     @cached_property
@@ -250,7 +252,7 @@ class StepProgram:
         return tuple(dict.fromkeys([*factors, *(factor for combination in combinations for _, factor in combination)]))
 
     def scalars(self, nodes: Sequence[Node]) -> Program:
-        """Return a program that computes the coefficients `nodes` of the step from t, h and the ratio of steps."""
+        """Return a program that computes the coefficients `nodes` from t, h and the ratio of step sizes."""
         return lower("scalars", {"scalars": nodes}, {"h": [self.h], "ratio": [self.ratio]}, self.time, [])
 
     @property
@@ -338,9 +340,9 @@ def trace(
 
 
 def _check_scopes(step: StepProgram, inner: Mapping[int, None]) -> None:
-    """Raise StatementError if a step uses the result of a call inside a residual outside of that residual.
+    """Raise StatementError if a vector that was computed inside a residual is used outside of that residual.
 
-    `inner` has the indices of the vectors that are results of such calls.
+    `inner` has the indices of the vectors that are results of calls inside residuals.
     """
     outside = [*step.results, *step.errors]
     outside += [argument for call in step.calls for argument in call.arguments]
@@ -497,7 +499,7 @@ class Recorder:
         return tuple(unknowns) if several else unknowns[0]
 
     def damp(self, factor: Any, vector: TracedVector) -> TracedVector:
-        """Record and return the damped vector (I - factor J)^-1 vector, where J is the Jacobian of the last solve."""
+        """Record and return the vector (I - factor J)^-1 `vector`, where J is the Jacobian of the last solve."""
         if not self.solves or self.law.results > 1:
             raise StatementError(
                 f"step function {self.name} calls damp, which needs a call of solve before, in a method with law='rhs'."
@@ -508,7 +510,10 @@ class Recorder:
         return made
 
     def _within(self, function: Callable[[], Any]) -> tuple[tuple[LawCall, ...], tuple[Combination, ...], bool]:
-        """Run a residual, guess or prediction: return its calls, its results, and True if it returns a tuple."""
+        """Run a function that computes residuals, guesses or predictions, and record its evaluations of the law.
+
+        Return these evaluations, the results as linear combinations, and True if the function returned a tuple.
+        """
         self.inside = []
         try:
             returned = function()

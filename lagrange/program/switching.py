@@ -79,7 +79,7 @@ class _Switches:
         self.starts: dict[Node, Node] = {}
 
     def smooth(self, outputs: Sequence[Node], table: dict[Node, Node]) -> None:
-        """Add the form without switches of every node on which the outputs depend to `table`, as {node: form}."""
+        """Add to `table` each node on which the outputs depend, as {node: the same without switches}."""
         for node in reachable(outputs, excluded=table.keys()):
             args = [table[arg] for arg in node.args]
             if node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > Binding.PARAMETER for a in args):
@@ -90,9 +90,9 @@ class _Switches:
                     self.cut(table[node], node)
 
     def cut(self, angle: Node, stated: Node) -> None:
-        """Make y of an `angle` atan2(y, x) a switching surface; at y = 0 the angle is its limit from the present side.
+        """Make y of an `angle` atan2(y, x) a switching surface, so that steps end where the angle jumps.
 
-        `stated` is the angle as in the statement.
+        At y = 0 the angle is its limit from the present side. `stated` is the angle as in the statement.
         """
         y, x = angle.args
         side = self.side(y, stated.args[0], self.read(stated))
@@ -143,7 +143,7 @@ class _Switches:
 
 
 def _with_sides(outputs: Sequence[Node]) -> Mapping[Node, None]:
-    """Return the nodes in outputs and switches that must not jump within a step.
+    """Return the nodes, in the outputs and in switches, at whose jumps a step must end.
 
     The angle in sin(3*atan2(y, x)) is not among them if it is used nowhere else: it may jump by 2 pi.
     """
@@ -178,7 +178,7 @@ def _without_turns(a: Node) -> list[Node]:
 
 
 def _has_cut(node: Node) -> bool:
-    """Return True for an atan2 whose cut the motion may reach: its x is not known to be positive."""
+    """Return True for an atan2(y, x) that may jump along the motion: x is not known to be positive."""
     if node.kind is not Kind.CALL or node.data != "atan2":
         return False
     y, x = node.args

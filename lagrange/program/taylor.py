@@ -110,8 +110,8 @@ class _Parts(NamedTuple):
 def assemblies(e: Equations, switched: Switched, *, solved: bool = False) -> list[_Assembly]:
     """Return the builders of the series, two for each form of the equations. The caller chooses the cheapest.
 
-    The two differ in whether the factors a' - b' in rates of sin(a - b) are multiplied out. `solved` is true if
-    accelerations or multipliers are watched.
+    The two differ in whether the factors a' - b' in rates of sin(a - b) are multiplied out. `switched` are the
+    equations without switches. `solved` is true if accelerations or multipliers are watched.
     """
     parts = _Parts.of(e, switched, solved=solved)
     p, f = list(parts.momenta), list(parts.forces)
@@ -237,9 +237,9 @@ class _Assembly:
         return b.add(SeriesRule("linear", (b.value(rate), pulled), (b.constant(1), b.constant(-2))), None)
 
     def inertia(self, i: int) -> list[tuple[int, Node]]:
-        """Return momentum number i as a sum of terms (index of a value, constant factor).
+        """Return momentum number i as terms (index of a series value, constant factor); empty for zero.
 
-        For a constant mass matrix it is entry i of M v.
+        For a constant mass matrix they add up to entry i of M v.
         """
         known, b, e = self.momenta[i], self.builder, self.equations
         if known is not None:
@@ -276,7 +276,7 @@ class _Assembly:
         return self.known[node]
 
     def combined(self, part: Momentum) -> int | None:
-        """Return the index of the value of a momentum, computed from its parts, or None for zero."""
+        """Add the series value of a momentum, the sum of its parts. Return its index, or None for zero."""
         b, graph = self.builder, self.equations.graph
         args: dict[int, Node] = {}
 
@@ -300,7 +300,7 @@ class _Assembly:
         return b.add(SeriesRule("linear", tuple(args), tuple(b.constant(c) for c in args.values())), None, graph.zero)
 
     def force(self, terms: LinearTerms) -> int | None:
-        """Return the index of the value of a force, a sum of `terms`, or None for zero."""
+        """Return the index of the series value of a force, the sum of `terms`; None for zero."""
         graph = self.equations.graph
         if not terms:
             return None
@@ -315,7 +315,7 @@ class _Assembly:
         return convolutions(self.builder.rules), len(self.builder.rules)
 
     def program(self, name: str) -> SeriesProgram:
-        """Return the finished series program. `name` begins the names of its programs."""
+        """Return the finished series program. The names of all its parts begin with `name`."""
         e, b = self.equations, self.builder
         outputs = {value for value in (*self.forces, *self.watched) if value is not None}
         outputs |= self.spun.keys()
@@ -358,9 +358,10 @@ class _Assembly:
         )
 
     def stages(self) -> tuple[Stage, ...]:
-        """Return the linear systems of each order: for velocities, then for watched accelerations and multipliers.
+        """Return the linear systems that are solved at each order, in order.
 
-        For a system in angular rates of bodies, the second system has the velocities of quaternions instead.
+        The first determines the velocities. A second one determines watched accelerations and multipliers or, for a
+        system in angular rates of bodies, the velocities of quaternions.
         """
         b = self.builder
         first = Stage((*self.unknowns, *self.impulses), tuple(self.momenta), tuple(self.forces), self.plan)

@@ -123,7 +123,7 @@ LANGUAGES = (
 def test_every_table_is_complete(language: Language) -> None:
     lacks = {"erf"} if language.name in ("Julia", "Rust") else set()
     assert set(language.operations) - {"fnma", "log1p"} == set(MATHEMATICS) - lacks
-    assert set(sympy_recipe.OPERATIONS) == set(MATHEMATICS)
+    assert set(sympy_recipe.OPERATIONS) >= set(MATHEMATICS)
 
 
 def test_mathematics_that_a_library_does_not_have_is_refused_by_name() -> None:

@@ -69,7 +69,7 @@ class StepPolynomial:
         return self.write.form()
 
     def size(self, dimension: int, columns: int) -> int:
-        """Return the number of doubles of work memory, for blocks of `columns` steps with states of a `dimension`."""
+        """Return the length of the work memory, in doubles: `columns` steps, with states of a `dimension`."""
         vectors = SPARE.vectors + self.room.vectors + self.vectors + self.matrices * dimension
         return (vectors * dimension + SPARE.rows + self.room.rows) * columns + WIDEST_VECTOR
 
@@ -114,11 +114,11 @@ def steps_in(memory: Any, dimension: int, columns: int) -> OwnStep:
 def slopes(
     law: Callable[..., int], parameters: In, dimension: int, columns: int, t: In, y: In, spare: Out, out: Out
 ) -> None:
-    """Write the time derivatives of states to `out`; NaN where the mass matrix is singular.
+    """Write the time derivatives of one state in each column to `out`; NaN where the mass matrix is singular.
 
-    The callback `law` is the right-hand side, with its `parameters`. t has the time of each column, and y the
-    states by columns: entry j of column b at index j * columns + b, as in `out`. If one matrix is singular,
-    each column is evaluated separately, in the work memory `spare`.
+    The callback `law` is the right-hand side, with its `parameters`. t has the time of each column. Entry j of
+    the state in column b is at index j * columns + b of y, and its derivative at the same index of `out`. If
+    one matrix is singular, each column is evaluated separately, in the work memory `spare`.
     """
     half = quotient(dimension, 2) * columns
     if unlikely(law(columns, t, y, y[half:], parameters, out) >= 0):
@@ -168,7 +168,11 @@ class PolynomialBlock:
 
     @inline
     def with_step(self, step: In, work: Out, out: Out) -> PolynomialBlock:
-        """Return a copy of the arguments for the block `step`, without neighbours, with other memory."""
+        """Return a copy of the arguments for other steps, with other memory, and without neighbours.
+
+        `step` has the steps, with the data of `OwnStep`. `work` is the work memory, and `out` takes the
+        coefficients.
+        """
         laws = self.law, self.parameters, self.jacobian, self.constants, self.invert
         numbers = self.table, self.stages, self.degree, self.dimension, self.columns
         return PolynomialBlock(*laws, *numbers, step, step, work, out)
@@ -188,7 +192,7 @@ class PolynomialBlock:
 
     @inline
     def entries(self) -> Iterator[int]:
-        """Loop over the indices of a vector of the block: those of all its entries in all columns."""
+        """Loop over the indices of all entries of a vector: a state for each column of the block."""
         yield from each(self.dimension * self.columns, width=WIDEST_VECTOR, spill=True, disjoint=True)
 
     @inline
@@ -206,7 +210,10 @@ class PolynomialBlock:
 
     @inline
     def slopes(self, t: In, y: In, out: Out) -> None:
-        """Write the time derivatives of the states y at times t to `out`; NaN for a singular mass matrix."""
+        """Write the time derivatives of the states y at times t, by columns, to `out`.
+
+        They are NaN in columns with a singular mass matrix.
+        """
         slopes(self.law, self.parameters, self.dimension, self.columns, t, y, self.work, out)
 
 
@@ -222,7 +229,7 @@ def block_type() -> Bundle:
 
 @inline
 def weighted(start: float, vectors: In, total: int, x: int, weights: In, first: int, count: int) -> float:
-    """Return `start` plus the sum of weights[j] times entry x of vector j, for j from `first` to below `count`.
+    """Return start + sum of weights[j] * (entry x of vector j), for j from `first` to `count` - 1.
 
     The vectors are adjacent in memory and have `total` doubles each.
     """
@@ -235,8 +242,8 @@ def weighted(start: float, vectors: In, total: int, x: int, weights: In, first: 
 def mend(block: PolynomialBlock, first: In) -> None:
     """Replace each polynomial in `block.out` that is not finite by a parabola through both ends of its step.
 
-    Its slope at the start is `first` / h. This serves the last step of a run that ended because the right-hand
-    side has no value at its end.
+    `first` has its derivatives at the start, with respect to the fraction of the step, by columns. This serves
+    the last step of a run that ended because the right-hand side has no value at its end.
     """
     total = block.dimension * block.columns
     largest = 0.0
@@ -252,10 +259,11 @@ def mend(block: PolynomialBlock, first: In) -> None:
 
 @procedure
 def parabola(dimension: int, columns: int, degree: int, y: In, new: In, first: In, out: Out) -> None:
-    """Replace each column of `out` that has a coefficient that is not finite by the coefficients of a parabola.
+    """Replace each polynomial in `out` that has a coefficient that is not finite by a parabola.
 
-    The parabola leads from the state y to the state `new`, with the slope `first` / h at the start. All arrays
-    are by columns, and `out` has the coefficients of each power up to `degree`.
+    The parabola leads from the state y to the state `new`. `first` is its derivative at the start, with respect
+    to the fraction of the step. All arrays have one step in each column. `out` has the coefficients of the
+    powers 0 to `degree`, one vector after the other.
     """
     total = dimension * columns
     for b in range(columns):

@@ -70,8 +70,8 @@ def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> 
 def increments(block: PolynomialBlock) -> None:
     """Write the change of the state from the start of each step to each of its stages to `block.out`.
 
-    The stages are found by Newton's method, beginning with points on a straight line. These remain if the law
-    has no finite value.
+    There is one vector for each stage. The stages are found by Newton's method, beginning with points on the
+    line between the ends of the step. These points remain if the law has no finite value.
     """
     step, total, stages = steps_in(block.own, block.dimension, block.columns), block.total, block.stages
     (h, gap, _, _), (time, _, active), slopes = block.lay_out(INCREMENTS)
@@ -99,7 +99,7 @@ def increments(block: PolynomialBlock) -> None:
 
 @inline
 def linearize(block: PolynomialBlock, step: OwnStep) -> None:
-    """Write the inverse of the Newton matrix I - h A J of the inner stages of each step to work memory.
+    """Write the inverse of the Newton matrix I - h A J of each step's inner stages to work memory.
 
     J is the derivative of the right-hand side at the end of the step, and A the matrix of the method. The
     inverse is NaN in all columns if a mass matrix is singular.
@@ -128,10 +128,10 @@ def linearize(block: PolynomialBlock, step: OwnStep) -> None:
 
 @inline
 def entry(block: PolynomialBlock, matrix: Out, row: int, column: int) -> Out:
-    """Return entry (row, column) of the Newton matrix of each step: an array with one number for each step.
+    """Return entry (row, column) of the Newton matrices: an array with one number for each step.
 
-    `matrix` has the matrices of all steps. Each row of a matrix is followed by the row of its inverse. The
-    columns of the inverse are numbered from the order of the matrix on.
+    `matrix` has the matrices of all steps. Each row of a matrix is followed by the row of its inverse: column
+    `order` + j is column j of the inverse, for matrices of size `order`.
     """
     order = (block.stages - 1) * block.dimension
     return matrix[(row * 2 * order + column) * block.columns :]
@@ -139,7 +139,7 @@ def entry(block: PolynomialBlock, matrix: Out, row: int, column: int) -> Out:
 
 @inline
 def correct(block: PolynomialBlock, step: OwnStep) -> None:
-    """Correct the inner stages by one Newton step, in the columns that have not converged."""
+    """Correct the inner stages in `block.out` by one Newton step, in the columns that have not converged."""
     total, stages, rows = block.total, block.stages, block.table[block.stages :]
     (h, _, state, _), (time, _, _), slopes = block.lay_out(INCREMENTS)
     for i in range(stages - 1):
@@ -186,7 +186,7 @@ def move(block: PolynomialBlock, step: OwnStep) -> None:
 
 @inline
 def straighten(block: PolynomialBlock) -> None:
-    """Replace the stages of a step by points on the line between its ends if one of them is not finite."""
+    """Replace all stages of a step by points on the line between its ends if some stage is not finite."""
     total = block.total
     (_, gap, _, spread), (_, row, _), _ = block.lay_out(INCREMENTS)
     for b in block.each_column():
@@ -223,7 +223,7 @@ def collocation(block: PolynomialBlock) -> None:
 def write(block: PolynomialBlock, gains: In) -> None:
     """Write the coefficients of each step's polynomial to `block.out`.
 
-    `gains` are the changes of the state from the start of the step to its stages.
+    `gains` are the changes of the state from the start of the step to its stages, one vector for each stage.
     """
     step, total, stages = steps_in(block.own, block.dimension, block.columns), block.total, block.stages
     _, _, _, powers = parts_of(block.table, stages)
@@ -236,7 +236,11 @@ def write(block: PolynomialBlock, gains: In) -> None:
 
 @inline
 def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
-    """Return the parts of a `collocation_polynomial` table after A: inverse, derivatives, node polynomial, powers."""
+    """Return four parts of the table of `collocation_polynomial`, those after the matrix A.
+
+    They are the inverse of A; the derivatives of the Lagrange polynomials; the polynomial that is zero at the
+    stages; and the contributions to the path, by powers of theta.
+    """
     square = stages * stages
     inverse = table[stages + square :]
     rates = inverse[square:]
@@ -248,8 +252,8 @@ def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
 def join(block: PolynomialBlock, gains: In, beside_gains: In) -> None:
     """Make slopes continuous between steps: add multiples of the node polynomial's integral to `block.out`.
 
-    `gains` are the changes of the state from the start of each step to its stages, `beside_gains` those of its
-    neighbour. The node polynomial is zero at the stages.
+    The node polynomial is zero at the stages. `gains` are the changes of the state from the start of each step
+    to its stages, and `beside_gains` those of the neighbouring step.
     """
     step = steps_in(block.own, block.dimension, block.columns)
     beside = steps_in(block.beside, block.dimension, block.columns)
@@ -288,7 +292,11 @@ def join(block: PolynomialBlock, gains: In, beside_gains: In) -> None:
 
 @inline
 def write_at_fraction(block: PolynomialBlock, coefficients: In, count: int, fraction: In, row: Out) -> None:
-    """Write the value of a polynomial with `count` coefficients at a `fraction` of the step in each column."""
+    """Write the value of one polynomial at a different point for each column to `row`.
+
+    `coefficients` has its `count` coefficients, the lowest power first. `fraction` has the points, one for each
+    column, as fractions of the step.
+    """
     for b in block.each_column():
         value = 0.0
         for k in range(count):

@@ -24,7 +24,7 @@ def horner(
     """Write the values of a polynomial with vector values at `count` fractions `theta` of a step to `out`.
 
     c has its coefficients: that of power k and entry j at index k * row + j * column. Entry j at fraction i is
-    written to index j * stride + i of `out`, for two entries at a time.
+    written to index j * stride + i of `out`. Two entries are computed at a time, so `dimension` is even.
     """
     for j in range(0, dimension, 2):
         sources = tuple(c[(j + i) * column :] for i in unrolled(2))
@@ -50,10 +50,11 @@ def gather(
     own: Out,
     beside: Out,
 ) -> None:
-    """Copy the times and states of steps `starts` of a run to `own`, by columns in the layout of `OwnStep`.
+    """Copy the times and states of `columns` steps of a run to `own`, by columns in the layout of `OwnStep`.
 
-    `times` and `states` are those of the run, which has `steps` steps. If `with_neighbours` is 1, a neighbour
-    of each step is copied to `beside`: the previous step, or the next one for the first step.
+    `starts` has the indices of these steps. `times` and `states` are those of the whole run, which has `steps`
+    steps. If `with_neighbours` is 1, a neighbour of each step is copied to `beside`: the previous step, or the
+    next one for the first step.
     """
     for b in range(columns):
         s = starts[b]
@@ -67,7 +68,10 @@ def gather(
 
 @procedure
 def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: In, block: Out) -> None:
-    """Copy start time, length and both states of step `s` of a run to column `b` of a block, an `OwnStep`."""
+    """Copy start time, length and both states of step number s of a run to column b of `block`.
+
+    `block` is memory in the layout of `OwnStep`. `times` and `states` are those of the run.
+    """
     step = steps_in(block, dimension, columns)
     step.t[b] = times[s]
     step.h[b] = times[s + 1] - times[s]
@@ -80,12 +84,12 @@ def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: 
 
 @dataclass(frozen=True)
 class RunPath:
-    """A run whose states between its steps are computed by dense output.
+    """A run whose states between the ends of its steps are computed by dense output.
 
     The callback `polynomial` writes the polynomials of a block of `columns` steps. Its first argument `given`
-    is data of the kind of dense output. If `both` is 1 it needs the neighbours of the steps. `times` and
-    `states` are those at the ends of the `steps` steps of the run. `own` and `beside` are memory for a block of
-    steps and for their neighbours, and `work` is work memory.
+    has the data of the method. If `both` is 1 it needs the neighbours of the steps. `times` and `states` are
+    those at the ends of the `steps` steps of the run. `own` and `beside` are memory for a block of steps and
+    for their neighbours, and `work` is work memory.
     """
 
     polynomial: Callable[..., None]
@@ -103,7 +107,7 @@ class RunPath:
 
     @inline
     def write(self, starts: WholesIn, out: Out) -> None:
-        """Write the coefficients of the polynomials of a block of steps to `out`; `starts` are the step numbers."""
+        """Write the coefficients of the polynomials of `columns` steps to `out`; `starts` are their indices."""
         steps = self.steps, self.times, self.states
         gather(self.dimension, self.columns, starts, *steps, self.both, self.own, self.beside)
         self.polynomial(self.given, self.columns, self.own, self.beside, self.work, out)
@@ -116,9 +120,9 @@ def path_type() -> Bundle:
 
 @procedure(path=path_type)
 def polynomials(path: RunPath, starts: WholesIn, blocks: int, out: Out) -> None:
-    """Write the coefficients of the polynomials of steps to `out`, block by block, for a number of `blocks`.
+    """Write the coefficients of the polynomials of `blocks` blocks of steps to `out`, block by block.
 
-    `starts` are the indices of the steps in the run.
+    `starts` are the indices of the steps in the run, `columns` of them for each block.
     """
     for k in range(blocks):
         path.write(starts[k * path.columns :], out[(path.degree + 1) * path.dimension * path.columns * k :])
@@ -126,10 +130,10 @@ def polynomials(path: RunPath, starts: WholesIn, blocks: int, out: Out) -> None:
 
 @procedure
 def locate(times: In, steps: int, step: int, time: float, sign: float) -> int:
-    """Return the index of the last step that begins at or before a `time`, searching from `step` on.
+    """Return the index of the last step that begins at or before a `time`, but at least `step`.
 
-    Times increase with `sign` 1.0 and decrease with -1.0. The search interval is doubled until it contains the time,
-    then bisected.
+    `times` has the starts of the `steps` steps. They increase if `sign` is 1.0, and decrease if it is -1.0. The
+    search interval begins at `step`, is doubled until it contains the time, and is then bisected.
     """
     low, reach = step, 1
     while has_begun(times, steps, low + reach, time, sign):
@@ -143,14 +147,20 @@ def locate(times: In, steps: int, step: int, time: float, sign: float) -> int:
 
 @inline
 def has_begun(times: In, steps: int, step: int, time: float, sign: float) -> bool:
-    """Return True if step number `step` exists and begins at or before a `time`."""
+    """Return True if step number `step` exists and begins at or before a `time`, in the direction of the run.
+
+    `times` has the starts of the `steps` steps, and `sign` is the direction, 1.0 or -1.0.
+    """
     begin = times[min(step, steps - 1)]
     return (begin - time) * sign <= 0.0 and step < steps
 
 
 @inline
 def lies_before(output_times: In, count: int, index: int, end: float, sign: float) -> bool:
-    """Return True if output time number `index` exists and is before the time `end` in the direction `sign`."""
+    """Return True if output time number `index` exists and is before the time `end`, along the run.
+
+    There are `count` output times, and `sign` is the direction of the run, 1.0 or -1.0.
+    """
     time = output_times[min(index, count - 1)]
     return (time - end) * sign < 0.0 and index < count
 
@@ -201,9 +211,9 @@ def on_step(
 ) -> None:
     """Write the states at `count` sorted times `output_times` on one step to `out`.
 
-    Entry j at time i has the index j * stride + i. c has the coefficients of the step's polynomial, by powers
-    and then entries, `columns` apart. `times` and `states` begin with the start and the end of the step. At
-    these times the state is copied.
+    Entry j at time i has the index j * stride + i. c has the coefficients of the step's polynomial: that of
+    power k and entry j at index (k * dimension + j) * columns. `times` and `states` begin with the start and
+    the end of the step. At these times the state is copied.
     """
     theta = reals(CHUNK, room=WIDEST_VECTOR)
     t, end = times[0], times[1]
@@ -229,6 +239,6 @@ def on_step(
 
 @inline
 def copy_state(state: In, dimension: int, out: Out, stride: int) -> None:
-    """Write the entries of a state to `out`, `stride` apart."""
+    """Write the entries of a state to `out`, at indices that are multiples of `stride`."""
     for j in range(dimension):
         out[j * stride] = state[j]

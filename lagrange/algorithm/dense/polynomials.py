@@ -69,14 +69,14 @@ class Cubic:
 
     @inline
     def value(self, s: float, x: int) -> float:
-        """Return entry x of the state on Hermite's cubic, at the fraction s of the step."""
+        """Return entry x of the state at the fraction s of the step, as Hermite's cubic gives it."""
         gap, first, last = self.ends(x)
         bend = gap * (1.0 - s * 2.0) + (first * (s - 1.0) + last * s)
         return self.y[x] + (gap * s + bend * (s * (s - 1.0)))
 
     @inline
     def slope(self, s: float, x: int) -> float:
-        """Return the derivative by theta of entry x of Hermite's cubic, at the fraction s of the step."""
+        """Return the derivative of entry x of Hermite's cubic by the fraction of the step, at fraction s."""
         gap, first, last = self.ends(x)
         ends = first * ((1.0 - s) * (1.0 - s * 3.0)) + last * (s * (s * 3.0 - 2.0))
         return gap * (s * 6.0 * (1.0 - s)) + ends
@@ -91,9 +91,9 @@ class Cubic:
 def hermite(block: PolynomialBlock) -> None:
     """Write the polynomials of a block of steps by Picard's iteration.
 
-    `changes` are the differences between the slopes of the path and of the cubic at the inner nodes, followed by the
-    same differences for the next iterate. `moved` is the change of each column in the last iteration, 0 once the
-    iteration diverges.
+    In work memory `changes` are the differences between the slopes of the path and of the cubic at the inner
+    nodes, followed by the same differences for the next iterate. `moved` has for each column its change in the
+    last iteration, 0 once the iteration diverges.
     """
     step = steps_in(block.own, block.dimension, block.columns)
     (h, first, last, _, _), (time, _, _, _), changes = block.lay_out(ROOM)
@@ -117,10 +117,10 @@ def hermite(block: PolynomialBlock) -> None:
 
 @inline
 def begin(block: PolynomialBlock, cubic: Cubic) -> None:
-    """Begin Picard's iteration with the cubic, and set the bound for accepting the next iterate.
+    """Begin Picard's iteration with the cubic, and write the bound for accepting the next iterate.
 
-    The iterate is accepted in a column if its change is below the largest slope of the cubic at the ends and
-    inner nodes.
+    The next iterate is accepted in a column if it changes slopes by less than the largest slope of the cubic at
+    the ends and inner nodes.
     """
     total = block.total
     (_, _, _, _, largest), (_, moved, size, _), changes = block.lay_out(ROOM)
@@ -153,10 +153,11 @@ def measure(block: PolynomialBlock) -> None:
 
 @inline
 def iterate(block: PolynomialBlock, step: OwnStep, cubic: Cubic) -> None:
-    """Write the next iterate of Picard's iteration: differences from the cubic's slope at the inner nodes.
+    """Write the next iterate of Picard's iteration after the present one in work memory.
 
-    The present differences are integrated to states on the path. There the right-hand side, times h, is
-    evaluated, and the slope of the cubic is subtracted.
+    An iterate is the difference of the path's slope from the cubic's slope at each inner node. The present
+    differences are integrated to states on the path. There the right-hand side, times h, is evaluated, and the
+    slope of the cubic is subtracted.
     """
     total, stages = block.total, block.stages
     (h, _, _, state, _), (time, _, _, _), changes = block.lay_out(ROOM)
@@ -174,9 +175,9 @@ def iterate(block: PolynomialBlock, step: OwnStep, cubic: Cubic) -> None:
 
 @inline
 def judge(block: PolynomialBlock) -> None:
-    """Accept the next iterate of Picard's iteration in the columns in which it converges.
+    """Replace the present iterate of Picard's iteration by the next one, in the columns that converge.
 
-    There its change is less than half of the previous change.
+    There the change between the two is less than half of the previous change.
     """
     total, stages = block.total, block.stages
     (_, _, _, _, largest), (_, moved, size, better), changes = block.lay_out(ROOM)
@@ -253,7 +254,7 @@ def weights(count: int) -> FloatArray:
 
 @cache
 def integrals(count: int) -> FloatArray:
-    """Return the matrix that maps changes of slopes at the `count` nodes to changes of states there."""
+    """Return the matrix (count, count) that maps changes of slopes at the nodes to changes of states there."""
     powers = nodes(count)[:, None] ** np.arange(count + 2)
     return np.asarray(powers @ weights(count).T)
 
@@ -360,6 +361,6 @@ def series_polynomial(
 
 @inline
 def nearest_scale(h: float) -> float:
-    """Return the power of two nearest to the length of a step, 1 for length zero."""
+    """Return the power of two nearest to the magnitude of a step length h; 1 for length zero."""
     power = exponent(h)
     return 1.0 if h == 0.0 else two_to(power + 1 if mantissa(h) > HALF else power)

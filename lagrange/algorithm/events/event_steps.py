@@ -195,7 +195,11 @@ class Waiting:
 
     @inline
     def take(self) -> int:
-        """Take the next steps, not yet searched for events. Return `GO_ON`, or the code that ends the loop."""
+        """Take the next steps by the driver, for a search. Return `GO_ON`, or the code that ends the loop.
+
+        The code is an `Outcome`, such as DONE at the end of the run, or `READ_EVENTS` if the array for changes
+        of the motion is full.
+        """
         run, n, reals, counts = self.event_run, self.dimension, self.reals, self.counts
         t, end = reals[T], reals[END]
         is_first = run.both != 0 and run.before == 0
@@ -237,9 +241,9 @@ class Waiting:
 
     @inline
     def accept(self) -> int:
-        """Append the steps that were searched to the rows of the run. The motion does not change on them.
+        """Append the searched steps, on which the motion does not change, to the rows of the run.
 
-        Return `GO_ON`, or the driver's outcome if it ends the loop.
+        Return `GO_ON`, or the driver's `Outcome` if that ends the loop.
         """
         run, n, times = self.event_run, self.dimension, self.times
         self.write_rows(run.count)
@@ -260,9 +264,10 @@ class Waiting:
 
     @inline
     def go_back(self, kept: int, t: float, state: In, length: float) -> None:
-        """Keep the first `kept` steps, and set the run to a time and state on the next step, where a new motion begins.
+        """Keep the first `kept` steps, and begin a new motion at the time t on the next step, with a `state`.
 
-        `length` is the length of the step that contains this time.
+        The steps after it are dropped. `length` is the length of the step that contains the time; it bounds the
+        next step of a run with error control.
         """
         run, reals, counts, n = self.event_run, self.reals, self.counts, self.dimension
         self.times[kept + 1] = t
@@ -284,10 +289,10 @@ class Waiting:
 
     @inline
     def lower_floors(self, kept: int) -> None:
-        """Set the floors, the absolute tolerances of a state's entries, for the steps that are kept.
+        """Set the floors (absolute tolerances of entries) as only the first `kept` steps determine them.
 
         A floor is the one before these steps or, if that is larger, a fraction of the largest magnitude of the
-        entry in the first `kept` rows.
+        entry at the ends of these steps.
         """
         share, floors, rows = self.reals[SHARE], self.reals[NUMBERS:], self.row(2)
         for j in range(self.dimension):
@@ -322,9 +327,9 @@ class EventLoop:
 
     @inline
     def path(self, first: int, steps: int) -> Samples:
-        """Return the `Samples` of the next `steps` steps, which are not searched for events yet.
+        """Return the steps that are not yet searched for events as `Samples`, beginning with row `first`.
 
-        The first of them begins in row `first`.
+        `steps` is their number.
         """
         waiting = self.waiting
         run = waiting.times[first:], waiting.row(first)
@@ -332,7 +337,10 @@ class EventLoop:
 
     @inline
     def setting(self, block: int, event: int) -> WholesOut:
-        """Return the setting `block`, such as `RESET_SIZE`, of an event, as the first entry of an array."""
+        """Return an array that begins with one setting of an event, to be read or written.
+
+        `block` says which, for example `RESET_SIZE`; `event` is the index of the event.
+        """
         return self.settings[event + self.samples.events * block :]
 
 
@@ -348,9 +356,10 @@ def loop_type() -> Bundle:
 def event_steps(loop: EventLoop) -> int:
     """Take steps and search them for events, until an irregular event or the end of the run.
 
-    Return an `Outcome`, or `LOOK` at an irregular event, or `READ_EVENTS` if an array is full.
-    `Outcome.WATCHED` means that the caller must change the motion at the present state. A further call
-    continues from there. Steps that the caller has searched in the meantime are not searched again.
+    Return an `Outcome`; or `LOOK` if the caller must search the steps at an irregular event; or `READ_EVENTS`
+    if an array is full. `Outcome.WATCHED` means that the caller must change the motion at the present state. A
+    further call continues from there. Steps that the caller has searched in the meantime are not searched
+    again.
     """
     run, search, waiting = loop.waiting.event_run, loop.watch.review, loop.waiting
     code = GO_ON
@@ -372,10 +381,11 @@ def event_steps(loop: EventLoop) -> int:
 
 @inline
 def review_steps(loop: EventLoop) -> int:
-    """Search the steps not yet searched for events. Return the reason for the end, such as `ENDED`.
+    """Search the waiting steps for events. Return why the search ended: a code of `step_zeros`.
 
-    The record `event_run` has the number `begin` of the first of these steps. It becomes the number of the step
-    at which the search ended.
+    It is `ENDED` if all steps were searched, `CHANGED` if the motion changes on a step, `CROWDED` if there is
+    no space for events, else IRREGULAR. `event_run.begin` is the number of the first step to search. It becomes
+    the number of the step at which the search ended.
     """
     waiting, search = loop.waiting, loop.watch.review
     run, shift = waiting.event_run, 1 - waiting.event_run.before
@@ -394,7 +404,8 @@ def review_steps(loop: EventLoop) -> int:
 def go_back(loop: EventLoop) -> None:
     """Set the run back to the event at which the motion changes, on the step at which the search ended.
 
-    At an end of the step, the state is the accepted one. Otherwise it is interpolated.
+    The end of this step is written to the arrays of breaks. If the event is at an end of the step, the state is
+    the accepted one. Otherwise it is interpolated.
     """
     waiting, watch, times = loop.waiting, loop.watch, loop.waiting.times
     run, n, step, s, slot = (
@@ -422,8 +433,9 @@ def go_back(loop: EventLoop) -> None:
 def reset(loop: EventLoop) -> bool:
     """Apply the reset of the event that changes the motion at the present state, and return True.
 
-    Return False if the caller must handle the reset because it is irregular. `scratch` has space for the new
-    state, the event functions before and after the reset, and the results of all resets.
+    Return False, with nothing changed, if the caller must handle the event: it has no reset, ends the run, or
+    is irregular. `loop.scratch` has space for the new state, the event functions before and after the reset,
+    and the results of all resets.
     """
     waiting, n, events = loop.waiting, loop.waiting.dimension, loop.samples.events
     run, event, t, y = waiting.event_run, waiting.event_run.due - 1, waiting.reals[T], waiting.y
@@ -459,11 +471,12 @@ def reset(loop: EventLoop) -> bool:
 
 @inline
 def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float) -> bool:
-    """Return True if a reset by an event is right: its function passes zero, and the mass matrix is regular.
+    """Return True if an event function passes zero at time t, and the mass matrix is regular there.
 
-    On a long step the dense output may reach zero although the velocity there points away again. So the function is
-    compared at two states, a little before and after the present state of the run along its derivative. `before` is the
-    function at the present state. The mass matrix is tested there and at the state `after` the reset.
+    Otherwise its reset is irregular: on a long step the dense output may reach zero although the velocity there
+    points away again. So the function is compared at two states, a little before and after the present state of
+    the run along its derivative. `event` is its index, and `before` its value at the present state. The mass
+    matrix is tested there and at the state `after` the reset.
     """
     waiting, samples, n = loop.waiting, loop.path(0, 0), loop.waiting.dimension
     run, y = waiting.event_run, waiting.y
@@ -494,9 +507,10 @@ def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float)
 
 @inline
 def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, values: In) -> None:
-    """Record an event and the state `after` its reset, and start the next smooth piece of the motion there.
+    """Record an event with a reset, and start the next smooth piece of the motion at the state `after` it.
 
-    `before_values` and `values` are the event functions before and after the reset.
+    `event` is its index, and t its time. `before_values` and `values` are all event functions before and after
+    the reset.
     """
     waiting, watch, n = loop.waiting, loop.watch, loop.waiting.dimension
     run, counts = waiting.event_run, waiting.counts
@@ -526,12 +540,12 @@ def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, 
 def begin_side(
     sign: WholesOut, near: WholesOut, values: tuple[float, float], noise: float, *, is_due: bool, has_reset: bool
 ) -> None:
-    """Set the known sign of an event function after a reset: `sign` is 1, -1, or 0 for unknown.
+    """Set the known sign of one event function after a reset, and whether it came near zero since then.
 
-    The sign is kept if the reset does not change the function. `near` is 1 if the function has been within its
-    noise of zero since it had that sign. `values` are the event function before and after the reset, and
-    `noise` is its rounding error. `is_due` is true for the event that caused the reset, `has_reset` for an
-    event with a reset.
+    These are the first entries of `sign` (1, -1, or 0 for unknown) and `near` (1 if the function has been
+    within its noise of zero since it had that sign). They are kept if the reset does not change the function.
+    `values` are the function before and after the reset, and `noise` is its rounding error. `is_due` is true
+    for the event that caused the reset, `has_reset` for an event with a reset.
     """
     (before, after), side, was_near = values, sign[0], near[0]
     stays = not is_due and abs(after - before) <= noise

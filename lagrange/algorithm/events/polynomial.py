@@ -41,22 +41,22 @@ PADDED = (MOST_COEFFICIENTS + CHAINS - 1) // CHAINS * CHAINS
 
 @inline
 def blocks(count: int) -> int:
-    """Return the number of blocks of `CHAINS` coefficients that contain `count` coefficients."""
+    """Return the number of blocks, of `CHAINS` coefficients each, that hold `count` coefficients."""
     return quotient(count + (CHAINS - 1), CHAINS)
 
 
 @inline
 def pad(c: Out, start: int, count: int) -> None:
-    """Write zeros from the index `start` to the end of the last block of `count` coefficients."""
+    """Write zeros to c from index `start` to the end of the blocks that hold `count` coefficients."""
     for k in range(start, blocks(count) * CHAINS):
         c[k] = 0.0
 
 
 @inline
 def evaluate(polynomials: tuple[Readable[float], ...], count: int, s: float) -> tuple[float, ...]:
-    """Return the values of polynomials at the point s.
+    """Return the values of several polynomials at the point s.
 
-    Each has `count` coefficients by powers, padded with zeros to whole blocks.
+    Each has `count` coefficients, the lowest power first, padded with zeros to whole blocks.
     """
     square = s * s
     fourth = square * square
@@ -72,13 +72,19 @@ def evaluate(polynomials: tuple[Readable[float], ...], count: int, s: float) -> 
 
 @procedure(apart=True)
 def value(c: In, count: int, s: float) -> float:
-    """Return the value at s of a polynomial with `count` coefficients c, padded with zeros to whole blocks."""
+    """Return the value at s of the polynomial with the `count` coefficients c, the lowest power first.
+
+    The coefficients are padded with zeros to whole blocks.
+    """
     return evaluate((c,), count, s)[0]
 
 
 @procedure(apart=True)
 def derivative(c: In, count: int, slopes: Out) -> None:
-    """Write the coefficients of a polynomial's derivative to `slopes`, padded with zeros to whole blocks."""
+    """Write the coefficients of the derivative of a polynomial to `slopes`, padded with zeros to whole blocks.
+
+    c has the `count` coefficients of the polynomial, the lowest power first.
+    """
     for k in range(1, count):
         slopes[k - 1] = float(k) * c[k]
     pad(slopes, count - 1, count)
@@ -107,10 +113,10 @@ Pair = tuple[float, float]
 
 @inline
 def inverse_cubic(points: Pair, values: Pair, slopes: Pair) -> float:
-    """Return the zero of a function between two points, by the cubic that interpolates the inverse function.
+    """Return an approximate zero of a function, by the cubic that interpolates the inverse function.
 
-    `points`, `values` and `slopes` are the points, and the function and its slopes there. If a slope is not
-    positive, or the result is not between the points, the zero of the chord is returned.
+    The function changes its sign between two `points`; `values` and `slopes` are its values and derivatives
+    there. If a slope is not positive, or the cubic leads outside, the zero of the chord is returned.
     """
     begin, end = points
     below, above = values
@@ -169,10 +175,10 @@ def passage(c: In, count: int, low: float, high: float, sign: int) -> float:
 
 @procedure(apart=True)
 def turn(c: In, count: int, low: float, point: float, high: float, depth: float, sign: int, noise: float) -> float:
-    """Return the point near `point`, between `low` and `high`, at which a polynomial c times `sign` is least.
+    """Return the point near `point`, between `low` and `high`, at which a polynomial times `sign` is least.
 
-    `depth` is the polynomial times `sign` at `point`. This point is returned if the value at the minimum
-    exceeds `depth` by more than `noise`.
+    c has its `count` coefficients. `depth` is the polynomial times `sign` at `point`. The result is `point`
+    itself if the value at the minimum exceeds `depth` by more than `noise`.
     """
     slopes, bends = reals(PADDED), reals(PADDED)
     derivative(c, count, slopes)
@@ -211,10 +217,10 @@ def is_plain(total: float, noise: float) -> bool:
 
 @inline
 def write_terms(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums:
-    """Write the terms coefficients[k] * h**k of a polynomial on a step to c, and return their `Sums`.
+    """Write the terms coefficients[k] * h**k of a polynomial with `count` coefficients to c. Return `Sums`.
 
-    These are the noise of the polynomial's values, the sum of magnitudes of all terms but the first, that of
-    the derivative's terms, and the value at the end of the step.
+    These are: the error of the polynomial's values, which is `noise` plus rounding; the sum of magnitudes of
+    all terms but the first; that of k times the terms; and the value at the end of a step of length h.
     """
     first = coefficients[0]
     c[0] = first
@@ -234,9 +240,9 @@ def write_terms(coefficients: In, count: int, h: float, noise: float, c: Out) ->
 def scaled(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums:
     """Write the terms coefficients[k] * h**k of a polynomial to c, padded with zeros. Return their `Sums`.
 
-    These are the noise of the polynomial's values, the sum of magnitudes of all terms but the first, that of
-    the derivative's terms, and the value at the end of the step. If the terms may overflow or underflow, they
-    and their noise are divided by a power of two.
+    These are: the error of the polynomial's values, which is `noise` plus rounding; the sum of magnitudes of
+    all terms but the first; that of k times the terms; and the value at the end of a step of length h. If the
+    terms may overflow or underflow, they and their noise are divided by a power of two.
     """
     total_noise, others, rates, end = write_terms(coefficients, count, h, noise, c)
     pad(c, count, count)
@@ -247,7 +253,10 @@ def scaled(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums
 
 @procedure(apart=True)
 def split(x: float) -> tuple[float, int]:
-    """Return a number as a signed significand of magnitude 1 to 2, and an exponent of two; 0 and 0 for zero."""
+    """Return a number x as (significand, exponent): x = significand * 2**exponent, with 1 <= |significand| < 2.
+
+    Both are 0 for zero.
+    """
     is_tiny = abs(x) < SMALLEST
     y = x * 2.0**54 if is_tiny else x
     significand = math.copysign(mantissa(y), x)
@@ -259,9 +268,9 @@ def split(x: float) -> tuple[float, int]:
 def scaled_far(coefficients: In, count: int, h: float, noise: float, c: Out) -> Sums:
     """Write the terms coefficients[k] * h**k, near overflow or underflow, to c, divided by a power of two.
 
-    Return their `Sums`: the noise of the polynomial's values, the sum of magnitudes of all terms but the first,
-    that of the derivative's terms, and the value at the end of the step. All of them are divided by the same
-    power.
+    Return their `Sums`: the error of the polynomial's values, which is `noise` plus rounding; the sum of
+    magnitudes of all terms but the first; that of k times the terms; and the value at the end of the step. All
+    are divided by the same power. The error is infinite if an input is not finite.
     """
     is_finite = abs(h) < math.inf and abs(noise) < math.inf
     for k in range(count):

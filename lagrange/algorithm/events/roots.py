@@ -92,10 +92,10 @@ def add_four_times(b: Out, count: int) -> None:
 
 @procedure
 def signs(b: In, count: int, first: int, noise: float) -> tuple[bool, int, float]:
-    """Return whether Bernstein coefficients b have at most one sign change, their last sign and largest size.
+    """Return True if Bernstein coefficients b have at most one sign change, their last sign, and largest size.
 
-    `first` is the sign of the first coefficient, as decided for the previous interval: rounding must not decide
-    it twice. A coefficient of size up to `noise` has no sign.
+    `first` is the sign of the first of the `count` coefficients, as decided for the previous interval: rounding
+    must not decide it twice. A coefficient of size up to `noise` has no sign.
     """
     now, before, changes = first, first, 0
     size = abs(b[0])
@@ -155,8 +155,9 @@ class Relay:
 class Search:
     """The search for the zeros of a polynomial on [0, 1], and the arrays for them.
 
-    c has the `count` coefficients by powers, and `noise` is the error of the polynomial's values. `times` and
-    `rising` take up to `room` zeros: the times, in a step of length h, and the directions.
+    c has the `count` coefficients by powers, and `noise` is the error of the polynomial's values. `relay` is
+    the state of the search. `times` and `rising` take up to `room` zeros: the times, in a step of length h, and
+    the directions.
     """
 
     c: Readable[float]
@@ -170,7 +171,7 @@ class Search:
 
     @inline
     def reach(self, point: float, sign: int) -> None:
-        """Continue the search to a point `point`, where the function has a `sign`; 0 is within the noise."""
+        """Continue the search to a `point`, where the function has the given `sign`; 0 is within the noise."""
         if unlikely(sign == 0):
             self.come_near(point)
         else:
@@ -180,7 +181,8 @@ class Search:
     def come_near(self, point: float) -> None:
         """Continue the search to a point at which the function is within its noise of zero.
 
-        Of these points, the one with the least value of sign times function is stored.
+        Of all such points since the last sign, the one is stored at which the last sign times the function is
+        least.
         """
         relay = self.relay
         if relay.counted == 0:
@@ -210,7 +212,7 @@ class Search:
 
     @inline
     def touch(self, high: float) -> float:
-        """Return the point, before `high`, at which a function that touches zero is nearest to it."""
+        """Return the point at which a function that touches zero is nearest to zero; it is before `high`."""
         relay = self.relay
         return turn(self.c, self.count, relay.low, relay.near_at, high, relay.depth, relay.sign, self.noise)
 
@@ -237,16 +239,17 @@ def roots(
     rising: WholesOut,
     room: int,
 ) -> tuple[int, int, bool]:
-    """Find the roots of sum c[k] tau**k for tau from 0 to h, in the direction of integration.
+    """Find the roots of the polynomial g = sum c[k] tau**k for tau from 0 to h; c are the `coefficients`.
 
-    `sign` and `near` are the side of zero before the step; those at its end are returned. `sign` is the last sign
-    beyond the noise, 1 or -1. It is 0 if there was none: g starts here, and a root at the start is not an event. `near`
-    is true if g has been within its noise of zero since then. `noise`, in the units of g, is the error of g without the
-    rounding of its coefficients. `last` is true if no step follows: then the slope decides a root at the end.
+    `sign` and `near` describe g before the step. `sign` is the last sign beyond the noise, 1 or -1. It is 0 if
+    there was none: g starts here, and a root at the start is not an event. `near` is true if g has been within
+    its noise of zero since then. `noise`, in the units of g, is the error of g without the rounding of its
+    coefficients. `last` is true if no step follows: then the slope decides a root at the end.
 
-    `times` and `rising` take up to `room` roots: tau, and 1 where g rises along the integration, -1 where it falls, 0
-    where it touches zero. The first result is their number; it is -1 if a coefficient is not finite, -2 if there are
-    more than `room`. In these two cases the other results are undefined.
+    `times` and `rising` take up to `room` roots: tau, and 1 where g rises along the integration, -1 where it
+    falls, 0 where it touches zero. Return the number of roots, and `sign` and `near` at the end of the step.
+    The number is -1 if a coefficient is not finite, -2 if there are more than `room`; then the other results
+    are undefined.
     """
     c, relay = reals(PADDED), Relay()
     total_noise, others, rates, end = scaled(coefficients, count, h, noise, c)
@@ -299,10 +302,11 @@ def begin(search: Search, first: int, sign: int, near: bool) -> None:
 
 @inline
 def isolate(search: Search, first: int, others: float, rates: float, end: float) -> None:
-    """Find the zeros on the step in order: halve the parts that may have more than one zero.
+    """Search a whole step for zeros in order: halve each part that may have more than one zero.
 
-    `first` is the sign at the start, and `end` the value at the end. `others` is the sum of the magnitudes of
-    all terms but the first, and `rates` that of the terms of the derivative.
+    Zeros are reported to `search`. `first` is the sign of the function at the start, and `end` its value at the
+    end. `others` is the sum of the magnitudes of all terms but the first, and `rates` that of the terms of the
+    derivative.
     """
     c, count, noise = search.c, search.count, search.noise
     parts = reals((DEEPEST_HALVING + 1) * MOST_COEFFICIENTS)

@@ -55,7 +55,7 @@ def nodes(degree: int = DEGREE) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def to_chebyshev(degree: int = DEGREE) -> FloatArray:
-    """Return the matrix from values at the nodes to coefficients of Chebyshev's polynomials on [0, 1]."""
+    """Return the matrix that maps values at the nodes to coefficients of Chebyshev's polynomials on [0, 1]."""
     ranks = np.arange(degree + 1)
     halves = np.where((ranks == 0) | (ranks == degree), 0.5, 1.0)
     signs = (-1.0) ** ranks
@@ -65,7 +65,7 @@ def to_chebyshev(degree: int = DEGREE) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def to_powers(degree: int = DEGREE) -> FloatArray:
-    """Return the matrix from coefficients of Chebyshev's polynomials on [0, 1] to coefficients of powers."""
+    """Return the matrix that maps coefficients of Chebyshev's polynomials on [0, 1] to those of powers."""
     columns: list[list[int]] = [[1], [-1, 2]]
     while len(columns) <= degree:
         last, before = columns[-1], [*columns[-2], 0, 0]
@@ -110,9 +110,10 @@ def transform(values: Reals) -> Reals:
 
 @inline
 def keeps_sign(coefficients: Reals, noise: float) -> bool:
-    """Return True if the Chebyshev coefficients of a function prove that it keeps its sign.
+    """Return True if the Chebyshev coefficients of a function prove that it keeps its sign on [0, 1].
 
-    The unresolved part is estimated as `TAIL` times the last coefficients.
+    `noise` is the error of its values. The coefficients beyond the last one are estimated as `TAIL` times the
+    last ones.
     """
     variation = abs(coefficients[1])
     for coefficient in coefficients[2:]:
@@ -146,14 +147,14 @@ def chebyshev(values: In, out: Out) -> float:
 def local_polynomial(
     chebyshev: In, size: float, noise: float, before: float, least: float, powers: Out
 ) -> tuple[int, float, float]:
-    """Write the coefficients of the polynomial that resolves a function on a part of a step to `powers`.
+    """Write the coefficients of a polynomial that resolves a function on a part of a step to `powers`.
 
-    Return the number of coefficients, their error, and the size of the last `chebyshev` ones. `chebyshev` are the
-    Chebyshev coefficients of the function, `size` is its largest sampled magnitude, and `noise` its rounding
-    error. The number is 0 if the function is not resolved, and 1 if only its sign is certain. Coefficients
-    below rounding, or below `least`, are omitted and counted as noise. The coefficients beyond the degree are
-    noise as well: at a kink they decrease so slowly that their sum is several times the last one. The last
-    coefficients are also noise if halving the interval did not reduce them clearly; `before` is their size
+    Return the number of coefficients, the error of the polynomial, and the size of the last Chebyshev
+    coefficients. The number is 0 if the function is not resolved, and 1 if only its sign is certain.
+    `chebyshev` are the Chebyshev coefficients of the function, `size` its largest sampled magnitude, and
+    `noise` its rounding error. Coefficients below rounding, or below `least`, are omitted and counted as noise.
+    So are the coefficients beyond the degree: at a kink their sum is several times the last one. The last
+    coefficients are noise too if they hardly decreased when the interval was halved; `before` is their size
     before that.
     """
     coefficients = tuple(chebyshev[k] for k in unrolled(DEGREE + 1))
@@ -240,7 +241,10 @@ class Lines:
 
 @inline
 def sizes_of(dimension: int, events: int, columns: int) -> tuple[int, ...]:
-    """Return the number of doubles of each array of `Lines`, for blocks of `columns` steps."""
+    """Return the number of doubles of each array of `Lines`, in order, for blocks of `columns` steps.
+
+    `dimension` is the length of a state, and `events` the number of event functions.
+    """
     wide, full, part = Widths.of(columns)
     shared = columns, columns, full, dimension * full, part, dimension * part
     return (*shared, *(events * width for width in (columns,) * 6 + (wide, full, full, part)))
@@ -256,10 +260,10 @@ class Samples:
     """Steps of a run, and what is needed to evaluate the event functions along them, on blocks of steps.
 
     `polynomial` writes the dense output of a block, of a `degree`, to `c`; it needs the neighbours of steps if
-    `both` is 1. `kernel` evaluates the event functions. If `screens` is true, cubics, which `screen` writes,
-    exclude events on most steps before that; they need the right-hand side `law`. `factors` perturb the entries
-    of a state, and then the time, by `RELATIVE_PERTURBATION`. Vectors of a block, and the arrays of events, are
-    by columns, as in `dense.block`.
+    `both` is 1. `kernel` evaluates the event functions. If `screens` is true, cubics are tried first: they
+    exclude events on most steps. `screen` writes the cubics, and the right-hand side `law` gives their error.
+    `factors` perturb the entries of a state, and then the time, by `RELATIVE_PERTURBATION`. Vectors of a block,
+    and the arrays of events, are by columns, as in `dense.block`.
     """
 
     polynomial: Callable[..., Any]
@@ -290,7 +294,7 @@ class Samples:
 
     @inline
     def lines(self) -> Lines:
-        """Return the parts of the work memory for times, states and event functions at sample points."""
+        """Return the parts of the work memory: times, states, event functions at sample points, and errors."""
         arrays: tuple[Any, ...] = ()
         unused = self.work
         for size in sizes_of(self.dimension, self.events, self.columns):
@@ -309,7 +313,10 @@ class Samples:
 
     @inline
     def gather(self, lines: Lines, step_numbers: WholesIn, with_neighbours: int) -> None:
-        """Copy steps to the memory of the block, with their neighbours if `with_neighbours` is 1."""
+        """Copy the steps with the numbers `step_numbers` to the memory of the block, one to each column.
+
+        If `with_neighbours` is 1, their neighbours are copied too.
+        """
         run = self.steps, self.times, self.states
         gather(self.dimension, self.columns, step_numbers, *run, with_neighbours, self.own, self.beside)
         for b in range(self.columns):
@@ -317,9 +324,10 @@ class Samples:
 
     @inline
     def follow(self, lines: Lines, step_numbers: WholesIn) -> bool:
-        """Write the dense output of the steps numbered `step_numbers`, and which event functions may be zero on them.
+        """Compute the dense output of some steps, and find on which of them an event function may be zero.
 
-        Return True if an event function has no value.
+        `step_numbers` has the numbers of the steps, one for each column. The flags are written to
+        `lines.doubtful`. Return True if an event function has no value.
         """
         self.gather(lines, step_numbers, self.both)
         self.polynomial(self.given, self.columns, self.own, self.beside, self.path_work, self.c)
@@ -327,11 +335,12 @@ class Samples:
 
     @inline
     def sift(self, lines: Lines, step_numbers: WholesIn) -> bool:
-        """Write which event functions may be zero on each of the steps with numbers `step_numbers`, by cubics.
+        """Find by cubics on which steps an event function may be zero, and write flags to `lines.doubtful`.
 
-        The path differs from the cubic through the ends of a step by K s**2 (1 - s)**2 at the fraction s. The
-        difference of their slopes, evaluated at `SLOPE_AT`, where it is largest, gives K. The result is True if
-        an event function has no value, or a mass matrix is singular.
+        `step_numbers` has the numbers of the steps. The path differs from the cubic through the ends of a step
+        by K s**2 (1 - s)**2 at the fraction s. The difference of their slopes, evaluated at `SLOPE_AT`, where
+        it is largest, gives K. The result is True if an event function has no value, or a mass matrix is
+        singular.
         """
         self.gather(lines, step_numbers, 0)
         self.screen(self.screen_given, self.columns, self.own, self.beside, self.path_work, self.c)
@@ -363,10 +372,10 @@ class Samples:
 
     @inline
     def find_doubtful(self, lines: Lines, degree: int, screening: bool) -> bool:
-        """Write which event functions may be zero on each step of the block, whose polynomials have a `degree`.
+        """Find on which steps of the block an event function may be zero: 1.0 in `lines.doubtful`, else 0.0.
 
-        If `screening`, the polynomials are cubics, and their error is part of the noise. Return True if an
-        event function has no value.
+        The polynomials of the steps have a `degree`. If `screening`, they are cubics, and their error is part
+        of the noise. Return True if an event function has no value.
         """
         columns = self.columns
         is_bad = self.sample_coarsely(lines, degree)
@@ -401,10 +410,11 @@ class Samples:
 
     @inline
     def sample_coarsely(self, lines: Lines, degree: int) -> bool:
-        """Evaluate the event functions at a few points of each step. Return True if one of them has no value.
+        """Write the event functions at a few points of each step to `lines`. Return True if one has no value.
 
-        The points are a few nodes, by polynomials of a `degree`, and both ends perturbed by rounding. A further
-        one is the start of the step, perturbed by a small part of the range of the state.
+        The points are a few nodes, by polynomials of a `degree`, and both ends perturbed by rounding: these
+        values are in `lines.coarse`. For `lines.moved` the start is perturbed by a small part of the range of
+        the state.
         """
         columns, thetas, step, n = self.columns, nodes(COARSE).tolist(), self.block(), self.dimension
         wide, total, factor_of_time = Widths.of(columns).wide, n * columns, self.factors[n]
@@ -427,14 +437,20 @@ class Samples:
 
     @inline
     def evaluate(self, columns: int, t: In, y: In, out: Out) -> bool:
-        """Write the event functions at time t and state y of each column. Return True if one has no value."""
+        """Write the event functions at times t and states y to `out`. Return True if one has no value.
+
+        The arrays have one of `columns` samples in each column.
+        """
         half = quotient(self.dimension, 2) * columns
         is_bad: bool = self.kernel(columns, t, y, y[half:], self.parameters, out) >= 0
         return is_bad
 
     @inline
     def sample_fully(self, lines: Lines) -> bool:
-        """Write the Chebyshev coefficients of event functions on each step. Return True if one has no value."""
+        """Write the Chebyshev coefficients of event functions on each step to `lines.chebyshev`.
+
+        Return True if an event function has no value at a node.
+        """
         columns, thetas, step = self.columns, nodes().tolist(), self.block()
         full, total = Widths.of(columns).full, self.dimension * columns
         for b in self.each_column():
@@ -459,9 +475,10 @@ class Samples:
 
     @inline
     def sample_part(self, lines: Lines, b: int, start: float, width: float) -> bool:
-        """Evaluate event functions at nodes of a part of the step in column b. Return True if one has no value.
+        """Write the event functions at the nodes of a part of the step in column b to `lines.part`.
 
-        The part is given by its `start` and `width`, as fractions of the step. Unused columns repeat its end.
+        Return True if one has no value. The part is given by its `start` and `width`, as fractions of the step.
+        Columns that are left over repeat its end.
         """
         columns, step, part = self.columns, self.block(), Widths.of(self.columns).part
         total, t = self.dimension * columns, step.t[b]
@@ -496,9 +513,10 @@ def times_at(t: float, end: float, thetas: Sequence[float]) -> Reals:
 
 @inline
 def values_at(c: In, total: int, degree: int, b: int, thetas: Sequence[float]) -> Reals:
-    """Return the values of an entry of the state in column `b` at the fractions `thetas` of the step.
+    """Return the values of one entry of the state in column `b`, at the fractions `thetas` of the step.
 
-    The coefficients of the entry begin at c; `total` is the distance between those of consecutive powers.
+    The coefficients of the entry begin at c; those of consecutive powers, up to `degree`, are `total` doubles
+    apart.
     """
     top = c[degree * total :][b]
     sums = tuple(top for _ in thetas)

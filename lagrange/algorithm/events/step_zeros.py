@@ -172,9 +172,9 @@ class ZeroSearch:
     def begin_at_zero(self, step: int) -> bool:
         """Record which event functions are zero at the start of the motion. Return True if one is irregular.
 
-        An event with a reset is regular only if the reset led to that zero. A function with a known sign is not
-        recorded: its search continues with this sign, as from one step to the next. `step` is the number of the
-        step.
+        `step` is the number of the step; only the first step of a motion has such functions. An event with a
+        reset is regular only if the reset led to that zero. A function with a known sign is not recorded: its
+        search continues with this sign, as from one step to the next.
         """
         watch, lines, columns = self.watch, self.lines, self.samples.columns
         starts = watch.review.starts != 0 and step == watch.review.begin
@@ -208,11 +208,12 @@ class ZeroSearch:
 
     @inline
     def visit(self, step: int, b: int, is_bad: bool) -> int:
-        """Find the zeros of all event functions on a step. Return `ENDED`, or why the search ends before it.
+        """Find the zeros of all event functions on a step. Return `ENDED`, or why the whole search ends.
 
-        `step` is its number in the run, and `b` its column in the block. `is_bad` is true if an event function
-        has no value on the block. A step that ends the search leaves all records unchanged, unless the motion
-        changes on it.
+        The reason is `CHANGED` if the motion changes on the step, `IRREGULAR`, or `CROWDED` if the arrays for
+        zeros are full. `step` is the number of the step in the run, and `b` its column in the block. `is_bad`
+        is true if an event function has no value on the block. Unless the motion changes, a step that ends the
+        search leaves all records unchanged.
         """
         watch, review = self.watch, self.watch.review
         if unlikely(review.written + MOST_ZEROS >= review.room):
@@ -251,8 +252,8 @@ class ZeroSearch:
 
         `step` is the number of the step in the run, and `b` its column in the block. `is_bad` is true if an
         event function has no value on the block. `limit` is the fraction of the step at which the search ends;
-        `is_cut` is true if the motion changes there. `count` is the number of zeros so far. Returns True if the
-        event is irregular, and the new number of zeros.
+        `is_cut` is true if the motion changes there. `count` is the number of zeros on the step that are found
+        already. Returns True if the event is irregular, and the new number of zeros.
         """
         lines, index = self.lines, e * self.samples.columns + b
         is_last, noise = step == self.watch.review.last, lines.noise[index]
@@ -283,11 +284,11 @@ class ZeroSearch:
 
     @inline
     def sample(self, b: int, e: int, start: float, width: float) -> tuple[bool, float]:
-        """Write the Chebyshev coefficients of event function `e`, minus its level, on a part of a step.
+        """Write the Chebyshev coefficients of event function `e` on a part of a step to `coefficients`.
 
-        The part has a `start` and a `width`, as fractions of the step. The level is the value at the start if
-        that counts as zero, else 0. Returns True if an event function has no value there, and the largest
-        magnitude of the samples.
+        If the function starts at zero, its value at the start, the level, is subtracted. The part has a `start`
+        and a `width`, as fractions of the step in column `b`. Returns True if an event function has no value
+        there, and the largest magnitude of the samples.
         """
         lines, columns, has_no_value = self.lines, self.samples.columns, False
         size = lines.size[e * columns + b]
@@ -306,6 +307,7 @@ class ZeroSearch:
     def keep_roots(self, e: int, begins: bool, part: Part, length: float, is_end: bool, count: int) -> tuple[bool, int]:
         """Find the zeros of event function `e` on a part of a step; append them to the step's `count` zeros.
 
+        `part` has the start and width of the part, and the polynomial's number of coefficients, error and size.
         The search ends at the fraction `length` of the part. `begins` is true if the function starts at zero at
         the start of the part; `is_end` if the motion ends or changes at the end of the search. Returns True if
         the zeros are irregular, as at a jump over zero, and the new number of zeros.
@@ -332,10 +334,11 @@ class ZeroSearch:
     def leave_zero(self, e: int, known: int, error: float) -> tuple[bool, float]:
         """Find the sign that event function `e` takes on after a zero at the start of the motion, by its slope.
 
-        Return True if the event is irregular, and the error of the slope. `known` is the number of the
-        function's coefficients, and `error` their error. Chebyshev's polynomial of degree k has the slope 2 k**2
-        at the ends of [0, 1]. An event is irregular if it leaves zero in the direction in which it reached
-        zero, or if its slope is zero within its error.
+        The sign is written to `signs`. Return True if the event is irregular, and the error of the slope. An
+        event is irregular if it leaves zero in the direction in which it reached zero, or if its slope is zero
+        within its error. `known` is the number of coefficients of its polynomial, and `error` the error of its
+        values. The error of the slope follows from the slope 2 k**2 of Chebyshev's polynomial of degree k at
+        the ends of [0, 1].
         """
         rank, linear = float(max(known - 1, 1)), self.powers[1]
         noise, slope = 2.0 * rank * rank * error, linear if known > 1 else 0.0
@@ -345,7 +348,7 @@ class ZeroSearch:
 
     @inline
     def first_change(self, count: int) -> int:
-        """Return the index of the first zero on a step that changes the motion, or -1.
+        """Return the index of the first of `count` zeros on a step that changes the motion, or -1 if none does.
 
         Each earlier zero in a direction that counts reduces the remaining count of its event by one.
         """
@@ -360,13 +363,13 @@ class ZeroSearch:
 
     @inline
     def counts(self, j: int) -> bool:
-        """Return True if the event of zero number `j` counts zeros in the direction of this zero."""
+        """Return True if zero number `j` of the step counts: its event counts zeros in this direction."""
         expected, way = self.watch.direction[self.events[j]], self.directions[j]
         return expected == 0 or expected == way
 
     @inline
     def change(self, b: int, change: int, kept: int, count: int) -> int:
-        """End the search at zero number `change` of the step in column `b`, where the motion changes.
+        """End the search at a zero that changes the motion, number `change` of the step in column `b`.
 
         Return `CHANGED`, or `IRREGULAR` if another zero is simultaneous with the change. `kept` is the number
         of zeros before the search was cut at that zero, and `count` the number of all zeros. The zeros before
@@ -407,9 +410,10 @@ class ZeroSearch:
 
     @inline
     def write(self, b: int, count: int, before: float) -> None:
-        """Append the zeros of the step in column `b` before the fraction `before` to the events of the run.
+        """Append the zeros of the step in column `b` whose direction counts to the events of the run.
 
-        They are those among the first `count` zeros whose direction counts.
+        They are taken from the first `count` zeros of the step, as far as they are before the fraction `before`
+        of the step.
         """
         for j in range(count):
             time = self.times[j]
@@ -419,7 +423,10 @@ class ZeroSearch:
 
     @inline
     def write_zero(self, b: int, e: int, s: float) -> None:
-        """Append a zero to the written ones: event `e`, the time at the fraction `s` of the step, and the state."""
+        """Write a zero of event `e` after the events of the run: its index, time and state.
+
+        s is the fraction of the step in column `b` at which it is.
+        """
         samples, slot = self.samples, self.watch.review.written
         t, total = samples.block().t[b], samples.dimension * samples.columns
         self.watch.which[slot] = e
@@ -435,7 +442,7 @@ class ZeroSearch:
 
 @inline
 def step_zeros(samples: Samples, lines: Lines, watch: ReviewedEvents) -> ZeroSearch:
-    """Return the search for zeros on a step, with its memory."""
+    """Return a `ZeroSearch`, the search for zeros on one step, with new memory."""
     memory: tuple[Any, ...] = tuple(watch.noted[samples.events * k :] for k in unrolled(4))
     memory = (*memory, *(reals(DEEPEST_HALVING + 2) for _ in unrolled(3)), reals(DEGREE + 2), reals(DEGREE + 2))
     memory = (*memory, reals(MOST_ROOTS), wholes(MOST_ROOTS), reals(MOST_ZEROS), wholes(MOST_ZEROS), wholes(MOST_ZEROS))
@@ -448,11 +455,12 @@ QUEUE = 256
 
 @procedure(samples=samples_type, watch=lambda: Bundle(ReviewedEvents, {}))
 def review(samples: Samples, watch: ReviewedEvents) -> int:
-    """Search the steps of a run for events. Return a code, such as `ENDED`: why the search ended.
+    """Search the steps of a run for events. Return why the search ended: `ENDED` after all steps, or a code.
 
-    The run has times (S+1,) and states (S+1, 2n). The event, the time and the state of each zero that counts
-    are written to `watch`. If a zero that changes the motion ended the search, it is written after them and not
-    counted.
+    The codes are `CHANGED` if the motion changes on a step, `IRREGULAR`, and `CROWDED` if the arrays for zeros
+    are full. The run has times (S+1,) and states (S+1, 2n) in `samples`. The event, the time and the state of
+    each zero that counts are written to `watch`. If a zero that changes the motion ended the search, it is
+    written after them and not counted.
     """
     lines, end, reached = samples.lines(), watch.review.end, watch.review.begin
     queue, step_numbers = wholes(QUEUE), wholes(WIDEST_VECTOR)
@@ -491,10 +499,10 @@ def queue_block(
     queue: WholesOut,
     filled: int,
 ) -> int:
-    """Append to the queue those steps of a block on which an event function may be zero; return the new length.
+    """Append those steps of a block to `queue` on which an event function may be zero. Return its new length.
 
-    The first step of all is always appended. `first` is the number of the first step of the block, and `step_numbers`
-    is memory for the numbers of its steps. `filled` is the length of the queue before.
+    The first step of the whole search is always appended. `first` is the number of the first step of the block,
+    and `step_numbers` is memory for the numbers of its steps. `filled` is the length of the queue before.
     """
     end, is_bad = watch.review.end, False
     for b in range(WIDEST_VECTOR):

@@ -36,13 +36,13 @@ MOSTLY_ZERO = 4
 
 @dataclass(frozen=True)
 class Style:
-    """How the solution of linear systems is printed in a procedure.
+    """How the solution of linear systems is written in a procedure: as single statements, or as calls.
 
-    Eliminations up to size `largest` are written out, with up to `substituted` multiplications in their substitutions.
-    Up to `systems` systems with the same matrix are solved together. Written-out solutions have up to `entries` entries
-    in total. Systems in memory are solved as adjacent columns if `side_by_side`, else one after the other. Without
-    `pivoting` a system fails if a pivot in the original order is too small. If `early`, inputs are read at the start of
-    the procedure, else at their first use.
+    Eliminations up to size `largest` are written out, with up to `substituted` multiplications in their
+    substitutions. Up to `systems` systems with the same matrix are solved together. Written-out solutions have
+    up to `entries` entries in total. Systems in memory are solved as adjacent columns if `side_by_side`, else
+    one after the other. Without `pivoting` a system fails if a pivot in the original order is too small. If
+    `early`, inputs are read at the start of the procedure, else at their first use.
     """
 
     largest: int = LARGEST_IN_SOURCE
@@ -62,9 +62,9 @@ SOURCE = Style()
 class Inputs:
     """Inputs of a program's instructions: time, state, and the array `parameters`.
 
-    This array has the parameters, then the prepared numbers, which depend on parameters alone. `slots` are the
-    indices of prepared results in it, by instruction. `names` are the names of values in printed code, by
-    instruction.
+    This array has the parameters, then the prepared numbers, which depend on parameters alone. `slots` maps the
+    indices of instructions to the indices of their results in this array. `names` maps them to the names of
+    their results in printed code.
     """
 
     parameters: Memory
@@ -78,9 +78,10 @@ class Inputs:
 
 @dataclass(frozen=True)
 class FactoredMatrix:
-    """A factorization L D L^T: its entries by index pair if it is written out, else the `memory` of its factors.
+    """A factorization L D L^T: its entries by index pair, or the `memory` that has its factors.
 
-    `trusted` is true if all pivots of written-out factors are large enough.
+    The entries are given if its operations are written out. Then `trusted` is true if all pivots are large
+    enough.
     """
 
     entries: Mapping[tuple[int, int], Real]
@@ -116,7 +117,10 @@ class Body:
         return self.singular
 
     def load_inputs(self, refs: Iterable[int]) -> None:
-        """Read the states, parameters and prepared numbers that instructions need, before all branches."""
+        """Read the inputs that the instructions `refs` need, before all branches.
+
+        These are states, parameters, and prepared numbers, which depend on parameters alone.
+        """
         code, read = self.program.instructions, dict[int, None]()
         for ref in refs:
             read |= dict.fromkeys(code[ref].args)
@@ -125,9 +129,9 @@ class Body:
                 self.loaded(ref)
 
     def loaded(self, ref: int) -> None:
-        """Read the result of instruction `ref` from the inputs or from a solution in memory, if it is there.
+        """Add the read of the result of instruction `ref`, if it is an input or part of a solution in memory.
 
-        A result that has been read already, or that has to be computed, is left out.
+        Nothing is added if it has been read already, or has to be computed.
         """
         instruction, inputs = self.program.instructions[ref], self.inputs
         if instruction.op == "component" and instruction.args[0] in self.later:
@@ -150,7 +154,7 @@ class Body:
         return value.called(name) if name else value
 
     def value(self, ref: int) -> Any:
-        """Return the value that an instruction computed: a number or a condition."""
+        """Return the value that instruction `ref` computes, a number or a condition; an input is read first."""
         instruction = self.program.instructions[ref]
         if instruction.op == "constant":
             return self.p.constant(float(instruction.value), REAL)
@@ -164,8 +168,8 @@ class Body:
     def restore(self, ref: int, instruction: Instruction, slot: int) -> None:
         """Read the result of instruction number `ref` from the array of parameters, from index `slot` on.
 
-        After the parameters the array has the results that depend on them alone. For a factor `instruction`
-        they are the factors of its matrix.
+        After the parameters this array has results that depend on them alone. The result of a factor
+        `instruction` are the factors of its matrix.
         """
         inputs, held = self.inputs, self.inputs.parameters
         if instruction.op == "factor" and not written_out(self.program.eliminations[ref], inputs.largest):
@@ -181,7 +185,10 @@ class Body:
             self.values[ref] = ~value.equals(0.0) if instruction.op in CONDITIONS else self._named(ref, value)
 
     def read_factors(self, plan: Elimination, memory: Memory) -> FactoredMatrix:
-        """Return the factors that `factor_dense` wrote to `memory`, as entries if the elimination is written out."""
+        """Return the factors that `factor_dense` wrote to `memory`, for a matrix with the elimination `plan`.
+
+        They are entries if the operations of this elimination are written out, else the memory itself.
+        """
         if not written_out(plan, self.style.largest):
             return FactoredMatrix({}, None, memory)
         n = plan.order
@@ -189,7 +196,10 @@ class Body:
         return FactoredMatrix(entries, memory[0].equals(0.0), None)
 
     def save(self, ref: int, out: Memory, slot: int) -> None:
-        """Write the result of instruction `ref`, which depends on parameters alone, to `out` from `slot` on."""
+        """Write the result of instruction `ref`, which depends on parameters alone, to the array `out`.
+
+        It begins at index `slot`. A matrix factorization or a solution takes several numbers.
+        """
         instruction, width = self.program.instructions[ref], width_of(self.program, ref, self.inputs.largest)
         if instruction.op == "factor":
             held = self.factors[ref]
@@ -228,7 +238,10 @@ class Body:
                     self.gather(step, groups[step].solves)
 
     def most_together(self, factor: int) -> int:
-        """Return the largest number of systems with the matrix of the instruction `factor` that are solved together."""
+        """Return the largest number of systems with one matrix that are solved together.
+
+        `factor` is the index of the instruction that factors the matrix.
+        """
         plan = self.program.eliminations[factor]
         joined = self.style.entries // plan.order if written_out(plan, self.style.largest) else self.style.systems
         return min(joined, self.style.systems)
@@ -254,13 +267,16 @@ class Body:
             )
 
     def partner(self, instruction: Instruction) -> int | None:
-        """Return the index of the cosine of the angle of a sine, or the converse; None if the program lacks it."""
+        """Return the index of the cosine of the same angle for a sine, and the converse.
+
+        None if the program does not have it, or if the instruction is neither.
+        """
         if instruction.op not in ANGLES:
             return None
         return self.places.get(instruction._replace(op="cos" if instruction.op == "sin" else "sin"))
 
     def vector(self, ref: int) -> list[Real]:
-        """Return the solution of the linear system of instruction `ref`, entry by entry."""
+        """Return the solution of the solve instruction `ref`, entry by entry."""
         if ref in self.later:
             return [memory[index] for memory, index in self.later[ref]]
         if ref not in self.vectors:
@@ -268,7 +284,10 @@ class Body:
         return self.vectors[ref]
 
     def entries(self, instruction: Instruction) -> dict[tuple[int, int], Real]:
-        """Return the entries (i, j), i >= j, of the matrix of a factor instruction that are not identically zero."""
+        """Return the lower triangle of a factor instruction's matrix: values by index pair (i, j), i >= j.
+
+        Entries that are identically zero are left out.
+        """
         entries = {}
         for i in range(instruction.order):
             for j in range(i + 1):
@@ -279,7 +298,7 @@ class Body:
         return entries
 
     def matrix(self, instruction: Instruction) -> Memory:
-        """Return memory with the lower triangle of an instruction's matrix, entry (i, j) at j*n + i."""
+        """Return new memory with the lower triangle of a factor instruction's matrix: (i, j) at j*n + i."""
         n, entries = instruction.order, self.entries(instruction)
         memory = self.p.reserve(n * n, name="matrix")
         indices = [(i, j) for j in range(n) for i in range(j, n)]
@@ -292,7 +311,10 @@ class Body:
         return memory
 
     def factor(self, ref: int, instruction: Instruction) -> None:
-        """Factor the matrix of an instruction, number `ref`: written out or in memory, as size and style decide."""
+        """Add the factorization of the matrix of factor instruction number `ref`.
+
+        It is written out, or done in memory by a procedure, as the size of the matrix and the style decide.
+        """
         plan, p = self.program.eliminations[ref], self.p
         if written_out(plan, self.style.largest):
             entries, trusted = elimination.factored(p, plan, self.entries(instruction))
@@ -315,7 +337,10 @@ class Body:
         return [None if code[arg].op == "constant" and code[arg].value == 0.0 else self.value(arg) for arg in args]
 
     def solve(self, factor: int, solves: Sequence[int]) -> None:
-        """Solve the systems of the instructions `solves` with the matrix that the instruction `factor` factored."""
+        """Add the solution of the systems of the instructions `solves`, which have one matrix.
+
+        `factor` is the instruction that factors it.
+        """
         if factor not in self.factors:
             self.loaded(factor)
         instruction = self.program.instructions[factor]
@@ -352,14 +377,17 @@ class Body:
         return [[vector[k * n + i] for i in range(n)] for k in range(len(right))]
 
     def rows_of(self, solves: Sequence[int]) -> tuple[Memory, int]:
-        """Return the memory in which the right-hand sides of `solves` are adjacent columns, and the length of a row."""
+        """Return the memory for the right-hand sides of the instructions `solves`, and the length of a row.
+
+        The right-hand sides are adjacent columns: entry i of number c is at i * length + c.
+        """
         n, width = self.program.instructions[solves[0]].order, whole_blocks(len(solves), WIDEST_VECTOR)
         if solves[0] not in self.rows:
             self.rows[solves[0]] = self.p.reserve(n * width, room=WIDEST_VECTOR, name="rows")
         return self.rows[solves[0]], width
 
     def gather(self, ref: int, solves: Sequence[int]) -> None:
-        """Write the right-hand side of the system of instruction `ref`, one of `solves`, to memory.
+        """Write the right-hand side of the solve instruction `ref`, one of the group `solves`, to memory.
 
         This is done as soon as it is computed, to free registers.
         """
@@ -368,7 +396,7 @@ class Body:
             rows[i * width + column] = 0.0 if value is None else value
 
     def by_rows(self, factors: Memory, solves: Sequence[int]) -> None:
-        """Add the solution of the systems of instructions `solves` by `factors` in memory.
+        """Add the solution of a group of solve instructions by the `factors` in memory, for all at once.
 
         Their right-hand sides are adjacent columns in memory. Entries of the solutions are read at their use.
         """
@@ -384,9 +412,10 @@ class Body:
     def written_out(
         self, factor: int, held: FactoredMatrix, right: Sequence[Sequence[Real | None]]
     ) -> list[list[Real]]:
-        """Return solutions by the written-out factors `held`, or by pivoting if a pivot is too small.
+        """Return the solutions of linear systems, by the entries of the factors `held`.
 
-        `factor` is the instruction that factors the matrix, and `right` has the right-hand sides.
+        If a pivot is too small, they are computed with pivoting, or count as failed if the style has no
+        pivoting. `factor` is the instruction that factors the matrix, and `right` has the right-hand sides.
         """
         p, instruction, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
         failed = self.fails()
@@ -422,9 +451,10 @@ class Body:
     def in_a_band(
         self, instruction: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]
     ) -> list[list[Real]]:
-        """Return solutions for the right-hand sides `right` by banded pivoting; the matrix is sparse.
+        """Return the solutions for the right-hand sides `right`, by elimination with pivoting within a band.
 
-        Rows are in the order `ranks` of the plan.
+        The matrix, that of the factor `instruction`, is sparse. Its unknowns are in the order `ranks` of the
+        plan.
         """
         p, n, failed = self.p, plan.order, self.fails()
         matrix = p.reserve(band_size(n, plan.band), name="matrix")

@@ -14,11 +14,12 @@ Entries = Mapping[tuple[int, int], Real]
 
 
 def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
-    """Return the entries of L, with 1/d on the diagonal, for a matrix with entries `a`, and a flag of pivots.
+    """Return the factor L of a matrix with entries `a`, by index pair, and a flag: true if it can be trusted.
 
-    p builds the procedure, and `plan` has the nonzero entries of L. The flag is true if every pivot is large
-    enough. A pivot is compared with its diagonal entry. The diagonal entry of a multiplier is zero: its pivot
-    is compared with the subtracted terms, those of G M^-1 G^T of the constraint.
+    The diagonal of L has 1/d instead of 1. p builds the procedure, and `plan` has the nonzero entries of L. The
+    flag is true if every pivot is large enough. A pivot is compared with its diagonal entry. The diagonal entry
+    of a multiplier is zero: its pivot is compared with the subtracted terms, those of G M^-1 G^T of the
+    constraint.
     """
     lower: dict[tuple[int, int], Real] = {}
     scaled: dict[tuple[int, int], Real] = {}
@@ -61,7 +62,8 @@ def _trusted(
 ) -> Flag:
     """Return the flag that pivot j has the right sign, and is not small compared with its terms.
 
-    `products` are the factors of the terms that were subtracted from its diagonal entry, and `scaled` has the pivot.
+    `a` has the entries of the matrix. `products` are pairs of factors of the terms that were subtracted from
+    the diagonal entry j, and `scaled` has the pivot.
     """
     pivot = scaled.get((j, j), p.real(0.0))
     if j not in plan.negative:
@@ -74,9 +76,9 @@ def _trusted(
 
 
 def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real | None]) -> list[Real]:
-    """Return the solution of the system with the right-hand side `right`, by the entries `lower` of L and 1/d.
+    """Return the solution of a linear system with the right-hand side `right`; an entry None is zero.
 
-    An entry None of the right-hand side is zero.
+    `lower` has the entries of L, with 1/d on the diagonal, as `factored` returns them.
     """
     x = list(right)
 
@@ -97,10 +99,11 @@ def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real |
 
 
 def satisfied(p: Builder, plan: Elimination, a: Entries, x: Sequence[Real], right: Sequence[Real | None]) -> list[Flag]:
-    """Return for each multiplier the flag that the solution x satisfies its row of the system.
+    """Return a flag for each multiplier: true if the solution x satisfies the multiplier's row of the system.
 
-    If inertias differ by many orders of magnitude, pivots may be large and the solution still wrong: the force
-    on a light body is then the difference of two nearly equal forces.
+    `a` has the entries of the matrix, and `right` the right-hand side. If inertias differ by many orders of
+    magnitude, pivots may be large and the solution still wrong: the force on a light body is then the
+    difference of two nearly equal forces.
     """
     flags = []
     for i in plan.negative:

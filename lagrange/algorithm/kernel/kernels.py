@@ -31,7 +31,10 @@ MANY_ZEROS = 32
 
 
 def cleared_outputs(program: Program) -> frozenset[int]:
-    """Return the indices of outputs that are always zero and are cleared in a loop; none if they are few."""
+    """Return the indices of outputs that are always zero, if they are many: a loop clears all outputs first.
+
+    If they are few, the result is empty.
+    """
     zeros = [index for index, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO_CONSTANT]
     return frozenset(zeros if len(zeros) >= MANY_ZEROS else ())
 
@@ -46,11 +49,12 @@ def prepare(
     divisors: Sequence[int] = (),
     style: Style = SOURCE,
 ) -> Procedure:
-    """Return the procedure `name` that writes the parameters, then the results that depend on them alone.
+    """Return the procedure `name`, which computes all numbers that depend on parameters alone.
 
-    `about` is its comment. With `in_place` the array contains the parameters already. `names` are the names of
-    values in printed code, by instruction. `divisors` are indices of results that are matrices of size one: a
-    zero there is a singular matrix.
+    It writes the parameters, then these numbers, in the layout `prepared`. `about` is its comment. With
+    `in_place` the array contains the parameters already. `names` are the names of values in printed code, by
+    index of the instruction. `divisors` are the indices in the array of matrices of size one: a zero there is a
+    singular matrix.
     """
     p = Builder(name, about)
     program = prepared.program
@@ -86,7 +90,7 @@ def kernel(
     """Return the procedure `name` that evaluates a program at a time and a state, with the comment `about`.
 
     `prepared` is the layout of its argument p, the parameters and the results that depend on them alone.
-    `names` are the names of values in printed code, by instruction.
+    `names` are the names of values in printed code, by index of the instruction.
     """
     p = Builder(name, about)
     t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)
@@ -148,7 +152,7 @@ def kernel_through_values(program: Program, prepared: PreparedLayout, by_value: 
 
 
 def results_of(quantity: Procedure) -> int:
-    """Return the number of entries that the procedure of a quantity writes to its argument `out`."""
+    """Return the number of entries that the procedure `quantity` writes to its argument `out`."""
     (size,) = (p.type.size for p in quantity.parameters if p.name == "out" and isinstance(p.type, Array))
     assert size is not None
     return size
@@ -165,16 +169,17 @@ def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
 
 
 def array_of(name: str) -> Callable[[Procedure], Any]:
-    """Return a function from a procedure `formulas` to the type of its parameter with the name `name`."""
+    """Return a function that takes a procedure and returns the type of its parameter `name`."""
     return lambda formulas: next(parameter.type for parameter in formulas.parameters if parameter.name == name)
 
 
 @procedure(y=array_of("y"), p=array_of("p"), out=array_of("out"))
 def guarded_quantity(t: float, y: In, p: In, out: Out, *, formulas: Procedure, entries: Procedure) -> bool:
-    """Write a quantity to `out` by the procedure `formulas`, and return whether a matrix is singular.
+    """Write a quantity to `out` by the procedure `formulas`. Return True if a matrix is singular.
 
     t and y are the time and the state. p has the parameters and the values that depend on them alone. A matrix
-    is also singular if a result is not finite and one of the divisors, which `entries` computes, is zero.
+    is also singular if a result is not finite and one of the divisors, which the procedure `entries` computes,
+    is zero.
     """
     singular: bool = generated(formulas, t, y, p, out)
     zero_or_nan = 0.0

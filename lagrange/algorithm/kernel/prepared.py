@@ -53,14 +53,15 @@ class PreparedLayout:
         return cls(tuple(programs), merged_program, saved, tuple(slots), begin, largest)
 
     def of_program(self, program: Program) -> Mapping[int, int]:
-        """Return the indices in the array of a program's saved results, by instruction."""
+        """Return the indices of a program's saved results in the array, by index of the instruction."""
         return self.slots[self.programs.index(program)]
 
 
 def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
-    """Add those instructions of a program that depend on parameters alone to `merged`, each once.
+    """Add the hoisted instructions of a program, which depend on parameters alone, to `merged`, each once.
 
-    Return the index in `merged` of each of them.
+    `merged` maps instructions to their indices. Return these indices for the program's hoisted instructions, in
+    order.
     """
     table: list[int] = []
     for instruction in program.instructions[: program.hoisted]:
@@ -70,7 +71,10 @@ def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
 
 
 def written_out(plan: Elimination, largest: int = LARGEST_IN_SOURCE) -> bool:
-    """Return True if the operations of an elimination are written out one by one: up to the size `largest`."""
+    """Return True if the operations of the elimination `plan` are written out one by one.
+
+    They are for matrices up to the size `largest`, and for sparse ones with few operations.
+    """
     return plan.order <= largest or plan.written_out
 
 

@@ -24,7 +24,7 @@ UNROLLED_ORDER = 16
 
 
 def row_stride(n: int) -> int:
-    """Return the distance between the rows of a matrix of size n, a multiple of the block size."""
+    """Return the distance in memory between the rows of a matrix of size n: n rounded up to whole blocks."""
     return whole_blocks(n, PARTIAL)
 
 
@@ -38,9 +38,9 @@ def inversion(n: int) -> Procedure:
     scratch=lambda n: Array(size=3 * row_stride(n), room=PARTIAL),
 )
 def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
-    """Replace the matrix a, given by rows, by its inverse. Return True if it is singular.
+    """Replace the matrix a, of size n and stored by rows, by its inverse. Return True if it is singular.
 
-    The distance between the rows is `row_stride(n)`. `scratch` is work memory for three rows.
+    The rows begin `row_stride(n)` numbers apart. `scratch` is work memory for three rows.
     """
     stride, short = row_stride(n), n <= UNROLLED_ORDER
     units, columns, pivots = scratch, scratch[stride:], scratch[2 * stride :]
@@ -72,9 +72,10 @@ def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
 
 @inline
 def measure(n: int, a: Readable[float], units: Writable[float], columns: Writable[float]) -> None:
-    """Write scale factors of the rows of the matrix a to `units`, and those of its columns to `columns`.
+    """Write scale factors of the rows of the matrix a to `units`, and of its columns to `columns`.
 
-    A factor is 1 / the largest magnitude. Columns are measured with scaled rows, then rows with scaled columns.
+    A factor is 1 / the largest magnitude in the row or column. First rows are measured, then columns of the
+    scaled rows, then rows of the scaled columns.
     """
     stride = row_stride(n)
     for j in each(n, spill=True):
@@ -101,7 +102,10 @@ def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Re
 
 @inline
 def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> int:
-    """Return the row, from k on, whose entry in column k is largest after scaling by `units`; k if none is finite."""
+    """Return the row, from k on, whose entry in column k is largest after scaling by `units`.
+
+    It is k if no such entry is a number.
+    """
     stride = row_stride(n)
     if n > UNROLLED_ORDER:
         best, row = -1.0, k
@@ -120,7 +124,10 @@ def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> in
 
 @inline
 def candidate(a: Readable[float], units: Readable[float], k: int, i: int, stride: int) -> tuple[float, int]:
-    """Return (size, i): the scaled size of the entry of row i in column k, or -1 if it cannot be the pivot."""
+    """Return (size, i) for row i as a pivot row of column k: the size of its entry after scaling by `units`.
+
+    The size is -1 if the row cannot be the pivot row: it is above row k, or the entry is not a number.
+    """
     size = abs(a[i * stride :][k]) * units[i]
     return size if size >= 0.0 and k <= i else -1.0, i
 

@@ -56,7 +56,7 @@ def band_size(n: int, band: int) -> int:
 
 
 def pivoted_size(n: int, band: int) -> int:
-    """Return the number of reals of the factors P A = L U of a matrix of size n with a band.
+    """Return the number of reals of the factors P A = L U of a matrix of size n with a half bandwidth `band`.
 
     They include the scales and the exchanged rows.
     """
@@ -65,7 +65,10 @@ def pivoted_size(n: int, band: int) -> int:
 
 @inline
 def column(n: int, band: int, j: int) -> int:
-    """Return the offset of column j of L and U in the factors: the entry of row i is at this offset + i."""
+    """Return the offset of column j of L and U in the factors: the entry in row i is at this offset + i.
+
+    The factors P A = L U are those of a matrix of size n with a half bandwidth `band`.
+    """
     height = min(n, 3 * band + 1)
     first = min(max(j - 2 * band, 0), n - height)
     return 4 * n + j * height - first
@@ -75,9 +78,9 @@ def column(n: int, band: int, j: int) -> int:
 def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
     """Factor a symmetric matrix as P A = L U. Return True if it is singular within rounding errors.
 
-    a is its lower triangle within the `band`: entry (i, j), i >= j, at j*band + i. `factors` takes
-    `pivoted_size` reals: n row scales, n exchanged rows, n column scales, n factors that make rows of
-    constraints preferred pivots, then the columns of L and U.
+    a is its lower triangle within the half bandwidth `band`: entry (i, j), i >= j, at j*band + i. `factors`
+    takes `pivoted_size` reals: n row scales, the n rows that were exchanged with rows 0 to n - 1, n column
+    scales, n factors that make rows of constraints preferred pivots, then the columns of L and U.
     """
     scales, exchanges, units, preferences = factors, factors[n:], factors[2 * n :], factors[3 * n :]
     nothing = scale_rows(n, band, a, scales, exchanges)
@@ -127,9 +130,10 @@ def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
 def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float], largest: Writable[float]) -> float:
     """Write a scale factor for each row, and the column of the same index, of a symmetric matrix to `scales`.
 
-    Return 0 times the sum of the magnitudes of all entries: NaN if one is not finite. Scaled diagonal entries
-    are 1, except in rows with an entry above `INDEFINITE`. Rows with a zero diagonal entry, of constraints or
-    of coordinates without inertia, are scaled by their largest entry. `largest` is work memory.
+    a is its lower triangle within a `band`. Scaled diagonal entries are 1, except in rows with an entry above
+    `INDEFINITE`. Rows with a zero diagonal entry, of constraints or of coordinates without inertia, are scaled
+    by their largest entry. `largest` is work memory. Return NaN if an entry of the matrix is not finite, else
+    0.
     """
     for i in range(n):
         inertia = abs(a[i * band + i])
@@ -159,7 +163,8 @@ def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float], l
 def largest_in_rows(n: int, band: int, a: Readable[float], scales: Readable[float], largest: Writable[float]) -> float:
     """Write the largest magnitude in each row of a matrix to `largest`, with columns scaled by `scales`.
 
-    Return 0 times the sum of the magnitudes of all entries: NaN if one is not finite.
+    a is the lower triangle of the symmetric matrix within a `band`. Return NaN if an entry is not finite, else
+    0.
     """
     nothing = 0.0
     for i in range(n):
@@ -211,15 +216,15 @@ RESIDUAL = 2.0**-40
 
 
 def least_pivot(negative: Sequence[int]) -> float:
-    """Return the smallest pivot that is accepted, as a fraction of the size of the terms that add up to it.
+    """Return the smallest pivot that is accepted, relative to the sizes of the terms whose sum it is.
 
-    `negative` are the indices of negative pivots, those of multipliers.
+    `negative` are the indices of negative pivots, those of multipliers; it is empty without multipliers.
     """
     return PIVOT_BESIDE_MULTIPLIERS if negative else PIVOT
 
 
 def factor_size(n: int) -> int:
-    """Return the number of reals that the factors of a matrix of size n occupy."""
+    """Return the number of reals that `factor_dense` writes for a matrix of size n."""
     return 1 + pivoted_size(n, n)
 
 
@@ -233,9 +238,9 @@ def is_trusted(pivot: float, diagonal: float) -> bool:
 def factor_columns(n: int, stride: int, a: In, lower: Out, reciprocals: Out) -> bool:
     """Factor a symmetric matrix as L D L^T without pivoting. Return True if every pivot is large enough.
 
-    `lower` has the columns of the lower triangle, `stride` reals apart, which are replaced by L below the
-    diagonal. `reciprocals` receives 1/d. The diagonal of the matrix is also read from a, with entry (i, j) at
-    j*n + i.
+    `lower` has the columns of its lower triangle, `stride` reals apart. Below the diagonal they are replaced by
+    L; the diagonal itself is overwritten too. `reciprocals` receives 1/d. The diagonal of the matrix is also
+    read from a, where entry (i, j) is at j*n + i.
     """
     trusted = True
     for j in range(n):
@@ -311,10 +316,11 @@ def solve_factored(n: int, factors: In, b: Out) -> None:
 
 @procedure(b=lambda: Array(room=WIDEST_VECTOR))
 def solve_columns(n: int, columns: int, factors: In, b: Out, spare: Out) -> None:
-    """Replace right-hand sides b of linear systems by the solutions, by `factors` of `factor_dense`.
+    """Replace the right-hand sides b of several linear systems with one matrix by the solutions.
 
-    Entry k of column c is at k*columns + c. `spare` takes n reals. `columns` is a multiple of `WIDEST_VECTOR`.
-    The operations on each column are those of `solve_factored`.
+    `factors` are those that `factor_dense` writes. Entry k of right-hand side c is at k*columns + c. `spare`
+    takes n reals. `columns` is a multiple of `WIDEST_VECTOR`. The operations on each column are those of
+    `solve_factored`.
     """
     reciprocals, lower = factors[1:], factors[2 * n + 1 :]
     # Factors with pivoting are rare: their columns are solved one after the other.
@@ -346,7 +352,8 @@ def solve_columns(n: int, columns: int, factors: In, b: Out, spare: Out) -> None
 def invert_dense(n: int, a: In, out: Out, work: Out) -> bool:
     """Write the inverse of a symmetric matrix to `out`, entry (i, j) at j*n + i. Return True if it is singular.
 
-    a is the lower triangle of the matrix, in the same order. `work` takes the factors, `factor_size(n)` reals.
+    a is the lower triangle of the matrix, with entry (i, j), i >= j, at the same index. `work` takes the
+    factors, `factor_size(n)` reals.
     """
     singular = factor_dense(n, a, work)
     for j in range(n):
@@ -373,9 +380,10 @@ def work_size(n: int) -> int:
 
 @procedure(lower=lambda: Array(read=True, room=WIDEST_VECTOR), x=lambda: Array(room=WIDEST_VECTOR))
 def solve_identity(n: int, stride: int, lower: In, d: In, x: Out) -> None:
-    """Solve L D L^T X = I for X. `x` begins as the identity. Columns of `lower` and `x` are `stride` reals apart.
+    """Solve L D L^T X = I for X, the inverse of a matrix of size n. `x` begins as the identity and becomes X.
 
-    The rows of X are also its columns, because X is symmetric.
+    `lower` has the columns of L, and the array d the reciprocals of the pivots. Columns of `lower` and `x` are
+    `stride` reals apart. The rows of X are also its columns, because X is symmetric.
     """
     for i in range(n):
         row = x[i * stride :]

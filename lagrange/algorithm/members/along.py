@@ -40,10 +40,11 @@ of the step in the unit of the polynomial, the coefficients, the state, and the 
 def polynomial_path(
     fraction: float, ratio: float, c: In, out: Out, degree: int, *, entries: tuple[int, ...], dimension: int
 ) -> None:
-    """Write the `entries` of the state at a fraction of a step to `out`, by polynomials in time.
+    """Write the state at a fraction of a step to `out`, computed by polynomials in time.
 
-    `ratio` is the length of the step in the unit of the polynomials. The coefficient of power k and entry j is
-    at index k * dimension + j of c. The type of the procedure is `PATH`.
+    Only the entries with the indices `entries` are written. `ratio` is the length of the step in the unit of
+    the polynomials. The coefficient of power k and entry j is at index k * dimension + j of c. The type of the
+    procedure is `PATH`.
     """
     theta = fraction * ratio
     totals = tuple(c[degree * dimension + j] for j in entries)
@@ -58,10 +59,11 @@ def polynomial_path(
 def series_path(
     fraction: float, ratio: float, work: In, out: Out, order: int, *, layout: TaylorLayout, entries: tuple[int, ...]
 ) -> None:
-    """Write the `entries` of the state at a fraction of a step to `out`, by the Taylor series of the last step.
+    """Write the state at a fraction of the last step to `out`, computed by the Taylor series of this step.
 
-    `ratio` is the length of the step in units of the scale of time. The work array has the state before the
-    step and the rows of the series, in a `layout`. The type of the procedure is `PATH`.
+    Only the entries with the indices `entries` are written. `ratio` is the length of the step in units of the
+    time scale. The work array has the state before the step and the rows of the series, in a `layout`. The type
+    of the procedure is `PATH`.
     """
     before, lost = work[layout.held :], work[layout.held + layout.padded :]
     powers = powers_of(fraction * ratio)
@@ -82,11 +84,11 @@ def states_on_step(
     degree: int,
     done: int,
 ) -> int:
-    """Write the states at the output times on a step from t to `end`; return the number of times that are done.
+    """Write the states at the output times on a step from t to `end`. Return the number of times done so far.
 
-    `times` are all output times, of which `done` were done before, and row i of `states` is the state at time
-    i. `path` writes the state at a fraction of the step, from `memory` and `degree`; `sign` is the direction of
-    the run. A time at the end belongs to the next step.
+    `times` are all output times, of which `done` were done before the step, and row i of `states` is the state
+    at time i. `path` writes the state at a fraction of the step, from the coefficients in `memory` and the
+    `degree`. `sign` is the direction of the run, 1.0 or -1.0. A time at the end belongs to the next step.
     """
     h, index = end - t, done
     while outstanding(times, index, end, sign):
@@ -97,7 +99,7 @@ def states_on_step(
 
 @dataclass(frozen=True)
 class MemberDenseOutput:
-    """Dense output of members' steps: its kind, and the right-hand side as a procedure."""
+    """Dense output of members' steps: the kind of polynomial, and the right-hand side as a procedure."""
 
     kind: StepPolynomial
     law: Procedure
@@ -119,7 +121,10 @@ class PathMemory:
 
 @dataclass(frozen=True, eq=False)
 class MemberStepPath:
-    """Dense output on one step of a member: its kind, and its procedure with the right-hand side built in."""
+    """Dense output on one step of a member: the kind of polynomial, and the procedure that writes it.
+
+    The right-hand side is built into the procedure.
+    """
 
     kind: StepPolynomial
     procedure: Procedure
@@ -170,10 +175,10 @@ class MemberStepPath:
 
 @procedure
 def law_of_column(_columns: int, t: In, q: In, _v: In, numbers: In, out: Out, *, law: Procedure) -> int:
-    """Write the right-hand side `law` of one column to `out`. Return 0 if a matrix is singular, else -1.
+    """Write the right-hand side `law` at one state to `out`. Return 0 if a matrix is singular, else -1.
 
-    t has the time, and q the whole state; `_v` is not used. `numbers` are the parameters and all values that
-    depend on them alone.
+    It has the form of a function of several columns, with one column. t has the time, and q the whole state [q,
+    v]; `_v` is not used. `numbers` are the parameters and all values that depend on them alone.
     """
     return int(generated(law, t[0], q, numbers, out)) - 1
 
@@ -236,11 +241,12 @@ def largest_between(
     high_value: float,
     best: float,
 ) -> float:
-    """Return the largest value of `sign` times an expression between two fractions of a step, at least `best`.
+    """Return the largest value of `sign` times an expression between two fractions of a step, or `best`.
 
-    The search is Brent's method without derivatives, between the fractions `low` and `high`. `low_value`,
-    `middle_value` and `high_value` are values of the expression; `sign` times it is largest at `middle`. The
-    next point is the vertex of the parabola through the three best points, or that of the golden section.
+    `best` is returned if it is larger. The search is Brent's method without derivatives, between the fractions
+    `low` and `high`. `low_value`, `middle_value` and `high_value` are values of the expression; `sign` times it
+    is largest at `middle`. The next point is the vertex of the parabola through the three best points, or that
+    of the golden section.
     """
     low_is_better = low_value * sign > high_value * sign
     x, fx = middle, middle_value * sign
@@ -345,11 +351,12 @@ class SampledStep:
 
 @dataclass(frozen=True)
 class Reduced:
-    """Memory for the largest and least values and means of a member's expressions along its run.
+    """Memory for the reductions of a member's expressions along its run: extreme values and means.
 
     `now` and `ahead` are the values of the expressions at the start and end of the step. For each reduction
-    there are the result so far (`best`), the extreme with this step or the integral over it (`tried`), and the
-    rounding error of the sum (`lost`).
+    there is the result so far in `best`: an integral for a mean, and a least value times -1. `tried` is the
+    extreme value with this step, or the integral over this step. `lost` is the rounding error of an integral's
+    sum.
     """
 
     now: Out
@@ -399,15 +406,16 @@ class AlongRun:
 
     @inline
     def follow(self, reduced: Reduced, step: SampledStep, numbers: In, points: In) -> None:
-        """Write the reductions with this step to `reduced.tried`. They count only when the step is accepted.
+        """Write the reductions with a sampled `step` to `reduced.tried`. They count once `accept` is called.
 
-        `points` are the sample points of the step, followed by the weights.
+        `numbers` are the parameters and all values that depend on them alone. `points` are the sample points on
+        a step, as fractions, followed by their weights.
         """
         follow_step(step, numbers, points, reduced, sampled=self.sampled, path=self.path, dimension=self.dimension)
 
     @inline
     def accept(self, reduced: Reduced) -> None:
-        """Add the sampled step, which was accepted, to the reductions."""
+        """Make the values in `reduced.tried` count, because the sampled step was accepted."""
         for index in unrolled(self.sampled.size):
             reduced.now[index] = reduced.ahead[index]
         for k, (how, _) in enumerate(self.sampled.reductions):
@@ -418,7 +426,7 @@ class AlongRun:
 
     @inline
     def write(self, reduced: Reduced, duration: float, to: Out) -> None:
-        """Write the results of all reductions of a run to `to`. Integrals are divided by its `duration`."""
+        """Write the results of all reductions of a run to `to`. Integrals are divided by the `duration`."""
         for k, (how, index) in enumerate(self.sampled.reductions):
             value = reduced.best[k]
             if how == "mean":
@@ -432,10 +440,11 @@ class AlongRun:
 def follow_step(
     step: SampledStep, numbers: In, points: In, reduced: Reduced, *, sampled: Sampled, path: Procedure, dimension: int
 ) -> None:
-    """Sample expressions on a step, and write the results of their reductions with this step to `reduced`.
+    """Sample expressions on a `step`, and write the results of their reductions with this step to `reduced`.
 
-    `tried` is the integral over the step, or the extreme value so far. `ahead` are the expressions at the end
-    of the step. `points` has the points of Gauss-Lobatto's rule, followed by the weights.
+    `reduced.tried` gets the integral over the step, or the extreme value so far; `reduced.ahead` gets the
+    expressions at the end of the step. `numbers` are the parameters and all values that depend on them alone.
+    `points` has the points of Gauss-Lobatto's rule, followed by the weights.
     """
     t, h, degree, size = step.t, step.h, step.degree, sampled.size
     samples, state, results = reals(SAMPLE_POINTS * size), reals(dimension), reals(size)
@@ -473,7 +482,10 @@ def integral(samples: In, weights: In) -> float:
 
 @cache
 def search_on_step(sampled: Sampled, path: Procedure, dimension: int) -> Procedure:
-    """Return the procedure `raised`, which searches for the extreme value on a step, for `sampled` expressions."""
+    """Return the procedure `raised`, which finds an extreme value on a step, for the `sampled` expressions.
+
+    `path` is the dense output of the step.
+    """
     value = value_on_step.form(sampled=sampled, path=path, dimension=dimension)
     return bound(raised.form(), {"value": value}, prefix="step_")
 
@@ -493,10 +505,11 @@ def value_on_step(
     path: Procedure,
     dimension: int,
 ) -> float:
-    """Return the value of an expression at a fraction of a step.
+    """Return the value of one of the `sampled` expressions at a fraction of a step.
 
-    The step begins at t and has the length h, `ratio` in the unit of its polynomial, which has `coefficients` and a
-    `degree`. `index` is the index of the expression among the `sampled` ones. The type of the procedure is `VALUE`.
+    `index` is the index of the expression. The step begins at t and has the length h, and the length `ratio` in
+    the unit of its polynomial, which has `coefficients` and a `degree`. `numbers` are the parameters and all
+    values that depend on them alone. The type of the procedure is `VALUE`.
     """
     state, results = reals(dimension), reals(sampled.size)
     generated(path, fraction, ratio, coefficients, state, degree)
@@ -508,9 +521,10 @@ def value_on_step(
 def raised(step: ExpressionOnStep, sign: float, before: float, samples: In, points: In) -> float:
     """Return the largest value of `sign` times an expression on a step, or `before` if that is larger.
 
-    `samples` are its values at the `points`. A maximum is near a point whose value is not less than those of the
-    neighbours. A maximum lies between an end of the step and the next point if the expression rises from the end, but
-    is not larger at the next point. That test takes one more value.
+    `samples` are values of the expression at the `points`. A maximum is searched for near a point whose value
+    is not less than those of its neighbours. It is also searched for between an end of the step and the next
+    point, if the expression rises from the end but is not larger at the next point. That test takes one more
+    value.
     """
     best = before
     for j in range(SAMPLE_POINTS):

@@ -61,7 +61,7 @@ class SystemNumbers:
 
 @dataclass(frozen=True)
 class Observed:
-    """Values that are recorded of a state, such as its energy. There are `size` of them.
+    """Values of a state that are recorded at the start and end of a run, such as its energy: `size` of them.
 
     The procedure `kernel` computes them from time, state, and the parameters with all values that depend on
     them alone.
@@ -82,7 +82,7 @@ class OccurrenceArrays:
 
 @dataclass(frozen=True)
 class FirstOccurrences:
-    """The first occurrences of `kept` different events in each member's run. States have a `dimension`."""
+    """Stores the first occurrences of each of `kept` events in a member's run. States have a `dimension`."""
 
     kept: int
     dimension: int
@@ -100,9 +100,10 @@ class FirstOccurrences:
 
     @inline
     def keep(self, arrays: Any, seen: WholesOut, index: int, event: int, t: float, state: In) -> None:
-        """Store the time and state of an event of member `index` in `arrays`, if it is among the first.
+        """Store the time t and the state of an occurrence of an event, if it is among the first `arrays.most`.
 
-        `event` is the index of the event, and `seen` has the number of stored occurrences of each event.
+        `index` is the index of the member, and `event` that of the event. `seen` has the number of stored
+        occurrences of each event, and is updated.
         """
         number = seen[min(event, max(self.kept - 1, 0))]
         if event < self.kept and number < arrays.most:
@@ -116,7 +117,11 @@ class FirstOccurrences:
 
 @procedure
 def energy_and_momenta(t: float, y: In, numbers: In, out: Out, *, energy: Procedure, momenta: Procedure) -> bool:
-    """Write the energy and the conserved momenta of a state; return whether one of them has no value."""
+    """Write the energy and then the conserved momenta of a state to `out`. Return True if one has no value.
+
+    t and y are the time and the state, and `numbers` are the parameters with all values that depend on them
+    alone. The procedures `energy` and `momenta` compute the values.
+    """
     is_singular = generated(energy, t, y, numbers, out)
     others_are: bool = generated(momenta, t, y, numbers, out[1:])
     return is_singular or others_are
@@ -217,7 +222,7 @@ class MemberMethod(ABC):
 
     @abstractmethod
     def memory(self, job: MemberJob) -> tuple[tuple[Out, ...], Any]:
-        """Return memory for the parts of the state, and further memory of the method."""
+        """Return memory for the parts of the state, which are its vectors, and an object with other memory."""
 
     @abstractmethod
     def begin(self, job: MemberJob, member: Member) -> None:
@@ -225,7 +230,7 @@ class MemberMethod(ABC):
 
     @abstractmethod
     def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:
-        """Take a step of member `index`, and return an outcome, PAUSED if the run continues.
+        """Take a trial step of member `index`. Return PAUSED if the run continues, else why it ends.
 
         `last` is true if the budget allows no step after this one.
         """
@@ -274,7 +279,7 @@ def run_members(job: MemberJob, *, method: MemberMethod) -> None:
 
 @inline
 def memory_of_member(job: MemberJob, method: MemberMethod) -> Member:
-    """Return memory for one member, which the next member takes over after its end."""
+    """Return memory for one member. The next member in the same lane uses it again."""
     n, along = method.dimension, method.along
     numbers: Any = job.numbers if job.prepare is None else reals(method.numbers.size)
     reduced = None if along is None else along.memory()
@@ -327,9 +332,9 @@ def copy_state(member: Member, to: Out, dimension: int) -> None:
 
 @inline
 def observe(job: MemberJob, member: Member, t: float, results: Out, index: int, method: MemberMethod) -> None:
-    """Write observed values, such as the energy, of the member's state at time t to a row of `results`.
+    """Write the observed values, such as the energy, of a member's state to row `index` of `results`.
 
-    `index` is the number of the row.
+    The state is that at time t.
     """
     size = method.observed.size
     copy_state(member, member.state, method.dimension)
@@ -341,11 +346,11 @@ def observe(job: MemberJob, member: Member, t: float, results: Out, index: int, 
 
 @inline
 def without_sizes(outcome: int, member: Member, method: MemberMethod) -> int:
-    """Return the outcome of a step; PAUSED instead of UNSCALED if the run can continue without estimates.
+    """Return the outcome of a step, but PAUSED for UNSCALED if the run can continue without size estimates.
 
-    Estimated sizes of the state's entries would only raise their absolute tolerances, so without them steps are
-    at most shorter. A run ends if it cannot begin without sizes, or if an entry may be rounding noise: its
-    steps would shrink to nothing.
+    UNSCALED asks for estimates of the sizes of the state's entries. They would only raise the absolute
+    tolerances, so without them steps are at most shorter. A run ends if it cannot begin without sizes, or if an
+    entry may be rounding noise: its steps would shrink to nothing.
     """
     counts = member.counts
     is_asked = outcome == Outcome.UNSCALED and counts.steps > 0 and counts.surveyed < MOST_SURVEYS
@@ -376,7 +381,7 @@ def some_rounded(floors: In, coordinate_count: int) -> bool:
 
 @inline
 def end_member(job: MemberJob, member: Member, index: int, outcome: int, method: MemberMethod) -> None:
-    """Write the results of member `index` and the outcome of its run."""
+    """Write the last state of member `index`, the outcome of its run, counts and reductions to the results."""
     run, counts, n = member.run, member.counts, method.dimension
     copy_state(member, job.ends[index * n :], n)
     observe(job, member, run.t, job.last, index, method)
@@ -391,7 +396,10 @@ def end_member(job: MemberJob, member: Member, index: int, outcome: int, method:
 
 @inline
 def explained(outcome: int, run: Run, counts: Counts) -> int:
-    """Return the outcome of a run; if its steps shrank because trials failed, the outcome of these trials."""
+    """Return the outcome of a run, or the cause if its steps became too small because trials failed.
+
+    The cause is the outcome of these trials, NON_FINITE or SINGULAR.
+    """
     is_stuck = outcome == Outcome.STEP_TOO_SMALL and counts.after_reject > 0
     for cause in (Outcome.NON_FINITE, Outcome.SINGULAR):
         outcome = cause if is_stuck and run.cause == float(cause) else outcome

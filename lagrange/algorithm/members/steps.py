@@ -101,27 +101,27 @@ class MemberFunctions:
 
     @inline
     def law(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
-        """Write the right-hand side of one column to `out`. Return 0 if its mass matrix is singular, else -1.
+        """Write the right-hand side at one state to `out`. Return 0 if its mass matrix is singular, else -1.
 
-        t has the time, q the whole state, and `numbers` are the parameters and all values that depend on them
-        alone; v is not used.
+        It has the form of a function of several columns, with one column. t has the time, q the whole state [q,
+        v], and `numbers` are the parameters and all values that depend on them alone; v is not used.
         """
         failed: int = generated(self.dense.column, columns, t, q, v, numbers, out)
         return failed
 
     @inline
     def kernel(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
-        """Write the event functions of each column; return the first column without an acceleration, or -1.
+        """Write the event functions of each column to `out`. Return the first column without a value, or -1.
 
-        t has the times, q the whole states by columns, and `numbers` are the parameters and all values that
-        depend on them alone; v is not used.
+        t has the times. q has the whole states [q, v] by columns: entry j of column b at j * columns + b.
+        `numbers` are the parameters and all values that depend on them alone; v is not used.
         """
         return events_of_columns(columns, t, q, numbers, out, functions=self)
 
 
 @procedure
 def events_of_columns(columns: int, t: In, y: In, numbers: In, out: Out, *, functions: MemberFunctions) -> int:
-    """Write the event functions of each column; return the first column without an acceleration, or -1.
+    """Write the event functions of each column to `out`. Return the first column without a value, or -1.
 
     t has the times. Entry j of the state of column b is at index j * columns + b of y, and event k at k *
     columns + b of `out`. `numbers` are the parameters and all values that depend on them alone.
@@ -149,7 +149,10 @@ class StepSamples(Samples):
 
     @inline
     def gather(self, lines: Lines, step_numbers: WholesIn, with_neighbours: int) -> None:
-        """Store the end time of the step in `lines`. Its other data are in the block already."""
+        """Store the end time of the step in `lines`. The other data of the step are in the block already.
+
+        The other arguments are not used.
+        """
         lines.t_end[0] = self.end
 
 
@@ -157,11 +160,12 @@ class StepSamples(Samples):
 def review_step(
     watch: ReviewedEvents, numbers: In, table: In, factors: In, step: Out, end: float, *, functions: MemberFunctions
 ) -> int:
-    """Find the zeros of event functions on a step up to time `end`. Return the reason for the search's end.
+    """Find the zeros of event functions on a step up to time `end`. Return why the search ended.
 
-    The zeros are written to `watch`. `step` has the data of the step as in `OwnStep`. `numbers` are the
-    parameters and all values that depend on them alone, and `table` has the coefficients of the dense output.
-    `factors` multiply the entries of a state to estimate rounding errors.
+    The codes are those of `step_zeros`: ENDED after the whole step, CHANGED if an event ends the run, or
+    IRREGULAR. The zeros are written to `watch`. `step` has the data of the step as in `OwnStep`. `numbers` are
+    the parameters and all values that depend on them alone, and `table` has the coefficients of the dense
+    output. `factors` are near 1 and perturb the entries of a state, to estimate rounding errors.
     """
     n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
     path, cubic, tables = functions.path("review_"), functions.cubic(), (numbers, table)
@@ -195,8 +199,9 @@ ZERO_ROOM = MOST_ZEROS + 1
 class ReviewArguments(OccurrenceArrays):
     """Arguments of the search for events on steps, and the arrays for the results.
 
-    `factors` multiply the entries of a state to estimate rounding errors. `direction` is the direction of zeros
-    that count, 0 for all, and `terminal` the number of zeros after which an event ends the run.
+    `factors` are near 1 and perturb the entries of a state, to estimate rounding errors. `direction` is for
+    each event the direction of zeros that count, 0 for all. `terminal` is the number of zeros after which the
+    event ends the run.
     """
 
     factors: In
@@ -262,9 +267,9 @@ class StepEventSearch:
     ) -> tuple[int, float, float]:
         """Search a step for events up to the time `end`. Return an outcome, and the end of the step.
 
-        The outcome is PAUSED if the run continues. The end is given as a time and as a fraction of the step. If
-        an event ends the run, they are those of the event, whose state is in `memory.there`. `index` is the
-        number of the member.
+        The outcome is PAUSED if the run continues, ENDED_BY_EVENT if an event ends it, and WATCHED in an
+        irregular case. The end is given as a time and as a fraction of the step. If an event ends the run, they
+        are those of the event, whose state is in `memory.there`. `index` is the number of the member.
         """
         review, steps, watched = memory.review, member.counts.steps, job.watched
         review.written, review.starts = 0, int(steps == 1)
@@ -288,10 +293,10 @@ class StepEventSearch:
 
     @inline
     def place_of_end(self, memory: ReviewMemory, step: OwnStep, end: float) -> tuple[float, float]:
-        """Write the state at the event that ends the run. Return its time and its fraction of the step.
+        """Write the state at the event that ends the run to `memory.there`.
 
-        The state is written to `memory.there`. At an end of the step it is the state there, which is not
-        interpolated.
+        Return the time of the event and its fraction of the step. At an end of the step the state is the one
+        there, which is not interpolated. `end` is the time at the end of the step.
         """
         part, slot = memory.review.fraction, memory.review.written
         is_begin, is_end, zero = part <= 0.0, part >= 1.0, memory.zeros[slot * self.dimension :]
@@ -356,7 +361,10 @@ class StepMembers(MemberMethod):
 
     @inline
     def memory(self, job: MemberJob) -> tuple[tuple[Out, ...], StepMemory]:
-        """Return memory for the state, one vector or coordinates and velocities, and the other memory of a run."""
+        """Return memory for the state, and an object with the other memory of a run.
+
+        The state is one vector [q, v], or two vectors of coordinates and of velocities.
+        """
         work = reals(self.layout.size)
         parts = tuple([work[self.layout.place(k) :] for k in range(self.program.states)])
         path = None if self.path is None else self.path.memory()
@@ -383,14 +391,15 @@ class StepMembers(MemberMethod):
 
     @inline
     def attempts(self, job: MemberJob, member: Member) -> int:
-        """Return the number of trial steps; the whole budget if all steps are taken at once."""
+        """Return the number of trial steps of the member; the whole budget if one call takes all steps."""
         return job.budget if self.takes_all else member.counts.steps + member.counts.rejected
 
     @inline
     def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:
-        """Take a trial step, or all equal steps at once, which finishes the member. Return an outcome.
+        """Take a trial step; or take all steps of a run with equal steps, if no dense output is needed.
 
-        `index` is the number of the member, and `last` is true if the budget allows no more steps.
+        Return an outcome: PAUSED if the run continues, else why it ends. `index` is the number of the member,
+        and `last` is true if the budget allows no more steps.
         """
         run, counts, method_memory = member.run, member.counts, member.method_memory
         trials = 0 if last else job.budget if self.takes_all else 1
@@ -424,7 +433,8 @@ class StepMembers(MemberMethod):
     def follow(self, path: MemberStepPath, job: MemberJob, member: Member, index: int) -> int:
         """Search an accepted step for events, and write output states and reductions of expressions on it.
 
-        `path` is the dense output. Return PAUSED or, if an event ends the run, its outcome.
+        `path` is the dense output, and `index` the number of the member. Return PAUSED if the run continues,
+        ENDED_BY_EVENT if an event ends it, and WATCHED in an irregular case.
         """
         run, method_memory = member.run, member.method_memory
         memory: PathMemory = method_memory.path

@@ -131,7 +131,10 @@ class EventSearch:
 
     @inline
     def take(self, memory: SearchMemory, job: Any, index: int) -> None:
-        """Copy new events, on steps that the defect test has confirmed, to the results of member `index`."""
+        """Copy new events to the results of member `index`.
+
+        These are events on steps that the defect test has confirmed.
+        """
         watch, slot = memory.watch, memory.taken[0]
         if unlikely(watch.done > slot):
             while slot < watch.done:
@@ -144,7 +147,10 @@ class EventSearch:
 
     @inline
     def due(self, memory: SearchMemory) -> int:
-        """Return the index of the watched function listed first among those that are zero at the end of the step."""
+        """Return the index of the watched function that is first in the list of due functions.
+
+        These are zero at the end of the step.
+        """
         return memory.whole_scratch[self.events.count * PARTS["due"][1]]
 
     @inline
@@ -201,7 +207,10 @@ class TaylorMembers(MemberMethod):
 
     @inline
     def memory(self, job: MemberJob) -> tuple[tuple[Out, ...], SeriesMemory]:
-        """Return memory for the state, which begins the work array, and the other memory of a run."""
+        """Return memory for the state, and an object with the other memory of a run.
+
+        The state is one vector at the beginning of the work array.
+        """
         work = reals(self.layout.size(self.order), room=WIDEST_VECTOR)
         records = TaylorState(), Held(), OutputCounts(), reals(1)
         search = None if self.search is None else self.search.memory()
@@ -227,7 +236,8 @@ class TaylorMembers(MemberMethod):
     def advance(self, job: MemberJob, member: Member, index: int, last: bool) -> int:
         """Test the defect of the last step of member `index`, and take the next step. Return an outcome.
 
-        `last` is true if the budget allows no step after this one.
+        It is PAUSED if the run continues, else why the run ends. `last` is true if the budget allows no step
+        after this one.
         """
         run, counts, method_memory = member.run, member.counts, member.method_memory
         states = job.outputs[index * (job.output_count * self.dimension) :]
@@ -272,11 +282,10 @@ class TaylorMembers(MemberMethod):
     def ended_by_event(
         self, search: EventSearch, job: MemberJob, member: Member, index: int, outcome: int, last: bool
     ) -> int:
-        """Copy events to the results. Return `outcome`, or ENDED_BY_EVENT if an event ends the run.
+        """Copy new events to the results. Return ENDED_BY_EVENT if an event ends the run, else `outcome`.
 
-        The events are those on steps that the defect test has confirmed.
-
-        `index` is the number of the member, and `last` is true if the budget allows no more steps.
+        The events are those on steps that the defect test has confirmed. `index` is the number of the member,
+        and `last` is true if the budget allows no more steps.
         """
         method_memory = member.method_memory
         search.take(method_memory.search, job, index)

@@ -97,11 +97,11 @@ def assess_correction(
 ) -> Outcome:
     """Decide by the norms of corrections if Newton's method has converged. Return DONE, PAUSED or DIVERGED.
 
-    PAUSED means that another correction is needed. `iteration` counts corrections from 0, and `since` the corrections
-    with the current matrix. `norm` is the size of this correction, and `previous` the size of the last one. The first
-    correction measures no contraction rate: the rate of the previous step is used. For a `constrained` step with error
-    control (`adaptive`), the rate `DIVERGENCE_RATE` is used instead: there the rate depends on the turning of the
-    constraints' gradients, and does not decrease with the step.
+    PAUSED means that another correction is needed. `iteration` counts corrections from 0, and `since` the
+    corrections with the current matrix. `norm` is the size of this correction, and `previous` the size of the
+    last one. The first correction measures no contraction rate: the rate of the previous step is used. For a
+    `constrained` step with error control (`adaptive`) it is `DIVERGENCE_RATE` instead: there the rate depends
+    on how the constraints' gradients turn, and does not decrease with the step.
     """
     first = iteration == 0
     measured = norm / previous
@@ -146,8 +146,9 @@ def is_small(newton: Newton, norm: float, previous: float, rate: float, adaptive
 def schedule_matrix(newton: Newton, iteration: int, rate: float, adaptive: bool) -> None:
     """Request a new matrix for the next step if the present one is outdated. Reduce the noise estimate slowly.
 
-    With error control (`adaptive`) a matrix is outdated if the contraction `rate` of the corrections is large. For
-    equal steps it is outdated by its age, sooner if the step took many corrections (`iteration`).
+    Called after convergence. With error control (`adaptive`) a matrix is outdated if the contraction `rate` of
+    the corrections is large. For equal steps it is outdated by its age, sooner if the step took many
+    corrections: `iteration` is their number minus 1.
     """
     newton.age += 1
     if adaptive:
@@ -172,7 +173,11 @@ def request_matrix(newton: Newton) -> None:
 
 @inline
 def predict(arguments: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
-    """Write the initial guess of the unknowns: by the formula of the method if it has one, else by extrapolation."""
+    """Write the initial guess of the unknowns to the work array, from the unknowns of previous steps.
+
+    With error control it is the formula of the method, or the previous unknowns if the method has none. For
+    equal steps backward differences are extrapolated. `solve` is the layout of the equations.
+    """
     work, newton, predicted = arguments.work, arguments.newtons[solve.index], solve.solve.predicted
     unknowns, residual = work[solve.first :], work[solve.residual :]
     if not solve.adaptive:
@@ -189,13 +194,19 @@ def predict(arguments: Running, t: float, h: float, layout: Layout, solve: Solve
 
 @inline
 def differences_of(work: Out, solve: SolveLayout) -> tuple[Writable[float], ...]:
-    """Return the arrays of backward differences of the unknowns; the first one has the unknowns themselves."""
+    """Return the arrays of backward differences of the unknowns, parts of `work`, by order.
+
+    The first array has the unknowns of the previous step themselves, as differences of order 0.
+    """
     return tuple([work[solve.history + k * solve.all :] for k in unrolled(HISTORY)])
 
 
 @inline
 def extrapolate(order: int, differences: tuple[Writable[float], ...], unknowns: Out, count: int) -> None:
-    """Write the sum of the first `order` backward differences to the unknowns. The highest are added first."""
+    """Write the sum of the first `order` of the backward `differences` of each unknown to `unknowns`.
+
+    There are `count` unknowns. The highest differences are added first.
+    """
     for k in reversed(ORDERS):
         if order == k:
             for i in each(count, spill=True, disjoint=True):
@@ -207,7 +218,7 @@ def extrapolate(order: int, differences: tuple[Writable[float], ...], unknowns: 
 
 @procedure(work=work_array)
 def keep_unknowns(newton: Newton, work: Out, *, layout: Layout, solve: SolveLayout) -> None:
-    """Store the unknowns of an accepted step for the extrapolation."""
+    """Store the unknowns of an accepted step, from which the next step extrapolates its guess."""
     if newton.solved == 1:
         newton.solved = 0
         unknowns, weights = work[solve.first :], work[solve.weights :]
@@ -231,9 +242,10 @@ def keep_unknowns(newton: Newton, work: Out, *, layout: Layout, solve: SolveLayo
 
 @inline
 def update_differences(differences: tuple[Writable[float], ...], value: float, i: int) -> list[float]:
-    """Write the backward differences for a new `value` of unknown i. Return the errors of all its guesses.
+    """Replace the backward differences of unknown i by those with its new `value`. Return errors of guesses.
 
-    There is a guess for each of the `ORDERS`, by extrapolation.
+    There is a guess for each of the `ORDERS`, by extrapolation from the previous steps. Its error is its
+    distance from `value`.
     """
     errors: list[float] = []
     for k, difference in enumerate(differences, 1):
@@ -246,9 +258,10 @@ def update_differences(differences: tuple[Writable[float], ...], value: float, i
 
 @inline
 def choose_order(newton: Newton, errors: tuple[float, ...]) -> None:
-    """Set the order of the next guess to that with the least error; `errors` are those of all `ORDERS`.
+    """Set the order of extrapolation for the next guess to that with the least error.
 
-    An order that has just become available is taken in any case.
+    `errors` are the squared errors of the guesses of all `ORDERS` for this step. An order that has just become
+    available is taken in any case.
     """
     known, following = newton.known, newton.known + 1
     best, least = ORDERS[0], errors[0]
@@ -285,11 +298,11 @@ UNROLLED_PRODUCT = 64
 
 @procedure(arguments=running)
 def solve_unknowns(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
-    """Solve the equations of a step of length h from time t for its unknowns, and return an outcome.
+    """Solve the equations of a step of length h from time t for its unknowns. Return DONE or a failure.
 
-    The unknowns are predicted and corrected by Newton's method, in the work array of `arguments`. If that fails,
-    corrections begin again from the guess of the method, with a new matrix. `solve` has the equations and the
-    places of their data.
+    The unknowns are predicted and corrected by Newton's method, in the work array of `arguments`. If that
+    fails, corrections begin again from the guess that the method states, with a new matrix. Failures are
+    SINGULAR, NON_FINITE and DIVERGED. `solve` has the equations and the places of their data.
     """
     newton = arguments.newtons[solve.index]
     newton.tried_step = h
@@ -314,7 +327,7 @@ def solve_unknowns(arguments: Running, t: float, h: float, *, layout: Layout, so
 
 @procedure(apart=True, arguments=running)
 def guess(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
-    """Set the unknowns to the guesses of the method. Return DONE, or SINGULAR for a singular matrix."""
+    """Set the unknowns to the guesses that the method states. Return DONE, or SINGULAR if a matrix is."""
     stated = solve.solve
     vectors = vectors_of(arguments, t, h, layout, stated.preparation, stated.guesses)
     is_singular = vectors.evaluate_all(stated.preparation)
@@ -325,11 +338,12 @@ def guess(arguments: Running, t: float, h: float, *, layout: Layout, solve: Solv
 
 @inline
 def weigh_by_tolerance(arguments: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
-    """Set the weight of each unknown: its largest effect on a state, relative to the tolerance of the state.
+    """Write the weight of each unknown: its largest effect on an entry of a state, divided by the tolerance.
 
-    The states are those at which the step evaluates the law, such as the right-hand side. The size of an entry
-    of the state is at least its slope times the step, for entries that begin at zero. A multiplier has no
-    tolerance: its weight is 0, and its effect on the velocities counts.
+    Corrections are multiplied by the weights in their norm. The states are those at which the step evaluates
+    the law, such as the right-hand side. The size of an entry in its tolerance is at least its slope times the
+    step, for entries that begin at zero. A multiplier has no tolerance: its weight is 0, and its effect on the
+    velocities counts.
     """
     step, stated, rtol = layout.step, solve.solve, arguments.run.rtol
     reached = [[stated.reach(i, state) for state in unrolled(step.states)] for i in unrolled(stated.count)]
@@ -352,7 +366,7 @@ def weigh_by_tolerance(arguments: Running, t: float, h: float, layout: Layout, s
 
 @inline
 def largest_size(vectors: StepVectors, factors: list[Node]) -> float:
-    """Return the largest absolute value of the coefficients `factors` in the present step."""
+    """Return the largest magnitude of the coefficients with the nodes `factors` in the present step."""
     largest = 0.0
     for factor in factors:
         largest = larger(largest, abs(vectors.numbers[factor]))
@@ -361,7 +375,10 @@ def largest_size(vectors: StepVectors, factors: list[Node]) -> float:
 
 @procedure(apart=True, arguments=running)
 def iterate(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
-    """Correct the unknowns until the estimated error is negligible; return an outcome."""
+    """Correct the unknowns until the estimated error is negligible. Return DONE or a failure.
+
+    Failures are SINGULAR for a singular matrix, NON_FINITE if the law has no finite value, and DIVERGED.
+    """
     stated, work, newton = solve.solve, arguments.work, arguments.newtons[solve.index]
     vectors = vectors_of(arguments, t, h, layout, stated.calls, stated.residuals)
     unit = arguments.run.rtol if solve.adaptive else UNIT_ROUND_OFF
@@ -400,7 +417,7 @@ def iterate(arguments: Running, t: float, h: float, *, layout: Layout, solve: So
 def correct(work: Out, solve: SolveLayout) -> float:
     """Add Newton's correction to the unknowns in the work array. Return its weighted root mean square.
 
-    The correction is the product of the stored inverse matrix and the residuals.
+    The correction is the product of the stored inverse matrix and the residuals, which are in `work`.
     """
     unknowns, weights, squares = work[solve.first :], work[solve.weights :], 0.0
     product = product_of(work[solve.inverse :], work[solve.residual :], solve, solve.solve.count)
@@ -414,9 +431,10 @@ def correct(work: Out, solve: SolveLayout) -> float:
 
 @inline
 def product_of(matrix: In, residual: In, solve: SolveLayout, count: int) -> MatrixProduct:
-    """Return the product of a matrix, stored by columns, with the first `count` residuals of a solve.
+    """Return a `MatrixProduct`, whose entries are computed on request, of a `matrix` and residuals.
 
-    A short product is written out, with the residuals in registers.
+    The matrix is stored by columns. `residual` has the vectors of residuals, of which the first `count` are
+    used. A short product is written out, with the residuals in registers.
     """
     length, width, block = solve.length, solve.width, solve.block
     is_short = count * length * (count * width // block if block > 1 else 1) <= UNROLLED_PRODUCT

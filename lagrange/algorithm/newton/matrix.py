@@ -81,10 +81,10 @@ class MatrixCoefficients:
 
 @procedure(apart=True, arguments=running)
 def build_matrix(arguments: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
-    """Write the inverse Newton matrix, from the stored derivative of the law or a new one.
+    """Compute the inverse Newton matrix for steps of length h, and store it in the work array.
 
-    Return DONE, or SINGULAR for a singular matrix. The law is the function that the step evaluates, such as the
-    right-hand side.
+    The derivative of the law is the stored one, or is evaluated anew. Return DONE, or SINGULAR for a singular
+    matrix. The law is the function that the step evaluates, such as the right-hand side.
     """
     work, newton, terms = arguments.work, arguments.newtons[solve.index], MatrixCoefficients(layout, solve)
     inverse, point, nodes = work[solve.inverse :], terms.point, [*terms.nodes, *[damp.factor for damp in solve.damped]]
@@ -121,10 +121,10 @@ def build_matrix(arguments: Running, t: float, h: float, *, layout: Layout, solv
 
 @inline
 def evaluate_derivative(vectors: StepVectors, t: float, out: Out, point: LawCall | None) -> bool:
-    """Write the derivative of the law by its arguments to `out`. Return True if a matrix is singular.
+    """Write the derivative of the law by its arguments to `out`, by rows. Return True if a matrix is singular.
 
     The law is the function that the step evaluates, such as the right-hand side. Its derivative is evaluated at
-    the arguments of the call `point` or, if that is None, at the start of the step.
+    the arguments of the call `point` or, if that is None, at the start of the step, at time t.
     """
     running, layout = vectors.running, vectors.layout
     if point is None:
@@ -139,7 +139,7 @@ def evaluate_derivative(vectors: StepVectors, t: float, out: Out, point: LawCall
 
 @inline
 def table(vectors: StepVectors, nodes: Sequence[Node]) -> Out:
-    """Return an array with the values of the coefficients `nodes` in the present step."""
+    """Return an array with the present values of the coefficients `nodes`, in their order."""
     values = reals(len(nodes))
     for i, node in enumerate(nodes):
         values[i] = vectors.numbers[node]
@@ -161,9 +161,10 @@ class Matrix:
 
     @inline
     def line(self, column: int, r: int, s: int) -> In:
-        """Return a column of block (r, s) of the derivative of the law: that of result r by argument s.
+        """Return column number `column` of block (r, s) of the derivative of the law.
 
-        The law is the function that the step evaluates, such as the right-hand side.
+        The block is the derivative of result r by argument s. The law is the function that the step evaluates,
+        such as the right-hand side.
         """
         length = self.solve.length
         return self.derivative[(column + s * length) * self.layout.rows + r * length :]
@@ -175,7 +176,10 @@ class Matrix:
 
     @inline
     def keep(self, row: In, target: Out) -> None:
-        """Copy `row`, a part of a row of the matrix, to `target`, padded with zeros to whole blocks."""
+        """Copy a part of a row of the inverse to `target`, padded with zeros to whole blocks.
+
+        `row` begins at that part, which has as many entries as a vector of unknowns.
+        """
         solve = self.solve
         for a in each(solve.width, spill=True, disjoint=True):
             entry = row[a]
@@ -185,9 +189,9 @@ class Matrix:
     def fill(self, identity: In, blocks: Sequence[tuple[int, int, In]]) -> None:
         """Write the negative Newton matrix to `entries`, transposed: rows of its inverse are stored as columns.
 
-        `identity` has the factors beta; `blocks` has (result, argument, factors g) for each block of the
-        derivative. The last vector of a part of a row may overwrite the start of the next part, which is
-        written later.
+        `identity` has the factors beta by rows (residual, unknown). `blocks` has (result, argument, factors g)
+        for each block of the derivative of the law. The last vector of a part of a row may overwrite the start
+        of the next part, which is written later.
         """
         solve, count, length = self.solve, self.solve.solve.count, self.solve.length
         for j in range(count):
@@ -205,10 +209,10 @@ class Matrix:
 
     @inline
     def inertia_is_singular(self, blocks: Sequence[Sequence[tuple[int, int]]]) -> bool:
-        """Return True if the mass matrix is singular. Its `blocks` are blocks of the derivative of the law.
+        """Return True if the mass matrix is singular, a matrix made of blocks of the derivative of the law.
 
-        `blocks` has the pair (result, argument of the law) of each block, by rows. The law is the function that
-        the step evaluates, such as the right-hand side.
+        `blocks` has the pair (result, argument) of the law for each block, by rows. The law is the function
+        that the step evaluates, such as the right-hand side. `entries` is overwritten.
         """
         length, order = self.solve.length, len(blocks) * self.solve.length
         for i, line in enumerate(blocks):
@@ -236,11 +240,12 @@ class Matrix:
 def weigh_by_rounding(
     vectors: StepVectors, solve: SolveLayout, point: LawCall, factors: Sequence[Sequence[Node]]
 ) -> None:
-    """Set the weight of each unknown to 1 over its rounding error, which no iteration can reduce.
+    """Set the weight of each unknown in the norm of corrections: 1 over the rounding error of the unknown.
 
-    The magnitudes of the terms of a residual, plus |J| times those of the arguments of its calls, give the rounding
-    error of the residual. The inverse of the matrix maps this error to the unknowns. `factors` has for each pair
-    (residual, result of the law) the factors of that result in the residual, one for each call.
+    No iteration can reduce this error. The magnitudes of the terms of a residual, plus |J| times those of the
+    arguments of the call `point`, give the rounding error of the residual. The inverse of the matrix maps it to
+    the unknowns. `factors` has for each pair (residual, result of the law) the factors of that result in the
+    residual, one for each call.
     """
     work, rows, length, width = vectors.running.work, vectors.layout.rows, solve.length, solve.width
     count, law, shares = solve.solve.count, LAWS[vectors.layout.step.law], reals(len(factors))

@@ -36,7 +36,7 @@ of the order of least cost, and compile in 0.58 to 0.77 of its time.
 
 
 def best_order(cost: Cost, tolerance: float) -> int:
-    """Return the order p with about the lowest cost per time that a step advances.
+    """Return the order p at which the cost of a step, divided by its length, is about lowest.
 
     The length of a step is proportional to tolerance**(1/p). Of the orders that cost nearly the least, the
     lowest is chosen.
@@ -84,7 +84,10 @@ def inversion_size(packing: Packing, *, looped: bool) -> int:
 
 
 def operations(packing: Packing, order: int) -> int:
-    """Return the number of vector operations of a series without loops: sums, rules, order 0 and inverses."""
+    """Return the number of vector operations of a series without loops, up to an order.
+
+    It counts sums, rules, the values of order 0, and the inverses of matrices.
+    """
     program = packing.program
     inverse = inversion_size(packing, looped=False) // 2
     start = len(program.start.instructions) + inverse
@@ -92,19 +95,19 @@ def operations(packing: Packing, order: int) -> int:
 
 
 def single_operations(packing: Packing, order: int) -> int:
-    """Return the number of operations of a series without loops if all its values are computed one by one."""
+    """Return the number of operations of a series without loops, up to an order, with values one by one."""
     summed = sum(chunk.count * len(chunk.sums) for chunk in packing.computed)
     values = sum(chunk.count for chunk in packing.computed)
     return summed * order * (order - 1) // 2 + 3 * values * order + len(packing.program.start.instructions)
 
 
 def is_large(packing: Packing, order: int) -> bool:
-    """Return True if a series of an order has too many operations for code without loops."""
+    """Return True if a series up to an order has too many operations for code without loops."""
     return operations(packing, order) > LARGEST_WRITTEN_OUT
 
 
 def chunks(packing: Packing) -> int:
-    """Return the number of vectors of values that are computed at each order."""
+    """Return the number of vectors of series values that are computed by rules at each order."""
     return len(packing.before) + sum(len(stage.trial) + len(stage.found) for stage in packing.stages)
 
 

@@ -110,7 +110,7 @@ class TaylorProcedures:
 
     @cached_property
     def orders(self) -> list[tuple[float, int]]:
-        """Pairs (tolerance, order), by decreasing tolerance: each order is used below its tolerance."""
+        """Pairs (tolerance, order), by decreasing tolerance. An order is used below its tolerance."""
         exponents = [-k * ORDER_BITS / ORDER_GRID for k in range(ORDER_GRID + 1)]
         pairs = [(math.inf, self.order(1.0))]
         for above, below in pairwise(exponents):
@@ -166,10 +166,10 @@ class TaylorProcedures:
 
 @procedure(parameters=lambda first: first.parameters[0].type, p=lambda second: second.parameters[0].type)
 def prepare_both(parameters: In, p: Out, *, first: Procedure, second: Procedure) -> bool:
-    """Compute all numbers that depend on the parameters alone, once for a run, and write them to `p`.
+    """Write the parameters, and all numbers that depend on them alone, to `p`. This is done once for a run.
 
-    `first` computes those of the right-hand side from the parameters, and `second` those of the series, from
-    `p`. Return True if one of them meets a singular matrix.
+    The procedure `first` computes the numbers of the right-hand side from the `parameters`. Then `second`
+    computes those of the series from `p`. Return True if one of them meets a singular matrix.
     """
     is_first_singular: bool = generated(first, parameters, p)
     is_second_singular: bool = generated(second, p)
@@ -209,11 +209,13 @@ def taylor_run(
     steps_at_least: int,
     relations: bool,
 ) -> Outcome:
-    """Run from the state y at time t[0] to t_end by Taylor series; write the last state to y, its time to t[0].
+    """Run from the state y at time t[0] to t_end by Taylor series, and return an outcome.
 
-    `p` has the parameters and the numbers computed from them. The order follows from `rtol` and the pairs
-    (tolerance, order) in `orders`; `highest` is the highest of them. A run takes at least `steps_at_least`
-    steps, and at most `max_steps`. With `relations` some constraints determine velocities.
+    The last state is written to y, and its time to t[0]. The outcome is DONE at t_end, and PAUSED after
+    `max_steps` steps. `of` are the functions of the system, and `p` has the parameters and the numbers computed
+    from them. The order follows from `rtol` and the pairs (tolerance, order) in `orders`; `highest` is the
+    highest of them. No step is longer than the run divided by `steps_at_least`, unless that is 0. With
+    `relations` some constraints determine velocities.
     """
     n, projection = layout.dimension, of.projection
     if projection is not None and not starts_on_constraints(projection, p, t[0], y, dimension=n, relations=relations):

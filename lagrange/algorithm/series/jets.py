@@ -61,8 +61,8 @@ ANGLES_AT_ONCE = 8
 class JetBuilder:
     """Base class of builders of the procedure that computes the Taylor series at a state, order after order.
 
-    `origin` has the values at order 0, by the number of the value. Inverses of mass matrices are written out up
-    to the size `largest`.
+    `origin` has the values at order 0, by the index of the series value. Inverses of mass matrices are written
+    out up to the size `largest`.
     """
 
     def __init__(
@@ -118,12 +118,12 @@ class JetBuilder:
         return next(iter(known)) if len(known) == 1 else None
 
     def is_known(self, operand: Operand, stage_number: int) -> bool:
-        """Return True if no value of an operand depends on a linear system after number `stage_number`."""
+        """Return True if an operand is known before linear system `stage_number`, from 0 on, is solved."""
         depth = self.program.depth
         return all(value == ZERO_LANE or depth[value] <= stage_number for value in operand.values)
 
     def at_zero(self, operand: Operand) -> Term:
-        """Return an operand at order 0, as a number or vector."""
+        """Return the values of an operand at order 0, as a number or vector; None if all of them are zero."""
         zero = (None, 0)
         return joined(self.p, [zero if value == ZERO_LANE else (self.origin.get(value), 0) for value in operand.values])
 
@@ -180,9 +180,10 @@ class LoopJet(JetBuilder):
 
 
 def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
-    """Return x * (high + low), rounded once; high + low is 1 / k, or scale / k, in two doubles.
+    """Return x / k or scale * x / k, rounded once: x * (high + low), where two doubles give 1 / k or scale / k.
 
-    The rounded reciprocal of an order k has an error of the same sign at every step, which would add up.
+    The rounded reciprocal of an order k has an error of the same sign at every step, which would add up. `low`
+    is None if that is negligible.
     """
     if x is None:
         return None
@@ -190,11 +191,11 @@ def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
 
 
 def solved(jet: Any, stage_number: int, stage: PackedStage, guesses: Sequence[Term]) -> list[Term]:
-    """Return the coefficients of the unknowns of a linear system at the present order k, by chunk.
+    """Return the coefficients of a linear system's unknowns at the present order k, a vector per chunk.
 
     They are guesses + M0^-1 (f[k-1] * scale / k - p^[k]), with the matrix M0 at order 0, the forces f, and the
-    momenta p^ computed with the guesses as unknowns. `jet` is the builder, `stage` the system and `stage_number` its
-    number.
+    momenta p^ computed with the `guesses` as unknowns. `jet` is the builder, `stage` the system and
+    `stage_number` its number.
     """
     right = []
     for force, momentum in zip(stage.right, stage.left, strict=True):
@@ -219,7 +220,7 @@ members of a pendulum took 154 ns, in parts 128 ns. The latest products wait for
 class WrittenJet(JetBuilder):
     """Builder of a procedure without loops that computes a series up to an order from `lowest` to `highest`.
 
-    `x` has the coefficients of each chunk by order.
+    The order is an argument of the procedure. `x` has the coefficients by chunk (vector of values) and order.
     """
 
     def __init__(
@@ -254,7 +255,7 @@ class WrittenJet(JetBuilder):
     def add_order(self, k: int) -> None:
         """Add the code of order k: coefficients of all values, and the row that is written.
 
-        After the last linear system of the highest order only event functions need further values.
+        At the highest order, values after the last linear system are computed for event functions only.
         """
         packing, self.k = self.packing, k
         for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
@@ -371,9 +372,9 @@ class WrittenJet(JetBuilder):
         return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= HIGHEST_EXACT_ORDER else None)
 
     def total(self, chunk: Chunk, number: int) -> Term:
-        """Return one sum that the rule of a chunk reads: sum number `number`, of x[j] y[k-j] over 0 < j < k.
+        """Return sum `number` in `chunk.sums` at the present order k: the sum of x[j] y[k-j] over 0 < j < k.
 
-        Its code is added once at each order.
+        It is an input of the chunk's rule. Its code is added once at each order.
         """
         key = chunk, number, self.k
         if key not in self.totals:
@@ -513,10 +514,11 @@ class ByOrderJet(LoopJet):
         self.x |= zip(self.packing.stages[stage_number].unknowns, values, strict=True)
 
     def solve(self, stage_number: int, stage: PackedStage, guess: Sequence[Any] | None, iteration: Whole) -> None:
-        """Compute the present unknowns of linear system `stage_number`, then the values that depend on them.
+        """Compute the unknowns of a linear system at the present order, then the values that depend on them.
 
-        Order 1 may be computed in two iterations. Then `guess` are variables with the unknowns that the first
-        one found; otherwise it is None. `iteration` is the number of the present iteration.
+        `stage` is the system, and `stage_number` its number. Order 1 may be computed in two iterations. Then
+        `guess` has variables with the unknowns that the first one found; otherwise it is None. `iteration` is
+        the number of the present iteration.
         """
         p = self.p
         guesses = [None if guess is None else variable.value for variable in guess or [None] * len(stage.unknowns)]
@@ -549,10 +551,10 @@ class ByOrderJet(LoopJet):
             put(self.p, self.row, index, self.now(operand), lanes, lanes)
 
     def write_state(self, x: Any) -> None:
-        """Write coefficients of the state and of the event functions to a row; `x` returns those of an operand.
+        """Write coefficients of the state and of the event functions to a row of memory.
 
-        `x` is `at_zero` for the row of order 0, or `now` for the row of the present order. Parts of the state
-        that are stored as operands are left out.
+        `x` is a function that returns those of an operand: `at_zero` for the row of order 0, or `now` for the
+        row of the present order. Parts of the state that are stored as operands are left out.
         """
         begin, row = 0, self.rows if x == self.at_zero else self.row
         for chunk in self.packing.state:

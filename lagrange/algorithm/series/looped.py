@@ -40,11 +40,11 @@ NOWHERE = -1
 
 
 class Image:
-    """Memory layout of series values of one order: the state, those that later orders read, then all others.
+    """Memory layout of the series values of one order: the state, those that later orders read, all others.
 
-    Later orders read only the first `width` numbers, which are stored as a row. Rows begin at `first` in an
-    aligned array. An operand is a vector of values that a rule reads. An operand whose values are adjacent and
-    in order is read where they are. Other operands are `gathered` value by value.
+    Later orders read only the first `width` numbers, which are stored as a row. Rows begin at index `first` of
+    an aligned array. An operand is a vector of values that a rule reads. If its values are adjacent and in
+    order, it is read where they are. Otherwise it is in `gathered`: its values are copied one by one.
     """
 
     def __init__(self, packing: Packing, first: int) -> None:
@@ -90,7 +90,10 @@ class Image:
         return begin
 
     def place(self, operand: Operand) -> None:
-        """Choose the index of an operand: where its values are adjacent and in order already, or a new index."""
+        """Choose the memory index of an operand, a vector of values that a rule reads.
+
+        It is that of its first value if the values are adjacent and in order already, else a new index.
+        """
         if operand in self.places:
             return
         begin = self.homes.get(operand.values[0], NOWHERE)
@@ -230,7 +233,7 @@ class LoopedJet(LoopJet):
             self.prepare_systems()
 
     def find_divisors(self, chunks: Iterable[Chunk]) -> None:
-        """Write the reciprocals of the values at order 0 by which chunks are divided."""
+        """Write the reciprocals of all divisors of rules, vectors of series values at order 0."""
         divisors = [operand for operand in dict.fromkeys(chunk.divisor for chunk in chunks) if operand is not None]
         self.arrays["reciprocals"] = self.p.reserve(max(sum(len(o.values) for o in divisors), 1), name="reciprocals")
         index = 0
@@ -254,14 +257,17 @@ class LoopedJet(LoopJet):
             self.solutions.append((p.reserve(n, name="right"), p.reserve(n, name="solution"), inverse))
 
     def part_of(self, array: str, index: int) -> Memory:
-        """Return the part from index `index` on of the local array with the name `array`.
+        """Return the part from `index` on of the local array with the name `array`.
 
-        Values of the present order that later orders read are in the row, not in the array "now".
+        For "now", values that later orders read are in the row of the present order instead.
         """
         return self.arrays["row" if array == "now" and index < self.image.width else array].at(index)
 
     def array_of(self, index: int) -> Memory:
-        """Return the array with the present value at index `index`: the row, or the local array "now"."""
+        """Return the array that has the value with this memory index at the present order: the row, or "now".
+
+        Values that later orders read are in the row of the order, all others in the local array "now".
+        """
         return self.arrays["row" if index < self.image.width else "now"]
 
     # --- orders
@@ -284,7 +290,7 @@ class LoopedJet(LoopJet):
         self.sum_tile(tile)
 
     def pieces(self) -> Iterator[Piece]:
-        """Yield the vectors of sums in pieces of at most `TILE` sums.
+        """Yield all sums over lower orders, in pieces of at most `TILE` adjacent sums.
 
         A piece is a tuple: its chunk, the number of the sum in the chunk's rule, the first lane, and the number
         of lanes.
@@ -306,7 +312,10 @@ class LoopedJet(LoopJet):
                     self.add_product(piece, lower, upper)
 
     def add_product(self, piece: Piece, lower: Memory, upper: Memory) -> None:
-        """Add the product x[j] y[k-j] to each sum of a piece, from the rows `lower` (order j) and `upper`."""
+        """Add the product x[j] y[k-j] to each sum of a piece, for one j.
+
+        `lower` is the row of coefficients of order j, and `upper` that of order k - j.
+        """
         chunk, number, begin, size = piece
         a, b = (self.image.places[operand] + begin for operand in chunk.sums[number])
         total, left, right = self.part_of("totals", self.sums[chunk, number] + begin), lower.at(a), upper.at(b)
@@ -338,7 +347,10 @@ class LoopedJet(LoopJet):
             self.current[chunk.whole] = None
 
     def is_scattered(self, chunk: Chunk) -> bool:
-        """Return True if a chunk adds values that are not adjacent, and no later order reads it as a vector."""
+        """Return True if a chunk is a linear combination of values that are not adjacent in memory.
+
+        If a later order reads the terms as a vector, they are gathered anyway, and the result is False.
+        """
         places = self.image.places
         apart = [operand for operand in chunk.args if operand in self.image.gathered]
         return chunk.op == "linear" and any(places[operand] >= self.image.width for operand in apart)
@@ -371,7 +383,10 @@ class LoopedJet(LoopJet):
             self.copy_run(home, index + lane, count)
 
     def copy_run(self, home: int, index: int, count: int) -> None:
-        """Copy `count` adjacent values from index `home` to `index`; for `NOWHERE` as home write a zero."""
+        """Copy `count` adjacent values of the present order from memory index `home` to `index`.
+
+        If `home` is `NOWHERE`, write a zero to `index`.
+        """
         if home == NOWHERE:
             self.array_of(index)[index] = 0.0
         elif count < SHORTEST_RUN:
@@ -383,8 +398,8 @@ class LoopedJet(LoopJet):
     def know(self, stage_number: int, stage: PackedStage, solution: Memory | None) -> None:
         """Set the present coefficients of the unknowns of a linear system to those in the memory `solution`.
 
-        If `solution` is None they are left as they are. Operands that were gathered with earlier values are
-        dropped.
+        If `solution` is None they are left as they are. `stage` is the system, and `stage_number` its number.
+        Operands that were gathered with earlier values are dropped.
         """
         begin = 0
         self.current = {operand: None for operand in self.current if self.is_known(operand, stage_number)}
@@ -397,9 +412,10 @@ class LoopedJet(LoopJet):
             begin += chunk.count
 
     def solved_in_memory(self, stage_number: int, stage: PackedStage, guess: Memory | None) -> Memory:
-        """Return memory with the unknowns of linear system `stage_number`: its solution, plus `guess` if given.
+        """Add code that solves a linear system at the present order, and return memory with its unknowns.
 
-        `stage` is the system. `guess` has unknowns from the first iteration for order 1, or is None.
+        These are the solution, plus the unknowns in `guess` if it is not None: those that the first iteration
+        for order 1 found. `stage` is the system, and `stage_number` its number.
         """
         p, (right, solution, inverse) = self.p, self.solutions[stage_number]
         begin = 0
@@ -443,7 +459,7 @@ class LoopedJet(LoopJet):
             rows[i] = first[i]
 
     def write(self) -> None:
-        """Complete the row of the present order: copy the operands there whose values are not adjacent."""
+        """Complete the row of the present order: add copies of operands whose values are not adjacent."""
         for operand in self.image.places:
             if self.image.places[operand] < self.image.width:
                 self.gather(operand)
@@ -459,7 +475,7 @@ class ChunkLane(ChunkAt):
         self.i = i
 
     def read(self, array: str, index: int) -> Real:
-        """Return this lane's entry of the vector that begins at index `index` of a named local array."""
+        """Return this lane's entry of a vector that begins at `index` of the local array named `array`."""
         number: Real = self.series.part_of(array, index)[self.i]
         return number
 
@@ -476,11 +492,11 @@ class ChunkLane(ChunkAt):
         return self.read("first", self.series.image.places[self.operand(number)])
 
     def total(self, number: int) -> Term:
-        """Return the sum with this number that the rule reads, of x[j] y[k-j] over 0 < j < k, in this lane."""
+        """Return sum `number` of the rule, of x[j] y[k-j] over 0 < j < k, for the value in this lane."""
         return self.read("totals", self.series.sums[self.chunk, number])
 
     def over(self, number: int) -> Real:
-        """Return 1 / argument `number` of the rule at order 0, for OWN 1 / the computed value, in this lane."""
+        """Return 1 / argument `number` at order 0, or 1 / the computed value itself for OWN, in this lane."""
         return self.read("reciprocals", self.series.divisors[self.operand(number)])
 
     def constant(self, number: int) -> Real:

@@ -57,7 +57,10 @@ class SeriesNumbers:
         return self.program.constants.parameters - self.program.sides
 
     def prepare(self) -> Procedure:
-        """Return the procedure that writes the numbers after the parameters, from which it computes them."""
+        """Return the procedure that computes the numbers of the series from the parameters, and writes them.
+
+        Its argument is the prepared array, which begins with the parameters.
+        """
         program = self.program
         p = Builder("prepare_taylor", "Write the numbers of the series, and say whether a constant matrix is singular.")
         held = p.array("p", size=self.begin + self.size)
@@ -80,10 +83,10 @@ class SeriesNumbers:
         return p.finish(FLAG)
 
     def array(self, parameters: FloatArray, table: FloatArray, inverses: Sequence[FloatArray]) -> FloatArray:
-        """Return the prepared array: parameters and numbers, with zeros for the results of order 0.
+        """Return the prepared array: the parameters and the numbers of the series.
 
-        `table` are the constants of the series program, and `inverses` the inverses (n, n) of the constant
-        matrices.
+        The results of order 0 are left zero. `table` are the constants of the series program, and `inverses`
+        the inverses (n, n) of the constant matrices.
         """
         prepared = np.zeros(self.begin + self.size + INVERSE_MARGIN)
         prepared[: len(parameters)] = parameters
@@ -99,9 +102,9 @@ class SeriesNumbers:
         return prepared
 
     def prepare_start(self, name: str) -> Procedure:
-        """Return a procedure that writes those results of order 0 to the prepared array that need no state.
+        """Return the procedure `name` that computes those results of order 0 that need no state.
 
-        `name` is the name of the procedure in printed code.
+        It reads the other numbers from the prepared array, and writes the results to it.
         """
         p = Builder(name, "Write the numbers of the start that depend on parameters alone.")
         held = p.array("p")
@@ -129,7 +132,10 @@ class SeriesNumbers:
         return value
 
     def systems(self, p: Builder, prepared: Memory) -> Iterator[LinearSystem | None]:
-        """Yield each linear system with a constant matrix, solved by the stored inverse; else yield None."""
+        """Yield for each linear system of the series: the system if its matrix is constant, else None.
+
+        It is solved by the inverse of the matrix, which is stored in `prepared`.
+        """
         begin = self.begin + self.inverses
         for stage in self.program.stages:
             if stage.plan.moving:
@@ -176,8 +182,8 @@ class Start(Body):
     def run_moving(self, width: int) -> None:
         """Add the instructions that depend on the state, with sines and cosines of several angles at once.
 
-        Up to `width` angles are taken together. An angle that itself depends on a sine or cosine is taken
-        singly.
+        Up to `width` angles are joined to one vector. An angle that itself depends on a sine or cosine is
+        computed separately.
         """
         code, hoisted = self.program.instructions, self.program.hoisted
         angles = [ref for ref in dict.fromkeys(instruction.args[0] for instruction in self.places) if ref >= hoisted]
@@ -196,7 +202,10 @@ class Start(Body):
         self.run(range(hoisted, len(code)))
 
     def find_angles(self, angles: Sequence[int], most: int) -> None:
-        """Add the sines and cosines of known angles, up to `most` together."""
+        """Add the sines and cosines of known angles, up to `most` angles together.
+
+        `angles` are the indices of the instructions that compute them.
+        """
         while len(angles) > 1:
             width = min(most, 1 << (len(angles) - 1).bit_length())
             taken, angles = angles[:width], angles[width:]

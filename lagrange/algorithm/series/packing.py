@@ -25,9 +25,10 @@ MOST_VECTORS = 1.1
 class Alignment:
     """Divides groups of like values into parts that are read together, unless that takes too many vectors.
 
-    `vectors` is a function from the number of values of a part to its number of vectors. The values of a part are read
-    by rules of the same part at the same argument, or are computed from values of the same part. Example: for distances
-    the squares of all x are one part, and the squares of all y the next, in the same order. So sums read whole vectors.
+    `vectors` is a function from the number of values in a part to the number of vectors that hold them. The
+    values of a part are read by rules of the same part at the same argument, or are computed from values of the
+    same part. Example: for distances the squares of all x are one part, and the squares of all y the next, in
+    the same order. So sums read whole vectors.
     """
 
     def __init__(self, program: SeriesProgram, groups: Sequence[Members], vectors: Callable[[int], int]) -> None:
@@ -51,9 +52,9 @@ class Alignment:
                 self.divide(members, {i: self.made_of(i) for i in members})
 
     def role(self, readers: Sequence[tuple[int, int]]) -> Any:
-        """Return how rules read a value: sorted pairs (part of the value they compute, argument number).
+        """Return how rules read a value: sorted pairs (part of the computed value, argument number).
 
-        `readers` are pairs (value that a rule computes, argument number).
+        `readers` has a pair for each use of the value: (value that the rule computes, argument number).
         """
         return tuple(sorted(dict.fromkeys((self.part[i], argument) for i, argument in readers)))
 
@@ -87,9 +88,9 @@ class Alignment:
 
 @dataclass(frozen=True)
 class Operand:
-    """A vector of values that rules read, by their numbers in the series program.
+    """A vector of series values that rules read. `values` are their indices in the series program, by lane.
 
-    If `ranked`, the coefficient x[j] of order j is multiplied by j.
+    If `ranked`, the coefficient x[j] of order j is multiplied by j. The index `ZERO_LANE` stands for zero.
     """
 
     values: tuple[int, ...]
@@ -98,11 +99,11 @@ class Operand:
 
 @dataclass(frozen=True)
 class Chunk:
-    """A vector of values that are computed by one rule, with the operation `op`.
+    """A vector of series values that one rule computes, with the operation `op`.
 
-    `values` are the numbers of the values by lane, of which the first `count` are distinct. `args` are the
-    operands of the rule. `coefficients` has for each coefficient of the rule its indices among the constants,
-    by lane.
+    `values` are the indices of the values by lane, of which the first `count` are distinct. `args` are the
+    operands of the rule. `coefficients` has for each coefficient of the rule its indices in the table of
+    constants, by lane.
     """
 
     op: str
@@ -202,14 +203,14 @@ class Packing:
 
     @cached_property
     def delayed(self) -> tuple[Operand, ...]:
-        """Operands that are read at the next order: integrands and forces."""
+        """Operands that are read at the order after their own: integrands and forces, each once."""
         integrated = [chunk.args[0] for chunk in self.computed if chunk.op == "integral"]
         forces = [force for stage in self.stages for force in stage.right if force is not None]
         return tuple(dict.fromkeys([*integrated, *forces]))
 
     @cached_property
     def initial(self) -> tuple[Operand, ...]:
-        """Operands that rules of higher orders read at order 0."""
+        """Operands whose coefficients of order 0 are read by rules of higher orders, each once."""
         operands = [operand for chunk in self.computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
         return tuple(dict.fromkeys(operands))
 
@@ -255,9 +256,10 @@ def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packin
 
 
 def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_Group, list[int]]:
-    """Return the groups of values that become vectors, by their common properties, in the order of evaluation.
+    """Return the groups of values that can be in one vector, by their common properties.
 
-    `level` has for each value its place in that order, a pair that `levels` returns.
+    The groups are in the order of evaluation. `level` has for each value its place in that order, a pair that
+    `levels` returns.
     """
     trials, founds = ([frozenset(part) for part in parts] for parts in (program.trials, program.found))
     groups: dict[_Group, list[int]] = {}
@@ -274,9 +276,10 @@ def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_G
 
 
 def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None]) -> tuple[Operand | None, ...]:
-    """Return operands of the values `outputs` of a linear system, one for each chunk of unknowns.
+    """Return the values `outputs` of a linear system as operands, one for each chunk of unknowns.
 
-    `outputs` has a value for each unknown, or None for zero. An operand with zeros alone is None.
+    `outputs` has the index of a value for each unknown, or None for zero. If all values of an operand are zero,
+    it is None.
     """
     known = dict(zip(stage.unknowns, outputs, strict=True))
     lanes = [[known[value] for value in chunk.values] for chunk in chunks]
@@ -343,18 +346,25 @@ class _Packer:
         return chunks
 
     def in_order(self, members: Sequence[int], rules: Mapping[int, SeriesRule]) -> list[int]:
-        """Return the values `members`, which have one rule, sorted by the positions of their operands."""
+        """Return the values `members` of one group, sorted by the positions of their operands.
+
+        `rules` has the rule of each value.
+        """
         readers = {} if self.alignment is None else self.alignment.reader
         key = {i: (readers.get(i, 0), [self.at(arg) for arg in rules[i].args[::-1]], i) for i in members}
         return sorted(members, key=key.__getitem__)
 
     def place(self, members: Sequence[int]) -> None:
-        """Record the positions of the values `members` after those of the values packed so far."""
+        """Record positions for the values `members`, after those of all values packed so far."""
         for value in members:
             self.position[value] = len(self.position)
 
     def whole(self, op: str, parts: Sequence[list[int]]) -> Chunk:
-        """Return the parts of a group as one chunk. Each part begins at a multiple of `ALIGNED_BLOCK`."""
+        """Return one chunk with all `parts` of a group. Each part begins at a multiple of `ALIGNED_BLOCK`.
+
+        A part is a list of values; its last value is repeated up to that multiple. `op` is the operation of
+        their rule.
+        """
         lanes: list[int] = []
         rules = {i: self.canonical(self.program.rules[i]) for part in parts for i in part}
         for part in parts:
@@ -385,7 +395,10 @@ class _Packer:
         return rule
 
     def at(self, value: int) -> int:
-        """Return the position of a value among the packed values; for a value that is packed later, the end."""
+        """Return the position of a series value among the packed values.
+
+        A value that is not packed yet has a position after all packed ones.
+        """
         return self.position.get(value, len(self.program.rules) + value)
 
 

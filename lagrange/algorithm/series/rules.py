@@ -28,9 +28,9 @@ Term = Any
 class ChunkAt:
     """Reads the inputs of the rule of a chunk (a vector of like values), at the present order k of a builder.
 
-    `series` is the builder. In the methods `number` is that of an argument, of a sum or of a coefficient
-    of the rule. As an argument, `OWN` stands for the chunk itself. `share(x)` is scale * x / k, with the unit
-    of time as scale, and `part(x)` is x / k.
+    `series` is the builder. In the methods, `number` is the index of an argument, of a sum or of a coefficient
+    of the rule. `OWN` as an argument is the value that the rule computes. `share(x)` is scale * x / k, with the
+    unit of time as scale, and `part(x)` is x / k.
     """
 
     def __init__(self, series: Any, chunk: Chunk) -> None:
@@ -74,28 +74,28 @@ class ChunkAt:
 
 
 def fma(p: Builder, a: Term, b: Term, total: Term) -> Term:
-    """Return a * b + total."""
+    """Return a * b + total, where None means zero."""
     if a is None or b is None:
         return total
     return a * b if total is None else p.fma(a, b, total)
 
 
 def less(a: Term, b: Term) -> Term:
-    """Return a - b."""
+    """Return a - b, where None means zero."""
     if b is None:
         return a
     return -b if a is None else a - b
 
 
 def plus(a: Term, b: Term) -> Term:
-    """Return a + b."""
+    """Return a + b, where None means zero."""
     if a is None or b is None:
         return b if a is None else a
     return a + b
 
 
 def scaled(at: ChunkAt, x: Term, number: int = 0) -> Term:
-    """Return x times coefficient `number` of the rule."""
+    """Return x times coefficient `number` of the rule; None for zero."""
     known = at.known(number)
     if x is None or known == 1.0:
         return x
@@ -103,7 +103,10 @@ def scaled(at: ChunkAt, x: Term, number: int = 0) -> Term:
 
 
 def coefficient(at: ChunkAt) -> Term:
-    """Return the Taylor coefficients of a chunk of values at the present order, computed by its rule."""
+    """Return the Taylor coefficients of a chunk's values at the present order, by the rule of the chunk.
+
+    `at` reads the inputs of the rule. None means zero.
+    """
     return _RULES[at.chunk.op](at)
 
 
@@ -139,7 +142,10 @@ def _square(at: ChunkAt) -> Term:
 
 
 def _divided(at: ChunkAt, left: Term, number: int) -> Term:
-    """Return (left - b[k] * u[0]) / b[0], the coefficient u[k] of a quotient; b is argument `number`."""
+    """Return u[k] = (left - b[k] * u[0]) / b[0], the coefficient of order k of a quotient u.
+
+    u is the value that the rule computes, and b is its argument `number`, the divisor.
+    """
     last = at.now(number)
     if last is not None:
         left = fma(at.p, -last, at.first(OWN), left)
@@ -153,9 +159,10 @@ def _sqrt(at: ChunkAt) -> Term:
 
 
 def _flat(at: ChunkAt, zeroed: Term, coefficient: Term) -> Term:
-    """Return the coefficient of a root or power: `coefficient`, unless its divisor at order 0, `zeroed`, is zero.
+    """Return the coefficient of a root or power, also where it cannot be divided by its divisor at order 0.
 
-    If it is zero, the coefficient is 0 while the coefficients of the argument are zero, else NaN.
+    It is `coefficient` unless this divisor, `zeroed`, is zero. Then it is 0 if the argument's coefficient of
+    the present order is zero, else NaN.
     """
     p, now = at.p, at.now(0)
     still = p.true if now is None else now.equals(0.0)
@@ -225,7 +232,10 @@ def width(x: Real | Entries) -> int:
 
 
 def joined(p: Builder, parts_of: Sequence[tuple[Term, int]]) -> Term:
-    """Return a vector of the entries `parts_of`, each a pair (value, index in the value); a value None is zero."""
+    """Return a vector with one entry for each of `parts_of`, the pairs (value, index of an entry in the value).
+
+    A value of None is zero. If all are None, so is the result.
+    """
     if all(x is None for x, _ in parts_of):
         return None
     terms = [(p.real(0.0), 0) if x is None else (x, entry) for x, entry in parts_of]
@@ -240,10 +250,10 @@ def joined(p: Builder, parts_of: Sequence[tuple[Term, int]]) -> Term:
 
 
 def gathered(p: Builder, packing: Packing, operand: Operand, x: Callable[[Chunk], Term]) -> Term:
-    """Return an operand as a vector, gathered from the chunks that contain its entries.
+    """Return an operand as a vector, gathered from the chunks that contain its values.
 
-    `x` returns the present coefficients of a chunk. For a `ranked` operand they are not multiplied by the
-    order.
+    `x` is a function that returns the coefficients of a chunk. For a `ranked` operand the result is not yet
+    multiplied by the order.
     """
     homes = [None if value == ZERO_LANE else packing.place[value] for value in operand.values]
     if homes[0] is not None and homes[0][0].values == operand.values:
@@ -268,7 +278,10 @@ def entries(memory: Memory, index: int, size: int) -> Term:
 
 
 def put(p: Builder, memory: Memory, index: int, x: Term, size: int, count: int) -> None:
-    """Write the first `count` of the `size` entries of a vector to an array, from index `index` on."""
+    """Write the first `count` of the `size` entries of x to an array, from index `index` on.
+
+    x is a vector, a number for all entries, or None for zeros.
+    """
     value: Term = wide(p, x, size)
     lane, part = 0, LARGEST_STORED_BLOCK
     while lane < count:
@@ -290,11 +303,11 @@ TILE = 24
 
 
 class OrderSum(NamedTuple):
-    """A vector of sums of x[j] y[k-j] over 0 < j < k. Its totals are stored one after the other from `place` on.
+    """A vector of sums of x[j] y[k-j] over 0 < j < k. Its totals are stored side by side from `place` on.
 
-    `pair` are the factors (x, y) as the rule names them. One of them is `lower`, which is read at order j; the other is
-    `upper`, read at order k - j. Exchanging them does not change the sum. Sums with the same `upper` factor are
-    adjacent, and read it once.
+    `pair` are the factors (x, y) as the rule names them. The same factors are also named by their use: `lower`
+    is read at order j, and `upper` at order k - j. Exchanging them does not change the sum. Sums with the same
+    `upper` factor are adjacent, and read it once.
     """
 
     place: int
@@ -332,9 +345,9 @@ class OrderSums:
             self.totals[i] = 0.0
 
     def at(self, k: Whole) -> dict[Pair, Term]:
-        """Return all sums of x[j] y[k-j] over 0 < j < k at an order k, by pair of factors (x, y).
+        """Add the code for all sums at an order k, and return them by pair of factors (x, y).
 
-        The sums at order k - 1 must have been computed before.
+        A sum is that of x[j] y[k-j] over 0 < j < k. The sums at order k - 1 must have been computed before.
         """
         p = self.p
         even = (k - k // 2 * 2).equals(0)
@@ -362,7 +375,7 @@ class OrderSums:
     def sum_two(self, sums: Sequence[OrderSum], k: Whole) -> None:
         """Write the sums of x[j] y[k-j] over 0 < j < k at an odd order k, and most of each sum at order k + 1.
 
-        The products with coefficients of order k are missing in the latter.
+        The latter lack the products with coefficients of order k, which are not known yet.
         """
         p = self.p
         first, second = ([p.variable(wide(p, None, order_sum.lanes)) for order_sum in sums] for _ in range(2))
@@ -380,7 +393,7 @@ class OrderSums:
             put(p, self.totals, self.size + order_sum.place, following.value, order_sum.lanes, order_sum.lanes)
 
     def completed(self, sums: Sequence[OrderSum], totals: Memory, k: Whole, even: Flag) -> Iterator[tuple[Pair, Term]]:
-        """Yield the sums of a tile at order k, as pairs (factors, sums), read from the memory `totals`.
+        """Return pairs (factors, sum) for the sums of a tile at order k, from the memory `totals`.
 
         At an `even` order the products with order k - 1 are added, in loops of one iteration or none. With
         branches instead of these loops the outer solar system takes 1.08 times as long.
@@ -393,7 +406,7 @@ class OrderSums:
         return ((order_sum.pair, total.value) for order_sum, total in zip(sums, variables, strict=True))
 
     def factors(self, sums: Sequence[OrderSum], row: Memory) -> dict[Operand, Term]:
-        """Return the coefficients of the factors `upper` of `sums`, read from a row, each once."""
+        """Return the coefficients of the factor `upper` of each sum, read from a row, each factor once."""
         return {kept: self.read(row, kept) for kept in dict.fromkeys(order_sum.upper for order_sum in sums)}
 
     def add(

@@ -67,10 +67,10 @@ def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
 def moving_system(
     p: Builder, plan: SolvePlan, entries: Iterator[Real], memory: Memory, largest: int = LARGEST_IN_LINE
 ) -> tuple[LinearSystem, list[Flag]]:
-    """Return the linear system of a matrix that depends on the state, and flags that its blocks are singular.
+    """Return the solver of a linear system whose matrix depends on the state, and flags for singular blocks.
 
-    `entries` are those of the matrix's lower triangle. Inverses up to the size `largest` are values of the
-    procedure; others are in `memory`.
+    `plan` describes the structure of the matrix, and `entries` are the values of its lower triangle. Inverses
+    up to the size `largest` are values of the procedure; others are in `memory`.
     """
     blocks = _triangles(plan, entries)
     if plan.diagonal:
@@ -93,7 +93,7 @@ def moving_system(
 
 
 def constant_size(plan: SolvePlan) -> int:
-    """Return the number of doubles of the inverse of a constant matrix."""
+    """Return the number of doubles that the inverse of a constant matrix takes."""
     return plan.size if plan.diagonal else plan.size**2
 
 
@@ -115,7 +115,7 @@ def constant_inverse(p: Builder, plan: SolvePlan, entries: Iterator[Real], to: M
 
 
 def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> LinearSystem:
-    """Return the system of a constant matrix whose inverse is in memory."""
+    """Return the solver of a linear system with a constant matrix, whose inverse is in `memory`."""
     n = plan.size
     if plan.diagonal:
         return Diagonal(p, {i: memory[i] for i in range(n)})
@@ -125,7 +125,7 @@ def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> LinearSystem
 
 
 def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
-    """Return the entries of the vectors `right` as single values, in the order of the unknowns.
+    """Return the entries of the vectors `right` as single values, one for each unknown in order.
 
     `rows` has for each vector the indices of its unknowns, by lane.
     """
@@ -242,7 +242,7 @@ class InverseInMemory:
         return [total.value for total in sums]
 
     def multiply(self, right: Memory, solution: Memory) -> None:
-        """Write the product of the inverse and a right-hand side in memory to the memory `solution`."""
+        """Write the product of the inverse and a right-hand side, both in memory, to `solution`."""
         p, n = self.p, self.size
         with p.each(n, width=1) as i:
             solution[i] = 0.0
@@ -280,9 +280,10 @@ def _is_small(plan: SolvePlan, largest: int) -> bool:
 
 
 def _triangles(plan: SolvePlan, entries: Iterator[Real]) -> list[tuple[tuple[int, ...], Triangle]]:
-    """Return for each block of a matrix the indices of its unknowns, and the entries of its lower triangle.
+    """Divide a matrix into its blocks. Return for each one its unknowns and its lower triangle.
 
-    `entries` are those of the lower triangle of the whole matrix, in the order of the plan.
+    The unknowns are given by their indices, the triangle as values by index pair. `entries` are the values of
+    the lower triangle of the whole matrix, in the order of the plan.
     """
     position = {unknown: (number, i) for number, block in enumerate(plan.blocks) for i, unknown in enumerate(block)}
     triangles: list[Triangle] = [{} for _ in plan.blocks]
@@ -302,9 +303,9 @@ def _write_triangle(p: Builder, n: int, lower: Mapping[tuple[int, int], Real], t
 
 
 def _inverse(p: Builder, n: int, lower: Triangle, negative: tuple[int, ...]) -> tuple[Triangle, Flag]:
-    """Return the entries of the inverse of a small symmetric matrix, and the flag that the matrix is singular.
+    """Return the inverse of a small symmetric matrix, by index pair, and a flag: true if it is singular.
 
-    `lower` has its lower triangle, and `negative` the indices of its negative pivots.
+    `lower` has the values of its lower triangle, and `negative` the indices of its negative pivots.
     """
     plan = elimination(n, frozenset(lower), negative)
     factors, trusted = factored(p, plan, lower)
@@ -329,7 +330,7 @@ def _inverted(
     inverse: Memory,
     work: Memory,
 ) -> Flag:
-    """Write the inverse of a symmetric matrix to memory, by columns. Return the flag that it is singular.
+    """Write the inverse of a symmetric matrix to `inverse`, by columns. Return the flag that it is singular.
 
     `blocks` has for each block the indices of its unknowns and its lower triangle. `matrix` is memory for the
     whole matrix, and `work` is work memory.
@@ -361,7 +362,10 @@ def _factored(
 
 
 class _FactoredBlock:
-    """The factors of one block of a matrix in memory: entries of L, followed by factors with pivoting."""
+    """The factors of one block of a matrix in memory: the entries of L, then factors with pivoting.
+
+    The latter are computed if a pivot is too small without pivoting.
+    """
 
     def __init__(
         self, p: Builder, unknowns: tuple[int, ...], how: Elimination, lower: Triangle, memory: Memory

@@ -47,9 +47,10 @@ def state_array(layout: Layout) -> Array:
 def one_step(of: SystemFunctions, t: float, h: float, y: Out, p: In, *, layout: Layout, relations: bool) -> Outcome:
     """Replace the state y by that after one step of length h from time t, and return an outcome.
 
-    The state is replaced only if the new state is finite, and if the old and the new one are on the constraints
-    after projection. `p` are the parameters of the functions `of` the system. With `relations` some velocities
-    follow from the constraints.
+    The outcome is DONE if a step was taken; otherwise it says why not, and y is the state at the start.
+    UNPROJECTED means that the old or the new state is too far from the constraints. `p` are the parameters of
+    the functions `of` the system. With `relations` some velocities follow from the constraints: y is first
+    moved onto them.
     """
     n = layout.dimension
     if is_off_constraints(of, t, y, p, n, relations):
@@ -95,7 +96,8 @@ def is_off_constraints(of: SystemFunctions, t: float, y: Out, p: In, n: int, rel
 def begin(of: SystemFunctions, y: In, p: In, layout: Layout) -> Running:
     """Return the arguments of the procedures that take steps, with new memory, for a run from the state y.
 
-    `of` are the functions of the system, and `p` their parameters.
+    `of` are the functions of the system, and `p` their parameters. All fields of the records `Run` and `Counts`
+    are zero.
     """
     work, floors = reals(layout.size), reals(layout.dimension)
     work[: layout.dimension] = y[: layout.dimension]
@@ -121,10 +123,11 @@ def adaptive_run(
 ) -> Outcome:
     """Run with error control from the state y at time t[0] to t_end, and return an outcome.
 
-    The last state and its time are written to y and t[0]. `p` are the parameters of the functions `of` the
-    system. The error of an entry per step is at most rtol times its size + atol. The outcome is PAUSED after
-    `max_steps` trial steps. With `relations` some velocities follow from the constraints. The error of the
-    entries of y with the indices `unlimited` has no bound: the motion does not depend on them.
+    The last state and its time are written to y and t[0]. The outcome is DONE at t_end, PAUSED after
+    `max_steps` trial steps; otherwise it says why the run ended. `p` are the parameters of the functions `of`
+    the system. The error of an entry per step is at most rtol times its size + atol. The entries with the
+    indices `unlimited` have no such bound: the motion does not depend on them. With `relations` some velocities
+    follow from the constraints.
     """
     n = layout.dimension
     if is_off_constraints(of, t[0], y, p, n, relations):

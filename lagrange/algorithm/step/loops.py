@@ -71,10 +71,11 @@ DAMPING = 0.01
 
 @procedure(arguments=running)
 def error_norm(arguments: Running, *, layout: Layout, control: Control) -> float:
-    """Return the root mean square of the errors of a trial step, each relative to its tolerance.
+    """Return the root mean square of the errors of a trial step, each divided by its tolerance.
 
-    It is accepted if the norm is at most 1. The tolerance of an entry is rtol times its magnitude, plus its
-    floor. Two error vectors are combined as in DOP853.
+    The step is accepted if the norm is at most 1. The tolerance of an entry is rtol times its magnitude, plus
+    its floor. The magnitude is the larger one of the old and the new state. Two error vectors are combined as
+    in DOP853.
     """
     rtol, floors, work, squares, second_squares = arguments.run.rtol, arguments.floors, arguments.work, 0.0, 0.0
     for state in unrolled(layout.step.states):
@@ -95,20 +96,23 @@ def error_norm(arguments: Running, *, layout: Layout, control: Control) -> float
 
 @inline
 def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ...]:
-    """Return the error vectors of state vector number `state`: one, or two for the norm of DOP853."""
+    """Return the error vectors of state vector number `state`, parts of `work`.
+
+    There are two for the norm of DOP853, otherwise one.
+    """
     step = layout.step
     return tuple([work[layout.place(layout.errors + k) :] for k in unrolled(state, len(step.errors), step.states)])
 
 
 @procedure(apart=True, arguments=running)
 def reject(arguments: Running, cause: float, h: float, moved: bool, *, layout: Layout) -> bool:
-    """Reject a trial step and set the length of the next one. Return True if a run must stop to estimate sizes.
+    """Reject a trial step, and set the length of the next to h. Return True if sizes must be estimated.
 
-    The caller then estimates the sizes of the entries of the state, from which absolute tolerances follow.
-    `cause` is the `Outcome` of the trial, and `h` the shorter length. Sizes are needed after several
-    consecutive rejections, or if an entry has no size yet. If the trial `moved` the state, an entry that stayed
-    zero does not count. Sizes are also needed at the first, second, fourth, eighth, ... rejection if the entry
-    with the largest error may be the rounding of larger entries, as defined at `ROUNDED`.
+    The run then stops, and the caller estimates the sizes of the entries of the state, from which absolute
+    tolerances follow. `cause` is the `Outcome` of the trial. Sizes are needed after several consecutive
+    rejections, or if an entry has no size yet. If the trial `moved` the state, an entry that stayed zero does
+    not count. Sizes are also needed at the first, second, fourth, eighth, ... rejection if the entry with the
+    largest error may be the rounding of larger entries, as defined at `ROUNDED`.
     """
     run, counts, floors, work = arguments.run, arguments.counts, arguments.floors, arguments.work
     run.cause = cause
@@ -135,10 +139,10 @@ def reject(arguments: Running, cause: float, h: float, moved: bool, *, layout: L
 
 @inline
 def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> bool:
-    """Return True if the entry with the largest error in a trial step may be the rounding of larger entries.
+    """Return True if the entry with the largest error in a trial step may be mere rounding of larger entries.
 
-    Such an entry has a tolerance below `ROUNDED` times the largest entry. The vectors of the step are in
-    `work`.
+    That is an entry whose tolerance is below `ROUNDED` times the largest coordinate, or the largest velocity,
+    whichever it is. `work` has the old and the new state, and the errors. `floors` are the absolute tolerances.
     """
     states, half = layout.step.states, layout.dimension // 2
     rounded, significant = 0.0, 0.0
@@ -164,7 +168,10 @@ def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> boo
 
 @inline
 def raise_floors(share: float, floors: Out, work: In, layout: Layout) -> None:
-    """Raise the floor (absolute tolerance) of each entry to at least `share` times its new size."""
+    """Raise the floor (absolute tolerance) of each entry to at least `share` times its magnitude.
+
+    The new state of a trial step, from which the magnitudes are taken, is in `work`.
+    """
     single = layout.step.states == 1
     for state in unrolled(layout.step.states):
         new, floor = work[layout.place(layout.new + state) :], floors[state * layout.length :]
@@ -200,8 +207,8 @@ NEEDS_SIZES = -1.0
 def first_step(arguments: Running, span: float, direction: float, *, layout: Layout, control: Control) -> float:
     """Return the length of the first step of a run, from the derivatives at three states, or NEEDS_SIZES.
 
-    `span` is the duration of the run, and `direction` its sign. NEEDS_SIZES means that the caller must estimate
-    the sizes of the entries. Without derivatives, as for methods in momenta, the length is a fraction of the span.
+    `span` is the duration of the run, positive, and `direction` its sign. NEEDS_SIZES: the caller must first
+    estimate the sizes of the entries. Methods in momenta have no derivatives: it is a fraction of `span`.
     """
     run, work, floors, half = arguments.run, arguments.work, arguments.floors, layout.dimension // 2
     t, follows = run.t, run.share > 0.0
@@ -306,11 +313,11 @@ def trial_rate(y: In, slope: In, floors: In, rtol: float, coordinate_count: int)
 
 @inline
 def first_floors(arguments: Running, h: float, longer: float, layout: Layout) -> None:
-    """Raise the floors (absolute tolerances) of zero entries to a fraction of their change in a step.
+    """Raise the floors (absolute tolerances) of zero entries to a fraction of their change in the first step.
 
     The change follows from the derivative at the start. If that is zero, it follows from the derivative at the
     end of the step, which is extrapolated from the trial step. The step has the length h, which is `longer`
-    times the trial step.
+    times that of the trial step.
     """
     work, floors = arguments.work, arguments.floors
     y, slope, later = work[0:], work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]
@@ -327,8 +334,9 @@ def first_floors(arguments: Running, h: float, longer: float, layout: Layout) ->
 def noise_floors(floors: Out, sensitivity: In, period: float, coordinate_count: int) -> None:
     """Raise floors (absolute tolerances) above the effect of rounding errors of accelerations over a `period`.
 
-    Only accelerations whose terms cancel count: `sensitivity` has their changes under a relative change of the
-    state, and zero for all others. The first `coordinate_count` floors are those of coordinates.
+    Only accelerations whose terms cancel count. For these `sensitivity` has the change of the acceleration when
+    each entry of the state changes by about its size; for all others it is zero. The first `coordinate_count`
+    entries of both arrays belong to coordinates, the others to velocities.
     """
     for i in range(coordinate_count):
         below = i + coordinate_count
@@ -346,7 +354,7 @@ UNROLLED_TEST = 2
 
 @procedure(arguments=running, rows=rows_array)
 def equal_steps(arguments: Running, budget: int, times: Out, rows: Out, *, layout: Layout) -> Outcome:
-    """Take steps of equal length, and return an outcome: at the end, after `budget` steps, or on failure.
+    """Take steps of equal length. Return DONE at the end of the run, PAUSED after `budget` steps, or a failure.
 
     If rows are recorded, the time and state after each step are written to `times` and `rows`. Time number k is
     `start + k*h`, rounded once, so that errors of the times do not add up.
@@ -380,7 +388,7 @@ def equal_steps(arguments: Running, budget: int, times: Out, rows: Out, *, layou
 
 @inline
 def discard_history(arguments: Running, layout: Layout) -> None:
-    """Clear the data of previous steps in memory if they belong to another run."""
+    """If the data of previous steps in memory belong to another run, clear them."""
     if layout.keeps_history:
         work = arguments.work
         if arguments.counts.kept == 0:
@@ -396,7 +404,10 @@ def discard_history(arguments: Running, layout: Layout) -> None:
 
 @inline
 def kept_entries(arguments: Running, layout: Layout) -> Out | None:
-    """Return a local array with the entries of the state, if the layout keeps them in registers; else None."""
+    """Return a local array for the entries of the old and the new state, with the old ones; or None.
+
+    It is None if the layout does not keep the state in registers.
+    """
     if not layout.keeps_entries:
         return None
     entries = reals(2 * layout.dimension)
@@ -455,10 +466,11 @@ def steps_of(layout: Layout) -> Procedure:
 def controlled_steps(
     arguments: Running, budget: int, times: Out, rows: Out, *, layout: Layout, control: Control
 ) -> Outcome:
-    """Take steps with error control, and return an outcome: at the end, after `budget` trials, or on failure.
+    """Take steps with error control. Return DONE at the end, PAUSED after `budget` trials, or a failure.
 
     An accepted trial becomes the state; if rows are recorded, its time and state are written to `times` and
-    `rows`. A rejected trial is repeated with a shorter length.
+    `rows`. A rejected trial is repeated with a shorter length. UNSCALED means that the caller must estimate the
+    sizes of the state's entries and may then continue.
     """
     run, counts = arguments.run, arguments.counts
     discard_history(arguments, layout)
@@ -514,7 +526,7 @@ def controlled_steps(
 def begin(arguments: Running, distance: float, direction: float, layout: Layout, control: Control) -> bool:
     """Choose the length of the first step. Return False if the sizes of the entries must be estimated first.
 
-    `distance` is the time to the end of the run without sign, and `direction` its sign.
+    `distance` is the duration of the run without sign, and `direction` its sign, 1.0 or -1.0.
     """
     size = first_step(arguments, distance, direction, layout=layout, control=control)
     if LAWS[layout.step.law].results == 1:
@@ -526,10 +538,10 @@ def begin(arguments: Running, distance: float, direction: float, layout: Layout,
 
 @inline
 def growth(factor: float, previous: float, is_retry: bool, control: Control) -> float:
-    """Return the factor from the length of an accepted step to that of the next one.
+    """Return the length of the next step, as a multiple of the length of the accepted step.
 
-    `factor` follows from the error norm of the step; it is bounded here. `previous` is the error norm of the
-    step before. After a rejection (`is_retry`) the step is not made longer.
+    `factor` is the multiple that follows from the error norm of the step alone; it is bounded here. `previous`
+    is the error norm of the step before. After a rejection (`is_retry`) the next step is not longer.
     """
     longer = factor * previous**control.memory if control.memory else factor
     longer = larger(smaller(longer, 1.0 if is_retry else control.most), control.least)
@@ -544,8 +556,9 @@ def project_within_tolerance(
 ) -> tuple[Outcome, bool]:
     """Project the new state of a trial step onto the constraints. Return an outcome, and True if it has moved.
 
-    `after` is the time at the end of the step. `entries` has the states if they are kept in registers, else it
-    is None. The outcome is STEP_TOO_SMALL if the displacement is too large for the tolerance of the step.
+    The outcome is DONE; UNPROJECTED if the state is too far from the constraints; STEP_TOO_SMALL if the
+    displacement is too large for the tolerance. `after` is the time at the end of the step. `entries` has the
+    entries of the old and new state if they are kept in registers, else it is None.
     """
     outcome, moved = project_new_state(arguments, after, entries, layout)
     correction = 0.0
@@ -559,7 +572,10 @@ def project_within_tolerance(
 
 @inline
 def accept(arguments: Running, norm: float, h: float, layout: Layout) -> None:
-    """Store the error norm of the accepted step and the length h of the next one; raise the tolerances."""
+    """Store the error norm of an accepted step and the length h of the next one.
+
+    The floors (absolute tolerances) are raised to a fraction of the new state.
+    """
     arguments.run.previous = larger(norm, LEAST_PREVIOUS)
     arguments.run.h = h
     arguments.counts.after_reject = 0

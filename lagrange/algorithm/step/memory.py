@@ -139,11 +139,11 @@ class Layout:
             self.size += self.starting.size
 
     def place(self, vector: int) -> int:
-        """Return the offset in the work array of the vector with the number `vector`."""
+        """Return the offset of a vector of the step in the work array, by the number of the vector."""
         return vector * self.width
 
     def solve_of(self, solve: Solve) -> SolveLayout:
-        """Return the memory layout of one solution of implicit equations in the step."""
+        """Return the memory layout of the data for `solve`, one of the step's systems of implicit equations."""
         return self.solves[self.step.solves.index(solve)]
 
 
@@ -187,12 +187,12 @@ class SolveLayout:
 
 @dataclass(frozen=True)
 class Kept:
-    """The data of Newton's method for implicit equations with m unknown numbers, read from the work array.
+    """Copies of Newton's data for one system of implicit equations with m unknown numbers.
 
     `inverse` (m, m) is the inverse of the derivative of the residuals by the unknowns, for steps of length
     `step`; if that is 0, the next step builds a new one. `derivative` is that of the law, the function that the
-    step evaluates, (results, arguments). `dampers` are the damping matrices, (2n, 2n) each. `weights` (m,) are
-    the weights of corrections in their norm.
+    step evaluates, (results, arguments). `dampers` are the matrices (I - factor J)^-1 of the damping actions,
+    (2n, 2n) each. `weights` (m,) are the weights of corrections in their norm.
     """
 
     step: float
@@ -209,9 +209,10 @@ def kept(layout: Layout, matrix_step: float, solve: SolveLayout, work: NDArray[n
     """
 
     def columns(begin: int, vectors: int) -> NDArray[np.float64]:
-        """Return a square matrix (m, m) that is stored from `begin` on by columns; m = `vectors` * `solve.length`.
+        """Return a square matrix (m, m) that is stored by columns in the work array, from `begin` on.
 
-        Each column is stored as `vectors` vectors with padding, which the result does not have.
+        m is `vectors` * `solve.length`. Each column is stored as `vectors` vectors with padding, which the
+        result does not have.
         """
         order = vectors * solve.length
         padded = work[begin : begin + order * vectors * solve.width].reshape(order, vectors, solve.width)
@@ -296,9 +297,10 @@ RUN, COUNTS = form_of(Run), form_of(Counts)
 
 
 def law_type(layout: Layout) -> Callee:
-    """Return the type of the law, the function that steps evaluate: from time and state to its results.
+    """Return the type of the law, the function that a step evaluates: from a time and a state to its results.
 
-    In registers it takes and returns single numbers and a flag of a singular matrix, otherwise arrays.
+    If the layout keeps arguments in registers, the law takes and returns single numbers, and a flag of a
+    singular matrix. Otherwise it takes and writes arrays.
     """
     results = LAWS[layout.step.law].results * (layout.dimension // 2)
     by_number = Callee((REAL,) * (1 + layout.dimension) + (READ,), (REAL,) * results + (FLAG,))

@@ -30,10 +30,11 @@ def rows_array(layout: Layout) -> Array:
 def take_step(
     arguments: Running, t: float, h: float, slope_known: bool, entries: Out | None, *, layout: Layout
 ) -> Outcome:
-    """Compute a trial step of length h from time t, and return an outcome. Its results are in the work array.
+    """Compute a trial step of length h from time t, and return DONE, SINGULAR or a failure of Newton's method.
 
-    `slope_known` is true if the derivative at the start of the step is stored already. `entries` has the
-    entries of the old and the new state if they are kept in registers; else it is None.
+    The new state and the errors are in the work array. `slope_known` is true if the derivative at the start of
+    the step is stored already. `entries` has the entries of the old state, then those of the new one, if they
+    are kept in registers; else it is None.
     """
     step = layout.step
     combinations = [*[action.vector for action in step.damps], *step.results, *step.errors]
@@ -73,7 +74,7 @@ def take_step(
 def damp(vectors: StepVectors, action: Damp) -> None:
     """Write the vector (I - factor J)^-1 x of a damping action, where J is the right-hand side's derivative.
 
-    `vectors` are the vectors of the step, among them x and the result.
+    `vectors` are the vectors of the step. x is a combination of them, and the result is one of them.
     """
     layout, work = vectors.layout, vectors.running.work
     solve, result = layout.solve_of(layout.step.solves[action.of]), vectors.at(action.result)
@@ -85,7 +86,7 @@ def damp(vectors: StepVectors, action: Damp) -> None:
 
 @inline
 def add_compensated(vectors: StepVectors, state: int) -> None:
-    """Write a new state vector as the compensated sum of the old state and its increment."""
+    """Write vector number `state` of the new state: the compensated sum of the old one and its increment."""
     layout, work, step = vectors.layout, vectors.running.work, vectors.layout.step
     old_term = state, step.graph.one
     added = vectors.terms(tuple([term for term in step.results[state] if term != old_term]))
@@ -98,10 +99,10 @@ def add_compensated(vectors: StepVectors, state: int) -> None:
 
 @procedure(arguments=running, entries=entries_array)
 def try_step(arguments: Running, t: float, h: float, entries: Out | None, *, layout: Layout) -> Outcome:
-    """Compute a trial step of a run, count its evaluations of the law, and return an outcome.
+    """Compute a trial step of a run, and count its evaluations of the law. Return the outcome of `take_step`.
 
     In a two-step method the starting step is taken if the state one step before is not known. `entries` has the
-    states if they are kept in registers, else it is None.
+    entries of the old and new state if they are kept in registers, else it is None.
     """
     step, counts, effort = layout.step, arguments.counts, arguments.effort
     if layout.keeps_history:
@@ -130,7 +131,10 @@ def try_step(arguments: Running, t: float, h: float, entries: Out | None, *, lay
 
 @inline
 def take_starting_step(arguments: Running, t: float, h: float, layout: Layout) -> Outcome:
-    """Take a step of the method that starts a two-step method, in its own memory, and return the outcome."""
+    """Take a step of the method that starts a two-step method. Return the outcome of `take_step`.
+
+    It has its own memory, after that of the main step. The new state is copied to the main step's vectors.
+    """
     work, starting, width = arguments.work, layout.starting, layout.width
     memory = work[layout.end :]
     for i in unrolled(layout.step.states):
@@ -146,8 +150,9 @@ def take_starting_step(arguments: Running, t: float, h: float, layout: Layout) -
 def project_new_state(arguments: Running, t: float, entries: Out | None, layout: Layout) -> tuple[Outcome, bool]:
     """Project the new state of a trial step onto the constraints. Return an outcome, and True if it has moved.
 
-    If it has moved, its displacement is written to the error vectors of the step. `entries` has the states if
-    they are kept in registers, else it is None.
+    The outcome is UNPROJECTED if the constraints are still violated, else DONE. If the state has moved, its
+    displacement is written to the error vectors of the step. `entries` has the entries of the old and new state
+    if they are kept in registers, else it is None.
     """
     n, length, work = layout.dimension, layout.length, arguments.work
     state, lost = work[layout.argument :], reals(n, room=layout.block)
@@ -178,7 +183,7 @@ def project_new_state(arguments: Running, t: float, entries: Out | None, layout:
 
 
 def state_parts(layout: Layout) -> list[tuple[int, int, int | None]]:
-    """Return for each vector of the new state: index in the state, offset, and offset of its rounding error.
+    """Return for each vector of the new state: its index in [q, v], its offset, and that of its rounding error.
 
     Offsets are those in the work array. The last is None if the rounding error is not stored.
     """
@@ -198,8 +203,9 @@ def accept_step(
 ) -> None:
     """Make the new state of the trial step, at time t, the state of the run. Add a row if rows are recorded.
 
-    The row is a time in `times` and a state in `rows`. If the projection has `moved` the state, the derivative
-    at the end of the step is not valid.
+    The row is a time in `times` and a state in `rows`. `entries` are the old and new state in registers, or
+    None. `moved` is true if the projection has moved the new state: then the derivative at the end of the step
+    is not valid. It is None without constraints.
     """
     step, width, work, counts = layout.step, layout.width, arguments.work, arguments.counts
     arguments.run.t = t

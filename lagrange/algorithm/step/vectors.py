@@ -43,7 +43,7 @@ def vectors_of(
 
     The coefficients are those in `calls` of the law and in linear `combinations`, and also `nodes`. They depend
     on the time t, the step length h and the `ratio` of h to the length of the previous step. `state` has the
-    entries of the state, if they are kept in registers.
+    entries of the old state if they are kept in registers, else it is None.
     """
     combined = [*[argument for call in calls for argument in call.arguments], *combinations]
     factors = [factor for combination in combined for _, factor in combination]
@@ -54,7 +54,10 @@ def vectors_of(
 
 @inline
 def evaluated(program: Program, t: float, h: float, ratio: float) -> list[float]:
-    """Return the results of a straight-line program of the time t, the step length h and the ratio of step lengths."""
+    """Return the results of a straight-line program whose inputs are three numbers.
+
+    These are the time t, the step length h, and the `ratio` of h to the length of the previous step.
+    """
     values: list[float] = []
     for instruction in program.instructions:
         if instruction.op == "time":
@@ -88,8 +91,8 @@ def copy_vector(source: In, target: Out, width: int) -> None:
 class StepVectors:
     """The vectors of a step in the work array, and values of the coefficients in its formulas.
 
-    `running` are the arguments of the loop over steps. `numbers` has the values by node of the formulas. `state`
-    has the entries of the state if they are kept in registers, else it is None.
+    `running` are the arguments of the loop over steps. `numbers` has the value of each coefficient, by node.
+    `state` has the entries of the old state if they are kept in registers, else it is None.
     """
 
     running: Running
@@ -100,20 +103,20 @@ class StepVectors:
 
     @inline
     def at(self, vector: int) -> Out:
-        """Return the vector of the step with the number `vector`, a part of the work array."""
+        """Return vector number `vector` of the step, a part of the work array."""
         return self.running.work[self.layout.place(vector) :]
 
     @inline
     def factor(self, node: Node, *, size: bool = False) -> float | None:
-        """Return the value of a coefficient, or its magnitude if `size`; None for a coefficient of one."""
+        """Return the value of the coefficient `node`, or its magnitude if `size`; None if it is exactly one."""
         is_one = node is self.layout.step.graph.one
         return None if is_one else abs(self.numbers[node]) if size else self.numbers[node]
 
     @inline
     def terms(self, combination: Combination, *, sizes: bool = False) -> Terms:
-        """Return the terms of a linear combination of vectors. Terms with the factor one are first.
+        """Return the terms of a linear combination of vectors, those with the factor one first.
 
-        With `sizes` the terms have the magnitudes of factors, and are added with magnitudes.
+        With `sizes` they are for the sum of the terms' magnitudes.
         """
         step, one = self.layout.step, self.layout.step.graph.one
         plain, scaled = parts(combination, step.h) if step.exact and not sizes else (combination, ())
@@ -127,7 +130,7 @@ class StepVectors:
 
     @inline
     def combine(self, combination: Combination, target: Out, *, sizes: bool = False) -> None:
-        """Write a linear combination of vectors to `target`, or with `sizes` its sum of magnitudes."""
+        """Write a linear combination of vectors to `target`; with `sizes`, the sum of its terms' magnitudes."""
         terms = self.terms(combination, sizes=sizes)
         for i in each(self.layout.width, spill=True, disjoint=True):
             target[i] = terms.entry(i)
@@ -145,11 +148,12 @@ class StepVectors:
 
     @inline
     def evaluate(self, call: LawCall, registers: Registers = NO_REGISTERS) -> tuple[bool, Registers]:
-        """Evaluate the law in a `call`. Return True if a matrix is singular, and the results.
+        """Evaluate the law in a `call`. Return True if a matrix is singular, and the results in registers.
 
         The law is the function that the step evaluates, such as the right-hand side. The results are also
-        stored in the work array. `registers` are results of earlier calls that are in registers, by vector. The
-        results are returned in the same form if the layout keeps them in registers, otherwise there are none.
+        stored in the work array. `registers` has the results of earlier calls as single numbers, by number of
+        the vector. The second result has those of this call in the same form; it is empty unless the layout
+        keeps results in registers.
         """
         layout, running, law = self.layout, self.running, LAWS[self.layout.step.law]
         time, length = self.numbers[call.time], layout.length
@@ -190,8 +194,8 @@ class StepVectors:
     def entries(self, combination: Combination, registers: Registers) -> Sequence[float]:
         """Return the entries of a linear combination of vectors as single numbers.
 
-        `registers` are the vectors that are in registers. The vector that was computed last is added last: the
-        other terms need not wait for it.
+        `registers` has entries that need not be read from memory, by number of the vector. The vector that was
+        computed last is added last: the other terms need not wait for it.
         """
         step = self.layout.step
         present = [] if step.exact else [term for term in combination if term[0] in registers]
@@ -205,7 +209,7 @@ class StepVectors:
 
     @inline
     def loaded(self, combination: Combination) -> Sequence[float]:
-        """Return the entries of a linear combination of vectors in memory, as single numbers."""
+        """Return the entries of a linear combination as single numbers; its vectors are read from memory."""
         layout = self.layout
         if len(combination) != 1 or combination[0][1] is not layout.step.graph.one:
             source = reals(layout.width, room=layout.block)
@@ -240,7 +244,7 @@ class Terms:
 
     @inline
     def entry(self, i: int) -> float:
-        """Return entry i of the linear combination of vectors."""
+        """Return entry i of the linear combination; with `sizes`, the sum of the magnitudes of its terms."""
         total, high, low = None, None, None
         for vector, factor in self.plain:
             total = plus(total, factor, abs(vector[i]) if self.sizes else vector[i])

@@ -73,7 +73,10 @@ def retries_exhausted(taylor: TaylorState) -> bool:
 
 @procedure(apart=True)
 def retry_shorter(counts: Counts, taylor: TaylorState, h: float) -> None:
-    """Bound the next steps by a fraction of the rejected step h, and request an inspection for events."""
+    """Count a rejection of a step of length h, and bound the steps that follow by a fraction of h.
+
+    An inspection for events is requested for the next step.
+    """
     taylor.limit = RETRY_FRACTION * abs(h)
     taylor.next_limit = math.inf
     taylor.failures += 1
@@ -83,9 +86,10 @@ def retry_shorter(counts: Counts, taylor: TaylorState, h: float) -> None:
 
 @procedure(apart=True, work=work_type)
 def reject_step(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: Out, *, layout: TaylorLayout) -> None:
-    """Undo the last step, and shorten the length with which it is repeated.
+    """Undo the last step, and bound the length with which it is repeated.
 
-    The state and the series at its start are copied back inside `work`, its time and scale from `held`.
+    The state at its start and the rounding errors are copied back inside `work`. Its time and its unit of time
+    come from `held`.
     """
     kept, size = work[layout.held :], 2 * layout.padded
     for i in each(size, width=layout.block, spill=True, disjoint=True):
@@ -145,9 +149,9 @@ def defect_along_step(
 ) -> bool:
     """Return True if a series satisfies the equations within tolerance at some points along a step.
 
-    The step begins at time t, and has the length s in units of the time `scale`. The series, of this `order`,
-    is in the work array. `jet` is the function that computes a series at a state from the arrays `prepared` and
-    `constants`. `floors` are the absolute tolerances of the entries of the state.
+    The step begins at time t, and has the length s in units of the time `scale`. The coefficients, up to
+    `order`, are in the work array. `jet` is the function that computes a series at a state from the arrays
+    `prepared` and `constants`. `floors` are the absolute tolerances of the entries of the state.
     """
     weights = reals(layout.padded, room=layout.block)
     weigh(rtol, floors, weights, work, layout=layout)
@@ -204,11 +208,11 @@ def verified_step(
     """Halve a step of length s until the series of all watched functions agree with the functions at its end.
 
     `function` evaluates the watched functions from a time, a state and `numbers`. The two agree if they differ
-    by at most the tolerance `rtol` or the rounding errors of the functions, `noise` at the start and
-    `end_noise` at the end. `tilts` perturb a state by rounding. `end_values`, `end_noise`, `state` and `moved`
-    are work memory. Returns the new length, and the index of the first function that disagreed on the last step
-    that was halved, or -1. Example: at x = 0 the series of x**40 is zero up to order 39, and does not show that
-    the function rises.
+    by at most the tolerance `rtol`, relative to the largest term, or the rounding errors of the functions:
+    `noise` at the start and `end_noise` at the end. `tilts` are factors near 1 that perturb the entries of a
+    state. `end_values`, `end_noise`, `state` and `moved` are work memory. Return the new length, and the index
+    of the first function that disagreed on the last step that was halved, or -1. Example: at x = 0 the series
+    of x**40 is zero up to order 39, and does not show that the function rises.
     """
     layout = layout_of(sizes)
     again, halvings, limiting = True, 0, -1
@@ -235,10 +239,10 @@ def verified_step(
 def disagreeing(
     s: float, rtol: float, noise: In, end_noise: In | None, end_values: In, work: Out, order: int, layout: Any
 ) -> int:
-    """Return the index of the first watched function whose series differs from it at the end of a step, or -1.
+    """Return the index of the first watched function that its series does not reproduce at the end of a step.
 
-    `s` is the length of the step. `end_values` are the functions at its end. `noise` and `end_noise` are their
-    rounding errors at the start and at the end; the latter is None if unknown.
+    It is -1 if there is none. `s` is the length of the step. `end_values` are the functions at its end. `noise`
+    and `end_noise` are their rounding errors at the start and at the end; the latter is None if unknown.
     """
     tolerance, wrong = larger(rtol, 2.0**-52), -1
     first = row(work, 0, layout)[layout.watched_at :]

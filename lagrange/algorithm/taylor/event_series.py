@@ -70,12 +70,12 @@ def event_noise(
     noise: Out,
     moved: Out,
 ) -> None:
-    """Write the changes of watched functions that rounding of the state may cause (their noise) to `noise`.
+    """Write how much rounding of the time and the state may change each watched function to `noise`.
 
-    `function` evaluates them at a time and state, with the results `values` at the state y. The time and the
-    `size` entries of the state are multiplied by `tilts`, which differ from 1 by about the square root of the
-    rounding unit. With equal factors the difference of two equal entries would seem exact. `count` is the
-    number of functions, and `moved` is memory for the perturbed state.
+    `function` evaluates the functions at a time and a state from `numbers`; `values` are its results at time t
+    and state y. The time and the `size` entries of the state are multiplied by `tilts`, which differ from 1 by
+    about the square root of the rounding unit. With equal factors the difference of two equal entries would
+    seem exact. `count` is the number of functions, and `moved` is memory for the perturbed state.
     """
     for i in range(size):
         moved[i] = y[i] * tilts[i]
@@ -87,10 +87,10 @@ def event_noise(
 
 @inline
 def write_noise(view: Opened, numbers: In, t: float, state: In) -> None:
-    """Write the noise of the watched functions to the scratch memory: their changes by rounding of the `state`.
+    """Write how much rounding of the time and the `state` may change each watched function to scratch memory.
 
-    The scratch memory must contain their values at the `state`. `numbers` are the parameters and all values
-    that depend on them alone.
+    The scratch memory must contain the values of the functions at the `state`. `numbers` are the parameters and
+    all values that depend on them alone.
     """
     sizes = view.layout.dimension, view.layout.watched
     event_noise(view.watched.values, numbers, view.tilts, t, *sizes, state, view.values, view.noise, view.moved)
@@ -98,10 +98,10 @@ def write_noise(view: Opened, numbers: In, t: float, state: In) -> None:
 
 @procedure(apart=True)
 def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
-    """Return the length, up to s, on which a series is accurate to a tolerance or its error is below noise.
+    """Return the length, up to s, on which the error of a series is below a relative tolerance or its noise.
 
-    `c` has the `count` coefficients of the series. The result is s if the series terminates. The truncation
-    error of the series of an expression may exceed that of the state: it is a sum of products.
+    `c` has the `count` coefficients of the series of a function. The result is s if the series terminates. The
+    truncation error of the series of an expression may exceed that of the state: it is a sum of products.
     """
     far, ratio, tries = s, math.inf, 0
     share, middle = -1.0 / float(count - 1), quotient(count - 1, 2)
@@ -124,7 +124,10 @@ def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
 
 @procedure(apart=True)
 def safe_step(c: In, count: int) -> float:
-    """Return the longest safe step: within the radius of convergence, as the last coefficients of a series show it."""
+    """Return the longest safe step: a fraction of the radius of convergence that the last coefficients show.
+
+    `c` has the `count` coefficients of the series.
+    """
     radius = larger(shown_radius(c, count - 2), shown_radius(c, count - 1))
     return radius * math.pow(2.0, RADIUS_FRACTION)
 
@@ -133,7 +136,7 @@ def safe_step(c: In, count: int) -> float:
 def shown_radius(c: In, late: int) -> float:
     """Return the radius of convergence that two coefficients of a series show; infinity if one of them is 0.
 
-    They have the order `late` and an order somewhat lower; `c` has all coefficients.
+    They are the coefficient of order `late` and that `ROW_DISTANCE` orders before; `c` has all coefficients.
     """
     early = max(late - ROW_DISTANCE, 1)
     before, after = abs(c[early]), abs(c[late])
@@ -143,9 +146,10 @@ def shown_radius(c: In, late: int) -> float:
 
 @procedure(apart=True)
 def is_balanced(c: In, count: int, s: float) -> bool:
-    """Return True if the high powers of a series on a step are at most `BALANCE` times the low ones.
+    """Return True if no power above 1 dominates a series on a step.
 
-    `c` has the `count` coefficients, and s is the length of the step. Powers below 2 are low.
+    The largest term of power 2 or more is then at most `BALANCE` times the larger of the terms of power 0 and
+    1, or both of these are zero. `c` has the `count` coefficients, and s is the length of the step.
     """
     low = larger(abs(c[0]), abs(c[1]) * s)
     high, power = 0.0, s * s
@@ -157,9 +161,9 @@ def is_balanced(c: In, count: int, s: float) -> bool:
 
 @procedure(apart=True)
 def keeps_sign(c: In, count: int, s: float, noise: float, sign: float) -> bool:
-    """Return True if a series certainly keeps its sign on a step: its linear part exceeds the rest.
+    """Return True if a series certainly keeps the `sign` on a step: its linear part exceeds all other terms.
 
-    `c` has the `count` coefficients, and s is the length of the step.
+    `c` has the `count` coefficients, `noise` is the error of the values, and s is the length of the step.
     """
     rest, power = 0.0, s * s
     for k in range(2, count):
@@ -174,7 +178,7 @@ def is_linear(start: float, end: float, sizes: float, rest: float, noise: float)
     """Return True if the linear part of a series on a step exceeds all other terms, so that it stays positive.
 
     `start` and `end` are the values of the linear part at the ends of the step. `rest` is the sum of magnitudes
-    of the other terms, and `sizes` that of all terms.
+    of the other terms, `sizes` that of all terms, and `noise` the error of the values.
     """
     least = fma(POLYNOMIAL_NOISE, sizes, rest + noise) * SURELY
     return start > least and end > least
@@ -210,9 +214,10 @@ def vanishes(c: In, count: int, s: float, noise: float) -> bool:
 def start_of_series(c: In, count: int, unit: float, tolerance: float, noise: float, margin: float) -> tuple[int, int]:
     """Return the sign of a watched function just after a start, and the order of the term that determines it.
 
-    `c` has the `count` coefficients of its series. The order is 0 if the value at the start exceeds its
-    `margin` plus the rounding of the terms over the time `unit`. It is -1, with sign 0, if all terms are
-    rounding.
+    `c` has the `count` coefficients of its series, and `noise` is the error of its values. The order is 0 if
+    the value at the start exceeds its `margin` plus the rounding of the terms. Terms are compared over the time
+    on which the series is accurate to the `tolerance`, at most `unit`. The order is -1, with sign 0, if all
+    terms are rounding.
     """
     far = reach(c, count, unit, tolerance, noise)
     near = reals(MOST_COEFFICIENTS)
@@ -251,8 +256,8 @@ LEAST_COUNT = 3
 class TermSums:
     """Sums over every second term x[k] s**k of a series. Those for even and odd k are added in parallel.
 
-    `rest` and `rates` are the sums of magnitudes of the terms, and of k times the terms. `end` and `slope` are
-    the sums of these with their signs.
+    `rest` is the sum of the magnitudes of the terms, and `rates` that of k times the terms. `end` and `slope`
+    are the same sums with the signs of the terms.
     """
 
     number: float
@@ -269,10 +274,10 @@ class TermSums:
 
 @inline
 def begin_sums(number: float, power: float, end: float, slope: float) -> TermSums:
-    """Return sums of alternate terms of a series, to which the term of order `number` is added next.
+    """Return sums over every second term x[k] s**k of a series, before the term of order `number` is added.
 
-    `power` is the power of the step length in this term. The sums of terms, and of terms times their orders,
-    begin with `end` and `slope`.
+    `power` is s**number. `end` and `slope` are the first values of two sums: of the terms, and of the terms
+    times their orders.
     """
     sums = TermSums()
     sums.number = number
@@ -284,7 +289,7 @@ def begin_sums(number: float, power: float, end: float, slope: float) -> TermSum
 
 @inline
 def add_term(sums: TermSums, coefficient: float, square: float) -> tuple[float, float]:
-    """Add the next term, which has a `coefficient`. Return the term, and the term times its order.
+    """Add the next term to `sums`, given its `coefficient`. Return the term, and the term times its order.
 
     `square` is the square of the length of the step.
     """
@@ -301,11 +306,12 @@ def add_term(sums: TermSums, coefficient: float, square: float) -> tuple[float, 
 
 @procedure
 def event_terms(rows: In, width: int, order: int, s: float, c: Out, slopes: Out, sums: Out) -> None:
-    """Write the terms x[k] s**k of a watched function on a step of length s, also times k, and their sums.
+    """Write the terms x[k] s**k of a watched function on a step of length s to `c`, and sums of them to `sums`.
 
-    The terms are written to `c`, the terms times k to `slopes`, and five numbers to `sums`: the sum of |terms|
-    with k > 1, the sum of k times these, the sum of all terms, the sum of k times all terms, and the larger of
-    the last two |terms|. The coefficients x[k] are read from `rows`, which are `width` doubles apart.
+    The terms times k are written to `slopes`. `sums` gets five numbers: the sum of |terms| with k > 1, the sum
+    of k times these, the sum of all terms, the sum of k times all terms, and the larger of the last two
+    |terms|. The coefficients x[k], for k from 0 to `order`, are read from `rows`, at indices that are multiples
+    of `width`.
     """
     start, slope, square, pairs = rows[0], rows[width] * s, s * s, quotient(order - 1, 2)
     c[0], c[1], slopes[0] = start, slope, slope
@@ -327,9 +333,9 @@ def event_terms(rows: In, width: int, order: int, s: float, c: Out, slopes: Out,
 def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In) -> int:
     """Return the sign to which a watched function changes once on a step; 0 if it keeps it, 2 if undecided.
 
-    It is undecided if the slope may change its sign, or if a value at an end is within its `noise`. `sign` is
-    the sign at the start. `terms` are the terms of its series on a step of length s, and `sums` the sums of
-    these terms and of their magnitudes.
+    It is undecided if the slope may change its sign, or if a value at an end is within its error, the `noise`
+    plus rounding. `sign` is the sign at the start. `terms` and `sums` are those of `event_terms`, for a series
+    of an `order` on a step of length s.
     """
     start, slope, rest, rates, end = terms[0], terms[1], sums[REST], sums[RATES], sums[END]
     rate, side = abs(slope), float(sign)
@@ -348,8 +354,8 @@ def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In
 def only_passage(terms: In, slopes: In, sums: In, order: int, sign: int) -> float:
     """Return the only point between 0 and 1 at which a polynomial changes to the sign `sign`, 1 or -1.
 
-    `terms` are its coefficients, `slopes` those of its derivative, and `sums` the sums of these coefficients
-    and of their magnitudes.
+    `terms` are its coefficients up to `order`, `slopes` those of its derivative, and `sums` their sums, as
+    `event_terms` writes them.
     """
     count, side = used_count(terms, order), float(sign)
     values, rates = (side * terms[0], side * sums[END]), (side * slopes[0], side * sums[SLOPE])
@@ -358,7 +364,10 @@ def only_passage(terms: In, slopes: In, sums: In, order: int, sign: int) -> floa
 
 @inline
 def used_count(c: Readable[float], order: int) -> int:
-    """Return the number of coefficients up to the last nonzero one, at least `LEAST_COUNT`."""
+    """Return the number of coefficients c up to the last nonzero one, at least `LEAST_COUNT`.
+
+    The series has the coefficients of the orders 0 to `order`.
+    """
     count = order + 1
     while count > LEAST_COUNT and c[count - 1] == 0.0:
         count -= 1
@@ -367,10 +376,10 @@ def used_count(c: Readable[float], order: int) -> int:
 
 @procedure(apart=True)
 def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> bool:
-    """Copy the coefficients of a watched function from rows to `c`, if not done yet. Return True if finite.
+    """Copy the coefficients of a watched function from rows to `c`, unless that was done before.
 
-    Rows are `width` doubles apart. `counts[0]` is 0 before the copy; then it is the number of coefficients up
-    to the last nonzero one.
+    Return False if one of them is not finite. They are read from `rows` at indices that are multiples of
+    `width`. `counts[0]` is 0 before the copy; then it is the number of coefficients up to the last nonzero one.
     """
     if counts[0] != 0:
         return True
@@ -381,7 +390,10 @@ def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> 
 
 @inline
 def column_of(view: Opened, i: int) -> tuple[bool, In]:
-    """Return whether the coefficients of watched function i are finite, and the coefficients, in adjacent memory."""
+    """Return two results for watched function i: True if its coefficients are finite, and the coefficients.
+
+    They are copied to adjacent memory if that was not done before.
+    """
     c = view.columns[i * COLUMN :]
     is_finite = read_column(view.rows[i:], view.layout.width, view.order, c, view.coefficient_counts[i:])
     return is_finite, c
@@ -389,15 +401,18 @@ def column_of(view: Opened, i: int) -> tuple[bool, In]:
 
 @inline
 def terms_of(view: Opened, i: int) -> tuple[Out, Out, Out]:
-    """Return the memory for the terms of watched function i on a step, for the terms times their orders, and sums."""
+    """Return three arrays in scratch memory for watched function i: its terms, slopes and sums on a step.
+
+    These are the arrays that `event_terms` writes.
+    """
     return view.terms[i * PADDED :], view.slopes[i * PADDED :], view.sums[i * len(TERM_SUMS) :]
 
 
 @inline
 def copy_series(rows: In, width: int, count: int, c: Out) -> bool:
-    """Copy `count` coefficients of a watched function from rows to `c`. Return True if they are finite.
+    """Copy `count` coefficients of a watched function to `c`. Return True if all of them are finite.
 
-    Rows are `width` doubles apart.
+    They are read from `rows` at indices that are multiples of `width`.
     """
     total = 0.0
     for k in range(count):
@@ -410,8 +425,9 @@ def copy_series(rows: In, width: int, count: int, c: Out) -> bool:
 def doubtful_events(s: float, everything: bool, doubtful: Out, work: Out, order: int, *, layout: TaylorLayout) -> bool:
     """Find the watched functions that may be zero on a step of length s. Return True if there are any.
 
-    `doubtful` becomes 1 for each of them, else 0; with `everything` it is 1 for all. A function keeps its sign
-    if the linear part of its series exceeds the rest at both ends of the step, and has one sign there.
+    `doubtful` becomes 1.0 for each of them, else 0.0; with `everything` it is 1.0 for all. A function keeps its
+    sign if the linear part of its series exceeds the rest at both ends of the step, and has one sign there. The
+    series are in `work`.
     """
     rows, width = work[layout.rows + layout.watched_at :], layout.width
     number = 0.0
@@ -432,7 +448,10 @@ CHAINS = 4
 
 @inline
 def sum_beyond_linear(rows: Readable[float], width: int, order: int, s: float, i: int) -> float:
-    """Return the sum of |x[k]| s**k over k >= 2 for watched function i, with coefficients x[k] in `rows`."""
+    """Return the sum of |x[k]| s**k over k from 2 to `order`, for watched function i on a step of length s.
+
+    The coefficients x[k] are read from `rows`, which are `width` doubles apart.
+    """
     blocks = quotient(order - 1, CHAINS)
     square = s * s
     fourth = square * square
@@ -448,10 +467,10 @@ def sum_beyond_linear(rows: Readable[float], width: int, order: int, s: float, i
 
 @procedure(watched=watched_type)
 def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layout: TaylorLayout) -> bool:
-    """Return True if the sign of a watched function at time t contradicts its series on the last step.
+    """Return True if the sign of a watched function at time t differs from that which its last series gives.
 
-    `length` is the length of that step in units of the time scale. Functions that may jump are excluded: their
-    sign may change without a zero.
+    `length` is the length of the last step in units of the time scale, and `rtol` the relative tolerance.
+    Functions that may jump are excluded: their sign may change without a zero.
     """
     view, is_doubted = Opened(watched, layout), False
     for i in range(layout.watched):
@@ -474,9 +493,10 @@ def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layou
 
 @inline
 def changes_side(view: Opened, i: int, length: float) -> bool:
-    """Return True if watched function i has changed its sign on the last step by more than its slope explains.
+    """Return True if watched function i has another sign than the search for zeros found for it.
 
-    Functions that may jump are excluded. `length` is the length of the step in units of the time scale.
+    Values that the slope explains over a small part of the last step do not count. `length` is the length of
+    that step in units of the time scale. Functions that may jump are excluded.
     """
     value, slope, sign = view.rows[i], view.rows[view.layout.width :][i], view.signs[i]
     is_settled: bool = view.nears[i] == 0 and view.smooth[i] != 0 and view.kept_starting[i] == 0

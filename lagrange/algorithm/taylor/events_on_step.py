@@ -71,11 +71,11 @@ def zeros_on_step(
 ) -> int:
     """Find the zeros of watched functions on a step of length s, sorted by time, and return their number.
 
-    The result is -1 on failure. Only functions with a nonzero entry in `doubtful` are searched. With `until`,
-    only zeros up to the first that certainly changes the motion, and simultaneous ones, are needed. The search
-    then ends at twice the time of that zero, or at `SEARCH_MARGIN` of the step after it if that is later.
-    There, simultaneous zeros are clearly passed. `stored_length` is that of the step whose terms are stored.
-    `last` is true if the run ends at the end of the step.
+    They are written to `zeros`. The result is -1 on failure. Only functions with a nonzero entry in `doubtful`
+    are searched. With `until`, only zeros up to the first that certainly changes the motion, and simultaneous
+    ones, are needed. The search then ends at twice the time of that zero, or at `SEARCH_MARGIN` of the step
+    after it if that is later. There, simultaneous zeros are clearly passed. `stored_length` is the length for
+    which `event_terms` has stored terms. `last` is true if the run ends at the end of the step.
     """
     view, count, far = opened(watched), 0, s
     for i in range(view.layout.watched):
@@ -107,8 +107,8 @@ def find_zeros(
 
     The result is negative on failure. The sums of the terms of its series usually decide. Otherwise roots are
     isolated. A function that starts at zero is divided by time, which removes that root: the next one may be
-    close. `step` is the length of the step, and `stored_length` that for which terms are stored. `last` is true
-    if the run ends at its end.
+    close. `step` is the length of the whole step, and `stored_length` the length for which terms are stored.
+    `last` is true if the run ends at the end of the step.
     """
     view, order = opened(watched), watched.order
     sign, is_near = view.start_signs[i], view.start_nears[i] != 0
@@ -179,8 +179,9 @@ def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched
     """Search a step for zeros of watched functions. Return a decision about the step and its new length.
 
     The decision is `GO_ON` to take it, `LEAVE` to leave it to the caller, or `WAIT` if the memory for events is
-    full. Only functions with a nonzero entry in `doubtful` are searched. If the step is taken, its events and
-    the signs at its end are written. Otherwise nothing changes.
+    full. The length is in units of the time scale. Only functions with a nonzero entry in `doubtful` are
+    searched. If the step is taken, its events and the signs at its end are written. Otherwise the step and the
+    events are unchanged.
     """
     view, watch, s = opened(watched), watched.watch, step.s
     for i in range(view.layout.watched):
@@ -210,7 +211,10 @@ def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched
 
 @inline
 def verified_length(step: InspectedStep, length: float, view: Opened) -> float:
-    """Return a length of the step, at most `length`, at whose end the watched functions agree with their series."""
+    """Return a length, at most `length`, at the end of which the watched functions agree with their series.
+
+    `step` is the step that is shortened to this length, in units of the time scale.
+    """
     functions = view.watched.values, view.numbers, view.tilts
     scratch = view.noise, view.end_values, view.end_noise, view.new_entries, view.moved
     series = view.sizes, view.work, view.order
@@ -225,9 +229,10 @@ def end_at_change(
 ) -> tuple[int, float]:
     """Shorten the step to the first zero that changes the motion. Return a decision and the new length.
 
-    `number` is the number of `zeros` on the step, and `change` the index of the zero that changes the motion.
-    On the shorter step more zeros may be resolved: they are recorded, and one of them may be an earlier change.
-    The functions that are zero at the new end are due: their reset or crossing follows. If the change is at the
+    The decision is `GO_ON`, `LEAVE` or `WAIT`, as for `inspect_step`. `number` is the number of `zeros` on the
+    step, and `change` the index of the zero that changes the motion. On the shorter step more zeros may be
+    resolved: they are recorded, and one of them may be an earlier change. The functions that are zero at the
+    new end are written to the list of due functions: their reset or crossing follows. If the change is at the
     start, no step is taken.
     """
     watch, count, s = watched.watch, number, step.s
@@ -254,11 +259,12 @@ def end_at_change(
 
 @procedure(watched=watched_type)
 def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched: Watched, proven: bool) -> int:
-    """Append functions that are zero at the end of a step to the list of due functions. Return its length.
+    """Append the functions that are zero at the end of a step to the list of due functions. Return its length.
 
-    Their reset or crossing follows. `due` is the present length of the list. The step ends at the time `at`,
-    and `count` is the number of `zeros`. Zeros within the time `close` of the end count. Unless the zeros are
-    `proven`, a function whose zero is not exactly at the end must vanish there within its noise.
+    These are functions whose reset or crossing follows. `due` is the present length of the list. The step ends
+    at the time `at`, and `count` is the number of `zeros`. Zeros within the time `close` of the end count. If
+    the zeros are not `proven`, a function whose zero is not exactly at the end must vanish there within its
+    noise.
     """
     view, number = opened(watched), due
     for j in range(count):
@@ -276,7 +282,10 @@ def add_due(zeros: Zeros, count: int, at: float, close: float, due: int, watched
 
 @inline
 def is_due(index: int, due: int, view: Opened) -> Any:
-    """Return True if watched function number `index` is in the list of due functions, which has the length `due`."""
+    """Return True if function number `index` is among the first `due` entries of the list of due functions.
+
+    Due functions are zero at the end of the step, and change the motion there.
+    """
     indices, is_there = view.due, False
     for j in range(due):
         is_there = is_there or indices[j] == index
@@ -298,7 +307,7 @@ def terminates(work: In, order: int, layout: RecordedLayout) -> bool:
 
 @procedure(watched=watched_type)
 def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched: Watched) -> float:
-    """Return the length of a step up to which the series of watched functions are accurate.
+    """Return the length, at most that of the step, up to which the series of watched functions are accurate.
 
     The result is -1 if a series is not finite. Only functions with a nonzero entry in `doubtful` count.
     `is_polynomial` is true if the series of the state terminate.
@@ -339,17 +348,20 @@ def trusted_part(step: InspectedStep, is_polynomial: bool, doubtful: In, watched
 
 @inline
 def limited_to(far: float, length: float, which: int, watch: Watch) -> float:
-    """Return the smaller of two lengths. If it is `far`, record that function number `which` limits the step."""
+    """Return the smaller of two lengths, `far` and `length`.
+
+    If it is `far`, record that watched function number `which` limits the step.
+    """
     watch.limiting = which if far < length else watch.limiting
     return smaller(length, far)
 
 
 @procedure(watched=watched_type)
 def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
-    """Write the signs of watched functions before a step of length s. Return False if a series is not finite.
+    """Write the signs of watched functions at the start of a step, for a search on the length s.
 
-    A function that jumped over zero since the last step has changed its sign. Only functions with a nonzero
-    entry in `doubtful` are tested for it.
+    They are the signs known so far. A function that jumped over zero since the last step has the opposite sign;
+    only functions with a nonzero entry in `doubtful` are tested for it. Return False if a series is not finite.
     """
     view = opened(watched)
     for i in range(view.layout.watched):
@@ -366,7 +378,7 @@ def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
 
 @procedure(watched=watched_type)
 def first_change(zeros: Zeros, count: int, before: float, watched: Watched) -> int:
-    """Return the index of the first zero that changes the motion, among the zeros before a time, or -1.
+    """Return the index of the first zero before the time `before` that changes the motion, or -1.
 
     Changes of the motion are resets, crossed surfaces and the end of the run. `count` is the number of `zeros`.
     """
@@ -414,10 +426,10 @@ def accept(
     """Write the events on a step before its `end`, and the signs of watched functions there.
 
     `count` is the number of `zeros`, and `due` the number of functions that are zero at the end and change the
-    motion there. Events closer to the end than `close` are at the end. A due function has no event just before
-    the end: the longer and the shorter step locate its zero at slightly different times. The signs before the
-    step are saved. `again` forces an inspection of the next step. The result is `GO_ON`, or `LEAVE` or `WAIT`
-    if the arrays have no space.
+    motion there. Zeros closer to the end than `close` belong to the end, and are not written. For a due
+    function this distance is larger: the longer and the shorter step locate its zero at slightly different
+    times. The signs before the step are saved. `again` forces an inspection of the next step. The result is
+    `GO_ON`, or `LEAVE` or `WAIT` if the arrays have no space.
     """
     view, watch = opened(watched), watched.watch
     if watch.done + count > watch.room:

@@ -94,8 +94,9 @@ scale of 1, 24 changes by `SHORTER_SCALE` lead below `SHORTEST_SCALE`, to 1e-289
 def take_step(arguments: Arguments, exponent: float, *, layout: TaylorLayout) -> Outcome:
     """Take a Taylor step, or change the time scale or the limit of the step. Return an outcome.
 
-    It is PAUSED if the run continues. `exponent` is the binary logarithm
-    of the step that the series allows, in units of the time scale.
+    The outcome is PAUSED if the run continues; a failure; or WATCHED if the caller must handle a zero of a
+    watched function. `exponent` is the binary logarithm of the step that the series allows, in units of the
+    time scale.
     """
     run, taylor, held, outputs = arguments.run, arguments.taylor, arguments.held, arguments.outputs
     work, order, watched = arguments.work, arguments.order, watched_of(arguments)
@@ -157,9 +158,9 @@ def length_of_step(
 ) -> tuple[float, float, bool, bool]:
     """Return the step length, its rounded binary logarithm, and two flags: it ends the run, it is too small.
 
-    The length is in units of the time scale. `left` is the time from t to the end of the run, and `exponent`
-    the binary logarithm of the step that the series allows. Operations without the coefficients come first:
-    processors run them before the last coefficient is available.
+    The length is in units of the time scale. `t` is the time, `left` the time from t to the end of the run, and
+    `exponent` the binary logarithm of the step that the series allows. Operations without the coefficients come
+    first: processors run them before the last coefficient is available.
     """
     run, taylor = arguments.run, arguments.taylor
     inverse = 1.0 / abs(scale)
@@ -178,8 +179,9 @@ def length_of_step(
 def fits(arguments: Arguments, exponent: float, reach: float, is_ending: bool) -> bool:
     """Return True if the step is near the scale of time, so that all coefficients are in the range of doubles.
 
-    `reach` is the binary logarithm of the longest step, in units of the scale. A series that terminates (`is_ending`)
-    fits if the scale is at least about as long as that step. After `MOST_RESCALINGS` changes any scale is accepted.
+    `exponent` is the binary logarithm of the step that the series allows, and `reach` that of the longest step,
+    in units of the scale. A series that terminates (`is_ending`) fits if the scale is at least about as long as
+    that step. After `MOST_RESCALINGS` changes any scale is accepted.
     """
     tries = arguments.taylor.rescalings
     is_first = arguments.counts.steps + tries == 0
@@ -244,8 +246,8 @@ def inspected(
 ) -> tuple[Outcome, float]:
     """Search a step for zeros of watched functions. Return an outcome and the new length of the step.
 
-    DONE means that the step is to be taken; another outcome is the reason why not. The length is in units of
-    the time scale.
+    DONE means that the step is to be taken, PAUSED that the memory for events is full, and WATCHED that the
+    caller must handle the step. The length is in units of the time scale.
     """
     taylor, watch, doubtful = arguments.taylor, watched.watch, reals(layout.watched, room=WIDEST_VECTOR)
     everything, outcome, length = taylor.inspect != 0, Outcome.DONE, step.s
@@ -261,7 +263,7 @@ def inspected(
 
 @inline
 def move_on(arguments: Arguments, t: float, h: float, final: bool) -> None:
-    """Advance the time t by a step h, with compensation, and save the start of the step.
+    """Advance the time t by a step h, with compensation, and save the start of the step in the record `Held`.
 
     `final` is true for the last step, which ends exactly at the end of the run.
     """
@@ -277,7 +279,11 @@ def move_on(arguments: Arguments, t: float, h: float, final: bool) -> None:
 
 @inline
 def projected(arguments: Arguments, watched: Watched | None, layout: TaylorLayout) -> Outcome:
-    """Project the compensated state onto the constraints. Return DONE, or PAUSED for a shorter step if that fails."""
+    """Project the state onto the constraints, with compensation. Return an outcome.
+
+    DONE means that the state satisfies them. PAUSED means that this failed: the step is undone, and a shorter
+    one follows. UNPROJECTED means that it failed too often.
+    """
     work, taylor = arguments.work, arguments.taylor
     corrections, lost = (arguments.projection, arguments.projection_numbers), work[layout.lost :]
     result, _ = project(*corrections, arguments.run.t, work, lost, dimension=layout.dimension, block=layout.block)
@@ -291,7 +297,10 @@ def projected(arguments: Arguments, watched: Watched | None, layout: TaylorLayou
 
 @procedure(arguments=arguments)
 def taylor_steps(arguments: Arguments, budget: int, *, layout: TaylorLayout) -> Outcome:
-    """Take Taylor steps, and return an outcome: at the end, after `budget` steps, or on failure."""
+    """Take Taylor steps. Return DONE at the end of the run, PAUSED after `budget` steps, or another outcome.
+
+    Other outcomes are failures, and WATCHED or UNSCALED, after which the caller acts and continues.
+    """
     counts = arguments.counts
     counts.rows = 0
     arguments.held.unproven = 0
@@ -328,8 +337,8 @@ def begin_run(run: Run, counts: Counts, taylor: TaylorState, held: Held, work: A
 def iteration(arguments: Arguments, last: bool, digits: float, *, layout: TaylorLayout) -> Outcome:
     """Compute the series at the state, test the defect of the last step with it, and take the next step.
 
-    The outcome is PAUSED if the run continues. If `last`, no further step is taken. `digits` is minus the
-    binary logarithm of the relative tolerance.
+    Return PAUSED if the run continues, DONE at its end, or another outcome. If `last`, no further step is
+    taken. `digits` is minus the binary logarithm of the relative tolerance.
     """
     run, counts, taylor, held = arguments.run, arguments.counts, arguments.taylor, arguments.held
     work, order = arguments.work, arguments.order

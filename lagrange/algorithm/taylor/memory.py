@@ -156,7 +156,7 @@ class Offsets:
 
     @property
     def held(self) -> Any:
-        """Offset of the saved start of the last step: the state, its rounding errors, and a derivative."""
+        """Offset of the saved start of the last step: the state and its rounding errors."""
         return self.padded * 2
 
     @property
@@ -202,9 +202,10 @@ class TaylorLayout(Offsets):
 
     @classmethod
     def of(cls, program: SeriesProgram, width: int = 0, *, block: int = 1, **parts: Any) -> TaylorLayout:
-        """Return the memory layout of the series of a program. Rows have the length `width` if it is not 0.
+        """Return the memory layout of the series of a program. Rows have the length `width`.
 
-        Otherwise a row has the state and the watched functions. `parts` are other fields, such as `scratch`.
+        By default (0) a row has space for the state and the watched functions. Vectors are computed on `block`
+        entries at once. `parts` are other fields, such as `scratch`.
         """
         dimension, watched = program.states, len(program.watched)
         end = whole_blocks(dimension, block)
@@ -227,7 +228,10 @@ class TaylorLayout(Offsets):
         return self.dimension // 2 // self.block * self.block
 
     def coefficients(self, work: NDArray[np.float64], order: int) -> NDArray[np.float64]:
-        """Return the Taylor coefficients (order + 1, 2n + watched) from an array that begins with the rows."""
+        """Return the Taylor coefficients (order + 1, 2n + watched) from an array that begins with their rows.
+
+        The watched functions are the last columns.
+        """
         rows = work[: (order + 1) * self.width].reshape(order + 1, self.width)
         watched = slice(self.watched_at, self.watched_at + self.watched)
         return np.concatenate([rows[:, : self.dimension], rows[:, watched]], axis=1)
@@ -268,7 +272,7 @@ def work_type() -> Array:
 
 
 def rows_type(layout: TaylorLayout) -> Array:
-    """Return the type of a parameter that is an array of states."""
+    """Return the type of a parameter that is an array of states, one after the other."""
     return Array(room=layout.block)
 
 

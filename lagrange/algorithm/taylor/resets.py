@@ -29,10 +29,10 @@ def sides_at_start(
     """Find the sign of each watched function just after the start of a motion, and those that start at zero.
 
     The results are written to scratch memory. The state at the start, its rounding errors and its series are in
-    the work array `start_state`. The watched function with this `index`, which changed the motion, counts as
-    zero up to `margin`. Return False if the signs are undecided: a series is not finite; that function does not
-    leave zero at once; or another one starts at zero. At the start of a run `index` is -1, and an event without
-    reset may start at zero.
+    the work array `start_state`. `numbers` are the parameters of the functions. The function with this `index`,
+    which changed the motion, counts as zero up to `margin`. Return False if the signs are undecided: a series
+    is not finite; that function does not leave zero at once; or another one starts at zero. At the start of a
+    run `index` is -1, and an event without reset may start at zero.
     """
     view, c = opened(watched), reals(MOST_COEFFICIENTS + 1)
     layout, count = view.layout, watched.order + 1
@@ -58,7 +58,10 @@ def sides_at_start(
 
 @procedure(apart=True, watched=watched_type)
 def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
-    """Set the signs of all watched functions at the start of a run. Return True if they are decided."""
+    """Set the signs of all watched functions at the start of a run. Return False if they are undecided.
+
+    `scale` is the unit of time of the series, and `rtol` the relative tolerance.
+    """
     view = opened(watched)
     is_done = sides_at_start(t, scale, rtol, 0.0, -1, view.numbers, watched.work, watched)
     if is_done:
@@ -69,7 +72,7 @@ def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
 
 @inline
 def put_sides(view: Opened) -> None:
-    """Set the signs of the watched functions to those at the start of a motion, from scratch memory."""
+    """Copy the signs just after the start of a motion from scratch memory: they become the known signs."""
     for i in range(view.layout.watched):
         view.signs[i], view.nears[i] = view.begun_signs[i], 0
         view.starting[i] = view.begun_orders[i]
@@ -77,7 +80,7 @@ def put_sides(view: Opened) -> None:
 
 @inline
 def just_changed(t: float, watch: Watch) -> bool:
-    """Return True if the last reset or surface crossing was just before time t.
+    """Return True if time t is too close to the last reset or surface crossing to apply another one.
 
     Changes may accumulate at a time. Therefore the caller handles a change that follows so soon.
     """
@@ -99,7 +102,7 @@ def reset_state(
 ) -> bool:
     """Apply the only reset that is due at the state at time t, if its event function then leaves zero at once.
 
-    The event is written to `watched`, the new state to `rows`. Return False, with nothing changed, in other cases.
+    The event is written to `watched`, the new state to `rows`. Otherwise return False; nothing is changed then.
     """
     view, watch, work = opened(watched), watched.watch, watched.work
     layout = view.layout
@@ -151,9 +154,10 @@ def reset_state(
 def sides_after_reset(t: float, scale: float, rtol: float, index: int, new_state: Out, watched: Watched) -> bool:
     """Find the signs of the watched functions just after a reset by the event with this `index`.
 
+    They are written to scratch memory. Return False if they are undecided; then the caller handles the reset.
     The state after the reset and its series are in the work array `new_state`. No other function may start at
-    zero. An event function that the reset does not change keeps its sign. If one of them came near zero before,
-    it may have touched zero: then the result is False, and the caller handles the reset.
+    zero, and no surface may change its sign. An event function that the reset does not change keeps its sign;
+    it is undecided if the function came near zero before, because it may have touched zero.
     """
     view, watch = opened(watched), watched.watch
     new, old = new_state[view.layout.rows + view.layout.watched_at :], view.rows
@@ -186,8 +190,9 @@ def cross_surface(
 ) -> bool:
     """Cross the only switching surface that is due at the state, if the motion leaves it at once.
 
-    `jet` computes the series beyond the surface from the arrays `prepared` and `constants`. No other surface
-    may be touched. Return True if the surface was crossed. Otherwise nothing has changed.
+    `jet` computes the series beyond the surface from the arrays `prepared` and `constants`, which have numbers
+    for all combinations of sides. No other surface may be touched. Return True if the surface was crossed.
+    Otherwise the state and the sides are unchanged.
     """
     view, watch, work = opened(watched), watched.watch, watched.work
     layout = view.layout

@@ -125,8 +125,8 @@ def raise_floors(share: float, floors: Out, work: Out, *, layout: TaylorLayout) 
 def first_floors(share: float, floors: Out, work: Out, order: int, *, layout: TaylorLayout) -> bool:
     """Set the floors (absolute tolerances) of zero entries to `share` times their size in the series.
 
-    The size is the largest of an entry's first coefficients, times a power of the time scale. Return True if
-    the series of some entry begins too late to show a size.
+    The size of an entry is the largest of its first few coefficients, which are in `work` in powers of the time
+    scale. Return True if the series of some entry begins too late to show a size.
     """
     rows = [row(work, k, layout) for k in unrolled(1, START_ROWS + 1)]
     late = [row(work, less(order, 1), layout), row(work, order, layout)]
@@ -146,7 +146,7 @@ def first_floors(share: float, floors: Out, work: Out, order: int, *, layout: Ta
 
 @inline
 def forget_first_floors(floors: Out, work: In, layout: TaylorLayout) -> None:
-    """Set the floors (absolute tolerances) of entries of the state that are zero to `LEAST_FLOOR`."""
+    """Set the floor (absolute tolerance) of each zero entry to `LEAST_FLOOR`. The state is in `work`."""
     for i in each(layout.padded, **layout.loop):
         before = floors[i]
         floors[i] = LEAST_FLOOR if work[i] == 0.0 else before
@@ -176,7 +176,7 @@ def weigh(rtol: float, floors: In, weights: Out, work: Out, *, layout: TaylorLay
 def ends(order: int, step: float) -> bool:
     """Return True if the last coefficients of a series are zero: it terminates, or they underflow.
 
-    `step` is the binary logarithm of the step that the series of this `order` allows.
+    `step` is the binary logarithm of the step that the series of this `order` allows; it is then very large.
     """
     return step > ZERO_BOUND * minus_one_over(order)
 
@@ -224,9 +224,10 @@ def lesser(a: float, b: float) -> float:
 def guarded(sizes: Sequence[float], distance: int, digits: float, order: int) -> float:
     """Return the step that an earlier row of coefficients allows, with a margin, as a binary logarithm.
 
-    `sizes` are the binary logarithms of the last rows, by their distance from the last; `distance` is that of
-    the earlier row. The margin is `GUARD`. The radius of convergence that this row shows takes the place of
-    that of the last row. The bound is infinite for rows below half of the order.
+    `sizes` are the binary logarithms of the last rows' sizes, by their distance from the last row; `distance`
+    is that of the earlier row. `digits` is minus the binary logarithm of the relative tolerance. The margin is
+    `GUARD`. The radius of convergence that this row shows takes the place of that of the last row. The bound is
+    infinite for rows below half of the order.
     """
     share = minus_one_over(less(order, distance))
     bound = fma(digits, minus_one_over(order) - share, sizes[distance] * share) + GUARD
@@ -239,8 +240,9 @@ def guarded(sizes: Sequence[float], distance: int, digits: float, order: int) ->
 def radius(sizes: Sequence[float], distance: int, order: int) -> float:
     """Return the binary logarithm of the radius of convergence that two rows of coefficients show.
 
-    They are `ROW_DISTANCE` orders apart. `sizes` are the binary logarithms of the last rows, by their distance
-    from the last; the later row has this `distance`. The result is infinity if one of the two rows is zero.
+    They are `ROW_DISTANCE` orders apart. `sizes` are the binary logarithms of the last rows' sizes, by their
+    distance from the last row; the later of the two has this `distance`. The result is infinity if one of the
+    two rows is zero.
     """
     early, late = sizes[distance + ROW_DISTANCE], sizes[distance]
     span = less(order, distance) - less(order, distance + ROW_DISTANCE)

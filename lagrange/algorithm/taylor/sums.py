@@ -24,11 +24,11 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, magn
 
 @procedure(work=work_type)
 def advance(s: float, longer: float, work: Out, order: int, *, layout: TaylorLayout) -> bool:
-    """Add the sum of the series at the end of a step to the state, compensated. Return True if it is finite.
+    """Add the sum of the series at the end of a step to the state. Return False if the result is not finite.
 
-    If not, the state is unchanged. `s` is the length of the step in units of the time scale. The old state is
-    stored, and so is the derivative at the end of the step, multiplied by `longer`, the ratio of the next scale
-    to this one.
+    Then the state is unchanged. `s` is the length of the step in units of the time scale. The addition is
+    compensated. The old state is stored, and so is the derivative at the end of the step, multiplied by
+    `longer`, the ratio of the next scale to this one. All are parts of `work`.
     """
     new, lost = reals(layout.padded, room=layout.block), reals(layout.padded, room=layout.block)
     low, slopes, powers = work[layout.lost :], work[layout.slope :], powers_of(s)
@@ -67,7 +67,10 @@ def powers_of(s: float) -> tuple[float, float, float]:
 
 @inline
 def series_sum(work: In, order: int, powers: tuple[float, float, float], i: int, layout: TaylorLayout) -> float:
-    """Return the sum of x[k] s**k over k > 0 for entry i; `powers` are s, s**2 and s**4."""
+    """Return the sum of x[k] s**k over 0 < k <= order, where x[k] are the coefficients of entry i of the state.
+
+    `powers` are s, s**2 and s**4.
+    """
     if layout.chains:
         return chained_sum(work, order, powers, i, layout)
     return horner(work, order, powers[0], i, layout)[0]
@@ -75,9 +78,10 @@ def series_sum(work: In, order: int, powers: tuple[float, float, float], i: int,
 
 @inline
 def chained_sum(work: In, order: int, powers: tuple[float, float, float], i: int, layout: TaylorLayout) -> float:
-    """Return the sum of x[k] s**k over k > 0 for entry i, as four partial sums over k = first + 4 j.
+    """Return the sum of x[k] s**k over 0 < k <= order, where x[k] are the coefficients of entry i of the state.
 
-    Partial sums with one coefficient more than the others begin one step earlier.
+    It has four partial sums, over k = first + 4 j for first = 1, 2, 3, 4. Partial sums with one coefficient
+    more than the others begin one step earlier. `powers` are s, s**2 and s**4.
     """
     s, square, fourth = powers
     steps = quotient(order, 4)
@@ -107,10 +111,11 @@ def top_of_chain(
 
 @inline
 def write_slopes(work: Out, order: int, s: float, longer: float, layout: TaylorLayout) -> None:
-    """Write the derivative at the end of a step of length s: sums of k x[k] s**(k - 1), multiplied by `longer`.
+    """Write the derivative at the end of a step of length s to `work`: the sums of k x[k] s**(k - 1).
 
-    Horner's rule for a derivative is used. Only blocks with velocities are summed: the equations of the
-    coordinates are satisfied by construction.
+    It is multiplied by `longer`, the ratio of the next time scale to this one. Horner's rule for a derivative
+    is used. Only blocks with velocities are summed: the equations of the coordinates are satisfied by
+    construction.
     """
     begin = layout.moving
     slopes = work[layout.slope + begin :]
@@ -141,7 +146,11 @@ def state_on_step(s: float, to: Out, sizes: Sizes, work: Out, order: int) -> Non
 
 @inline
 def horner(work: In, order: int, s: float, i: int, layout: TaylorLayout) -> tuple[float, float]:
-    """Return the sums over k > 0 of x[k] s**k and of k x[k] s**(k - 1) for entry i of the state."""
+    """Return the change of entry i of the state at the time s of a step, and its derivative there.
+
+    They are the sums over 0 < k <= order of x[k] s**k and of k x[k] s**(k - 1), where x[k] are its
+    coefficients.
+    """
     total, slope = 0.0, 0.0
     for j in range(order):
         partial = total + row(work, order - j, layout)[i]
@@ -152,7 +161,11 @@ def horner(work: In, order: int, s: float, i: int, layout: TaylorLayout) -> tupl
 
 @inline
 def sums_by_rows(work: In, order: int, s: float, layout: TaylorLayout) -> Sequence[Out]:
-    """Return the sums over k > 0 of x[k] s**k and of k x[k] s**(k - 1), for all entries of the state."""
+    """Return two arrays with an entry for each entry of the state: a sum of its series, and the derivative.
+
+    They are the sums over 0 < k <= order of x[k] s**k and of k x[k] s**(k - 1), where x[k] are the
+    coefficients.
+    """
     totals, slopes = reals(layout.padded, room=layout.block), reals(layout.padded, room=layout.block)
     for i in each(layout.padded, **layout.loop):
         totals[i] = 0.0
@@ -168,7 +181,10 @@ def sums_by_rows(work: In, order: int, s: float, layout: TaylorLayout) -> Sequen
 
 @inline
 def outstanding(output_times: In, index: int, end: float, scale: float) -> bool:
-    """Return True if output time number `index` exists and is before the time `end`, at which a step ends."""
+    """Return True if output time number `index` exists and is before `end`, the time at which a step ends.
+
+    `scale` has the sign of the run, positive for increasing times. The output times end with NaN.
+    """
     return (output_times[index] - end) * scale < 0.0
 
 

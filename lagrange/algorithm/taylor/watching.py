@@ -142,10 +142,10 @@ last step, and `due_directions` the directions of these zeros.
 
 
 def _begins(array: str, sizes: Mapping[str, int], end: str = "") -> dict[str, tuple[str, int]]:
-    """Return where the parts of an array begin, as {part: (array, begin)}.
+    """Return where the parts of an array begin for one watched function, as {part: (name of the array, begin)}.
 
-    `sizes` has the number of entries of each part for one watched function. `begin` is the sum of the sizes of
-    all parts before it. `end` names the part after the last one.
+    `sizes` has the number of entries of each part for one function. `begin` is the sum of the sizes of all
+    parts before it. `end` is a name for the part after the last one.
     """
     names = (*sizes, end or f"end of {array}")
     return {name: (array, begin) for name, begin in zip(names, accumulate(sizes.values(), initial=0), strict=True)}
@@ -223,8 +223,8 @@ def watched_types() -> dict[str, Stated]:
 class Opened:
     """The watched functions with the parts of their arrays as attributes, such as signs and `noise`.
 
-    A part has an entry, or several, for each watched function. Other attributes are those of `Watched`, except
-    `values`.
+    In a part each watched function has one entry, or several. Other attributes are those of `Watched`, except
+    `values`: here it is the part with the values of the functions.
     """
 
     watched: Watched
@@ -267,7 +267,10 @@ class Opened:
 
     @inline
     def counts_as_event(self, index: int, direction: int) -> Any:
-        """Return True if a zero of event function number `index` in a direction counts as an event."""
+        """Return True if zeros of event function number `index` in this `direction` count as events.
+
+        The direction is 1 or -1, the sign to which the function changes, or 0 for a touch.
+        """
         counted = self.directions[index]
         return counted == 0 or counted == direction
 
@@ -279,7 +282,10 @@ class Opened:
 
     @inline
     def write_event(self, slot: int, t: float, index: int) -> Any:
-        """Write the time t and the function `index` of event number `slot`. Return the memory for its state."""
+        """Write the time t and the function `index` of event number `slot`. Return the array for its state.
+
+        The caller writes the state to this array.
+        """
         self.watched.event_times[slot] = t
         self.watched.event_places[slot] = index
         return self.watched.event_states[slot * self.layout.dimension :]
@@ -287,13 +293,13 @@ class Opened:
 
 @inline
 def opened(watched: Watched) -> Opened:
-    """Return the watched functions with the parts of their arrays, in the layout that their sizes give."""
+    """Return the watched functions with the parts of their arrays as attributes."""
     return Opened(watched, layout_of(watched.sizes))
 
 
 @inline
 def restore_sides(watched: Watched, layout: Any) -> None:
-    """Restore the signs of the watched functions before the last step, and drop the events on that step.
+    """Restore the signs that the watched functions had before the last step, and drop the events on it.
 
     Nothing changes if the defect test has confirmed the step.
     """
@@ -362,7 +368,7 @@ def watched_of(arguments: Arguments) -> Any:
 
 @inline
 def numbers_of(arguments: Arguments, layout: TaylorLayout) -> tuple[Any, Any]:
-    """Return the numbers of a series for the present sides (signs of the functions) of switching surfaces.
+    """Return the numbers of a series for the present sides, which are the signs of the switching functions.
 
     They are two arrays: the parameters with all values that depend on them alone, and the constants of the
     series.

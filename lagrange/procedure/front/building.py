@@ -182,7 +182,7 @@ class Tracer(Names):
     def joined(self, op: str, left: Any, right: Callable[[], Any]) -> Any:
         """Return the value of `left op right`, with `op` "and" or "or". The function `right` computes its operand.
 
-        The operation becomes a branch if `right` loads, calls or stores.
+        The operation becomes a branch, in which `right` runs only if needed, if `right` loads, calls or stores.
         """
         left = left.condition if isinstance(left, Weighed) else left
         if not isinstance(left, Value):
@@ -229,7 +229,7 @@ class Tracer(Names):
     def is_pure(self, bodies: Sequence[list[Statement]], construct: str) -> bool:
         """Return True if blocks only compute values. If so, their statements are added to the present block.
 
-        `construct` names the expression in the error for impure blocks inside an `each`.
+        `construct` names the expression in the error for other blocks inside an `each`, which are not allowed there.
         """
         statements = [statement for body in bodies for statement in body]
         pure = all(isinstance(s, (Get, Read)) or (isinstance(s, Let) and s.op not in UNSAFE) for s in statements)
@@ -242,7 +242,7 @@ class Tracer(Names):
     # --- memory
 
     def item(self, owner: Any, index: Any) -> Any:
-        """Return the element at an index of an array, or of a tuple that is known at build time."""
+        """Return the element at index `index` of `owner`: an array, or a tuple that is known at build time."""
         if isinstance(owner, Memory):
             return owner[self.place(owner, index, stored=False)]
         if isinstance(index, Value):
@@ -250,7 +250,7 @@ class Tracer(Names):
         return owner[index]
 
     def place(self, array: Memory, index: Any, *, stored: bool) -> Value:
-        """Return an index of an array as a value. Raises Error if an `each` forbids access at this index.
+        """Return the index of an array element as a value. Raises Error if an `each` forbids access at this index.
 
         `stored` is true if the element is written.
         """
@@ -306,7 +306,7 @@ class Tracer(Names):
             part[i] = number
 
     def extent(self, lower: Any, upper: Any) -> Any:
-        """Return the number of elements from index `lower` to before index `upper`."""
+        """Return the number of elements from index `lower` up to, but not including, index `upper`."""
         if upper is None:
             raise Error("give the slice that is written an end: write b[:n] = a[:n].")
         return upper if lower is None or (not isinstance(lower, Value) and lower == 0) else upper - lower
@@ -314,7 +314,11 @@ class Tracer(Names):
     # --- calls
 
     def call(self, function: Any, /, *args: Any, **options: Any) -> Any:
-        """Return the result of a call. A procedure is called by a statement; an inline function is inlined."""
+        """Return the result of a call.
+
+        A call of a procedure becomes a statement, an inline function is inlined, and a function of known values is
+        computed.
+        """
         if function in (likely, unlikely):
             return Weighed(args[0], function is likely) if isinstance(args[0], Value) else args[0]
         if isinstance(function, Local):
@@ -339,9 +343,9 @@ class Tracer(Names):
         return self._of_values(function, args, options)
 
     def call_procedure(self, callee: Procedure, args: list[Any]) -> Any:
-        """Add a call of a procedure with arguments, and return its results.
+        """Add a call of a procedure, and return its results: None, a value or a tuple of values.
 
-        `args` has each field of a bundle (a dataclass) as an argument of its own.
+        `args` are the arguments; a bundle (a dataclass) is replaced by its fields.
         """
         self._outside_each(callee.name)
         if len(args) != len(callee.parameters):

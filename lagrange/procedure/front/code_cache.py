@@ -27,7 +27,7 @@ PACKAGE = FRONT.parents[1]
 
 
 class _Stored:
-    """The rewritten functions of one source file: {(first line, name, whether the function is inlined): code}."""
+    """The rewritten functions of one source file, by key: {(first line, name, True if it is inlined): code}."""
 
     def __init__(self, file: str) -> None:
         self.path = Path(cache_from_source(file)).with_suffix(".plain")

@@ -117,7 +117,7 @@ class LoopBlock(Block):
         return self.iterations
 
     def times(self, test: Callable[[], Any]) -> Iterator[None]:
-        """Yield once, for building the body of a `while`. `test` builds its condition."""
+        """Yield once: the body of a `while` loop is built then. `test` builds the condition of the loop."""
 
         def condition() -> Flag:
             made = test()
@@ -149,7 +149,10 @@ class Branches(Block):
             self.bodies.append(body)
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Store the values of names at the end of a branch. Return the values for the start of the next branch."""
+        """Store the values of the Python names at the end of a branch. Return their values before both branches.
+
+        The second branch begins with the values that are returned.
+        """
         self.ways.append(None if self.has_ended else values)
         return super().close(*values) if not self.has_ended else self.before
 
@@ -172,9 +175,9 @@ class Branches(Block):
         return merged
 
     def joined(self, name: str, kind: Kind, ways: Sequence[tuple[list[Statement], Any]]) -> Variable:
-        """Return a new variable of a kind for a name; each branch sets it at its end.
+        """Return a new variable for a Python name; a statement at the end of each branch sets it.
 
-        `ways` are pairs for each branch: its block, and the value of the name at its end.
+        `kind` is its kind. `ways` has a pair for each branch: its statements, and the value of the name at its end.
         """
         tracer = self.tracer
         variable = tracer.p.variable(ZERO[kind], name)
@@ -226,7 +229,7 @@ class EachBlock(Block):
         raise Error("`each` cannot contain `return`: use `range`.")
 
     def visit(self, array: Memory, index: Value, *, stored: bool) -> None:
-        """Record an access to an array at an index. `stored` is true for a write.
+        """Record an access to an array element at `index` inside an iteration. `stored` is true for a write.
 
         Raises Error for a write at an index other than the index of the iteration.
         """
@@ -237,11 +240,11 @@ class EachBlock(Block):
         self.visits.append((array.root, array.ref, at_own_index, stored))
 
     def check(self) -> None:
-        """Raise Error if iterations of this `each` depend on their order.
+        """Raise Error if the result of this `each` may depend on the order of its iterations.
 
-        They do if one iteration writes an element of an array that another iteration may read or write. Each iteration
-        may use the element at its own index, in one part of the array. An `each` that is declared disjoint is not
-        checked.
+        It does if one iteration writes an element of an array that another iteration may read or write. Each
+        iteration may use the element at its own index, in one part of the array. An `each` that is declared disjoint
+        is not checked.
         """
         written = {root: part for root, part, _, stored in self.visits if stored}
         for root, part, at_own_index, _ in self.visits:

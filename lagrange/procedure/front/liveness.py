@@ -54,7 +54,7 @@ class Mentions(NamedTuple):
 
 @cache
 def mentions(node: ast.AST) -> Mentions:
-    """Return the names that a node of the syntax tree reads and sets."""
+    """Return the names that a node of the syntax tree reads and sets, including the nodes inside it."""
     if isinstance(node, ast.Name):
         if isinstance(node.ctx, ast.Load):
             return Mentions(frozenset((node.id,)))
@@ -85,7 +85,7 @@ LEAVES = ("ctx", "op", "ops", "annotation", "returns")
 
 
 def _children(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield the nodes directly inside a node. Fields that cannot contain names are left out."""
+    """Yield the direct children of a node of the syntax tree. Fields that cannot contain names are left out."""
     for field in node._fields:
         if field not in LEAVES:
             value = getattr(node, field, None)
@@ -98,9 +98,9 @@ def _children(node: ast.AST) -> Iterator[ast.AST]:
 
 
 def loaded(nodes: Iterable[ast.AST]) -> Names:
-    """Return the names that nodes of the syntax tree read or set in place.
+    """Return the names that nodes of the syntax tree read, or change by an augmented assignment such as `x += 1`.
 
-    Targets of comprehensions and functions are not included.
+    Targets of comprehensions and parameters of inner functions are left out.
     """
     return NOTHING.union(*[mentions(node).loaded for node in nodes])
 
@@ -123,7 +123,10 @@ class _Walk:
         self.kept, self.carried = kept, carried
 
     def block(self, body: Sequence[ast.stmt], live: Names) -> Names:
-        """Return the names that are live before a block. `live` are the names that are live after the block."""
+        """Return the names that are live before a block: they may be read before they are set again.
+
+        `live` are the names that are live after the block.
+        """
         for statement in reversed(body):
             live = self.statement(statement, live)
         return live
@@ -148,10 +151,10 @@ class _Walk:
         return (live - frozenset(stored([s]))) | loaded([s]) | self.kept
 
     def loop(self, s: ast.stmt, body: Sequence[ast.stmt], behind: Names, read: Names, targets: Names) -> Names:
-        """Return the names that are live before the loop `s`. `behind` are the names live after the loop.
+        """Return the names that are live before the loop `s`: they may be read before they are set again.
 
-        `read` are the names that the head of the loop reads, and `targets` the names that each iteration sets at its
-        start.
+        `behind` are the names that are live after the loop. `read` are the names that the head of the loop reads, and
+        `targets` the names that each iteration sets at its start.
         """
         live = behind | read
         while True:

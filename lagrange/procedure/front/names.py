@@ -30,7 +30,7 @@ class Missing:
 
 @dataclasses.dataclass(frozen=True)
 class Weighed:
-    """A condition marked by `likely` or `unlikely`."""
+    """A condition that was passed to the function likely or unlikely; `likely` is true for the former."""
 
     condition: Any
     likely: bool
@@ -41,7 +41,10 @@ class Error(LagrangeError):
 
 
 def leaves(value: Any) -> Iterator[Any]:
-    """Yield the numbers and arrays in a bundle (a dataclass or tuple, also nested), in the order of its fields."""
+    """Yield the numbers and arrays inside a dataclass or tuple, in the order of its fields, also nested ones.
+
+    A number or array yields itself; None yields nothing.
+    """
     if value is None:
         return
     if isinstance(value, (tuple, list)):
@@ -62,7 +65,7 @@ def is_dynamic(value: Any) -> bool:
 
 
 def kind_of(value: Any) -> Kind | None:
-    """Return the kind of a number, whether known at build time or at run time, or None for another object."""
+    """Return the kind of a number, or None for another object. The number may be known at run time only."""
     if isinstance(value, (Value, Variable)):
         return value.kind
     for python, kind in ((bool, FLAG), (int, WHOLE), (float, REAL)):
@@ -133,10 +136,10 @@ class Names:
         return value
 
     def assign(self, before: Any, name: str, value: Any) -> Any:
-        """Assign `value` to a name, and return the object to which the name then refers. `before` is the object before.
+        """Assign `value` to a Python name. Return the object to which the name refers from then on.
 
-        If `before` is a variable of an enclosing branch or loop, the variable is set and returned; otherwise `value`
-        is.
+        `before` is the object to which it referred. If that is a variable of an enclosing branch or loop, the
+        variable is set and returned. Otherwise the result is `value`.
         """
         if isinstance(before, Variable) and before in self.handed:
             before.value = self.number(value, before.kind, f"`{name}`")
@@ -180,7 +183,7 @@ class Names:
         return value
 
     def varied(self, name: str, value: Any) -> Any:
-        """Return a new variable that has the number `value`, for a name that a branch or loop sets.
+        """Return a new variable that has the number `value` at first. Its Python name is set in a branch or loop.
 
         A tuple of numbers gives a tuple of variables. Other objects are returned unchanged.
         """

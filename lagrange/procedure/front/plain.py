@@ -197,9 +197,10 @@ class Plain(PlainFunction[Args, Result]):
         return p.finish(*results)
 
     def _type(self, name: str, hints: Mapping[str, Any], known: Mapping[str, Any]) -> Stated:
-        """Return the type of a parameter, from the decorator's function for it, or else from its annotation in `hints`.
+        """Return the type of the parameter `name`: from the decorator, or else from its annotation in `hints`.
 
-        `known` has the values of the static parameters.
+        The decorator may have a function that returns the type. `known` has the values of the static parameters, by
+        name.
         """
         if name in self.types:
             stated = self.types[name]
@@ -210,7 +211,10 @@ class Plain(PlainFunction[Args, Result]):
         return type_of(hints[name])
 
     def _located(self, error: Exception, name: str) -> Located:
-        """Return an error with the file and the line of the function that caused it. `name` is the procedure's name."""
+        """Return an error whose message begins with the file and line of the plain function at which `error` arose.
+
+        `name` is the procedure's name.
+        """
         if isinstance(error, Located):
             return error
         frames = traceback.extract_tb(error.__traceback__)
@@ -300,7 +304,10 @@ def _parameter(p: Builder, name: str, stated: Stated) -> Any:
 
 
 def _suffix(known: Mapping[str, Any]) -> str:
-    """Return a suffix for a procedure's name from the static parameters that are numbers, texts or true options."""
+    """Return a suffix for a procedure's name, made of the values `known` of its static parameters.
+
+    A true option adds its name; a number, text or enum member adds itself.
+    """
     parts = []
     for name, value in known.items():
         if isinstance(value, bool):

@@ -124,7 +124,7 @@ class Rewriter:
         return f"_{self.count}"
 
     def refuse(self, node: ast.AST, construct: str) -> LagrangeError:
-        """Return the error for a construct that is not allowed at a node, with its line."""
+        """Return the error for a construct that a plain function must not use; `node` gives the line."""
         line = getattr(node, "lineno", self.tree.lineno)
         return LagrangeError(f"procedure {self.tree.name}, line {line}: a plain procedure cannot have {construct}.")
 

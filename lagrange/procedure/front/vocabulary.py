@@ -62,9 +62,9 @@ WholesOut = Annotated[Writable[int], Array(WHOLE)]
 def each(count: int, **options: Any) -> range:
     """Return the indices below `count`, for a loop whose iterations may run in any order or several at once.
 
-    Of the `options`, `width` is the largest number of iterations at once. With `spill` array entries from `count` on
-    may be overwritten. With `unrolled` the iterations are written out. With `disjoint` the function promises that
-    parts of an array do not overlap if one of them is written. Python runs one iteration after the other.
+    Of the `options`, `width` is the largest number of iterations at once. With `spill` these may overwrite array
+    entries from `count` on. With `unrolled` the iterations are written out. With `disjoint` the function promises
+    that parts of an array do not overlap if one of them is written. Python runs one iteration after the other.
     """
     unknown = sorted(set(options) - {"width", "spill", "unrolled", "disjoint"})
     if unknown:
@@ -168,12 +168,12 @@ def clear(record: Any) -> None:
 
 
 def operation(name: str, *values: Any) -> Any:
-    """Return the result of an operation of procedures, such as "sqrt" or "max", on numbers. `name` selects it."""
+    """Return the result of the operation `name` of procedures, such as "sqrt" or "max", on numbers."""
     return EXACT[name](*values)
 
 
 def generated(form: Procedure, *args: Any) -> Any:
-    """Call the procedure `form`, which is not written as a plain function but built by code; return its results."""
+    """Call the procedure `form`, and return its results. Code has built it instead of a plain function."""
     results = run(form, *leaves(args))
     return results[0] if len(results) == 1 else results or None
 
