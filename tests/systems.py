@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
-from sympy import cos
+from sympy import cos, sin
 
 import lagrange as lg
 from tests.models import g, l, m, theta, x, y
@@ -38,3 +39,18 @@ def rod_pendulum(**changes: Any) -> lg.System:
         "initial": {x: 0.6, y: -0.8},
     }
     return lg.System(**stated | changes)
+
+
+@cache
+def chain(links: int, masses: tuple[Any, ...] | None = None) -> lg.System:
+    """Return a pendulum of links of equal length, 1 in all, whose angles are its coordinates; the first starts at 1."""
+    angles = [lg.coordinate(f"q{k}") for k in range(1, links + 1)]
+    place: Any = (0, 0)
+    kinetic, potential, places = 0, 0, {}
+    for k, (q, mass) in enumerate(zip(angles, masses or (m,) * links, strict=True), 1):
+        place = place[0] + l * sin(q), place[1] - l * cos(q)
+        kinetic, potential = kinetic + lg.kinetic_energy(mass, place), potential + lg.gravity(mass, place, g)
+        places[f"bob{k}"] = place
+    values = dict.fromkeys(masses or (m,), 1.0) | {g: 9.81, l: 1.0 / links}
+    start = {angles[0]: 1.0}
+    return lg.System(kinetic, potential, parameters=values, initial=start, positions=places, name="chain")

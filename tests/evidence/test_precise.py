@@ -24,28 +24,13 @@ def value(expression: Any, q: Any = (0.3, 0.7), v: Any = (1.1, -0.4), time: Any 
     return Precise([expression], STATEMENT, digits)(q, v, time, {k: 1.7, c: 0.6})[0]
 
 
-FUNCTIONS = {
-    sp.sin(x): HIGH.sin(0.3),
-    sp.cos(x): HIGH.cos(0.3),
-    sp.tan(x): HIGH.tan(0.3),
-    sp.cot(x): HIGH.cot(0.3),
-    sp.sec(x): HIGH.sec(0.3),
-    sp.csc(x): HIGH.csc(0.3),
-    sp.asin(x): HIGH.asin(0.3),
-    sp.acos(x): HIGH.acos(0.3),
-    sp.atan(x): HIGH.atan(0.3),
+AT_03 = [
+    *("sin", "cos", "tan", "cot", "sec", "csc", "asin", "acos", "atan", "exp", "log", "sqrt"),
+    *("sinh", "cosh", "tanh", "asinh", "atanh", "erf", "sinc"),
+]
+FUNCTIONS = {getattr(sp, name)(x): getattr(HIGH, name)(0.3) for name in AT_03} | {
     sp.atan2(x, -y): HIGH.atan2(0.3, -0.7),
-    sp.exp(x): HIGH.exp(0.3),
-    sp.log(x): HIGH.log(0.3),
-    sp.sqrt(x): HIGH.sqrt(0.3),
-    sp.sinh(x): HIGH.sinh(0.3),
-    sp.cosh(x): HIGH.cosh(0.3),
-    sp.tanh(x): HIGH.tanh(0.3),
-    sp.asinh(x): HIGH.asinh(0.3),
     sp.acosh(x + 1): HIGH.acosh(HIGH.mpf(0.3) + 1),
-    sp.atanh(x): HIGH.atanh(0.3),
-    sp.erf(x): HIGH.erf(0.3),
-    sp.sinc(x): HIGH.sinc(0.3),
     sp.sinc(sp.Min(x, 0)): HIGH.mpf(1),
     sp.Heaviside(x) - sp.Heaviside(-y) + sp.Heaviside(sp.Min(x, 0), 3): HIGH.mpf(4),
     sp.Abs(-x): HIGH.mpf(0.3),

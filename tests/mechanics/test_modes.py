@@ -216,6 +216,8 @@ def test_a_wrong_frequency_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(modes_module, "_root_of", lambda given: sqrt(given) * 1.001)
     with pytest.raises(RunError, match=r"the frequency .* is wrong: .* is not an eigenvalue of the linear equations\."):
         shared_scene("pendulum").modes()
+    with pytest.raises(RunError, match="is wrong"):
+        well().modes()
 
 
 @pytest.mark.slow
@@ -237,12 +239,6 @@ def test_frequencies_are_written_short_and_have_the_right_values() -> None:
         stiffness = sympy.Matrix([[k1 + k2, -k2], [-k2, k2]]).subs(values)
         squares = sorted((sympy.diag(m1, m2).subs(values).inv() * stiffness).eigenvals(), key=sympy.N)
         assert abs(sympy.N(found.subs(values) ** 2 - squares[number], 30)) < 1e-25
-
-
-def test_a_wrong_frequency_without_values_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(modes_module, "_root_of", lambda given: 2 * sqrt(given))
-    with pytest.raises(RunError, match="is wrong"):
-        lg.System(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2).modes()
 
 
 def test_a_mass_of_zero_is_refused_in_a_sentence() -> None:

@@ -16,6 +16,7 @@ from lagrange.mechanics.grading import one_change, term_difference, wrong_term
 from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.derivation_page import NO_HEADING, PAGES, render
 from lagrange.show.notation.sections import sections
+from tests.covering import Share
 from tests.mechanics.answered_systems import answered, oscillator, pulley
 from tests.models import shared_scene, stated_in
 
@@ -88,12 +89,12 @@ def test_an_answer_is_judged_and_its_wrong_term_is_named(line: str) -> None:
     assert said in result.message.replace("w*t", "t*w"), result.message
 
 
-def test_mutated_answers_are_judged_or_refused() -> None:
+def test_mutated_answers_are_judged_or_refused(share: Share) -> None:
     """Of an answer with a part missing, doubled or replaced nothing is run, and every message is short."""
     dice, systems = random.Random(2), ("scene:pendulum", "oscillator", "table", "pulley", "typed:damped")
     rows = [line.split("\t") for line in ANSWERS]
     answers = [(row[0], row[3].replace("⏎", "\n")) for row in rows if row[0] in systems]
-    for _ in range(40):
+    for _ in range(share(40)):
         name, text = dice.choice(answers)
         begin, scrap = (
             dice.randrange(len(text)),

@@ -350,13 +350,13 @@ def test_a_phone_shows_everything_in_its_width(scene: str, browser: Browser, tmp
 
 def test_everything_that_is_operated_has_a_name(browser: Browser, tmp_path: Path) -> None:
     operated = ("button", "slider", "spinbutton", "combobox")
-    with browser.open(shared_scene("spinning-top").to_page(tmp_path / "page.html")) as tab:
+    with browser.open(shared_scene("spherical-pendulum").to_page(tmp_path / "page.html")) as tab:
         nodes = tab.call("Accessibility.getFullAXTree")["nodes"]
         names = [node["name"]["value"] for node in nodes if node.get("role", {}).get("value") in operated]
         assert len(names) > 20
         assert all(names)
         pictures = [node["name"]["value"] for node in nodes if node.get("role", {}).get("value") == "image"]
-        assert "Moving picture of spinning-top: the points tip" in pictures
+        assert "Moving picture of spherical-pendulum: the points bob" in pictures
 
 
 def test_light_and_dark(browser: Browser, tmp_path: Path) -> None:

@@ -208,6 +208,7 @@ def test_pages_and_tables_of_main_start_with_the_velocities_that_follow(tmp_path
     assert found is not None and json.loads(found.group(1))["initial"] == pytest.approx([0.0, 0.0, 0.0, 24.0])
 
 
+@pytest.mark.slow
 def test_the_portrait_of_two_states_of_first_order_is_a_plane() -> None:
     found = lg.phase_portrait(rabbits(), window={x: (0.1, 3), y: (0.1, 3)}, starts=[{x: 1.5, y: 1.0}])
     orbit = found.orbits[0]

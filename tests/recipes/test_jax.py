@@ -143,6 +143,7 @@ def test_the_digits_are_those_of_the_model_and_shapes_too() -> None:
             np.testing.assert_array_equal(out, exact)
 
 
+@pytest.mark.slow
 def test_a_singular_mass_matrix_is_nan_and_a_status() -> None:
     of = singular(2, "llvm")
     made = of.as_numba()

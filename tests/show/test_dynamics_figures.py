@@ -105,6 +105,7 @@ def test_orbits_are_drawn_within_a_pixel_and_wrapped() -> None:
     assert np.nanmin(drawn[1][:, 0]) == pytest.approx(-np.pi)
 
 
+@pytest.mark.slow
 def test_an_orbit_of_many_turns_in_few_steps_is_round() -> None:
     """x = e^(-c t) cos(w t) + ..., twenty times around the middle of the picture, against its closed form."""
     c = 0.01

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 from matplotlib.mathtext import MathTextParser
-from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.show.notation.text import GREEK
 from tests.models import shared_scene
+from tests.systems import chain
 
 PAGES = Path(__file__).parent / "pages"
 GOLDEN = {
@@ -84,16 +84,7 @@ def test_html_is_well_formed(name: str) -> None:
 
 @pytest.mark.slow
 def test_a_chain_of_five_links_is_derived_without_its_accelerations() -> None:
-    angles, masses = lg.coordinates("q1 q2 q3 q4 q5"), lg.parameters("m1 m2 m3 m4 m5")
-    g, l = lg.parameters("g l")
-    ends = [(sum(l * sin(q) for q in angles[:k]), -sum(l * cos(q) for q in angles[:k])) for k in range(1, 6)]
-    chain = lg.System(
-        sum(lg.kinetic_energy(m, end) for m, end in zip(masses, ends, strict=True)),
-        sum(lg.gravity(m, end, g) for m, end in zip(masses, ends, strict=True)),
-        positions={f"bob{k}": end for k, end in enumerate(ends, 1)},
-        name="chain",
-    )
-    page = chain.derivation().unicode()  # takes 1 s
+    page = chain(5, lg.parameters("m1 m2 m3 m4 m5")).derivation().unicode()  # takes 1 s
     assert "Accelerations\n    The formulas are too long to be read" in page
     assert "(m₁ + m₂ + m₃ + m₄ + m₅) l² q̈₁ + (m₂ + m₃ + m₄ + m₅) l² q̈₂ cos(q₁ − q₂)" in page
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 import sympy
+from sympy import sin
 from sympy.physics.mechanics import dynamicsymbols
 
 import lagrange as lg
@@ -17,6 +18,7 @@ from lagrange.statement.coordinate import PREDEFINED
 from lagrange.statement.scene import expressions as text
 from lagrange.statement.scene.scene_reader import read_scene
 from lagrange.statement.vocabulary.words import ALIASES, WORDS
+from tests.models import shared_scene
 from tests.statement.scenes import write
 
 MEANT = {
@@ -30,7 +32,7 @@ FREE = [
 ]
 MALFORMED = ["", "2x", "_x", "x-y", "é", "x" * 65]
 
-x = lg.coordinate("x_0")
+x_0 = lg.coordinate("x_0")
 
 
 def test_what_is_predefined_is_what_a_text_may_use() -> None:
@@ -49,8 +51,8 @@ def as_parameter(name: str) -> list[Callable[[Path], Any]]:
     energies = {"coordinates": ["x_0"], "kinetic": f"{name}*x_0_dot**2/2"}
     return [
         lambda _: lg.parameters(name),
-        lambda _: lg.System(kinetic=sympy.Symbol(name, real=True) * x.dot**2 / 2, potential=0),
-        lambda _: lg.System(kinetic=x.dot**2 / 2, potential=0, parameters={name: 1}),
+        lambda _: lg.System(kinetic=sympy.Symbol(name, real=True) * x_0.dot**2 / 2, potential=0),
+        lambda _: lg.System(kinetic=x_0.dot**2 / 2, potential=0, parameters={name: 1}),
         lambda folder: read_scene(write(folder, energies, parameters={name: 1})),
     ]
 
@@ -82,11 +84,51 @@ def test_a_malformed_name_is_refused_everywhere(name: str, tmp_path: Path) -> No
 
 def test_a_symbol_called_pi_is_probably_the_constant() -> None:
     with pytest.raises(StatementError, match=r"parameter 'pi' clashes with the constant: use sympy\.pi for the const"):
-        lg.System(kinetic=x.dot**2 / 2, potential=sympy.Symbol("pi") * x)
+        lg.System(kinetic=x_0.dot**2 / 2, potential=sympy.Symbol("pi") * x_0)
 
 
 def test_the_origin_is_no_position_of_ones_own(tmp_path: Path) -> None:
     with pytest.raises(StatementError, match=r"^'origin' is the point at zero already: choose another name\.$"):
-        lg.System(kinetic=x.dot**2 / 2, potential=0, positions={"origin": (x, 1)})
+        lg.System(kinetic=x_0.dot**2 / 2, potential=0, positions={"origin": (x_0, 1)})
     with pytest.raises(SceneError, match=r"'origin' is the point at zero already: choose another name\.$"):
         read_scene(write(tmp_path, positions={"origin": ["theta", "1"]}))
+
+
+# --- Parameters of `lg.parameters` are those of a scene by their names, though SymPy takes them for others ---
+
+
+theta = lg.coordinate("theta")
+m, g, l = lg.parameters("m g l")
+x, y = lg.coordinates("x y")
+NAMED = dict(zip("mgl", (m, g, l), strict=True))
+
+
+def own(name: str) -> Callable[[str], Any]:
+    """Return what gives a parameter of a scene itself."""
+    table = {p.name: p for p in shared_scene(name).statement.parameters}
+    assert not set(table.values()) & {m, g, l}
+    return lambda letter: table[letter]
+
+
+USES: dict[str, tuple[str, Callable[[Any, Callable[[str], Any]], Any]]] = {
+    "evaluate": ("pendulum", lambda s, p: s.run(0.5).evaluate(p("m") * p("g") * p("l") * sin(theta)).tolist()),
+    "event": ("pendulum", lambda s, p: s.run(2.0, events=[theta - p("l")]).t_events[0].tolist()),
+    "reset": (
+        "pendulum",
+        lambda s, p: s.run(2.0, events=[lg.event(theta, reset={theta.dot: -p("l") * theta.dot / 2})]).final,
+    ),
+    "noether": ("kepler", lambda s, p: s.noether({x: -p("m") * y, y: p("m") * x})),
+    "eliminate": ("cartesian-pendulum", lambda s, p: s.eliminate({y: ((p("l") ** 2 - x**2) ** 0.5)}).accelerations()),
+    "poisson": ("pendulum", lambda s, p: s.hamiltonian().poisson(p("l") * theta, s.hamiltonian().momenta[theta])),
+    "transform": ("pendulum", lambda s, p: s.transform({theta: lg.coordinate("u") / p("l")}).lagrangian),
+    "linearize": ("pendulum", lambda s, p: s.linearize({theta: p("l") / 9}).K),
+    "substitute": ("pendulum", lambda s, p: s.substitute({"g": 4 * p("l")}).lagrangian),
+}
+
+
+@pytest.mark.few(4)
+@pytest.mark.parametrize("use", USES)
+def test_a_parameter_is_known_by_its_name(use: str) -> None:
+    name, asked = USES[use]
+    scene = shared_scene(name)
+    assert asked(scene, NAMED.__getitem__) == asked(scene, own(name))

@@ -56,31 +56,40 @@ def test_accelerations_are_those_of_the_book(case: Case) -> None:
             ), axis
 
 
+def by_sympy(statement: Statement) -> Callable[..., tuple[Any, Any]]:
+    """Return a function (q, v, t) -> mass matrix and accelerations, as SymPy's LagrangesMethod derives them."""
+    n, real = len(statement.coordinates), dict(statement.plain)
+    method = LagrangesMethod(statement.lagrangian, list(statement.coordinates))
+    method.form_lagranges_equations()
+    back = {symbol: expression for expression, symbol in real.items()}
+    drag = [
+        sympy.diff(statement.dissipation.xreplace(real), real[velocity]).xreplace(back)
+        for velocity in statement.velocities
+    ]
+
+    def at(q: Any, v: Any, time: Any) -> tuple[Any, Any]:
+        mass, right = mpmath.matrix(n, n), mpmath.matrix(n, 1)
+        for i, j in np.ndindex(n, n):
+            mass[i, j] = value(method.mass_matrix[i, j], statement, q, v, time)
+        for i in range(n):
+            parts = (method.forcing[i], statement.forces[i] - drag[i])
+            right[i] = sum(value(part, statement, q, v, time) for part in parts)
+        return mass, mpmath.lu_solve(mass, right)
+
+    return at
+
+
 @pytest.mark.few(1)
 @pytest.mark.parametrize("case", CASES, ids=NAMES)
 def test_derivation_agrees_with_lagranges_method(case: Case) -> None:
     statement = case.statement()
     derivation = derived(case)
     n = len(statement.coordinates)
-    method = LagrangesMethod(statement.lagrangian, list(statement.coordinates))
-    method.form_lagranges_equations()
-    real = dict(statement.plain)
-    back = {symbol: expression for expression, symbol in real.items()}
-    drag = [
-        sympy.diff(statement.dissipation.xreplace(real), real[velocity]).xreplace(back)
-        for velocity in statement.velocities
-    ]
+    expected_at = by_sympy(statement)
     for q, v, time in case.points(count=2):
-        mass = mpmath.matrix(n, n)
-        right = mpmath.matrix(n, 1)
-        for i in range(n):
-            for j in range(n):
-                mass[i, j] = value(method.mass_matrix[i, j], statement, q, v, time)
-                assert close(value(derivation.mass_matrix[i, j], statement, q, v, time), mass[i, j]), (i, j)
-            right[i] = value(method.forcing[i], statement, q, v, time) + value(
-                statement.forces[i] - drag[i], statement, q, v, time
-            )
-        expected = mpmath.lu_solve(mass, right)
+        mass, expected = expected_at(q, v, time)
+        for i, j in np.ndindex(n, n):
+            assert close(value(derivation.mass_matrix[i, j], statement, q, v, time), mass[i, j]), (i, j)
         for i, axis in enumerate(statement.coordinates):
             found = value(derivation.accelerations[axis], statement, q, v, time)
             assert close(found, expected[i], 1 + max(abs(x) for x in expected)), axis
@@ -138,13 +147,7 @@ def compare(statement: Statement, numbers: list[Fraction]) -> None:
     point = [mpmath.mpf(x.numerator) / x.denominator for x in numbers]
     q, v, time = point[:n], point[n : 2 * n], point[-1]
     derivation = derive(statement)
-    method = LagrangesMethod(statement.lagrangian, list(statement.coordinates))
-    method.form_lagranges_equations()
-    mass = mpmath.matrix(n, n)
-    for i in range(n):
-        for j in range(n):
-            mass[i, j] = value(method.mass_matrix[i, j], statement, q, v, time)
-    expected = mpmath.lu_solve(mass, mpmath.matrix([value(method.forcing[i], statement, q, v, time) for i in range(n)]))
+    _, expected = by_sympy(statement)(q, v, time)
     scale = 1 + max(abs(x) for x in expected)
     for i, q_i in enumerate(statement.coordinates):
         assert (

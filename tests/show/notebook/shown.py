@@ -1,15 +1,10 @@
-"""What is common to the tests of notebooks: hostile names, a long chain, and the size of what is shown."""
+"""What is common to the tests of notebooks: hostile names, and the size of what is shown."""
 
 from __future__ import annotations
 
 import base64
 import re
-from functools import cache
 from typing import Any
-
-import sympy
-
-import lagrange as lg
 
 HOSTILE = "</td><script>alert('x')</script> $\\frac{1}{2}$ | **b** `c` &amp;"
 """A name that would run, and turn into a formula, a table or letters of another kind, where it is not made a text."""
@@ -25,27 +20,6 @@ PICTURE = re.compile(r"data:image/png;base64,([A-Za-z0-9+/=]+)")
 
 TEXT, IMAGE = 20_000, 300_000
 """Characters and bytes that one result may take in a notebook, pictures apart."""
-
-
-@cache
-def chain(links: int, name: str = "chain") -> lg.System:
-    """Return a pendulum of links of equal length, coordinates being the angles."""
-    angles = lg.coordinates(" ".join(f"q{i}" for i in range(1, links + 1)))
-    angles = angles if isinstance(angles, tuple) else (angles,)
-    m, g, l = lg.parameters("m g l")
-    x: Any = sympy.S.Zero
-    y: Any = sympy.S.Zero
-    kinetic: Any = sympy.S.Zero
-    potential: Any = sympy.S.Zero
-    places = {}
-    for k, q in enumerate(angles, 1):
-        x, y = x + l * sympy.sin(q), y - l * sympy.cos(q)
-        kinetic, potential = kinetic + lg.kinetic_energy(m, (x, y)), potential + m * g * y
-        places[f"bob{k}"] = (x, y)
-    values = {m: 1.0, g: 9.81, l: 1.0 / links}
-    return lg.System(
-        kinetic, potential, parameters=values, initial={angles[0]: 1.0}, positions=places, name=name, coordinates=angles
-    )
 
 
 def rich(result: Any) -> dict[str, str]:

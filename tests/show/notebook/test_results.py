@@ -18,8 +18,8 @@ from lagrange.show.notebook.page_writer import PageWriter
 from tests.models import g, l, m, theta
 from tests.public import surface
 from tests.show.examples import free
-from tests.show.notebook.shown import HOSTILE, chain, held, rich
-from tests.systems import pendulum
+from tests.show.notebook.shown import HOSTILE, held, rich
+from tests.systems import chain, pendulum
 
 STATED = (
     *(lg.Claims, lg.Event, lg.Problem, lg.methods.CVODE, lg.methods.Taylor, lg.methods.ScipyRK45, lg.methods.ScipyRK23),
