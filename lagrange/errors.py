@@ -124,7 +124,9 @@ def _sentence(text: str) -> str:
 
 def suggestion(given: str, known: Iterable[str]) -> str:
     """Return `` Did you mean 'x'?`` for the closest known name, or an empty string."""
-    match = get_close_matches(given[:LONGEST_NAME], sorted(known), n=1, cutoff=0.6)
+    names, short = sorted(known), given[:LONGEST_NAME]
+    alike = [name for name in names if name.lower() == short.lower()]
+    match = alike or get_close_matches(short, names, n=1, cutoff=0.6)
     return f" Did you mean {match[0]!r}?" if match else ""
 
 

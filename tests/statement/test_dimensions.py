@@ -181,6 +181,8 @@ def test_units_must_fit_together() -> None:
     [
         ("mass", "dimensions is 'mass': give a dict from symbols to dimensions, such as {m: 'mass', l: 'length'}."),
         ({m: "mas"}, "the dimension of m is 'mas', which is neither a dimension nor a unit. Did you mean 'mass'?"),
+        ({m: "Kg"}, "the dimension of m is 'Kg', which is neither a dimension nor a unit. Did you mean 'kg'?"),
+        ({g: "n/kg"}, "the dimension of g is 'n/kg', and 'n' is neither a dimension nor a unit. Did you mean 'N'?"),
         (
             {l: "furlong"},
             "the dimension of l is 'furlong', which is neither a dimension nor a unit. Known are dimensions",
@@ -189,7 +191,7 @@ def test_units_must_fit_together() -> None:
         ({m: "mass + length"}, "the dimension of m is 'length + mass', which is not a product of powers of dimensions"),
         ({m: "__import__('os')"}, "the dimension of m is \"__import__('os')\", which is not a product of dimensions"),
         ({"n": "mass"}, "dimensions names 'n', which this system does not have; its symbols are t, theta, "),
-        ({m: "mass**w"}, "the dimension of m is 'mass**w', which is not a product of dimensions or units: "),
+        ({m: "mass**w"}, "the dimension of m is 'mass**w', and 'w' is neither a dimension nor a unit. "),
     ],
 )
 def test_refusals(given: Any, message: str) -> None:

@@ -263,14 +263,18 @@ def _from_text(text: str, what: str) -> Any:
     spelled = plain_text(text)
     name = spelled.replace(" ", "_")
     known = known_names()
-    if name.isidentifier():
-        if name not in known:
-            hint = suggestion(name, list(known)) or f" Known are {KNOWN_EXAMPLES}."
-            raise StatementError(f"{what} is {spelled[:60]!r}, which is neither a dimension nor a unit.{hint}")
+    if name in known:
         return sympy.Symbol(name, positive=True)
     try:
         return read_expression(spelled, {word: sympy.Symbol(word, positive=True) for word in known})
     except SceneError as error:
+        words = [name] if name.isidentifier() else re.findall(r"[^\W\d]\w*", spelled)
+        if unknown := [word for word in words if error.reason.startswith(f"{word!r} is not declared") or word == name]:
+            which = "which" if unknown == words else f"and {unknown[0][:60]!r}"
+            hint = suggestion(unknown[0], list(known)) or f" Known are {KNOWN_EXAMPLES}."
+            raise StatementError(
+                f"{what} is {spelled[:60]!r}, {which} is neither a dimension nor a unit.{hint}"
+            ) from None
         raise StatementError(
             f"{what} is {spelled[:60]!r}, which is not a product of dimensions or units: {error.reason}"
         ) from None
