@@ -11,6 +11,7 @@ import numpy as np
 
 from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
+from lagrange.statement.contact import friction_names
 from lagrange.statement.expression import DOUBLE, real_array
 from lagrange.statement.parameters import label_of, parameter_values, table_of
 from lagrange.statement.statement import Statement
@@ -100,7 +101,8 @@ class ParameterValues:
         return ordered(self._overlaid(values), self._statement.parameters)
 
     def _overlaid(self, values: Mapping[Any, Any] | None) -> dict[Any, float]:
-        return parameter_values(values, self._statement.parameters, self._statement.defaults)
+        stated = self._statement
+        return parameter_values(values, stated.parameters, stated.defaults, friction_names(stated.contacts))
 
     @cached_property
     def _defaults(self) -> dict[Any, float]:

@@ -115,6 +115,11 @@ def contact(gap: Any, slip: Any = None, restitution: Any = 0, friction: Any = 0)
     return stated
 
 
+def friction_names(contacts: Sequence[Contact]) -> frozenset[str]:
+    """Return the names of the parameters that are coefficients of friction by themselves."""
+    return frozenset(mu.name for each in contacts for mu in each.friction if mu.is_Symbol)
+
+
 def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str, Contact]:
     """Return a contact without friction for each pair of balls, by names such as "a_b", for `contacts=` of a System.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Collection, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -185,12 +185,15 @@ def _is_zero(base: Any) -> bool:
 
 
 def parameter_values(
-    overrides: Mapping[Any, Any] | None, parameters: tuple[Any, ...], defaults: Mapping[Any, float]
+    overrides: Mapping[Any, Any] | None,
+    parameters: tuple[Any, ...],
+    defaults: Mapping[Any, float],
+    frictions: Collection[str] = (),
 ) -> dict[Any, float]:
     """Return a value for every parameter: the defaults and `overrides`, whose keys are symbols or names.
 
-    Raises StatementError for an unknown name, a value that is not a finite real number, and a parameter without a
-    value.
+    `frictions` are the names of coefficients of friction. Raises StatementError for an unknown name, a value that is
+    not a finite real number, a negative coefficient of friction, and a parameter without a value.
     """
     by_name = {symbol.name: symbol for symbol in parameters}
     values = dict(defaults)
@@ -203,7 +206,7 @@ def parameter_values(
                 f"{label!r} is not a parameter of this system; its parameters are {listing(by_name)}."
                 + suggestion(label, by_name)
             )
-        values[by_name[label]] = _within(by_name[label], real_number(value, f"parameter {label}"))
+        values[by_name[label]] = _within(by_name[label], real_number(value, f"parameter {label}"), frictions)
     missing = [symbol.name for symbol in parameters if symbol not in values]
     if missing:
         raise StatementError(
@@ -320,19 +323,26 @@ def check_rate(name: str, by_name: Container[str], what: str) -> None:
         )
 
 
-def default_values(table: Mapping[Any, Any], symbols: dict[str, Any]) -> dict[Any, float]:
-    """Return {parameter: value} for a `table` of values in the statement. `symbols` are the parameters by name."""
+def default_values(
+    table: Mapping[Any, Any], symbols: dict[str, Any], frictions: Collection[str] = ()
+) -> dict[Any, float]:
+    """Return {parameter: value} for a `table` of values in the statement. `symbols` are the parameters by name.
+
+    `frictions` are the names of coefficients of friction. Raises StatementError as `parameter_values` does.
+    """
     values: dict[Any, float] = {}
     check_once([label_of(key) for key in table], "parameters")
     for key, value in table.items():
         symbol = symbols[label_of(key)]
         if value is not None:
-            values[symbol] = _within(symbol, real_number(value, f"parameter {symbol.name}"))
+            values[symbol] = _within(symbol, real_number(value, f"parameter {symbol.name}"), frictions)
     return values
 
 
-def _within(symbol: Any, value: float) -> float:
-    """Return `value`. Raises StatementError if it is negative and the parameter `symbol` was declared positive."""
+def _within(symbol: Any, value: float, frictions: Collection[str]) -> float:
+    """Return the value. Raises StatementError below zero if the symbol was declared positive, or is a friction."""
+    if value < 0 and symbol.name in frictions:
+        raise StatementError(f"the coefficient of friction {symbol.name} is {value:g}: give one that is not negative.")
     if value < 0 and symbol.is_nonnegative:
         raise StatementError(
             f"parameter {symbol.name} is {value:g}, but its symbol was declared positive, and SymPy may have dropped "

@@ -49,6 +49,10 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "restitution of a coordinate": (lambda: system({"c": lg.contact(Y, restitution=X)}), "in parameters"),
     "law": (lambda: system(simultaneous="both"), "newton"),
     "name of a constraint": (lambda: system(constraints={"floor": X - Y}), "has the name of a constraint"),
+    "friction below zero": (
+        lambda: system().run(1.0, parameters={"mu": -0.2}),
+        "the coefficient of friction mu is -0.2: give one that is not negative",
+    ),
     "start inside": (lambda: system().run(1.0, {Y: -0.5}), r"inside a body: the gap 'floor' is -0.5.*has y = 0"),
     "value of restitution": (lambda: system().run(1.0, parameters={E: 2}), "restitution of the contact 'floor' is 2"),
     "backwards": (lambda: system().run(0.0, t_start=1.0), "run forwards"),
@@ -235,3 +239,10 @@ def test_balls_touch_in_pairs() -> None:
     # Equal masses exchange their velocities; the radii 1 and 2 leave a gap of 1.
     run = lg.System(kinetic, contacts={"a_b": contacts["a_b"]}, initial=start).run(3.0).require()
     assert run.y[:, -1] == pytest.approx([1, 6, 0, 1]) and run.contacts["a_b"].impacts[0].t == pytest.approx(1)
+
+
+def test_a_start_below_the_floor_by_rounding_is_taken_for_one_on_it() -> None:
+    rolling = system().run(0.1, {Y: -3e-17})
+    assert rolling.status is lg.Status.SUCCESS and abs(rolling[Y]).max() < 1e-15
+    with pytest.raises(lg.StatementError, match="inside a body: the gap 'floor' is -1e-12"):
+        system().run(0.1, {Y: -1e-12})
