@@ -423,15 +423,15 @@ class Model:
         Callers use the result to explain accelerations that are not finite. If the inertia cancels in the formula of
         an acceleration, the acceleration is finite nevertheless.
         """
+        (q, v), values = self._state(q, v), self.parameter_array(parameters)
+        t = self._time(t, q)
         if not self._alone:
             return None
-        quick = self._masses.quick(self.parameter_array(parameters))
+        quick = self._masses.quick(values)
         masses = None if quick is None else quick.parts(t, q, v)
         if masses is not None:
             return 0 if 0.0 in masses.tolist() else None
-        q, v = self._state(q, v)
-        inputs = [part.reshape(len(part), -1) for part in (q, v)]
-        zeros = (self._masses.columns(self._time(t, q), inputs, self.parameter_array(parameters)) == 0.0).any(axis=0)
+        zeros = (self._masses.columns(t, [part.reshape(len(part), -1) for part in (q, v)], values) == 0.0).any(axis=0)
         return int(np.argmax(zeros)) if zeros.any() else None
 
     def singular_message(

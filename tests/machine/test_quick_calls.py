@@ -340,6 +340,8 @@ def test_the_inertia_of_a_lone_coordinate_is_looked_up_without_the_whole_matrix(
     zeros = np.zeros(40)
     assert model.column_without_inertia(0.0, zeros, zeros, np.empty(0)) is None
     assert len(model._masses.program.outputs) == 40
+    with pytest.raises(StatementError, match=r"v has shape \(3,\)"):
+        model.column_without_inertia(0.0, zeros, np.zeros(3), np.empty(0))
 
 
 @pytest.mark.slow
