@@ -249,7 +249,8 @@ def _inputs(statement: Statement, inputs: Any) -> tuple[Any, ...]:
         if label not in by_name:
             raise StatementError(
                 f"inputs contains {label[:80]!r}, which is not a parameter of this system; its parameters are "
-                f"{listing(by_name)}. State the force with a parameter, such as forces={{x: u}}."
+                f"{listing(by_name)}. Choose of these, or state the system with the input, as in "
+                f"forces={{{statement.names[0]}: u}}."
             )
         symbols.append(by_name[label])
     return tuple(symbols)

@@ -207,6 +207,11 @@ MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates"
         (lambda: cart().linearize({x: theta}), "the value of x(t) contains theta: give numbers, or expressions in par"),
         (lambda: cart().linearize({x: "1"}), "the value of x(t) is the text '1': give a SymPy expression"),
         (lambda: cart().linearize({}, inputs=["v"]), "inputs contains 'v', which is not a parameter of this system; i"),
+        (
+            lambda: rod().linearize({y: -l}, inputs=[x]),
+            "inputs contains 'x(t)', which is not a parameter of this system; its parameters are m, g and l. Choose of "
+            "these, or state the system with the input, as in forces={x: u}.",
+        ),
         (lambda: linear(T, **FILTER), "the constraint 'filter' contains the input u, so B would need the rate of u"),
         (lambda: linear(T, k * abs(x)), CORNER.format("x") + " so that they are not linear near it."),
         (lambda: linear(T, Piecewise((x**2, x > 0), (2 * x**2, True))), CORNER.format("x")),
