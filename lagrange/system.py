@@ -300,7 +300,8 @@ class System:
 
         `initial` overlays the statement's initial state as in `run`. First the coordinates move, by the least distance
         in the metric of the kinetic energy, then the velocities. Entries in `hold`, such as `[x, y.dot]`, stay as they
-        are. Raises StatementError if there is no such state nearby, with the violated constraints.
+        are. Of a rotation, `R` holds the orientation, and `R.body` the orientation and its rates. Raises StatementError
+        if there is no such state nearby, with the violated constraints.
         """
         from lagrange.compiler import machine, model_of
         from lagrange.trajectory.constraints.consistent import consistent

@@ -15,7 +15,7 @@ from sympy.core.relational import Relational
 from sympy.logic.boolalg import BooleanAtom
 
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
-from lagrange.statement.contact import along, declare_contacts
+from lagrange.statement.contact import along, declare_contacts, friction_names
 from lagrange.statement.coordinate import (
     COORDINATES,
     check_name,
@@ -48,6 +48,7 @@ from lagrange.statement.rotation import (
     check_moments,
     check_start,
     explanation,
+    fixed_in_space,
     forces_on_coordinates,
     in_coordinates,
     in_symbols,
@@ -106,7 +107,7 @@ def declare(
     fields = _drawn(positions, links, surfaces, survey) | declare_contacts(contacts, simultaneous, survey, checked)
     _check_constraints(checked, chosen, redundant)
     _check_declared(survey, chosen)
-    known, unify = _parameters(parameters, survey, by_name)
+    known, unify = _parameters(parameters, survey, by_name, friction_names(fields["contacts"]))
     statement = Statement(
         coordinates=chosen,
         **dict(zip(("kinetic", "potential", "lagrangian"), (kinetic, potential, lagrangian), strict=True)),
@@ -154,7 +155,8 @@ def _with_rotations(
     about = " ".join([*([statement.about] if statement.about else []), *(explanation(name, values) for name in names)])
     start = start_in_turns(names, parts["coordinates"], values)
     read = replace(whole, **parts, about=about, initial=start, positions=MappingProxyType({}), links=())
-    return replace(whole, reading=read)
+    fixed = tuple(name for name in names if fixed_in_space(typed.get("kinetic", typed.get("lagrangian")), name))
+    return replace(whole, reading=read, fixed_inertias=fixed)
 
 
 def _at_rest(coordinates: tuple[Any, ...]) -> tuple[float, ...]:
@@ -178,16 +180,17 @@ def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
 
 
 def _parameters(
-    stated_values: Any, survey: Survey, taken_names: Mapping[str, Any]
+    stated_values: Any, survey: Survey, taken_names: Mapping[str, Any], frictions: Collection[str]
 ) -> tuple[dict[str, Any], Mapping[Any, Any]]:
     """Return the fields `parameters` and `defaults` of `Statement`, and replacements {other symbol: parameter}.
 
     Two symbols of one name are the same parameter; the replacements make them one symbol. `stated_values` is the
-    user's table of values. `taken_names` maps the names that parameters must not have to their symbols.
+    user's table of values. `taken_names` maps the names that parameters must not have to their symbols. `frictions`
+    are the names of coefficients of friction.
     """
     values = table_of(stated_values, "parameters", "parameter to value")
     symbols, unify = parameter_symbols(survey, values, {**taken_names, **{name_of(f): f for f in survey.given}})
-    defaults = MappingProxyType(default_values(values, symbols))
+    defaults = MappingProxyType(default_values(values, symbols, frictions))
     return {"parameters": tuple(symbols.values()), "defaults": defaults}, unify
 
 

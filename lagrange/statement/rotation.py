@@ -182,6 +182,19 @@ def shorthands(rotations: Iterable[str]) -> dict[str, Any]:
     return {name_of(f): f for each in turned for f in (*each.matrix, *each.body, *each.space)}
 
 
+def of_rotation(key: Any, coordinates: Sequence[Any]) -> tuple[Any, ...]:
+    """Return the entries of the state that determine a rotation R, or its rates R.body or R.space; else (key,).
+
+    The rates depend on the entries of the quaternion and on their velocities.
+    """
+    for each in _rotations_of(tuple(coordinates)):
+        if isinstance(key, Rotation) and key == each:
+            return each.quaternion
+        if isinstance(key, SpaceMatrix) and key in (each.body, each.space):
+            return (*each.quaternion, *map(velocity_of, each.quaternion))
+    return (key,)
+
+
 def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
     """Return a table of values by coordinate and velocity, from one that also has rotations and their rates as keys.
 
@@ -565,6 +578,16 @@ def inertia_in_parameters(kinetic: Any, name: str) -> list[list[Any]] | None:
         return None
     rows = [[entry / 4 for entry in row[1:]] for row in _inertia(kinetic, each, still=False)[1:]]
     return None if any(entry.atoms(AppliedUndef, sympy.Dummy) for row in rows for entry in row) else rows
+
+
+def fixed_in_space(energy: Any, name: str) -> bool:
+    """Return True if `energy` as typed has an inertia of the rotation that is constant about the axes of space.
+
+    A multiple of the identity, as of a ball, is the same about all axes and does not count.
+    """
+    rates = rotation_of(name).space
+    inertia = sympy.Matrix(3, 3, lambda i, j: energy.diff(rates[i], rates[j]))
+    return not inertia.has(AppliedUndef) and inertia != inertia[0, 0] * sympy.eye(3)
 
 
 def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:

@@ -31,6 +31,11 @@ class SpaceMatrix(sympy.ImmutableMatrix):
     def __mul__(self, other: Any) -> Any:
         return self._combined(super().__mul__, other)
 
+    def __pow__(self, exponent: Any) -> Any:
+        if self.rows != self.cols:
+            raise StatementError("a vector has no powers: its square is a.dot(a), such as R.body.dot(R.body).")
+        return super().__pow__(exponent)
+
     def _combined(self, operation: Callable[[Any], Any], other: Any) -> Any:
         """Return the result of a matrix operation of this object with `other`, where a list counts as a vector.
 
@@ -63,6 +68,13 @@ def in_space(value: Any) -> Any:
 x, y, z = (SpaceMatrix([int(i == k) for i in range(3)]) for k in range(3))  # Unit vectors along the axes
 
 Quaternion = tuple[Any, Any, Any, Any]
+
+
+class Turn(tuple[float, float, float, float]):
+    """A quaternion of length one, scalar first. The product a*b turns by b and then by a."""
+
+    def __mul__(self, other: Any) -> Any:
+        return Turn(product(self, other)) if isinstance(other, Turn) else super().__mul__(other)
 
 
 def product(a: Sequence[Any], b: Sequence[Any]) -> Quaternion:
@@ -128,11 +140,11 @@ LARGEST_DEVIATION = 1e-9
 """Largest deviation of a start from a rotation: of M^T M from the unit matrix, or of a quaternion's length from one."""
 
 
-def turn(axis: ArrayLike, angle: float) -> Quaternion:
+def turn(axis: ArrayLike, angle: float) -> Turn:
     """Return the initial value of a rotation that is turned by an angle in radians about an axis of any length.
 
-    It is a quaternion of length one, scalar first. Raises StatementError for an axis that is zero or not a vector of
-    three numbers.
+    It is a quaternion of length one, scalar first. The product of two turns a*b turns by b and then by a. Raises
+    StatementError for an axis that is zero or not a vector of three numbers.
     """
     parts = () if isinstance(axis, TEXTS) else entries(axis, "the axis") or [axis]
     along = np.array([real_number(part, "an entry of the axis") for part in parts])
@@ -142,7 +154,7 @@ def turn(axis: ArrayLike, angle: float) -> Quaternion:
     # A power of two keeps all bits; the squares of very long and very short axes are no doubles.
     along = np.ldexp(along, -np.frexp(np.abs(along).max())[1])
     i, j, k = (float(part) for part in np.sin(half) * along / np.linalg.norm(along))
-    return float(np.cos(half)), i, j, k
+    return Turn((float(np.cos(half)), i, j, k))
 
 
 def quaternion_of(value: Any, name: str) -> Quaternion:
@@ -168,7 +180,8 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
     if (off := float(np.abs(numbers.T @ numbers - np.eye(3)).max())) > LARGEST_DEVIATION:
         raise StatementError(
             f"the start of {name} is not a rotation: its matrix times its transpose differs from the unit matrix by "
-            f"{off:.3g}."
+            f"{off:.3g}. Give all digits, lagrange.turn(axis, angle), or the nearest rotation: u @ vh, with u, _, vh = "
+            "numpy.linalg.svd(matrix)."
         )
     if np.linalg.det(numbers) < 0:
         raise StatementError(f"the start of {name} is a reflection, with determinant -1: change the sign of one axis.")

@@ -83,6 +83,7 @@ class Statement:
       quaternion and are the last coordinates, and `entries` has the nine functions R_xx(t) to R_zz(t) of each
       rotation.
     - `inferred` are the names of undeclared functions of time in the energies, which were taken for coordinates.
+    - `fixed_inertias` are the names of rotations whose inertia was stated as constant about the axes of space.
     """
 
     coordinates: tuple[Any, ...]
@@ -109,6 +110,7 @@ class Statement:
     prescribed: tuple[tuple[Any, Any], ...] = ()
     inputs: tuple[tuple[Symbol, Symbol | None], ...] = ()
     inferred: tuple[str, ...] = ()
+    fixed_inertias: tuple[str, ...] = ()
     contacts: tuple[Contact, ...] = ()
     simultaneous: str = ""
     surfaces: Mapping[str, tuple[Any, ...]] = field(default_factory=lambda: MappingProxyType({}))
@@ -208,6 +210,11 @@ class Statement:
             said.append(
                 f"{listing(self.inferred)} {taken}, because the energies contain a function of time of this name; "
                 "state a given motion by lg.given(name)."
+            )
+        for name in self.fixed_inertias:
+            said.append(
+                f"The inertia of {name} is constant about the axes of space and differs between them: that of a body "
+                f"is constant about its own axes, {name}.body."
             )
         if self.contacts:
             names = listing(repr(each.name) for each in self.contacts)

@@ -18,7 +18,7 @@ import lagrange as lg
 from lagrange.dynamics.runs import starts_of
 from lagrange.members.table import member_table
 from lagrange.statement.rotation import in_coordinates
-from lagrange.statement.space import body_rates, space_rates
+from lagrange.statement.space import body_rates, matrix_of, space_rates
 from tests.models import m, x
 
 R = lg.rotation("R")
@@ -274,6 +274,11 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "a rate that is not a number": (lambda: top().run(0.1, {R.body: (0, np.nan, 0)}), "R_body_y is nan: give a finite"),
     "a product of two vectors": (lambda: R.body * R.body, r"a.dot\(b\) and a.cross\(b\) are the products of vectors"),
+    "a power of a vector": (lambda: R.body**2, r"its square is a.dot\(a\), such as R.body.dot\(R.body\)"),
+    "a start that is off": (
+        lambda: top().run(0.1, {R: np.eye(3) + 4e-4 * np.eye(3, k=1)}),
+        r"differs from the unit matrix by 0.0004. Give all digits, .* nearest rotation: u @ vh",
+    ),
     "a sum of other shapes": (lambda: R.body + R.T, "does not fit one of shape"),
     "a force of a coordinate": (lambda: top(forces={x: R}), r"the force on x is <Rotation R>: give an entry R\[i, j\]"),
     "an absolute rate": (lambda: lg.System(abs(R.body[0])), "singular where R.body is zero"),
@@ -298,6 +303,30 @@ def test_what_has_no_meaning_is_refused(case: str) -> None:
     with pytest.raises(lg.StatementError, match=sentence) as refusal:
         attempt()
     assert len(str(refusal.value)) <= 400
+
+
+def test_a_product_of_turns_turns_by_the_right_one_first() -> None:
+    both = lg.turn((1, 0, 0), 0.7) * lg.turn((0, 0, 1), 0.4)
+    matrices = [np.array(matrix_of(part), dtype=float) for part in (lg.turn((1, 0, 0), 0.7), lg.turn((0, 0, 1), 0.4))]
+    assert np.array(matrix_of(both), dtype=float) == pytest.approx(matrices[0] @ matrices[1], abs=1e-15)
+    assert top().run(0.1, {R: both}).status is lg.Status.SUCCESS
+
+
+def test_an_inertia_that_is_constant_in_space_is_remarked() -> None:
+    tensor = diag(1, 2, 2)
+    (said,) = lg.System(R.space.dot(tensor * R.space) / 2).statement.remarks()
+    assert "The inertia of R is constant about the axes of space" in said and "about its own axes, R.body." in said
+    for energy in (R.body.dot(tensor * R.body), 2 * R.space.dot(R.space), R.space.dot(R * (tensor * (R.T * R.space)))):
+        assert not lg.System(energy / 2).statement.remarks()
+
+
+def test_a_rotation_is_held_with_its_rates() -> None:
+    tied = lg.System(KINETIC, constraints={"upright": R[2, 2] - sympy.cos(0.3)}, parameters=VALUES)
+    start = {R: lg.turn((1, 0, 0), 0.31), R.body: (0, 0, 2)}
+    with pytest.raises(lg.StatementError, match="upright"):
+        tied.consistent(start, hold=[R])
+    kept = tied.consistent({R: lg.turn((1, 0, 0), 0.3), R.body: (0, 0, 2)}, hold=[R.body])
+    assert kept.moved == 0
 
 
 def test_a_root_of_the_rates_that_is_singular_is_named_by_the_rotation() -> None:

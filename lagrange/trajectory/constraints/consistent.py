@@ -16,6 +16,7 @@ from lagrange.machine.parameters import ordered
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import entries, real_number
+from lagrange.statement.rotation import of_rotation
 from lagrange.trajectory.constraints.nearest import ON_SURFACE
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of, units_of
@@ -78,6 +79,7 @@ def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
     names = [label for label in rows if isinstance(label, str)]
     if listed is None:
         raise StatementError(f"hold is {shown(hold)}: give a list of coordinates and velocities, such as [x, y.dot].")
+    listed = [entry for key in listed for entry in of_rotation(key, coordinates)]
     for key in listed:
         if not isinstance(key, Hashable) or key not in rows:
             raise StatementError(
