@@ -80,6 +80,8 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     """
     check_budget()
     label = f"{row.equation.label[0].upper()}{row.equation.label[1:]}"
+    if not row.zero.free_symbols:
+        return WrongTerm(f"{label} does not hold, and contains no symbol of this system.")
     constraints = row.statement.constraints
     part = _wrong_momentum(row, derivation, samples, write)
     if part:
