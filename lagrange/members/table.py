@@ -19,14 +19,8 @@ from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import real_array, real_number
 from lagrange.statement.parameters import label_of
-from lagrange.statement.rotation import (
-    check_start,
-    check_triangle,
-    in_symbols,
-    inertia_in_parameters,
-    rotation_of,
-    set_rates,
-)
+from lagrange.statement.rotation import check_start, in_symbols, inertia_in_parameters, rotation_of, set_rates
+from lagrange.statement.space import check_triangle
 from lagrange.trajectory.trajectory import FloatArray
 
 

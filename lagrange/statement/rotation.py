@@ -42,9 +42,9 @@ from lagrange.statement.expression import (
     real_number,
 )
 from lagrange.statement.space import (
-    LARGEST_DEVIATION,
     SpaceMatrix,
     body_rates,
+    check_triangle,
     cross_matrix,
     in_space,
     matrix_of,
@@ -180,19 +180,6 @@ def shorthands(rotations: Iterable[str]) -> dict[str, Any]:
     """Return {name: function of time} of the entries and rates of rotations, such as R_xx, R_body_x, R_space_x."""
     turned = map(rotation_of, rotations)
     return {name_of(f): f for each in turned for f in (*each.matrix, *each.body, *each.space)}
-
-
-def of_rotation(key: Any, coordinates: Sequence[Any]) -> tuple[Any, ...]:
-    """Return the entries of the state that determine a rotation R, or its rates R.body or R.space; else (key,).
-
-    The rates depend on the entries of the quaternion and on their velocities.
-    """
-    for each in _rotations_of(tuple(coordinates)):
-        if isinstance(key, Rotation) and key == each:
-            return each.quaternion
-        if isinstance(key, SpaceMatrix) and key in (each.body, each.space):
-            return (*each.quaternion, *map(velocity_of, each.quaternion))
-    return (key,)
 
 
 def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
@@ -600,19 +587,3 @@ def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
         return
     numbers = [[entry.xreplace(dict(values)) for entry in row] for row in rows]
     check_triangle(np.array([numbers], dtype=float), name)
-
-
-def check_triangle(inertias: NDArray[np.float64], name: str) -> None:
-    """Raise StatementError if the moments of one of the inertia matrices (m, 3, 3) break the triangle inequality.
-
-    No principal moment is larger than the sum of the two others. `name` is the rotation in the message.
-    """
-    moments = np.linalg.eigvalsh(inertias)
-    low, high = -LARGEST_DEVIATION * moments[:, 2], moments[:, :2].sum(axis=1) * (1 + LARGEST_DEVIATION)
-    wrong = np.flatnonzero((moments[:, 0] < low) | (moments[:, 2] > high))
-    if wrong.size:
-        least, middle, most = moments[wrong[0]]
-        raise StatementError(
-            f"the moments of inertia of {name} are {least:.6g}, {middle:.6g} and {most:.6g}: no body has a moment "
-            "above the sum of the other two."
-        )

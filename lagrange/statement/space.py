@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import sympy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from sympy.matrices.exceptions import ShapeError
 
 from lagrange.errors import StatementError, shown
@@ -197,3 +197,19 @@ def of_length(name: str, size: float) -> str:
         f"the start of {name} is a quaternion of length {size:.6g}: give one of length 1, such as "
         "lagrange.turn(axis, angle)."
     )
+
+
+def check_triangle(inertias: NDArray[np.float64], name: str) -> None:
+    """Raise StatementError if the moments of one of the inertia matrices (m, 3, 3) break the triangle inequality.
+
+    No principal moment is larger than the sum of the two others. `name` is the rotation in the message.
+    """
+    moments = np.linalg.eigvalsh(inertias)
+    low, high = -LARGEST_DEVIATION * moments[:, 2], moments[:, :2].sum(axis=1) * (1 + LARGEST_DEVIATION)
+    wrong = np.flatnonzero((moments[:, 0] < low) | (moments[:, 2] > high))
+    if wrong.size:
+        least, middle, most = moments[wrong[0]]
+        raise StatementError(
+            f"the moments of inertia of {name} are {least:.6g}, {middle:.6g} and {most:.6g}: no body has a moment "
+            "above the sum of the other two."
+        )

@@ -20,7 +20,7 @@ from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.evidence.sample import SamplePoint, Sampler
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
-from lagrange.mechanics.grading.rounded_numbers import with_exact_numbers
+from lagrange.mechanics.grading.rounded_numbers import with_exact_numbers, with_parameters
 from lagrange.mechanics.grading.student_equations import (
     HELD,
     EquationRow,
@@ -339,18 +339,12 @@ def _compared(
         if numbers:
             named = f"The equations are right for {numbers}, but they are asked for in symbols."
             return _refuted(rows, choices[0][1], samples, named), True
-        typed = _parameters_typed(rows)
-        restored = [_with_parameters(row, typed) for row in rows]
-        if not all(any(not row.holds(chosen) for row in restored) for chosen, _ in choices):
-            typed, restored = {}, list(rows)
-        rows = restored
+        rows, start = with_parameters(rows, [chosen for chosen, _ in choices])
         choices = [choice(chosen) for chosen, _ in choices]
         condition = _condition(rows, derivation, write, distances)
         choices += [choice(turned)] if statement.constraints and choices[-1][0] is not turned else []
         wrong, term = _blamed(rows, choices, derivation, write, pulling=pulling)
-        start = f"The equations hold only where {condition}. " if condition else ""
-        if typed:
-            start += f"Write {listing(f'{p} for {float(x):.6g}' for x, p in typed.items())}. "
+        start += f"The equations hold only where {condition}. " if condition else ""
         named = start + term.sentence
         if len(wrong) > 1:
             others = listing(rows[i].equation.label for i in wrong[1:])
@@ -441,29 +435,6 @@ def _numbers_in_place(rows: Sequence[EquationRow], distances: Collection[str]) -
         fewer = {other: x for other, x in absent.items() if other != p}
         absent = fewer if right(fewer) else absent
     return listing(f"{p.name} = {x:.6g}" for p, x in absent.items()) if {*absent.values()} - {0, 1} else ""
-
-
-LARGEST_COUNT = 4  # Integers up to this, and halves, may be exponents and factors of the equations
-
-
-def _parameters_typed(rows: Sequence[EquationRow]) -> dict[Any, Any]:
-    """Return {number: parameter} for numbers of an answer that are values of parameters that it lacks, such as 9.81."""
-    defaults = rows[0].statement.defaults
-    absent = {float(x): p for p, x in defaults.items() if not any(row.zero.has(p) for row in rows)}
-    numbers = {
-        number
-        for row in rows
-        for number in row.zero.atoms(sympy.Number)
-        if 2 * abs(number) % 1 != 0 or abs(number) > LARGEST_COUNT
-    }
-    return {x: absent[float(x)] for x in sorted(map(abs, numbers), key=str) if float(x) in absent}
-
-
-def _with_parameters(row: EquationRow, typed: Mapping[Any, Any]) -> EquationRow:
-    """Return the row of an equation with parameters in place of numbers, {number: parameter}."""
-    places = {sign * x: sign * p for x, p in typed.items() for sign in (1, -1)}
-    sides = {side: getattr(row.equation, side).xreplace(places) for side in ("zero", "right")}
-    return row_of(replace(row.equation, **sides), row.statement) if typed else row
 
 
 def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:

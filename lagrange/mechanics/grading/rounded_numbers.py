@@ -1,4 +1,4 @@
-"""Decimals of an equation that are rounded from exact numbers, such as 0.6667 from 2/3."""
+"""Numbers of an equation that stand for others: decimals rounded from exact numbers, and values of parameters."""
 
 from __future__ import annotations
 
@@ -104,3 +104,26 @@ def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[
         changed = [(x, y, constant_of([y])) for x, y in values if abs(y - float(x)) > HELD * abs(float(x))]
         return {x: sympy.Float(str(y), 30) if f is None else sympy.Rational(f) for x, y, f in changed}
     raise OutsideDomain("no decimal is determined")
+
+
+LARGEST_COUNT = 4  # Integers up to this, and halves of integers, may be exponents and factors of right equations
+
+
+def with_parameters(
+    rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample]]
+) -> tuple[Sequence[EquationRow], str]:
+    """Return wrong equations with parameters in place of their values, such as g for 9.81, and a sentence on these.
+
+    A value counts if no equation contains its parameter. The rows are unchanged, and the sentence is empty, if there is
+    no such value, or if all equations then hold at one of the `choices` of samples.
+    """
+    statement = rows[0].statement
+    absent = {float(x): p for p, x in statement.defaults.items() if not any(row.zero.has(p) for row in rows)}
+    numbers = {abs(number) for row in rows for number in row.zero.atoms(sympy.Number)}
+    numbers = {x for x in numbers if float(x) in absent and (x > LARGEST_COUNT or 2 * x % 1 != 0)}
+    places = {sign * x: sign * absent[float(x)] for x in numbers for sign in (1, -1)}
+    sides = [{side: getattr(row.equation, side).xreplace(places) for side in ("zero", "right")} for row in rows]
+    changed = [row_of(replace(row.equation, **each), statement) for row, each in zip(rows, sides, strict=True)]
+    if not numbers or any(all(row.holds(chosen) for row in changed) for chosen in choices):
+        return rows, ""
+    return changed, f"Write {listing(sorted(f'{absent[float(x)]} for {float(x):.6g}' for x in numbers))}. "

@@ -13,10 +13,11 @@ from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import ordered
-from lagrange.statement.coordinate import name_of
+from lagrange.statement.coordinate import name_of, rotation_name, velocity_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import entries, real_number
-from lagrange.statement.rotation import of_rotation
+from lagrange.statement.rotation import Rotation, rotation_of
+from lagrange.statement.space import SpaceMatrix
 from lagrange.trajectory.constraints.nearest import ON_SURFACE
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of, units_of
@@ -79,7 +80,7 @@ def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
     names = [label for label in rows if isinstance(label, str)]
     if listed is None:
         raise StatementError(f"hold is {shown(hold)}: give a list of coordinates and velocities, such as [x, y.dot].")
-    listed = [entry for key in listed for entry in of_rotation(key, coordinates)]
+    listed = [entry for key in listed for entry in _held(key, coordinates)]
     for key in listed:
         if not isinstance(key, Hashable) or key not in rows:
             raise StatementError(
@@ -87,6 +88,19 @@ def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
                 f"{listing(names)}."
             )
     return [rows[key] for key in listed]
+
+
+def _held(key: Any, coordinates: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the entries of the state that determine a rotation R, or its rates R.body or R.space; else (key,).
+
+    The rates depend on the entries of the quaternion and on their velocities.
+    """
+    for each in map(rotation_of, dict.fromkeys(filter(None, map(rotation_name, coordinates)))):
+        if isinstance(key, Rotation) and key == each:
+            return each.quaternion
+        if isinstance(key, SpaceMatrix) and key in (each.body, each.space):
+            return (*each.quaternion, *map(velocity_of, each.quaternion))
+    return (key,)
 
 
 def consistent_state(
