@@ -163,9 +163,9 @@ class _Variables:
         return self.ring.from_dict(coefficients)
 
     def terms(self, polynomial: Any) -> MonomialSum:
-        """Return a polynomial, the quotient of two polynomials of this class, as a sum of monomials.
+        """Return a SymPy polynomial as a sum of monomials. It is the quotient of two results of `polynomial`.
 
-        The same powers of factors were taken out of both polynomials, so these cancel in the quotient.
+        The powers of factors that `polynomial` takes out are the same for both, so they cancel in the quotient.
         """
         result: MonomialSum = {}
         for exponents, value in polynomial.terms():

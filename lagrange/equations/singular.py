@@ -151,7 +151,10 @@ def matrices_at(
 
 
 def singular_sentence(provider: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray) -> str:
-    """Return the message for a state (2n,) without accelerations: the configuration, the singularity and the remedy."""
+    """Return the message for a state `y` (2n,) at which the accelerations are not determined.
+
+    It names the time and the coordinates, what is singular there, and the remedy.
+    """
     layout, names = equations.layout, equations.constraints.names
     state_text = ", ".join(
         [f"t = {t:.6g}", *(f"{name} = {x:.6g}" for name, x in zip(layout.coordinates, y, strict=False))]

@@ -327,10 +327,10 @@ class Hoisted:
         self.program = with_outputs(Program("prepare", (), parameters, (), 0, (), (), (0,)), tuple(merged), outputs)
 
     def zeros(self, program: Program) -> list[Instruction]:
-        """Return instructions that compare with zero those results of `program` that depend on parameters alone.
+        """Return instructions that test for zero the results of `program` that depend on parameters alone.
 
-        They follow the instructions that compute all values of this kind. The first one is the number zero, each
-        other one a comparison of a result with it.
+        The caller appends them to the instructions of `self.program`, which compute these results. The first
+        one is the number zero, each other one a comparison of a result with it.
         """
         zero, table = len(self.program.instructions), self._merged[program]
         results = dict.fromkeys(table[ref] for ref in program.outputs if ref in table)

@@ -150,8 +150,8 @@ class _Problem:
         if missing:
             raise StatementError(
                 f"the equilibria of {statement.name} are not found in symbols, and for a search by number "
-                f"{listing(missing)} {'has' if len(missing) == 1 else 'have'} no value: give "
-                f"parameters={{'{missing[0]}': 1.0}}."
+                f"{listing(missing)} {'has' if len(missing) == 1 else 'have'} no value: state "
+                f"{statement.name} with parameters={{'{missing[0]}': 1.0}}."
             )
         values = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
         ends = numeric_roots(

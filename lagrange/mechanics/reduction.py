@@ -174,7 +174,8 @@ def reduced(statement: Statement, requests: Sequence[Any]) -> Statement:
 def _requests(request: Any, statement: Statement) -> list[tuple[str, Any]]:
     """Return (name, expression or None) for each coordinate that a user's request eliminates.
 
-    The expression is the one that the user gives for the coordinate.
+    A request is a coordinate, its name, the name of a constraint, or a dict {coordinate: expression}. Only a
+    dict gives expressions; else a constraint is to be solved for the coordinate.
     """
     if isinstance(request, Mapping):
         return [(coordinate_name(key, statement.names), value) for key, value in request.items()]

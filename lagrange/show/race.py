@@ -227,7 +227,9 @@ class Race:
         """
         goal = real_number(error, "the error")
         if goal <= 0:
-            raise StatementError(f"the error is {goal:g}: give a positive one, such as 1e-6.")
+            raise StatementError(
+                f"fastest() takes the largest allowed error, and {goal:g} is not positive: give one such as 1e-6."
+            )
         within = [entry for entry in self if entry.complete and entry.error <= goal]
         return min(within, key=lambda entry: entry.time, default=None)
 

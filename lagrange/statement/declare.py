@@ -264,7 +264,12 @@ def _in_full(typed: Mapping[str, Any], survey: Survey) -> tuple[Any, Any, Any]:
 
 
 def _coordinates(coordinates: Sequence[Any] | None, survey: Survey, first_order: Iterable[Any]) -> tuple[Any, ...]:
-    """Return the coordinates: those that the user listed, else those in the survey and in `first_order`."""
+    """Return the coordinates that the user listed, or without a list those in `survey` and `first_order`.
+
+    `survey` has the symbols of the energies and constraints. `first_order` are coordinates with a force or
+    dissipation, which may be in neither; they are added to the survey. Raises StatementError for a listed
+    object that is not a coordinate, and if there are no coordinates.
+    """
     if coordinates is not None and (
         not isinstance(coordinates, Iterable) or (isinstance(coordinates, np.ndarray) and not coordinates.ndim)
     ):

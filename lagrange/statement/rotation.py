@@ -183,14 +183,15 @@ def shorthands(rotations: Iterable[str]) -> dict[str, Any]:
 
 
 def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
-    """Return a table of values by coordinate and velocity, from one that also has rotations and their rates as keys.
+    """Return `state`, a table of values, with quaternions and their velocities in place of rotations and rates.
 
-    Keys of `state` are coordinates, velocities, rotations, {R: start}, and rates such as R.body or R.body[2]. Values
-    are numbers or expressions. The result has quaternions in place of rotations and rates. `values` has the present
-    values of all coordinates and velocities. If no rates of a rotation are given, its rates about the axes of the
-    body stay. If some are given, the other rates about the same axes stay. `table` names the table in messages.
-    Raises StatementError for a start that is not a rotation, for rates about the axes of both body and space, and for
-    a rotation given both whole and by entries of its quaternion.
+    Keys of `state` are coordinates, velocities, rotations R, and rates such as R.body or R.body[2]. The value
+    of a rotation is a quaternion or a rotation matrix, that of R.body or R.space three numbers or expressions,
+    and that of any other key one. `values` has the present values of all coordinates and velocities. If `state`
+    gives no rates of a rotation that it turns, the present rates about the axes of the body stay. If it gives
+    some, the others about the same axes stay. `table` names the table in messages. Raises StatementError for a
+    value that is not a rotation, for rates about the axes of both body and space, and for a rotation given both
+    whole and by entries of its quaternion.
     """
     plain, rates = _on_rates(state, values, table)
     check_once([*map(row_label, plain)], table)

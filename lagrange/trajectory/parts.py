@@ -73,10 +73,11 @@ def _counted(event: Event, count: int) -> Event:
 def joined(
     problem: Problem, parts: Sequence[Trajectory], note: str = "", *, both_at_joints: bool = False
 ) -> Trajectory:
-    """Return one run that joins the `parts` of a run in order. `note` is appended to the message of the last part.
+    """Return one run that joins the `parts` of a run in order.
 
-    The last state of a part and the first state of the next part may have the same time. Without output times the
-    later of the two is dropped, unless `both_at_joints`.
+    `note` is appended to the message of the last part. The last state of a part and the first state of the next
+    part may have the same time. Then the first state of the next part is dropped, except if `both_at_joints` is
+    True or the problem has output times.
     """
     first, last = parts[0], parts[-1]
     t, y = np.concatenate([part.t for part in parts]), np.concatenate([part.y for part in parts], axis=1)

@@ -330,7 +330,11 @@ BOMBS = {
     "sums of numbers": ("2**b", "a = '9 + 9'\nb = 'a'", "a power of a constant that is computed from several numbers"),
     "a power of one over": ("c", "a = '9 + 9'\nb = '1/a'\nc = 'b**9'", "a power of a constant that is computed from"),
     "a large power": ("10**1000000", "", "the exponent 1e+06 is out of bounds"),
-    "a large number": ("float(1, 5000, 53)*x", "", "a number with the exponent 5000 and 53 bits is out of bounds"),
+    "a large number": (
+        "float(1, 5000, 53)*x",
+        "",
+        "a number with the exponent 5000 and 53 bits is out of bounds: the exponent is at most",
+    ),
     "digits": ("9" * 500, "", "a number of 500 characters is longer than 400: shorten it"),
     "doubling": ("a59", "".join(f"a{i} = 'sin(a{i - 1})*a{i - 1}'\n" for i in range(1, 60)), "most of them shared"),
     "depth": ("a999", "".join(f"a{i} = 'sin(a{i - 1})'\n" for i in range(1, 1000)), "nested more than 400 levels"),

@@ -168,10 +168,10 @@ class PolynomialBlock:
 
     @inline
     def with_step(self, step: In, work: Out, out: Out) -> PolynomialBlock:
-        """Return a copy of the arguments for other steps, with other memory, and without neighbours.
+        """Return a copy of this block with other steps, work memory and output, and without neighbours.
 
-        `step` has the steps, with the data of `OwnStep`. `work` is the work memory, and `out` takes the
-        coefficients.
+        `step` has the data of the steps, as in `OwnStep`. The copy is for procedures that do not read `beside`;
+        there it is `step` too.
         """
         laws = self.law, self.parameters, self.jacobian, self.constants, self.invert
         numbers = self.table, self.stages, self.degree, self.dimension, self.columns

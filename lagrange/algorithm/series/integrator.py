@@ -100,7 +100,7 @@ class TaylorProcedures:
 
     @cached_property
     def aligned(self) -> Packing:
-        """The series with adjacent values that are read together, for a loop over orders."""
+        """The series packed for a loop over orders: values that are read together are adjacent in memory."""
         return pack(self.program, WIDEST_VECTOR, aligned=True)
 
     @cached_property

@@ -233,7 +233,11 @@ class LoopedJet(LoopJet):
             self.prepare_systems()
 
     def find_divisors(self, chunks: Iterable[Chunk]) -> None:
-        """Write the reciprocals of all divisors of rules, vectors of series values at order 0."""
+        """Add loops that write the reciprocals of all divisors of `chunks` to the array "reciprocals".
+
+        A divisor in the rule of a chunk is a vector of series values, read at order 0. The index of its first
+        reciprocal is stored in `divisors`.
+        """
         divisors = [operand for operand in dict.fromkeys(chunk.divisor for chunk in chunks) if operand is not None]
         self.arrays["reciprocals"] = self.p.reserve(max(sum(len(o.values) for o in divisors), 1), name="reciprocals")
         index = 0

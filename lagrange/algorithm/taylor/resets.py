@@ -100,9 +100,9 @@ def reset_state(
     rows: Out,
     watched: Watched,
 ) -> bool:
-    """Apply the only reset that is due at the state at time t, if its event function then leaves zero at once.
+    """Apply the one reset that is due at time t, and append the new state to `times` and `rows`. Return True.
 
-    The event is written to `watched`, the new state to `rows`. Otherwise return False; nothing is changed then.
+    If the reset is not simple, for example at the end of the run, return False: the caller has to do it.
     """
     view, watch, work = opened(watched), watched.watch, watched.work
     layout = view.layout

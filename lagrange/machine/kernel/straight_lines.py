@@ -95,7 +95,11 @@ class StraightLines:
 
 
 def _straight(procedure: Procedure) -> Procedure:
-    """Return a copy of a procedure that has no branches, with its variables replaced by their values."""
+    """Return a copy of a procedure without variables: a read becomes the value assigned last.
+
+    The procedure must have no branches or loops. The first operand of an `or` is omitted if it is the constant
+    False.
+    """
     known: dict[int, int] = {}
     false: list[int] = []
     body: list[Statement] = []

@@ -103,7 +103,10 @@ def scaled_by(number: Fraction, expression: Any) -> Any:
 
 
 def constant_of(values: Numbers) -> Fraction | None:
-    """Return the small fraction that all values equal, or None."""
+    """Return the fraction that all values equal up to rounding, or None.
+
+    Its denominator is at most `LARGEST_FACTOR`, and its absolute value at most `LARGEST_NUMERATOR`.
+    """
     if values[0] and not 0.5 <= abs(values[0]) * LARGEST_FACTOR <= LARGEST_FACTOR * LARGEST_NUMERATOR:
         return None
     fraction = Fraction(str(values[0])).limit_denominator(LARGEST_FACTOR)

@@ -156,7 +156,10 @@ def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
         raise StatementError("there is nothing to draw: t_eval has no times. Give some, or leave it out.")
     drawn = quantity(runs, label)
     if not over_time and not np.isfinite(drawn.values).any():
-        raise StatementError(f"there is nothing to draw: {drawn.label} is not finite for any member.")
+        raise StatementError(
+            f"there is nothing to draw: {drawn.label} is not finite for any member. See runs.status and runs.messages "
+            "for how the runs ended, or draw another quantity."
+        )
     figure, axis = panel_on(ax, look, (7.2, 5.4))
     remark = drawn.remark
     if over_time:

@@ -441,5 +441,8 @@ class PrintedWidth(UnicodeNotation):
         return FormulaPiece(max(above.text, below.text, key=width), POWER)
 
     def partial(self, above: str, below: str) -> str:
-        """Return the numerator or the denominator of a partial derivative, ∂L or ∂θ̇, whichever is wider."""
+        """Return the numerator or the denominator of the derivative of `above` by `below`, whichever is wider.
+
+        It is ∂L for L and q.
+        """
         return "∂" + max(above, below, key=width)

@@ -51,7 +51,10 @@ class Guard:
         self.sizes: dict[Any, int] = {}
 
     def check(self, expression: Any) -> bool:
-        """Check the size of an expression and each of its parts. Return True if it contains a symbol."""
+        """Return True if an expression contains a symbol.
+
+        Raises RefusalError if it has too many parts, or a part that is not real, not finite or beyond a limit.
+        """
         for node in parts_first(expression, self.varies):
             if not isinstance(node, sympy.Symbol):
                 _check_node(node)

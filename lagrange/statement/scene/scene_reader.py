@@ -504,7 +504,7 @@ class SceneReader:
             return check_redundant(self.data.get("redundant", REFUSE))
 
     def dimensions(self, names: Mapping[str, Any]) -> dict[str, str] | None:
-        """Return {symbol's name: dimension or unit as text}, or None if the scene states none."""
+        """Return {symbol's name: dimension or unit as text}, or None if the scene states none; `names` are known."""
         if "dimensions" not in self.data:
             return None
         known = ["t", *(name for name in names if names[name].is_Symbol or names[name].is_Function)]

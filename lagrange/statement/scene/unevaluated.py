@@ -256,5 +256,8 @@ def _binary_number(numbers: Sequence[Any]) -> Any:
         raise RefusalError("float takes three whole numbers: mantissa, exponent of two, and bits")
     mantissa, exponent, precision = map(int, numbers)
     if not (abs(exponent) <= MOST_EXPONENT and 0 < precision <= MOST_PRECISION):
-        raise RefusalError(f"a number with the exponent {exponent} and {precision} bits is out of bounds")
+        raise RefusalError(
+            f"a number with the exponent {exponent} and {precision} bits is out of bounds: the exponent is at most "
+            f"{MOST_EXPONENT} in size, and the bits are 1 to {MOST_PRECISION}"
+        )
     return sympy.Float(sympy.Integer(mantissa) * sympy.Integer(2) ** exponent, precision=precision)

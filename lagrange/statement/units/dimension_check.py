@@ -455,8 +455,8 @@ def _check_inferred(stated: Sequence[Dimension], inferred: Mapping[Any, Dimensio
         if abs(away) > SAME_FACTOR:
             name = name_of(symbol) if isinstance(symbol, AppliedUndef) else symbol
             raise StatementError(
-                f"no unit was stated for {name}, and the one that follows from its terms is "
-                f"{_factor(away)} {text}: state the unit of {name}, or {FIT}"
+                f"no unit was stated for {name}. From its terms follows {_factor(away)} {text}, so the stated units do "
+                f"not fit together: state the unit of {name}, or {FIT}"
             )
 
 

@@ -94,9 +94,11 @@ class SeriesWatch(EventLog):
         self.memory = memory
 
     def begin(self, state: DriverState) -> EventResult:
-        """Begin to watch a run or a new smooth piece of it: determine the signs of the watched functions.
+        """Determine the signs of the watched functions at the start of a run, or of a new smooth piece of it.
 
-        A sign is 1 or -1, or 0 if it is undecided. Without switching surfaces the compiled loop determines the signs.
+        Return an empty result, or the reason why the run ends here: for example, a watched function has no
+        finite value. A sign is 1 or -1, or 0 if it is undecided. Without switching surfaces, the compiled loop
+        determines the signs later, and the result is empty.
         """
         first, self.state = self.state is None, state
         if not self.surfaces:

@@ -349,9 +349,11 @@ def _check_recorded(name: str, function: Callable[..., Any], trials: Sequence[_T
 
 
 def _check_short(name: str, tried: _Tried, t: Fraction) -> None:
-    """Raise StatementError if a step function is inconsistent at time t, from a trial call with a very short step.
+    """Raise StatementError if a step function does not tend to y + h f(t, y) for short steps.
 
-    This is for steps whose coefficients are not proportional to h. `tried` is the trial call.
+    `tried` is its trial call at time t with a very short step h. The new state must hold y once and slopes
+    whose coefficients add up to h; slopes must be taken at y plus slopes, and near time t. This test is for
+    functions that are not Runge-Kutta steps. `name` is the name of the method in messages.
     """
     _check_whole(name, "the new state holds", tried.results[0])
     slopes = sum(float(c) for i, c in tried.results[0].items() if i) / float(SHORT_STEP)

@@ -45,10 +45,12 @@ class RadauStep:
     stages: int
 
     def __call__(self, f: Callable[..., Any], t: Any, y: Any, h: Any, solve: Any) -> tuple[Any, Any]:
-        """Return the state at t + h after a step from y at t with slopes f, and the error vector of the step.
+        """Return the state at t + h after a step from y at t, and the error vector of the step.
 
-        solve(residuals, guess, predict) returns the increments of the state at the stages, at which the residuals are
-        zero.
+        `f(t, y)` returns the slopes. `solve(residuals, guess, predict)` returns the unknowns at which the
+        residuals are zero: the changes of the state from y to the stages. It begins with `guess` in the first
+        step, later with the result of `predict`. `solve.damp(factor, x)` returns (I - factor J)^-1 x, where J
+        is the Jacobian.
         """
         A, _, c = collocation_tableau(POINTS[self.stages])
         gamma = DAMPING[self.stages]
