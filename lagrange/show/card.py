@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from lagrange.errors import counted, listing
 from lagrange.mechanics.conserved import drift_lines
 from lagrange.show.files.run_files import finite
@@ -14,6 +16,7 @@ from lagrange.show.terminal import duration
 from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.progress import text_table
+from lagrange.statement.rotation import rotation_of
 from lagrange.trajectory.solution import Solution
 
 MOST_CHANGES = 3  # Number of parameter changes on the card; `solution.parameter_changes` has all of them
@@ -42,6 +45,7 @@ def card_of(solution: Solution) -> dict[str, Any]:
         "t_end": finite(solution.trajectory.span[1]),
         "energy": _energy(solution),
         "constraints": solution.constraint_drift.card if solution.constraint_drift else None,
+        "lengths": {name: finite(error) for name, error in _lengths(solution).items()},
         "stiff": solution.stiff.sentence() if solution.stiff else None,
         "units": {name: unit for name in (*solution.names, "t") if (unit := unit_of(solution.model.statement, name))},
         "parameters": {row_label(key): finite(value) for key, value in solution.parameters.items()},
@@ -68,6 +72,17 @@ def _energy(solution: Solution) -> dict[str, Any] | None:
         return None
     drift = {**asdict(solution.drift), "relative": solution.drift.relative}
     return {key: finite(value) if isinstance(value, float) else value for key, value in drift.items()}
+
+
+def _lengths(solution: Solution) -> dict[str, float]:
+    """Return the largest difference from 1 of the length of each rotation's quaternion, by name of the rotation."""
+    if not len(solution.t):
+        return {}
+    quaternions = {name: rotation_of(name).quaternion for name in solution.model.statement.rotations}
+    return {
+        name: float(np.abs(np.linalg.norm([solution[q] for q in quaternion], axis=0) - 1).max())
+        for name, quaternion in quaternions.items()
+    }
 
 
 def card_text(solution: Solution) -> str:
@@ -103,6 +118,8 @@ def _lines(solution: Solution) -> Iterator[tuple[str, str]]:
     drift = solution.drift.sentence() if solution.has_energy else unknown
     yield "energy drift" if solution.model.conservative else "energy", drift
     yield from drift_lines(solution.momentum_drift)
+    for name, error in _lengths(solution).items():
+        yield f"quaternion of {name}", f"length differs from 1 by at most {error:.1e}"
     if solution.constraint_drift:
         yield "constraint drift", solution.constraint_drift.sentence()
     if solution.contacts and len(solution.t):

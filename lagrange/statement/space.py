@@ -49,6 +49,8 @@ class SpaceMatrix(sympy.ImmutableMatrix):
                 f"a vector or matrix of shape {self.shape} does not fit one of shape {second.shape}: a.dot(b) and "
                 "a.cross(b) are the products of vectors in space, and a matrix is left of the vector."
             ) from None
+        except StatementError:  # A rotation refuses its place
+            raise
         except ValueError:  # SymPy's SympifyError, and NaN
             raise StatementError(
                 f"{shown(other)} is neither a number nor a vector: give an expression, or three entries (x, y, z)."

@@ -180,6 +180,15 @@ def test_a_rest_has_no_drift() -> None:
     assert run.drift.relative == 0.0 and "0.0e+00" in repr(run)
 
 
+def test_the_card_has_the_length_of_each_quaternion() -> None:
+    """Euler's method stretches it: by sqrt(1 + (step * rate / 2)**2) in a step."""
+    R = lg.rotation("R")
+    run = lg.System(R.body.dot(R.body) / 2, initial={R.body: (0, 0, 2)}).run(0.5, method="euler", step=0.5)
+    assert run.card()["lengths"] == {"R": pytest.approx(1.25**0.5 - 1)}
+    assert "quaternion of R  length differs from 1 by at most 1.2e-01" in repr(run)
+    assert HARMONIC.card()["lengths"] == {} and "quaternion" not in repr(HARMONIC)
+
+
 def test_a_state_that_is_not_finite_still_has_a_card() -> None:
     statement = HARMONIC.model.statement
     run = solved(statement, np.array([0.0]), lambda s: np.full((2, len(s)), np.nan), Status.NON_FINITE, "x is nan.")

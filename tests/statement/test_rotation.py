@@ -222,6 +222,8 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "two entries": (lambda: R * (1, 2), "turns a vector of three entries, not 2 entries"),
     "a number": (lambda: R * 2, "turns a vector of three entries, not 2"),
     "right of its vector": (lambda: sympy.Matrix([1, 2, 3]) * R, "it stands left of the vector"),
+    "right of a unit vector": (lambda: lg.z * R, "it stands left of the vector"),
+    "right of its rates": (lambda: R.body * R, "it stands left of the vector"),
     "a potential": (lambda: lg.System(KINETIC, R), "the potential energy is <Rotation R>"),
     "no axis": (lambda: lg.turn((0, 0, 0), 1), "three numbers that are not all zero"),
     "a long quaternion": (lambda: top(initial={R: (1, 1, 0, 0)}), "a quaternion of length 1.41421"),

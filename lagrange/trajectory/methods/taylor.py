@@ -139,7 +139,7 @@ class TaylorPlan:
         return SeriesPath(self.series, self.order, tuple(watch.epochs), times, states, paths)
 
 
-QUATERNION_MARGIN = 0.25
+QUATERNION_MARGIN = 0.125
 """Further factor on the tolerances of a system with rotations. Errors of steps change the lengths of quaternions. With
 this factor the lengths stay within 1e-13 of 1 over 1e5 steps at the default tolerance.
 """
