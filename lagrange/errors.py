@@ -78,6 +78,11 @@ def shown(value: Any, most: int = 80) -> str:
     return _Short(most).repr(value)
 
 
+def with_type(value: Any, most: int = 80) -> str:
+    """Return a short repr of a value and, unless it is None, its type, for a message."""
+    return "None" if value is None else f"{shown(value, most)} ({type(value).__name__})"
+
+
 def shortened(text: str, most: int = 160) -> str:
     """Return a text, such as a path; of more than `most` characters the middle is left out."""
     return text if len(text) <= most else f"{text[: most // 2 - 3]}...{text[-(most // 2) :]}"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.errors import StatementError, formula, listing, shown
+from lagrange.errors import StatementError, formula, listing, shown, with_type
 from lagrange.statement.coordinate import check_multipliers, t
 from lagrange.statement.declare import state_rows
 from lagrange.statement.expression import entries, expression, real_number
@@ -136,7 +136,7 @@ def _value(value: Any) -> Any:
     if isinstance(value, (numbers.Number, np.ndarray)):
         return sympy.Float(real_number(value, "the value of a reset"))
     raise StatementError(
-        f"the value of a reset is {shown(value)} ({type(value).__name__}): give an expression of the state "
+        f"the value of a reset is {with_type(value)}: give an expression of the state "
         "before, such as -0.9*y.dot, or a number."
     )
 

@@ -30,6 +30,7 @@ from lagrange.errors import (
     shown,
     singular,
     suggestion,
+    with_type,
 )
 
 TYPED_ROUNDING = 1e-6  # Largest relative rounding of numbers that people type, with six or more digits
@@ -167,7 +168,7 @@ def _as_float(value: Any, what: str) -> float:
     if isinstance(value, str) and (degrees := _DEGREES.fullmatch(value)):
         raise StatementError(f"{what} is {value!r}, a text: give a number, in radians, as math.radians({degrees[1]}).")
     if isinstance(value, (bool, np.bool_, np.timedelta64)) or not isinstance(value, numbers.Real):
-        raise StatementError(f"{what} is {shown(value)} ({type(value).__name__}): give a number.")
+        raise StatementError(f"{what} is {with_type(value)}: give a number.")
     try:
         return float(value)
     except OverflowError:
@@ -202,7 +203,7 @@ MOST_WORDS = 16  # Largest number of known words that a message lists
 def text(value: Any, what: str) -> str:
     """Return the value if it is a str. Raises StatementError, with the name `what`, for any other type."""
     if not isinstance(value, str):
-        raise StatementError(f"{what} is {shown(value)} ({type(value).__name__}): give a text.")
+        raise StatementError(f"{what} is {with_type(value)}: give a text.")
     return value
 
 
@@ -321,7 +322,7 @@ def as_typed(value: Any, what: str) -> Any:
         raise StatementError(f"{what} is {formula(value, 60)}, which has no value: give an expression.")
     function = callable(value) and not isinstance(value, sympy.Basic)
     if function or isinstance(value, (list, tuple, Mapping, Set)):
-        raise StatementError(f"{what} is {shown(value, 60)} ({type(value).__name__}): give one SymPy expression.")
+        raise StatementError(f"{what} is {with_type(value, 60)}: give one SymPy expression.")
     if isinstance(value, NonScalar):
         raise StatementError(f"{what} is {shown(value)}: {value.remedy}.")
     number = real_number(value, what)

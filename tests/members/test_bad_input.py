@@ -74,7 +74,7 @@ def test_what_numpy_takes_for_an_array_is_one() -> None:
         (np.array(1.0), "no value varies between members"),
         ({1.0, 2.0}, "theta is {1.0, 2.0} (set): give a number."),
         ("abc", "theta is 'abc' (str): give a number."),
-        (None, "theta is None (NoneType): give a number."),
+        (None, "theta is None: give a number."),
     ],
 )
 def test_starts_that_are_no_numbers(given: Any, text: str) -> None:

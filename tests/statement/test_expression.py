@@ -180,7 +180,7 @@ REFUSALS: list[tuple[Any, str]] = [
     (sympy.Eq(m, 1), "parameter m is Eq(m, 1), which has no value: give a number."),
     (True, "parameter m is True (bool): give a number."),
     ("1.0", "parameter m is '1.0' (str): give a number."),
-    (None, "parameter m is None (NoneType): give a number."),
+    (None, "parameter m is None: give a number."),
     (np.array([1.0, 2.0]), "parameter m is array([1., 2.]) (ndarray): give a number."),
 ]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from lagrange.errors import StatementError, shown
+from lagrange.errors import StatementError, shown, with_type
 
 DEFAULT_FPS = 30.0
 """Frames per second unless others are requested. The command line reads this file without loading an animation."""
@@ -20,7 +20,7 @@ def named_kind(path: str | os.PathLike[str]) -> Path:
     Raises StatementError for another suffix.
     """
     if not isinstance(path, (str, os.PathLike)):
-        raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
+        raise StatementError(f"the path is {with_type(path)}: give the path of a file.")
     target = Path(path)
     if target.suffix.lower() not in SUFFIXES:
         raise StatementError(

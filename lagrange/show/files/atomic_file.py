@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from lagrange.errors import RunError, StatementError, shortened, shown
+from lagrange.errors import RunError, StatementError, shortened, shown, with_type
 
 _FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up", errno.EFBIG: "it is too large"}
 
@@ -76,7 +76,7 @@ def _name(target: Path) -> str:
 def real_path(path: str | os.PathLike[str]) -> Path:
     """Return the path with its links followed. Raises StatementError for an invalid path."""
     if not isinstance(path, (str, os.PathLike)):
-        raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file or folder.")
+        raise StatementError(f"the path is {with_type(path)}: give the path of a file or folder.")
     if not os.fsdecode(path).isprintable():
         raise StatementError(f"the path {shown(os.fsdecode(path))} has control characters: give another name.")
     try:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.errors import StatementError, counted, listing, shown
+from lagrange.errors import StatementError, counted, listing, shown, with_type
 from lagrange.machine.model import Model
 from lagrange.statement.expression import printable
 from lagrange.statement.scene.scene_reader import stored_statement
@@ -85,7 +85,7 @@ OUTPUTS_ALONE = "a file has the outputs of a run alone. Ask at these times, or r
 def loaded_run(path: Any, model_of: Callable[[Statement, str], Model]) -> Solution:
     """Return the run in a file that `to_npz` wrote. `model_of(statement, target)` compiles the model."""
     if not isinstance(path, (str, os.PathLike)):
-        raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
+        raise StatementError(f"the path is {with_type(path)}: give the path of a file.")
     arrays = arrays_of(path, machine_memory() / MEMORY_DIVISOR)
     missing = [name for name in NEEDED if name not in arrays]
     if missing:

@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn
 
-from lagrange.errors import SceneError, listing, shown, singular, suggestion
+from lagrange.errors import SceneError, listing, singular, suggestion, with_type
 
 KeyPath = tuple[str | int, ...]
 """Keys and list indices from the top: ("positions", "bob", 0)."""
@@ -169,7 +169,7 @@ class Document:
 
     def __init__(self, path: str | os.PathLike[str], text: str | None = None, most: int = LARGEST_FILE) -> None:
         if not isinstance(path, (str, os.PathLike)):
-            raise SceneError(f"{shown(path)} ({type(path).__name__}) is not a path: give the path of a scene file.")
+            raise SceneError(f"{with_type(path)} is not a path: give the path of a scene file.")
         self.file, self.most = str(path), most
         content = self._read(path) if text is None else text.encode()
         self.content = self._decode(self._within(content)).replace("\r\n", "\n")
