@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from sympy import cos, diff, sin
@@ -29,6 +31,12 @@ def test_feet_without_friction_share_their_forces_and_the_message_says_so() -> N
 def test_feet_with_equal_friction_stop_where_one_block_stops() -> None:
     run = three_feet(0.3, 0.3, 0.3).run(1.0).require()
     assert run["x"][-1] == pytest.approx(1 / (2 * 0.3 * 9.81), abs=1e-12)
+
+
+def test_feet_that_slide_with_equal_friction_have_forces_of_which_the_message_says_which() -> None:
+    run = three_feet(0.3, 0.3, 0.3).run(0.1).require()
+    told = r"'a', 'b' and 'c' depend on each other \(rank 3 of 6\).* fewest sliding contacts are given"
+    assert run.contacts["b"].force[-1] == 0 and re.search(told, run.message)
 
 
 def test_feet_with_different_friction_are_refused_with_names_and_rank() -> None:

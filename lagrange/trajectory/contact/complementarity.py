@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,9 @@ number of the mass matrix up to 1e5.
 
 DEPENDENT = 1e-12
 """Singular values below this fraction of the largest mark dependent equations."""
+
+SHARED = 1e-6
+"""Forces of two solutions with the same rates that differ by more than this fraction of the largest are not unique."""
 
 MOST_CASES = 1024
 """Largest number of combinations of states that are all tried. For more, pivoting finds one solution."""
@@ -78,12 +81,14 @@ class Balance:
 
     `states` has the state of each contact: open, closed, sliding or sticking. `ways` has the direction of sliding of
     each contact (a unit vector), or None.
+    `shared` are the indices of contacts whose forces are not unique: others cause the same rates.
     """
 
     forces: FloatArray
     rates: FloatArray
     states: tuple[str, ...]
     ways: tuple[FloatArray | None, ...]
+    shared: frozenset[int] = frozenset()
 
 
 def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> list[Balance]:
@@ -104,10 +109,13 @@ def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
         twin = next(same, None)
         if twin is None:
             balances.append(balance)
-        elif balance.states.count(SLIDING) == balances[twin].states.count(SLIDING):
-            size, other_size = (float(np.linalg.norm(solution.forces)) for solution in (balance, balances[twin]))
-            if size < (1 - NOISE) * other_size:
-                balances[twin] = balance
+            continue
+        other = balances[twin]
+        size, other_size = (float(np.linalg.norm(solution.forces)) for solution in (balance, other))
+        differ = np.abs(balance.forces - other.forces) > SHARED * max(size, other_size)
+        shared = other.shared.union(i for i, (n, along) in enumerate(rows_of(contacts)) if differ[n : along.stop].any())
+        least = balance.states.count(SLIDING) == other.states.count(SLIDING) and size < (1 - NOISE) * other_size
+        balances[twin] = replace(balance if least else other, shared=shared)
     return [balance for balance in balances if not any(_displaces(other, balance, contacts) for other in balances)]
 
 

@@ -445,6 +445,8 @@ class _ContactRun:
             names = listing(repr(self.contacts[i].name) for i in shared.closed)
             rank = f"rank {len(shared.kept)} of {self.modes.constraint_count(shared)}"
             told.append(f"The contacts {names} depend on each other ({rank}): their smallest forces are given.")
+        elif self.transitions.shared:
+            told.append(self.transitions.shared)
         return " ".join(told)
 
 

@@ -60,12 +60,16 @@ class Behind:
 
 
 class Transitions:
-    """Computes the state and the mode of a run after a mode has ended."""
+    """Computes the state and the mode of a run after a mode has ended.
+
+    `shared` is a sentence on contacts whose forces the laws did not determine, or "".
+    """
 
     def __init__(self, modes: Modes, kinematics: Kinematics, span: float, rtol: float) -> None:
         self.modes, self.kinematics = modes, kinematics
         self._layout, self._slowest, self._moment = modes.model.layout, 0.0, SHORT * span
         self._slow_share = max(SLOWEST, rtol)
+        self.shared = ""
 
     def behind(
         self,
@@ -236,8 +240,19 @@ class Transitions:
         `what` is undetermined, "motion" or "impact".
         """
         if len(balances) == 1:
+            if balances[0].shared and not self.shared:
+                self.shared = self._told([chosen[i] for i in sorted(balances[0].shared)], touch)
             return balances[0]
         raise undetermined(self.kinematics, touch, y, chosen, len(balances), what)
+
+    def _told(self, contacts: Sequence[int], touch: Touch) -> str:
+        kin = self.kinematics
+        rows = touch.directions[[row for i in contacts for row in kin.rows[i]]]
+        return (
+            f"The contacts {listing(repr(kin.contacts[i].name) for i in contacts)} depend on each other (rank "
+            f"{len(independent_rows(rows))} of {len(rows)}): of their possible forces, those with the fewest sliding "
+            "contacts are given."
+        )
 
     def _next(
         self,
