@@ -152,7 +152,8 @@ def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str,
 
 def _check_number(value: Any, low: Any, high: Any, what: str, bounds: str) -> None:
     if value.is_number and not bool(low <= value) & bool(value <= high):
-        raise StatementError(f"{what} is {formula(value, 40)}: give a number {bounds}.")
+        given = formula(value, 40) if value.is_Rational else f"{float(value):.10g}"
+        raise StatementError(f"{what} is {given}: give a number {bounds}.")
 
 
 def gap(name: str) -> Any:
