@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import exp, sin
+from sympy import exp, sin, sqrt
 
 import lagrange as lg
 
@@ -30,7 +30,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "friction without slip": (lambda: lg.contact(Y, friction=0.3), "without a slip"),
     "three slips": (lambda: lg.contact(Y, slip=(X.dot, Y.dot, X.dot)), "3 components"),
     "three coefficients": (lambda: lg.contact(Y, slip=X.dot, friction=(1, 2, 3)), r"\(static, kinetic\)"),
-    "restitution above one": (lambda: lg.contact(Y, restitution=1.2), "between 0 and 1"),
+    "restitution above one": (lambda: lg.contact(Y, restitution=1.2), "is 1.2: give a number between 0 and 1"),
     "negative friction": (lambda: lg.contact(Y, slip=X.dot, friction=-0.1), "zero or positive"),
     "gap without a coordinate": (lambda: system({"c": lg.contact(M - 1)}), "contains no coordinate"),
     "gap with a velocity": (lambda: system({"c": lg.contact(Y.dot)}), "contains a velocity"),
@@ -54,6 +54,18 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         "the coefficient of friction mu is -0.2: give one that is not negative",
     ),
     "start inside": (lambda: system().run(1.0, {Y: -0.5}), r"inside a body: the gap 'floor' is -0.5.*has y = 0"),
+    "start inside two": (
+        lambda: system({"floor": lg.contact(Y), "wall": lg.contact(X)}).run(1.0, {Y: -0.4, X: -0.3}),
+        r"the gaps are below zero: 'floor' is -0.4 and 'wall' is -0.3. The nearest start outside has x = 0 and y = 0",
+    ),
+    "start far outside an ellipse": (
+        lambda: system({"wall": lg.contact(1 - X**2 / 4 - Y**2)}).run(1.0, {X: 3, Y: 2}),
+        r"has x = 1.72541125 and y = 0.505706437",
+    ),
+    "start in the centre": (
+        lambda: system({"ball": lg.contact(sqrt(X**2 + Y**2) - 1)}).run(1.0, {X: 0, Y: 0}),
+        r"the gap 'ball' is -1, below zero. Give a start",
+    ),
     "value of restitution": (lambda: system().run(1.0, parameters={E: 2}), "restitution of the contact 'floor' is 2"),
     "backwards": (lambda: system().run(0.0, t_start=1.0), "run forwards"),
     "linear equations": (lambda: system().linearize(), r"has contacts \('floor'\)"),
