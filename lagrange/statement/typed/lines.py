@@ -32,8 +32,14 @@ _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:r
 _MATRIX = re.compile(r"\\begin\{[pbBvV]?(?:small)?matrix\}|\bMatrix\(")
 _CONSERVED = re.compile(r"\b(?:is|ist)\s+(?:a\s+)?(?:constant|conserved|const\b\.?|konstant|erhalten)")
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
-_SEPARATOR = re.compile(r"[;&\v]|\.(?=\s)|(?<![0-9]),|,(?![0-9])|\band\b|\bund\b|\\q?quad\b")
-_DEFINING = re.compile(r":=|=:|≔|≡|\\(?:equiv|coloneqq)(?![A-Za-z])")
+# The space \, is within an equation; the space \; divides two equations if no other mark does
+_SEPARATOR = re.compile(
+    r"(?<!\\)[;&\v]|\.(?=\s)|(?<![0-9\\]),|(?<!\\),(?![0-9])|\band\b|\bund\b|\\q?quad\b"
+    r"|\\;(?=(?:(?!\\q?quad)[^=,;])*=)"
+)
+_DEFINING = re.compile(
+    r":=|=:|≔|≡|\\(?:equiv|coloneqq)(?![A-Za-z])|\\(?:stackrel|overset)\s*\{[^{}\n]*\}\s*\{\s*=\s*\}"
+)
 _THAT_IS = re.compile(r"\b(?:i\.\s?e|d\.\s?h|viz)\.,?")
 _LISTED = re.compile(r"(=[^,;=\n]*[0-9]),(?=[0-9][^,;=\n]*=)")
 OPEN, CLOSE = f"([{{{MATRIX}", f")]}}{MATRIX_END}"

@@ -64,7 +64,7 @@ class Names:
         }
         self.exact = {name: pieces.get(name) or Piece(name, moves=name in others.values()) for name in self.names}
         self.spellings: dict[str, Piece] = {}
-        for spelling, name in [*self._usual(), *zip(self.bases, self.bases, strict=True), *others.items()]:
+        for spelling, name in [*self._usual(defined), *zip(self.bases, self.bases, strict=True), *others.items()]:
             for order in range(len(RATES)):
                 piece = self.derivative(self.exact[name], order) if order else self.exact[name]
                 if piece is not None:
@@ -82,13 +82,16 @@ class Names:
         self._factors = {key: piece for key, piece in self.words.items() if piece.kind != "e"} | self.spellings
         self._readings: dict[str, list[list[Piece]]] = {}
 
-    def _usual(self) -> Iterator[tuple[str, str]]:
-        """Yield (spelling, strict name) for spellings of textbooks: ell for l, v_x and a_x for the derivatives of x."""
+    def _usual(self, defined: Collection[str]) -> Iterator[tuple[str, str]]:
+        """Yield (spelling, strict name) for spellings of textbooks: ell for l, v_x and a_x for the derivatives of x.
+
+        With a parameter v the word vx is a product; with a v among `defined`, the names of the answer, it is not.
+        """
         for name in self.names:
             if _LENGTH.fullmatch(name) and "ell" not in self.names:
                 yield f"ell{name[1:]}", name
         for letter, ending in (("v", "_dot"), ("a", "_ddot")):
-            if letter not in self.names:
+            if letter not in self.names or letter in defined:
                 pairs = ((letter + base, base + ending) for base in self.bases if _AXIS.fullmatch(base))
                 yield from (pair for pair in pairs if pair[1] in self.exact)
 

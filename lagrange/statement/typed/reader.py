@@ -95,12 +95,15 @@ class TypedReader:
     """Reads typed equations in the symbols of one system.
 
     `symbols` maps strict names to SymPy expressions: q, q_dot and q_ddot of each coordinate, parameters, given
-    functions and multipliers. `others` maps other spellings of multipliers and rates to strict names.
+    functions and multipliers. `others` maps other spellings of multipliers and rates to strict names. `defined` are
+    the symbols that the answer defines.
     """
 
-    def __init__(self, symbols: Mapping[str, Any], others: Mapping[str, str]) -> None:
-        self.symbols, self.others = dict(symbols), dict(others)
-        self.names = Names(self.symbols, self.others, [name for name, x in symbols.items() if not x.is_Symbol])
+    def __init__(
+        self, symbols: Mapping[str, Any], others: Mapping[str, str], defined: frozenset[str] = frozenset()
+    ) -> None:
+        self.symbols, self.others, self.defined = dict(symbols), dict(others), defined
+        self.names = Names(self.symbols, self.others, defined)
         pairs = [(base + low, base + high) for base in self.names.bases for low, high in pairwise(RATES)]
         known = {self.symbols[low]: self.symbols[high] for low, high in pairs if {low, high} <= self.symbols.keys()}
         self.rates = {low: high for low, high in known.items() if low.is_Symbol}  # {symbol: its time derivative}
@@ -267,7 +270,8 @@ class TypedReader:
         if not 0 < len(names) <= MOST_FREE or not all(_FREE.fullmatch(name) and names[name] > 1 for name in names):
             return ()
         symbols = {name: sympy.Symbol(name, positive=True) for name in names}
-        reader, ones = TypedReader(self.symbols | symbols, self.others), dict.fromkeys(symbols.values(), sympy.S.One)
+        reader = TypedReader(self.symbols | symbols, self.others, self.defined)
+        ones = dict.fromkeys(symbols.values(), sympy.S.One)
         try:
             readings = reader._readings_of(sides, begin)
         except _Faults:
@@ -311,7 +315,7 @@ class TypedReader:
                 tries += 1
                 known = reader._defined(definition)
                 if known:
-                    reader = TypedReader(reader.symbols | known, self.others)
+                    reader = TypedReader(reader.symbols | known, self.others, reader.defined | {definition.name})
                     del left[k]
                     left |= {k: definition.constant} if definition.constant else {}
         return reader, [replace(clause, names=reader.names) for _, clause in sorted(left.items())]
@@ -322,7 +326,8 @@ class TypedReader:
         If the value changes in time, the result also has its first and second time derivatives by name.
         """
         symbol = sympy.Symbol(definition.name, real=True)
-        reader = TypedReader(self.symbols | {definition.name: symbol}, self.others)
+        defined = self.defined | {definition.name}
+        reader = TypedReader(self.symbols | {definition.name: symbol}, self.others, defined)
         try:
             zero = reader._readings_of(definition.sides, 0)[0].zero
         except _Faults:
