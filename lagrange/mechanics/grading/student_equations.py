@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
@@ -35,6 +36,9 @@ they are the only unknown of the only constraint."""
 
 # Letters that denote the force of the only constraint also in an answer that is solved for the accelerations
 USUAL = ("T", "N", "S", "FT", "FN", "FS", "Fc")
+# Usual letters for derivatives of the only coordinate, by its name; omega is left out, since it may be a frequency
+RATE_LETTERS = {name: {"v": "_dot", "a": "_ddot"} for name in ("x", "y", "z", "s", "r", "h")}
+RATE_LETTERS |= {name: {"alpha": "_ddot"} for name in ("theta", "phi", "psi")}
 ORDINALS = ("", "second", "third", "fourth", "fifth")  # Names of the equalities of a = b = c after the first
 
 
@@ -135,7 +139,7 @@ class _EquationReader:
         """Return the equations of a text, one per line. A definition of the kinetic energy T is skipped.
 
         A text that cannot be read is tried as a document: first all its formulas, then its section "Equations of
-        motion".
+        motion". Then it is tried with the usual letters for the derivatives of the only coordinate.
         """
         try:
             return self._all(answer)
@@ -143,7 +147,29 @@ class _EquationReader:
             for part in parts_of_document(answer):
                 with suppress(StatementError):
                     return self._all(part)
+            for rates in self._usual_rates(answer):
+                other = copy(self)
+                other.others = self.others | rates
+                with suppress(StatementError):
+                    return other._all(answer)
             raise
+
+    def _usual_rates(self, answer: str) -> Iterator[dict[str, str]]:
+        """Yield the letters that an answer may use for derivatives of the only coordinate, and their strict names.
+
+        They are v and a of a length, as in m a = -k x - c v, and alpha of an angle. A letter is no acceleration if an
+        equation of the answer has another acceleration, as in x'' = -a x.
+        """
+        coordinates = [name for name in self.names if f"{name}_ddot" in self.names]
+        letters = RATE_LETTERS.get(coordinates[0], {}) if len(coordinates) == 1 else {}
+        rates = {letter: coordinates[0] + ending for letter, ending in letters.items() if letter not in self.names}
+        velocities = {letter: name for letter, name in rates.items() if name.endswith("_dot")}
+        if velocities:
+            yield velocities
+        if rates != velocities:
+            unknown = TypedReader(self.names, self.others | velocities).unknown(answer)
+            if not rates.keys() & unknown:
+                yield rates
 
     def _all(self, answer: str) -> list[StudentEquation]:
         """Return the equations of a text. Raises StatementError if there are none, or if the text cannot be read."""
