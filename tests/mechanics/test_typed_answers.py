@@ -65,6 +65,7 @@ def test_below_a_heading_of_a_whole_derivation_a_wrong_term_is_named() -> None:
 UNREAD = [
     ("scene:pendulum", "Equations of motion\ntheta_ddot + foo = 0", "'foo' is not a symbol"),
     ("scene:mass-on-spring", "x'' = -a x", "'a' is not a symbol"),
+    ("scene:pendulum", "theta_dott = -g/l sin(theta)", "'theta_dott' is not a symbol"),
     ("scene:pendulum", "theta'' = -omega^2 sin theta", "'omega' is not a symbol"),
     ("scene:pendulum", "tehta_dd = -g/l sin(theta)", "'tehta_dd' is not a symbol"),
     *(("orbit", text, "'C' is not a symbol") for text in ("(m + M) r'' = C", "r phi = C", "m r^2 phi' = C D")),

@@ -109,7 +109,8 @@ class Names:
         """Return the products of known symbols whose joined names are the word. Products of fewer factors come first.
 
         Of products with equal numbers of factors, the one with the longer first name comes first. No factor begins with
-        a digit or a subscript: m_g is not the product of m and g.
+        a digit or a subscript: m_g is not the product of m and g. No derivative precedes the time: theta_dott is an
+        error of typing.
         """
         key = canonical(word)
         subscripts = {len(canonical(word[:i])) for i, mark in enumerate(word) if mark == "_"}
@@ -123,7 +124,8 @@ class Names:
                 piece = self._factors.get(key[begin:end])
                 if piece is None or not best[end] or key[end : end + 1].isdigit() or end in subscripts:
                     continue
-                products += [[piece, *rest] for rest in best[end]]
+                times = piece.order and key[end:] == "t"
+                products += [] if times else [[piece, *rest] for rest in best[end]]
             best[begin] = sorted(products, key=len)[:MOST_SPLITS]
         return best[0]
 
