@@ -92,6 +92,11 @@ def test_an_answer_is_judged_and_its_wrong_term_is_named(line: str) -> None:
     assert said in result.message.replace("w*t", "t*w"), result.message
 
 
+def test_a_letter_for_a_derivative_is_read_in_a_list_too() -> None:
+    assert answered("scene:pendulum").compare(["m l^2 alpha = -m g l sin(theta)"])
+    assert answered("scene:mass-on-spring").compare({"x": "m dv/dt = -k (x - rest) - c v"})
+
+
 def test_mutated_answers_are_judged_or_refused(share: Share) -> None:
     """Of an answer with a part missing, doubled or replaced nothing is run, and every message is short."""
     dice, systems = random.Random(2), ("scene:pendulum", "oscillator", "table", "pulley", "typed:damped")

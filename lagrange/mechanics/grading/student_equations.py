@@ -147,15 +147,13 @@ class _EquationReader:
             for part in parts_of_document(answer):
                 with suppress(StatementError):
                     return self._all(part)
-            for rates in self._usual_rates(answer):
-                other = copy(self)
-                other.others = self.others | rates
+            for other in self._with_usual_rates(answer):
                 with suppress(StatementError):
                     return other._all(answer)
             raise
 
-    def _usual_rates(self, answer: str) -> Iterator[dict[str, str]]:
-        """Yield the letters that an answer may use for derivatives of the only coordinate, and their strict names.
+    def _with_usual_rates(self, answer: str) -> Iterator[_EquationReader]:
+        """Yield readers that know the letters which an answer may use for derivatives of the only coordinate.
 
         They are v and a of a length, as in m a = -k x - c v, and alpha of an angle. A letter is no acceleration if an
         equation of the answer has another acceleration, as in x'' = -a x.
@@ -164,12 +162,14 @@ class _EquationReader:
         letters = RATE_LETTERS.get(coordinates[0], {}) if len(coordinates) == 1 else {}
         rates = {letter: coordinates[0] + ending for letter, ending in letters.items() if letter not in self.names}
         velocities = {letter: name for letter, name in rates.items() if name.endswith("_dot")}
+        reader = copy(self)
+        reader.others = self.others | velocities
         if velocities:
-            yield velocities
-        if rates != velocities:
-            unknown = TypedReader(self.names, self.others | velocities).unknown(answer)
-            if not rates.keys() & unknown:
-                yield rates
+            yield reader
+        with suppress(StatementError):
+            if rates != velocities and not rates.keys() & TypedReader(self.names, reader.others).unknown(answer):
+                reader.others |= rates
+                yield reader
 
     def _all(self, answer: str) -> list[StudentEquation]:
         """Return the equations of a text. Raises StatementError if there are none, or if the text cannot be read."""
@@ -194,12 +194,13 @@ class _EquationReader:
         `what` is its label, and `index` its position in the answer.
         """
         if isinstance(answer, str):
-            reader, letters = self.reader(answer, what)
-            equations = reader.equations(answer, what)
-            count = sum(not typed.link for typed in equations)
-            if count != 1:
-                raise StatementError(f"{what} is a text with {count} equations: give one in each entry.")
-            return [_equation(what, typed, letters, index) for typed in equations]
+            try:
+                return self._single(answer, what, index)
+            except StatementError:
+                for other in self._with_usual_rates(answer):
+                    with suppress(StatementError):
+                        return other._single(answer, what, index)
+                raise
         if isinstance(answer, sympy.Eq):
             left, right = (self.symbols(expression(side, what), what) for side in answer.args)
             return [
@@ -215,6 +216,15 @@ class _EquationReader:
             raise StatementError(
                 f"{what} is nested too deeply to be compared: multiply it out, or state it in parts."
             ) from None
+
+    def _single(self, answer: str, what: str, index: int) -> list[StudentEquation]:
+        """Return the only equation of a text with the label `what`. Raises StatementError."""
+        reader, letters = self.reader(answer, what)
+        equations = reader.equations(answer, what)
+        count = sum(not typed.link for typed in equations)
+        if count != 1:
+            raise StatementError(f"{what} is a text with {count} equations: give one in each entry.")
+        return [_equation(what, typed, letters, index) for typed in equations]
 
     def unknown(self, name: str, what: str) -> str:
         """Return the error message for an unknown name in the equation with the label `what`."""
