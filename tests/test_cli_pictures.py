@@ -104,7 +104,10 @@ def test_a_run_that_ends_early_is_drawn_and_fails(tmp_path: Path, capsys: pytest
         ),
         (["animate", "--speed", "-1"], "speed = -1: give a positive number; 1 is real time, 2 twice as fast."),
         (["animate", "--trail", "long"], "--trail: 'long' is not a number. Write one such as 2, 1e-3, 30deg or pi/6."),
-        (["plot", "--set", "M=1"], "'M' is not a parameter of this system; its parameters are m and g."),
+        (
+            ["plot", "--set", "M=1"],
+            "'M' is not a parameter of this system; its parameters are m and g. Did you mean 'm'?",
+        ),
     ],
 )
 def test_wrong_requests(

@@ -8,6 +8,7 @@ from itertools import combinations
 from typing import Any
 
 import sympy
+from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError, formula, listing, shown
 from lagrange.statement.coordinate import check_name, multiplier, t, velocity_of
@@ -206,6 +207,11 @@ def _check(stated: Contact, survey: Survey) -> None:
         )
     for component in stated.slip:
         _check_slip(component, f"the slip of the contact {stated.name!r}")
+    if len(stated.slip) == 2 and not sympy.cancel(stated.slip[0] / stated.slip[1]).atoms(AppliedUndef):
+        raise StatementError(
+            f"the two components of the slip of the contact {stated.name!r} are multiples of each other: give one, or "
+            "two at right angles in the surface."
+        )
     for expressed, part in ((stated.restitution, "restitution"), *((mu, "friction") for mu in stated.friction)):
         leaves = Survey()
         plain = expressed.xreplace({impact_speed: sympy.S.One}) if part == "restitution" else expressed

@@ -35,6 +35,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "gap without a coordinate": (lambda: system({"c": lg.contact(M - 1)}), "contains no coordinate"),
     "gap with a velocity": (lambda: system({"c": lg.contact(Y.dot)}), "contains a velocity"),
     "slip without a velocity": (lambda: system({"c": lg.contact(Y, slip=X)}), "contains no velocity"),
+    "two equal slips": (lambda: system({"c": lg.contact(Y, slip=(X.dot, 2 * X.dot))}), "multiples of each other"),
     "slip that is not linear": (lambda: system({"c": lg.contact(Y, slip=X.dot**2)}), "not linear"),
     "one ball": (lambda: lg.contacts_between({"a": X}, 1), "give two or more"),
     "balls of other dimensions": (lambda: lg.contacts_between({"a": X, "b": (X, Y)}, 1), "of the same dimension"),
