@@ -20,8 +20,6 @@ from lagrange.program.constraints import (
 )
 from lagrange.program.lower import Named, lower
 from lagrange.program.program import Program
-from lagrange.statement.coordinate import rotation_name
-from lagrange.statement.rotation import rotation_of
 from lagrange.statement.space import conjugate, product
 
 HALF = Fraction(1, 2)
@@ -46,9 +44,7 @@ def local(equations: Equations) -> Named:
     """
     e, graph, start = equations, equations.graph, local_inputs(equations)["start"]
     rates, coordinates, velocities, known = [*e.rate], [*e.q], [*e.v], {}
-    names = dict.fromkeys(name for name in map(rotation_name, e.leaves) if name is not None)
-    turned = [[e.q.index(e.leaves[entry]) for entry in rotation_of(name).quaternion] for name in names]
-    for rows in turned:
+    for rows in e.quaternions:
         q, Q, V = ([part[i] for i in rows] for part in (start, e.q, e.v))
         w = [2 * rate for rate in _quotient(V, q)]
         along = graph.sum([(1, a * b) for a, b in zip(_quotient(Q, q), w, strict=True)])
@@ -59,7 +55,7 @@ def local(equations: Equations) -> Named:
             rates[i] = spin[k] + HALF * along * Q[k]
             coordinates[i], velocities[i] = unit * Q[k], unit * spin[k]
     accelerations = substitute(e.accelerations, known)
-    for rows in turned:
+    for rows in e.quaternions:
         q, Q, pushed = ([part[i] for i in rows] for part in (start, e.q, accelerations))
         for i, entry in zip(rows, product(q, (graph.zero, *_quotient(pushed, Q))), strict=True):
             accelerations[i] = entry

@@ -36,36 +36,39 @@ def projection(equations: Equations) -> Named:
     The violation is the error before the correction: the largest |phi| or |psi|, relative to the size of its terms.
     The remainder estimates the error after it: the sum over all constraints of the second-order terms along the
     corrections, again relative to the sizes of terms. Near a configuration with dependent constraints the corrections
-    are large, and the remainder may exceed the violation.
+    are large, and the remainder may exceed the violation. That quaternions have length one counts as a constraint.
 
     Some constraints may be relations that determine the velocities of coordinates of first order. Then a second
     violation follows, that of the other constraints alone.
     """
     graph, held = equations.graph, equations.constraints
     n, zero = len(equations.q), equations.graph.zero
-    phi = constraint_positions(held)
+    phi, (lengths, rates) = constraint_positions(held), _lengths(equations)
     dq, dv = ([graph.symbol(f"correction {what} {i}", Binding.ACCELERATION) for i in range(n)] for what in ("q", "v"))
-    moved = equations.plan.solved(equations.matrix, [*[zero] * n, *(-residual for residual in phi)])[:n]
+    moved = list(equations.plan.solved(equations.matrix, [*[zero] * n, *(-residual for residual in phi)])[:n])
+    _restore(equations, moved, [excess / 2 for excess in lengths])
     known = dict(zip(dq, moved, strict=True))
-    along = tangents(held.velocities, dict(zip(equations.q, dq, strict=True)))
+    along = tangents([*held.velocities, *rates], dict(zip(equations.q, dq, strict=True)))
     missing = [graph.sum([(-1, psi), (-1, along(psi))]) for psi in held.velocities]
-    turned = equations.plan.solved(equations.matrix, [*[zero] * n, *substitute(missing, known)])[:n]
+    turned = list(equations.plan.solved(equations.matrix, [*[zero] * n, *substitute(missing, known)])[:n])
+    _restore(equations, turned, substitute([rate + along(rate) for rate in rates], known))
     known |= dict(zip(dv, turned, strict=True))
 
     positions = [value for value in phi if value is not zero]
-    values = [*positions, *(value for value in held.velocities if value is not zero)]
+    velocities = [value for value in held.velocities if value is not zero]
+    values = [*lengths, *positions, *rates, *velocities]
     direction = dict(zip((*equations.q, *equations.v), (*dq, *dv), strict=True))
     first = tangents(values, direction)
     slopes = list(map(first, values))
     second = tangents(slopes, direction)
     left = substitute([graph.sum([(Fraction(1, 2), second(slope))]) for slope in slopes], known)
-    sizes = term_sizes(values)
     # At rest the terms of rates are rounding: what the corrections add to them is larger.
-    added = substitute(term_sizes(slopes[len(positions) :]), known)
-    later = [
-        *sizes[: len(positions)],
-        *(size + more for size, more in zip(sizes[len(positions) :], added, strict=True)),
-    ]
+    added = substitute(term_sizes(slopes[len(lengths) + len(positions) :]), known)
+    coordinates_alone = [*([graph.one] * len(lengths)), *term_sizes(positions)]
+    speeds = [graph.sum([(1, graph.call("abs", equations.v[i])) for i in rows]) for rows in equations.quaternions]
+    sizes = [*coordinates_alone, *speeds, *term_sizes(velocities)]
+    count = len(coordinates_alone)
+    later = [*sizes[:count], *(size + more for size, more in zip(sizes[count:], added, strict=True))]
     shares, rest = _shares(values, sizes), _shares(left, later)
 
     def worst(of: Sequence[Node]) -> Node:
@@ -76,6 +79,31 @@ def projection(equations: Equations) -> Named:
     results = {"coordinates": moved, "velocities": turned, "violation": [worst(shares)], "remainder": [remainder]}
     relations = len(equations.first_order)
     return results | {"stated": [worst(shares[:-relations])]} if relations else results
+
+
+def _lengths(equations: Equations) -> tuple[list[Node], list[Node]]:
+    """Return |q|**2 - 1 and half of its rate of change, q . v, for the quaternion q of each rotation."""
+    graph, excesses, rates = equations.graph, [], []
+    for rows in equations.quaternions:
+        (w, *others), v = ([part[i] for i in rows] for part in (equations.q, equations.v))
+        # |q|^2 would be rounded to a multiple of 2^-53 before one is subtracted.
+        excesses.append(graph.sum([(1, (w - 1) * (w + 1)), *((1, x**2) for x in others)]))
+        rates.append(graph.sum([(1, x * rate) for x, rate in zip((w, *others), v, strict=True)]))
+    return excesses, rates
+
+
+def _restore(equations: Equations, corrections: list[Node], errors: Sequence[Node]) -> None:
+    """Change the corrections of coordinates, or of velocities, along each quaternion q so that they cancel `errors`.
+
+    An error is what the product of q with the correction must cancel. The length of q is nearly one, and physics does
+    not depend on it: forces and constraints do not change.
+    """
+    graph = equations.graph
+    for rows, error in zip(equations.quaternions, errors, strict=True):
+        q = [equations.q[i] for i in rows]
+        along = graph.sum([(1, error), *((1, x * corrections[i]) for x, i in zip(q, rows, strict=True))])
+        for x, i in zip(q, rows, strict=True):
+            corrections[i] = graph.sum([(1, corrections[i]), (-1, along * x)])
 
 
 def _shares(values: Sequence[Node], sizes: Sequence[Node]) -> list[Node]:

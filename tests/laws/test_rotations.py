@@ -412,6 +412,14 @@ def test_a_derivation_in_turns_with_constraints_agrees_with_the_compiled_model(n
         assert np.abs(run.evaluate(formula) - run.multipliers[constraint]).max() < 1e-11
 
 
+@pytest.mark.parametrize("name", ["rolling-sphere", "gyroscope-on-gimbal"])
+@pytest.mark.parametrize(("method", "step"), [("taylor", None), ("rk4", 0.05)])
+def test_constraints_keep_the_length_of_the_quaternion(name: str, method: str, step: float | None) -> None:
+    """The state is projected onto the length one, too: rk4 would leave 1e-4, and taylor 1e-10, of the length."""
+    run = shared_scene(name).run(20.0, method=method, step=step)
+    assert max(run.card()["lengths"].values()) < 1e-15
+
+
 @pytest.mark.slow
 def test_conserved_momenta_of_a_symmetric_top() -> None:
     top = body((m, m, a), (0.1, 0.2, 3), lg.turn((1, 0, 0), 0.4), g * R[2, 2], parameters={m: 1.0, g: 1.0, a: 0.5})
