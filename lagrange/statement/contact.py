@@ -207,7 +207,7 @@ def _check(stated: Contact, survey: Survey) -> None:
         )
     for component in stated.slip:
         _check_slip(component, f"the slip of the contact {stated.name!r}")
-    if len(stated.slip) == 2 and not sympy.cancel(stated.slip[0] / stated.slip[1]).atoms(AppliedUndef):
+    if len(stated.slip) == 2 and _are_multiples(*stated.slip):
         raise StatementError(
             f"the two components of the slip of the contact {stated.name!r} are multiples of each other: give one, or "
             "two at right angles in the surface."
@@ -224,6 +224,12 @@ def _check(stated: Contact, survey: Survey) -> None:
         survey.add(plain, f"the {part} of the contact {stated.name!r}")
     for expressed in (stated.gap, *stated.slip):
         survey.add(expressed, f"the contact {stated.name!r}")
+
+
+def _are_multiples(first: Any, second: Any) -> bool:
+    """Return True if two linear expressions in velocities are multiples of each other."""
+    rates = second.atoms(sympy.Derivative) or second.atoms(AppliedUndef)
+    return all(sympy.expand(first * second.diff(rate) - second * first.diff(rate)) == 0 for rate in rates)
 
 
 def _check_slip(component: Any, what: str) -> None:

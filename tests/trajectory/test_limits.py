@@ -111,6 +111,7 @@ def press_until(heard: threading.Event) -> None:
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # a signal that Python lost
 def test_ctrl_c_while_compiling() -> None:
     """The signal is heard between two pieces that LLVM compiles, here of a second at most."""
     q = [lg.coordinate(f"x{i}") for i in range(150)]
