@@ -214,3 +214,8 @@ def test_a_high_power_of_a_sum_is_not_expanded() -> None:
     """The thousand terms of (x + g)**999, each evaluated alone, take two seconds."""
     power = (sp.Symbol("x") + sp.Symbol("g")) ** 999
     assert term_difference.expanded(power) == (power,)
+
+
+def test_a_correction_without_a_value_is_not_proposed() -> None:
+    """The power of a multiplier has no derivative where the multiplier is taken as zero."""
+    assert "the term mu*N**(sign(x_dot)) is wrong" in str(answered("table").compare("m x'' = mu N^ sign(x')\nN = m g"))

@@ -151,11 +151,17 @@ def evaluated(expressions: Sequence[Any], statement: Statement, samples: Sequenc
 
 
 def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) -> bool:
-    """Return True if the equation `corrected` is trivial, as x'' = x'', or has no accelerations although `row` has."""
+    """Return True if the equation `corrected` is trivial, as x'' = x'', or has no accelerations although `row` has.
+
+    Also return True if the coefficients of one of them have no value at the sample.
+    """
     if not any(row.slopes.values()):
         return bool(sympy.expand(corrected.zero) == 0)
-    slopes = corrected.numbers(sample)[0]
-    return bool(max(map(abs, slopes)) <= NONE * max(map(abs, row.numbers(sample)[0])))
+    try:
+        slopes, stated = (each.numbers(sample)[0] for each in (corrected, row))
+    except OutsideDomain:
+        return True
+    return bool(max(map(abs, slopes)) <= NONE * max(map(abs, stated)))
 
 
 def _sums(side: int, expression: Any, typed: Sequence[Any]) -> Iterator[Sum]:
