@@ -9,6 +9,7 @@ import statistics
 import tokenize
 from collections.abc import Callable, Iterator
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -71,6 +72,15 @@ def silences(file: str, source: str) -> Iterator[str]:
     for token in tokenize.generate_tokens(io.StringIO(source).readline) if SILENCER.search(source) else ():
         if token.type == tokenize.COMMENT and SILENCER.search(token.string):
             yield f"{file}:{token.start[0]} {token.string[:60]}"
+
+
+def never_reached(file: str, source: str) -> Iterator[str]:
+    """Statements that follow the end of their block, such as the second half of a text that is returned."""
+    for node in nodes(parsed(source)):
+        for block in (getattr(node, name, None) for name in ("body", "orelse", "finalbody")):
+            for before, statement in pairwise(block) if isinstance(block, list) else ():
+                if isinstance(before, (ast.Return, ast.Raise, ast.Continue, ast.Break)):
+                    yield f"{file}:{statement.lineno}"
 
 
 # --- words ----------------------------------------------------------------------------------------------------
@@ -161,12 +171,12 @@ def test_there_is_something_to_look_at() -> None:
     assert "README.md" in PAGES
 
 
-@pytest.mark.parametrize("rule", [too_long, silences, makes_figures], ids=lambda rule: rule.__name__)
+@pytest.mark.parametrize("rule", [too_long, silences, never_reached, makes_figures], ids=lambda rule: rule.__name__)
 def test_the_package_keeps(rule: Rule) -> None:
     assert complaints(rule, PACKAGE) == []
 
 
-@pytest.mark.parametrize("rule", [too_long, silences], ids=lambda rule: rule.__name__)
+@pytest.mark.parametrize("rule", [too_long, silences, never_reached], ids=lambda rule: rule.__name__)
 def test_the_tests_keep(rule: Rule) -> None:
     assert complaints(rule, TESTS) == []
 
@@ -201,6 +211,7 @@ BROKEN: list[tuple[Rule, str]] = [
     (too_long, "x = 1\n" * (LONGEST_FILE + 1)),
     (too_long, "def f():\n" + "    x = 1\n" * LONGEST_FUNCTION),
     (silences, "x = f()  # type: ignore[misc]\n"),
+    (never_reached, "def f():\n    return 'begin '\n    'end'"),
     (makes_figures, "def f():\n    import matplotlib.pyplot as plt"),
     (speaks_of_its_making, "see issue " + "#12"),
     (iterates_sets, "[f(x) for x in set(y)]"),
@@ -211,6 +222,7 @@ BROKEN: list[tuple[Rule, str]] = [
 SOUND: list[tuple[Rule, str]] = [
     (too_long, "x = 1\n" * LONGEST_FILE),
     (silences, "x = 'type: ignore'  # why it is so\n"),
+    (never_reached, "def f():\n    if x:\n        return 1\n    return 2"),
     (makes_figures, "if TYPE_CHECKING:\n    from matplotlib.figure import Figure"),
     (speaks_of_its_making, "the tissue of a session"),
     (iterates_sets, "for x in sorted({2, 1}): f(x)"),

@@ -368,8 +368,10 @@ def _too_many(model: Model, left: int) -> str:
     names = [statement.state_names[row] for row in _free(model, ())]
     n = len(statement.coordinates)
     if n == 1:
-        return f"at gives a value to an entry of the state, but {statement.name} has only two, and both are axes: "
-        "leave at out."
+        return (
+            f"at gives a value to an entry of the state, but {statement.name} has only two, and both are axes: leave "
+            "at out."
+        )
     shown_axes = (0, n) if len(names) == 2 * n else (0, 1)
     others = ", ".join(f"{name!r}: 0" for k, name in enumerate(names) if k not in shown_axes)
     return (

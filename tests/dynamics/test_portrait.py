@@ -209,6 +209,7 @@ def test_a_portrait_pickles() -> None:
         (pendulum, {"window": {theta: (-3, 3, 1), theta.dot: (-1, 1)}}, "number of values in the range of theta = 1"),
         (pendulum, {"window": {"thet": (-3, 3), theta.dot: (-1, 1)}}, "window names 'thet'.*Did you mean 'theta'"),
         (pendulum, {"window": {theta: (-3, 3), "theta": (-1, 1)}}, "window names theta twice"),
+        (pendulum, {"at": {theta: 0}}, "pendulum has only two, and both are axes: leave at out"),
         (pendulum, {"starts": [{"phi": 1}]}, "start 0: initial names 'phi', which is not a coordinate"),
         (pendulum, {"starts": []}, "starts is empty"),
         (pendulum, {"starts": 4}, "starts is 4: give a list of dicts"),
