@@ -373,39 +373,6 @@ def _pair(names: tuple[str, str], signs: tuple[int, int]) -> FunctionRule:
     return build
 
 
-def _exponential(b: RecurrenceBuilder, node: Node, exponent: Node | None = None) -> int:
-    """Return the index of the series value u = exp(a), with the rule u' = u a'.
-
-    `node` computes u at order 0. The node a is `exponent`, or the argument of `node` if that is None.
-    """
-    a = node.args[0] if exponent is None else exponent
-    b.value(a)
-    value = b.reserve(node)
-    b.integrate(value, a, value)
-    return value
-
-
-def _tangent(sign: int) -> FunctionRule:
-    """Return the rule builder of a function u of a with u' = (1 + sign * u**2) * a': tan or tanh."""
-
-    def build(b: RecurrenceBuilder, node: Node) -> int:
-        b.value(node.args[0])
-        value = b.reserve(node)
-        square = b.multiply(value, value)
-        slope = b.graph.sum(((sign, node**2),), 1)
-        w = b.add(SeriesRule("linear", (square,), (b.constant(sign),)), slope, b.graph.one)
-        b.values.setdefault(slope, w)
-        if sign < 0:
-            # 1 - tanh(a)**2 without cancellation: for large |a| it is 4 exp(-2|a|). The difference would be rounded to
-            # zero, and the series would be constant.
-            tail = b.graph.call("exp", -2 * b.graph.call("abs", node.args[0]))
-            b.starts[slope] = 4 * tail / (1 + tail) ** 2
-        b.integrate(value, node.args[0], w)
-        return value
-
-    return build
-
-
 def _against(slope: Callable[[Node], Node], sign: int = 1) -> FunctionRule:
     """Return the rule builder of a function u = F(a) whose rate follows from slope(a) * u' = sign * a'.
 
@@ -434,6 +401,15 @@ def _by_derivative(b: RecurrenceBuilder, node: Node) -> int:
     value = b.reserve(node)
     b.integrate(value, a, b.value(ELEMENTARY[node.data].partial(node, a)))
     return value
+
+
+def _hyperbolic_tangent(b: RecurrenceBuilder, node: Node) -> int:
+    """Return the index of the series value u = tanh(a), by u' = (1 - u**2) a'."""
+    # At order 0, 1 - u**2 is 4 exp(-2|a|) for large |a|. The difference would be rounded to zero, and the series would
+    # be constant.
+    tail = b.graph.call("exp", -2 * b.graph.call("abs", node.args[0]))
+    b.starts[1 - node**2] = 4 * tail / (1 + tail) ** 2
+    return _by_derivative(b, node)
 
 
 def _atan2(b: RecurrenceBuilder, node: Node) -> int:
@@ -465,7 +441,11 @@ def _pow(b: RecurrenceBuilder, node: Node) -> int:
     base, exponent = node.args
     if exponent.binding <= Binding.PARAMETER:
         return b.add(SeriesRule("power", (b.value(base),), (b.constant(exponent),)), node)
-    return _exponential(b, node, b.graph.product((exponent, b.graph.call("log", base))))
+    logarithm = b.graph.product((exponent, b.graph.call("log", base)))
+    b.value(logarithm)
+    value = b.reserve(node)
+    b.integrate(value, logarithm, value)
+    return value
 
 
 def _piecewise(b: RecurrenceBuilder, node: Node) -> int:
@@ -498,9 +478,7 @@ FUNCTION_RULES: dict[str, FunctionRule] = {
     "cos": _pair(("sin", "cos"), (1, -1)),
     "sinh": _pair(("sinh", "cosh"), (1, 1)),
     "cosh": _pair(("sinh", "cosh"), (1, 1)),
-    "exp": _exponential,
-    "tan": _tangent(1),
-    "tanh": _tangent(-1),
+    "tanh": _hyperbolic_tangent,
     "atan2": _atan2,
     "pow": _pow,
     "piecewise": _piecewise,
