@@ -21,12 +21,12 @@ from lagrange.graph.evaluate import generic_rank
 from lagrange.graph.node import Binding, Graph, Kind, Node, substitute
 from lagrange.graph.share import share_sums
 from lagrange.graph.sympy_nodes import Translator, to_sympy
-from lagrange.statement.coordinate import acceleration_of, check_multipliers, multiplier, rotation_name, t
+from lagrange.statement.coordinate import acceleration_of, check_multipliers, multiplier, t
 from lagrange.statement.energy import first_order_remedy
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.expression import in_full
 from lagrange.statement.parameters import Survey, in_own_parameters
-from lagrange.statement.rotation import rotation_of
+from lagrange.statement.rotation import quaternion_rows
 from lagrange.statement.statement import Statement
 
 
@@ -346,8 +346,8 @@ class Equations:
     @cached_property
     def quaternions(self) -> list[list[int]]:
         """Indices in q of the four entries of each quaternion, a list for each rotation."""
-        names = dict.fromkeys(name for name in map(rotation_name, self.leaves) if name is not None)
-        return [[self.q.index(self.leaves[entry]) for entry in rotation_of(name).quaternion] for name in names]
+        coordinates = {node: leaf for leaf, node in self.leaves.items()}
+        return [rows for _, rows, _ in quaternion_rows(tuple(coordinates[node] for node in self.q))]
 
     @property
     def solution(self) -> tuple[Node, ...]:

@@ -19,7 +19,7 @@ from lagrange.graph.node import Binding, Graph, Node, substitute
 from lagrange.graph.sympy_nodes import Translator
 from lagrange.statement.coordinate import velocity_of
 from lagrange.statement.rotation import Rotation, rotation_of
-from lagrange.statement.space import conjugate, matrix_of, product
+from lagrange.statement.space import conjugate, length_excess, matrix_of, product
 from lagrange.statement.statement import Statement
 
 
@@ -84,7 +84,7 @@ class _Body:
         self.spun = [graph.sum([(-1, x * rate) for x, rate in row]) for row in rows]
         """Minus twice the derivatives of the quaternion, -q w."""
         square = w**2 + i**2 + j**2 + k**2
-        excess = (w - 1) * (w + 1) + i**2 + j**2 + k**2  # |q|^2 - 1; rounding errors of |q|^2 are equal at many steps
+        excess = length_excess(q)
         (stretch, *turned), size = product(conjugate(q), v), graph.power(a**2 + b**2 + c**2, half)
         rates = [2 * rate - 2 * rate * (excess / square) for rate in turned]
         self.starts = dict(zip((*self.w, *self.entries), (*rates, *chain(*matrix_of(q))), strict=True))

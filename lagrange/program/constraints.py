@@ -19,6 +19,7 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node, substitute
 from lagrange.graph.term_size import term_sizes
 from lagrange.program.lower import Named
+from lagrange.statement.space import conjugate, length_excess, product
 
 LEAST_TERM_SIZE = Fraction(1, 2**1000)
 """Added to the sizes of terms, so that a violation is zero if all its terms are zero."""
@@ -83,13 +84,8 @@ def projection(equations: Equations) -> Named:
 
 def _lengths(equations: Equations) -> tuple[list[Node], list[Node]]:
     """Return |q|**2 - 1 and half of its rate of change, q . v, for the quaternion q of each rotation."""
-    graph, excesses, rates = equations.graph, [], []
-    for rows in equations.quaternions:
-        (w, *others), v = ([part[i] for i in rows] for part in (equations.q, equations.v))
-        # |q|^2 would be rounded to a multiple of 2^-53 before one is subtracted.
-        excesses.append(graph.sum([(1, (w - 1) * (w + 1)), *((1, x**2) for x in others)]))
-        rates.append(graph.sum([(1, x * rate) for x, rate in zip((w, *others), v, strict=True)]))
-    return excesses, rates
+    bodies = [[[part[i] for i in rows] for part in (equations.q, equations.v)] for rows in equations.quaternions]
+    return [length_excess(q) for q, _ in bodies], [product(conjugate(q), v)[0] for q, v in bodies]
 
 
 def _restore(equations: Equations, corrections: list[Node], errors: Sequence[Node]) -> None:

@@ -16,7 +16,7 @@ from lagrange.show.terminal import duration
 from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.progress import text_table
-from lagrange.statement.rotation import rotation_of
+from lagrange.statement.rotation import quaternion_rows
 from lagrange.trajectory.solution import Solution
 
 MOST_CHANGES = 3  # Number of parameter changes on the card; `solution.parameter_changes` has all of them
@@ -78,10 +78,9 @@ def _lengths(solution: Solution) -> dict[str, float]:
     """Return the largest difference from 1 of the length of each rotation's quaternion, by name of the rotation."""
     if not len(solution.t):
         return {}
-    quaternions = {name: rotation_of(name).quaternion for name in solution.model.statement.rotations}
     return {
-        name: float(np.abs(np.linalg.norm([solution[q] for q in quaternion], axis=0) - 1).max())
-        for name, quaternion in quaternions.items()
+        each.name: float(np.abs(np.linalg.norm(solution.y[rows], axis=0) - 1).max())
+        for each, rows, _ in quaternion_rows(solution.model.statement.coordinates)
     }
 
 

@@ -95,6 +95,15 @@ def conjugate(q: Sequence[Any]) -> Quaternion:
     return q[0], -q[1], -q[2], -q[3]
 
 
+def length_excess(q: Sequence[Any]) -> Any:
+    """Return |q|**2 - 1 for a quaternion, scalar first.
+
+    |q|**2 itself would be rounded before 1 is subtracted, with the same rounding error at many steps of a run.
+    """
+    w, i, j, k = q
+    return (w - 1) * (w + 1) + i**2 + j**2 + k**2
+
+
 def matrix_of(q: Sequence[Any]) -> list[list[Any]]:
     """Return the rotation matrix, as three rows, of a quaternion q of any length other than zero, scalar first."""
     w, i, j, k = q

@@ -13,10 +13,10 @@ from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import ordered
-from lagrange.statement.coordinate import name_of, rotation_name, velocity_of
+from lagrange.statement.coordinate import name_of, velocity_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import entries, real_number
-from lagrange.statement.rotation import Rotation, rotation_of
+from lagrange.statement.rotation import Rotation, quaternion_rows
 from lagrange.statement.space import SpaceMatrix
 from lagrange.trajectory.constraints.nearest import ON_SURFACE
 from lagrange.trajectory.constraints.projection import Projection
@@ -95,7 +95,7 @@ def _held(key: Any, coordinates: tuple[Any, ...]) -> tuple[Any, ...]:
 
     The rates depend on the entries of the quaternion and on their velocities.
     """
-    for each in map(rotation_of, dict.fromkeys(filter(None, map(rotation_name, coordinates)))):
+    for each, _, _ in quaternion_rows(coordinates):
         if isinstance(key, Rotation) and key == each:
             return each.quaternion
         if isinstance(key, SpaceMatrix) and key in (each.body, each.space):
