@@ -1,4 +1,4 @@
-"""Faults of constraints: empty, dependent, contradictory, not met, not smooth, or lost on the way."""
+"""Faults of constraints: empty, dependent, contradictory, violated at the start, not smooth, or singular later."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ x, y, z = lg.coordinates("x y z")
 m, l = lg.parameters("m l")
 
 LOST = (*NO_NUMBER, Status.SINGULAR)
-"""How a run may end where its constraints do."""
+"""Allowed statuses of a run at a point where its constraints become singular or have no value."""
 
 
 NOT_MADE_FOR = "|leaves out the forces of constraints|moves coordinates and velocities in turn"
-"""What methods say that do not know of constraints, when they are asked before the start is looked at."""
+"""Messages of methods without constraints, which refuse the system before the start is tested."""
 
 
 def held(constraints: Any, initial: Any = None, potential: Any = None, **more: Any) -> Callable[[], Model]:
-    """Return what makes the model of a unit mass in a plane under unit gravity, held by constraints."""
+    """Return a function that compiles a unit mass in a plane under unit gravity, with constraints."""
 
     @cache
     def made() -> Model:
@@ -42,12 +42,12 @@ def held(constraints: Any, initial: Any = None, potential: Any = None, **more: A
 
 
 def free(times: FloatArray) -> FloatArray:
-    """x moves on from 0 at speed 1, and y stays 0."""
+    """Return the states of a free motion: x = t and y = 0."""
     return np.array([times, 0 * times, np.ones_like(times), 0 * times])
 
 
 def swing(start: float, mass: float = 1.0) -> Callable[[FloatArray], FloatArray]:
-    """A pendulum of unit length under unit gravity from rest at an angle."""
+    """Return the exact motion of a pendulum of unit length under unit gravity, released at an angle."""
 
     def states(times: FloatArray) -> FloatArray:
         if not times.size:
@@ -62,18 +62,18 @@ def swing(start: float, mass: float = 1.0) -> Callable[[FloatArray], FloatArray]
 
 
 def driven(times: FloatArray) -> FloatArray:
-    """x = sin t, and y falls freely."""
+    """Return the states of a motion with x = sin t in free fall."""
     return np.array([np.sin(times), -(times**2) / 2, np.cos(times), -times])
 
 
 def logarithm(times: FloatArray) -> FloatArray:
-    """x = log(1 - t), and y falls freely; past t = 1 there is none."""
+    """Return the states of a motion with x = log(1 - t) in free fall. It ends at t = 1."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.array([np.log1p(-times), -(times**2) / 2, -1 / (1 - times), -times])
 
 
 def straightened(times: FloatArray) -> FloatArray:
-    """The joint of two rods whose ends are 1 + t apart; past t = 1 there is none."""
+    """Return the states of the joint between two rods whose outer ends are 1 + t apart. The motion ends at t = 1."""
     with np.errstate(invalid="ignore", divide="ignore"):
         depth = np.sqrt(1 - (1 + times) ** 2 / 4)
         return np.array([(1 + times) / 2, -depth, 0.5 + 0 * times, (1 + times) / 4 / depth])
@@ -81,12 +81,12 @@ def straightened(times: FloatArray) -> FloatArray:
 
 @cache
 def parallelograms() -> Model:
-    """Two four-bar linkages, whose rods lie in one line at t = 0.714 first."""
+    """Return the model of two four-bar linkages. Their rods lie in one line for the first time at t = 0.714."""
     return lg.scene("four-bar-ladder").compile()
 
 
 def parallel(times: FloatArray) -> FloatArray:
-    """The rods stay parallel: they go on as they came."""
+    """Return the states of the motion in which the rods stay parallel."""
     if not times.size:
         return np.empty((12, 0))
     found = solve_ivp(
@@ -108,7 +108,7 @@ AT_ONE = {x: math.sin(1.0), y: -math.cos(1.0)}
 
 
 def refused(name: str, about: str, words: str, model: Callable[[], Model], **more: Any) -> Fault:
-    """A statement, or a start, that deserves a refusal in words."""
+    """Return the fault of a statement or a start that must be refused."""
     return Fault(name, about, model, refusal=words, **more)
 
 
@@ -178,7 +178,7 @@ BEGUN = (
     ),
     refused(
         "start without a state",
-        "a rod that is to have the length i, and a bob at 0.5",
+        "a rod of imaginary length, and a bob at 0.5",
         "rod",
         held({"rod": x**2 + y**2 + 1}, {x: 0.5}),
     ),

@@ -42,7 +42,7 @@ def rod() -> Model:
 
 
 def rebound(times: FloatArray) -> FloatArray:
-    """Fall from 1 and one impact with restitution 0.5."""
+    """Return the states of a fall from height 1 with one impact of restitution 0.5."""
     hit, g = np.sqrt(2), times - np.sqrt(2)
     late = times > hit
     return np.array(

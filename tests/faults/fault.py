@@ -1,4 +1,4 @@
-"""What a fault is, what a run of it deserves, and what came of one method on it."""
+"""Faults: wrong or difficult requests, their allowed outcomes, and the judgement of the run of one method."""
 
 from __future__ import annotations
 
@@ -27,40 +27,45 @@ ENDLESS = 300.0
 
 LIMITS = {"max_steps": 30_000, "max_wall": 1000.0}
 SLOW_LIMITS = {"max_steps": 1_500, "max_wall": 1000.0}
-"""Limits of a run. The second are for methods from other packages, which call Python at every step; these may use them
-up. Steps decide, not seconds: what comes of a cell must not depend on how busy the machine is."""
+"""Limits of a run. `SLOW_LIMITS` are for methods of other packages, which call Python at each step. Such a method may
+reach its limit. The number of steps decides, not the time, so that results do not depend on the load of the machine.
+"""
 
 GAVE_UP = (Status.MAX_STEPS, Status.MAX_WALL)
 
 SOUND = ("right", "refused", "ended", "unreliable")
-"""What may come of a cell: the right answer, a refusal in words, an early end with its status, or a run to the end
-whose status says that its answer is not to be trusted."""
+"""Allowed verdicts: the right answer; a refusal with an error message; an early end with a status; or a run to the end
+with the status UNRELIABLE.
+"""
 
 FAILED = ("silent", "warned", "endless", "wrong")
-"""What may not: a wrong answer without a word, one of which the message alone warns while the status is success, no
-end, or a status, a message or results that are not those due."""
+"""Verdicts that fail the test: a wrong answer with the status SUCCESS and no warning; such an answer with a warning in
+the message only; a run that does not end; or another status, message or result than the fault allows.
+"""
 
 CRASHES = (ArithmeticError, AttributeError, LookupError, OSError, RuntimeError, TypeError, ValueError, RunError)
-"""What falls over with one of these has not refused anything."""
+"""Exceptions that count as crashes, not as refusals."""
 
 TIME = re.compile(r"\bt = ([-+]?(?:\d[\d.]*(?:e[-+]?\d+)?|inf|nan))")
 UNTRUSTED = re.compile(r"does not follow the motion|leaves it few digits, or none")
 
 Truth = Callable[[FloatArray], FloatArray]
-"""The right states (2n, K) at times (K,)."""
+"""Function that returns the exact states (2n, K) at times (K,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """One way to go wrong, as a run of any method, and what is due.
+    """A wrong or difficult request that any method can run, and its allowed outcomes.
 
-    A run to the end is right if `truth` is there and every kept state agrees with it to `close` (adaptive methods),
-    `fine` (equal steps, order 2 and more) or `rough` (order 1), in parts of each row's largest magnitude. Runs that
-    end early may do so with one of `statuses`, at a time within `window`; what they kept until `compared` must be right
-    all the same. `until` is where the motion itself ends, if it does: nothing is right beyond. `words` is in their
-    message, and `refusal` in the message of a run that is refused: one pattern, or one each for adaptive methods and
-    for equal steps. An empty one means that a refusal is not due. `raises` is an exception of the user's own that is
-    to arrive, and `events` are the right times of the events.
+    `about` describes the fault. `truth` returns the exact states, or is None if there is no right answer. The stored
+    states must agree with them to a part of the largest magnitude of each row: `close` for adaptive methods, `fine`
+    for equal steps of order 2 or more, `rough` for order 1. `events` are the exact times of the events.
+
+    A run may end early with one of `statuses`, at a time within `window`; its states until the time `compared` must
+    be right. If the motion itself ends, `until` is the time of its end. `words` is a pattern in the message of such a
+    run. `refusal` is a pattern in the message of a refusal, or a pair of patterns: for adaptive methods, and for equal
+    steps. An empty pattern means that the request must not be refused. `raises` is an exception of the user's code
+    that the run must raise.
     """
 
     name: str
@@ -88,7 +93,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Cell:
-    """What came of a method on a fault: one of SOUND or FAILED, the status, and the reason or the message."""
+    """Result of one method on one fault: a verdict of `SOUND` or `FAILED`, the status, and the reason or message."""
 
     fault: str
     method: str
@@ -99,19 +104,19 @@ class Cell:
 
     @property
     def sound(self) -> bool:
-        """Whether it is what was due."""
+        """True if the verdict is allowed."""
         return self.verdict in SOUND
 
 
 class _Endless(BaseException):
-    """The guard's alarm; no exception that a method could take for one of its own."""
+    """Exception of the timer in `guarded`. It is no Exception, so that no method catches it."""
 
 
 @contextmanager
 def guarded(seconds: float) -> Iterator[None]:
-    """End what is inside by an alarm, and the process if it does not listen.
+    """Context that raises _Endless in its block after a time, and later ends the process if that has no effect.
 
-    The alarm rings twice: a machine that stood still hears the first, and goes on.
+    The timer must expire twice, so that a machine that was suspended does not fail the test.
     """
     rings: list[int] = []
 
@@ -132,7 +137,7 @@ def guarded(seconds: float) -> Iterator[None]:
 
 
 def take(fault: Fault, given: Any) -> Cell:
-    """Run a method, a name or an instance, on a fault and judge it."""
+    """Run a method on a fault and judge the result. `given` is the name of the method or an instance."""
     method, claims = find(given).name, find(given).claims
     began = time.perf_counter()
     status = ""
@@ -152,7 +157,7 @@ def take(fault: Fault, given: Any) -> Cell:
 
 
 def run(fault: Fault, method: Any, claims: Claims) -> Trajectory:
-    """Run a method on a fault."""
+    """Return the trajectory of a method on a fault."""
     options: dict[str, Any] = {**(SLOW_LIMITS if _slow(find(method).name) else LIMITS), **fault.options}
     if claims.adaptive:
         options.update(fault.adaptive)
@@ -164,12 +169,12 @@ def run(fault: Fault, method: Any, claims: Claims) -> Trajectory:
 
 
 def _slow(method: str) -> bool:
-    """Whether the method is one that another package offers."""
+    """Return True for a method of another package."""
     return method not in BUILT_IN
 
 
 def refused(fault: Fault, method: Any, claims: Claims, words: str) -> tuple[str, str]:
-    """Judge a refusal: one that the fault calls for, or of a system that the method is not made for."""
+    """Judge a refusal. It is allowed if the fault demands it, or if the method does not support the system."""
     due = fault.refusal if isinstance(fault.refusal, str) else fault.refusal[not claims.adaptive]
     if due and re.search(due, words):
         return "refused", words
@@ -179,7 +184,7 @@ def refused(fault: Fault, method: Any, claims: Claims, words: str) -> tuple[str,
 
 
 def _refuses_system(fault: Fault, method: Any, words: str) -> bool:
-    """Whether the method refuses this system in the same words when nothing is asked but to stay where it is."""
+    """Return True if the method refuses a run of length zero of this system with the same message."""
     try:
         trajectory_of(fault.model(), (fault.start, fault.start), options=RunOptions(method))
     except StatementError as error:
@@ -188,7 +193,7 @@ def _refuses_system(fault: Fault, method: Any, words: str) -> bool:
 
 
 def judged(fault: Fault, method: str, claims: Claims, found: Trajectory) -> tuple[str, str]:
-    """Judge a run that came back."""
+    """Judge a run that returned a trajectory."""
     broken = [*_unsound(fault, method, found), *_untrue(fault, claims, found)]
     answerless = fault.truth is None or fault.until is not None
     if found.status is Status.UNRELIABLE:
@@ -208,7 +213,7 @@ def judged(fault: Fault, method: str, claims: Claims, found: Trajectory) -> tupl
 
 
 def _unreliable(found: Trajectory, due: bool) -> tuple[str, str]:
-    """Judge a run that says that it does not follow the motion: it must not, and must say what helps."""
+    """Judge a run with the status UNRELIABLE. It must be wrong, and its message must name a remedy."""
     if not due:
         return "wrong", f"called unreliable, and right: {found.message}"
     if not re.search(r"does not follow the motion. (Shorten|Lower)", found.message):
@@ -217,7 +222,7 @@ def _unreliable(found: Trajectory, due: bool) -> tuple[str, str]:
 
 
 def _unsound(fault: Fault, method: str, found: Trajectory) -> Iterator[str]:
-    """Yield what no result may be, however it ended."""
+    """Yield faults that no trajectory may have, whatever its status."""
     rows = 2 * fault.model().dimension
     if not (np.isfinite(found.t).all() and np.isfinite(found.y).all()):
         yield "kept states are not finite"
@@ -235,7 +240,7 @@ def _unsound(fault: Fault, method: str, found: Trajectory) -> Iterator[str]:
 
 
 def _untrue(fault: Fault, claims: Claims, found: Trajectory) -> Iterator[str]:
-    """Yield how what was kept differs from the truth, where there is one."""
+    """Yield differences of the stored states and events from the exact ones."""
     allowed = fault.close if claims.adaptive else fault.fine if claims.order > 1 else fault.rough
     direction = 1 if fault.end >= fault.start else -1
     if fault.truth is not None:
@@ -257,7 +262,7 @@ def _untrue(fault: Fault, claims: Claims, found: Trajectory) -> Iterator[str]:
 
 
 def _undue(fault: Fault, found: Trajectory) -> Iterator[str]:
-    """Yield what an early end lacks: a status that is due, a time, a coordinate and the words that say why."""
+    """Yield the faults of an early end: its status, its time, and what its message does not name."""
     place = TIME.search(found.message)
     low, high = fault.window
     if place is None:

@@ -1,4 +1,4 @@
-"""The faults, all of them, and the cells that they make with the methods."""
+"""All faults, and the results of methods on them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FAULTS: tuple[Fault, ...] = (*MOTIONS, *EVENTS, *REQUESTS, *CONSTRAINTS, *CONTAC
 
 
 def cells(methods: Sequence[str], faults: Sequence[Fault] = FAULTS) -> Iterator[Cell]:
-    """Yield what comes of each method on each fault, fault by fault."""
+    """Yield the result of each method on each fault, fault by fault."""
     for fault in faults:
         for method in methods:
             yield take(fault, method)

@@ -1,4 +1,4 @@
-"""Faults of the motion: forces and masses that leave their domain, blow up, collide, stiffen or act for a moment."""
+"""Faults of the motion: forces outside their domain, blow-up, collisions, singular masses, stiffness, short pulses."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ t = lg.t
 k = lg.parameters("k", positive=False)
 
 NO_NUMBER = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.DIVERGED)
-"""How a run may end where the motion does."""
+"""Allowed statuses of a run at the end of the motion, for example at a pole."""
 
 MU = 1e5
 
 
 @cache
 def particle(force: Any = 0, place: float = 0.0, speed: float = 0.0) -> Model:
-    """A unit mass on a line."""
+    """Return the model of a unit mass on a line."""
     return lg.System(
         kinetic=x.dot**2 / 2, forces={x: force}, coordinates=[x], initial={x: place, x.dot: speed}, name="particle"
     ).compile()
@@ -37,7 +37,7 @@ def particle(force: Any = 0, place: float = 0.0, speed: float = 0.0) -> Model:
 
 @cache
 def on_a_line(kinetic: Any, potential: Any, place: float, speed: float = 0.0) -> Model:
-    """One coordinate, stated by its energies."""
+    """Return the model of a system with one coordinate and the given energies."""
     return lg.System(
         kinetic=kinetic, potential=potential, coordinates=[x], initial={x: place, x.dot: speed}, name="body on a line"
     ).compile()
@@ -45,7 +45,7 @@ def on_a_line(kinetic: Any, potential: Any, place: float, speed: float = 0.0) ->
 
 @cache
 def sphere(start: float, speed: float, turn: float) -> Model:
-    """A spherical pendulum, whose azimuth has no meaning at the poles."""
+    """Return the model of a spherical pendulum in angles, which are singular at the poles."""
     return lg.System(
         kinetic=(theta.dot**2 + sp.sin(theta) ** 2 * phi.dot**2) / 2,
         potential=-sp.cos(theta),
@@ -56,40 +56,43 @@ def sphere(start: float, speed: float, turn: float) -> Model:
 
 
 def cosine(times: FloatArray) -> FloatArray:
-    """x'' = -x from 1."""
+    """Return the states of x'' = -x, released at x = 1."""
     return np.array([np.cos(times), -np.sin(times)])
 
 
 def uniform(times: FloatArray) -> FloatArray:
-    """No force, from 0 at speed 1."""
+    """Return the states of a free motion from x = 0 with speed 1."""
     return np.array([times, np.ones_like(times)])
 
 
 def hyperbola(times: FloatArray) -> FloatArray:
-    """v' = v^2 from 1."""
+    """Return the states of v' = v^2 from x = 0 with speed 1."""
     return np.array([-np.log1p(-times), 1 / (1 - times)])
 
 
 def pole(sign: float, towards: float) -> Any:
-    """x'' = 6 x^2 / sign with a double pole at t = `towards`."""
+    """Return the exact motion of x'' = 6 x^2 / sign, with a double pole at the time `towards`."""
     return lambda times: sign * np.array([(towards - times) ** -2.0, 2 * (towards - times) ** -3.0])
 
 
 def pushed(times: FloatArray) -> FloatArray:
-    """A force 10 from t = 50 to 50.1."""
+    """Return the states of a body on which a force of 10 acts from t = 50 to 50.1."""
     s = np.clip(times - 50, 0.0, 0.1)
     return np.array([5 * s**2 + np.maximum(times - 50.1, 0.0), 10 * s])
 
 
 def relaxing(times: FloatArray) -> FloatArray:
-    """Van der Pol's oscillator on its slow manifold from 2, to 1/mu^2: ln x - x^2/2 grows by t/mu."""
+    """Return the states of van der Pol's oscillator on its slow manifold: ln x - x^2/2 = t/mu + constant.
+
+    The error is of order 1/mu^2.
+    """
     level = times / MU + math.log(2) - 2
     place = np.sqrt(-lambertw(-np.exp(2 * level), -1).real)
     return np.array([place, place / (MU * (1 - place**2))])
 
 
 def falling_in(times: FloatArray) -> FloatArray:
-    """x'' = -1/x^2 from rest at 1: t = sqrt(1/2) (a + sin a cos a) with x = cos(a)^2."""
+    """Return the states of x'' = -1/x^2, released at x = 1: t = sqrt(1/2) (a + sin a cos a), x = cos(a)^2."""
     a = np.zeros_like(times)
     for _ in range(60):
         a = a + (math.sqrt(2) * times - a - np.sin(a) * np.cos(a)) / (2 * np.maximum(np.cos(a) ** 2, 0.05))
@@ -98,7 +101,7 @@ def falling_in(times: FloatArray) -> FloatArray:
 
 
 def shrinking(times: FloatArray) -> FloatArray:
-    """T = x^2 v^2 / 2 from 1 with v = -1: x^2 falls evenly."""
+    """Return the states for T = x^2 v^2 / 2 from x = 1 with v = -1: x^2 decreases linearly in time."""
     place = np.sqrt(1 - 2 * times)
     return np.array([place, -1 / place])
 
@@ -118,14 +121,14 @@ def _swing() -> Any:
 
 
 def through_the_pole(times: FloatArray) -> FloatArray:
-    """The plane pendulum that a spherical one without a turn is."""
+    """Return the states of a spherical pendulum that swings in a plane through its pole."""
     swing = _swing()(times)
     nothing = np.zeros_like(times)
     return np.array([swing[0], nothing, swing[1], nothing])
 
 
 def sliding(times: FloatArray) -> FloatArray:
-    """Dry friction 1 from speed 1, at rest from t = 1 on."""
+    """Return the states of a body that dry friction stops at t = 1."""
     s = np.minimum(times, 1.0)
     return np.array([s - s**2 / 2, 1 - s])
 

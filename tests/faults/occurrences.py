@@ -1,4 +1,4 @@
-"""Faults of events: roots that hide behind each other, at the ends of a run or a step, after a reset, without end."""
+"""Faults of events: close roots, roots at the ends of a run or a step, after a reset, and infinitely many."""
 
 from __future__ import annotations
 
@@ -16,23 +16,26 @@ from tests.faults.motions import particle, x
 
 
 def moving(times: FloatArray) -> FloatArray:
-    """From -2 at speed 1."""
+    """Return the states of a free motion from x = -2 with speed 1."""
     return np.array([times - 2, np.ones_like(times)])
 
 
 def free() -> Model:
-    """A free body from -2 at speed 1."""
+    """Return the model of a free body that starts at x = -2 with speed 1."""
     return particle(0, -2.0, 1.0)
 
 
 @cache
 def ball() -> Model:
-    """A ball above a floor, g = 2."""
+    """Return the model of a ball above a floor, with g = 2."""
     return lg.System(kinetic=x.dot**2 / 2, potential=2 * x, initial={x: 1.0}, name="ball").compile()
 
 
 def bouncing(times: FloatArray) -> FloatArray:
-    """Dropped from 1, half of the speed left at t = 1, 2, 2.5, ..., and at rest from t = 3 on."""
+    """Return the states of a ball dropped from height 1 with impacts at t = 1, 2, 2.5, ...; it rests from t = 3 on.
+
+    Each impact halves the speed.
+    """
     count = np.arange(60)
     impacts = np.append(3 - 4 * 0.5**count, 3.0)
     speeds = np.append(2 * 0.5**count, 0.0)
@@ -42,7 +45,7 @@ def bouncing(times: FloatArray) -> FloatArray:
 
 
 def floor(restitution: sp.Expr) -> lg.Event:
-    """An impact."""
+    """Return the event of an impact on the floor."""
     return lg.event(x, direction=-1, reset={x.dot: -restitution * x.dot})
 
 

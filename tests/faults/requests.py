@@ -1,4 +1,4 @@
-"""Faults of the request: numbers that are none, steps and tolerances that cannot be meant, limits, interruptions."""
+"""Faults of the request: values that are NaN or infinite, wrong steps and tolerances, limits, interruptions."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ CHOOSES_ITS_STEPS = "chooses its steps by itself"
 
 
 def bob() -> Model:
-    """x'' = -x from 1."""
+    """Return the model of x'' = -x, released at x = 1."""
     return particle(-x, 1.0)
 
 
 @cache
 def spring() -> Model:
-    """A spring whose stiffness is a parameter."""
+    """Return the model of a spring whose stiffness is a parameter."""
     return lg.System(
         kinetic=x.dot**2 / 2, potential=k * x**2 / 2, parameters={k: 1.0}, initial={x: 1.0}, name="spring"
     ).compile()
 
 
 def scaled(size: float) -> Callable[[FloatArray], FloatArray]:
-    """x'' = -x from `size`."""
+    """Return the exact motion of x'' = -x, released at x = `size`."""
     return lambda times: size * cosine(times)
 
 
 def interrupt(now: float) -> None:
-    """Press Ctrl-C."""
+    """Raise KeyboardInterrupt, as Ctrl-C does."""
     raise KeyboardInterrupt
 
 
 class Broken(RuntimeError):
-    """What a broken callback raises."""
+    """Exception of a callback that fails."""
 
 
 def fall_over(now: float) -> None:
-    """Fail while reporting progress."""
+    """Raise an exception from a progress callback."""
     raise Broken(f"no terminal at t = {now}")
 
 
@@ -55,7 +55,7 @@ LONG: dict[str, Any] = {"max_steps": 10_000_000}
 def asked(
     name: str, about: str, refusal: str | tuple[str, str], model: Callable[[], Model] = bob, **more: Any
 ) -> Fault:
-    """A request that deserves a refusal in words."""
+    """Return the fault of a request that must be refused."""
     return Fault(name, about, model, refusal=refusal, **more)
 
 
@@ -191,7 +191,7 @@ REQUESTS = (
     ),
     Fault(
         "broken callback",
-        "what reports the progress raises an exception of its own, which arrives",
+        "the progress callback raises an exception, which the run must raise",
         bob,
         end=1e9,
         options=LONG | {"max_wall": 1000.0, "progress": fall_over},

@@ -1,4 +1,4 @@
-"""The judge of the matrix, on methods that lie, hang, fall over and keep what they should not."""
+"""Tests of the judge of faults, with methods that return wrong results, hang, crash, or store wrong states."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ POLE = next(fault for fault in FAULTS if fault.name == "double pole")
 
 
 class Changed:
-    """DOP853, with something done to what it returns."""
+    """DOP853 whose trajectory is changed before it is returned."""
 
     name, claims = "changed", Claims(order=8, adaptive=True)
 

@@ -1,6 +1,6 @@
-"""Every fault on every registered method: none in silence, none without an end.
+"""Every registered method on every fault: no silent wrong answer, and no run without an end.
 
-There is a test for each kind of fault, so that a default run, which takes few faults with one method each, has all.
+There is one test for each kind of fault, so that a default run, which takes a sample, contains all kinds.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Mutants of the package: one operator, comparison or number of a source file changed, everything else as it was.
+"""Mutants of the package: copies with one changed operator, comparison or number in one source file.
 
-A mutant has a name that depends on the seed, the file, the function and what is changed there, and not on lines. A
-sample is the mutants of the least names, so that it stays nearly the same while the sources around it are edited.
+The name of a mutant is a hash of the seed, the file, the function and the change, but not of line numbers. A sample
+has the mutants with the smallest names, so that it stays nearly the same when other source lines are edited.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ EMITTED = {
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change. `place` numbers the changes of a file in the order in which they are found."""
+    """One change. `place` is its number among the changes of the file."""
 
     name: str
     file: str
@@ -69,7 +69,7 @@ class Mutant:
 
     @property
     def folder(self) -> str:
-        """The folder of the package that it is in."""
+        """The folder of the package that contains the file."""
         return self.file.split("/")[1]
 
     def __str__(self) -> str:
@@ -78,7 +78,7 @@ class Mutant:
 
 @dataclass(frozen=True)
 class _Site:
-    """A field of a node that may be changed, to what, and the expression or statement around it."""
+    """A field of a syntax node that may be changed, its new value, and the expression or statement around it."""
 
     node: ast.AST
     field: str
@@ -106,7 +106,7 @@ def mutants(file: str, source: str, seed: int) -> list[Mutant]:
 
 
 def _difference(before: str, after: str) -> tuple[str, str]:
-    """Return two texts without most of what they have in common at either end."""
+    """Return two texts without most of their common beginning and end."""
     first = _same(before, after)
     last = _same(before[:first:-1], after[:first:-1])
     cut = max(0, first - NEAR) if first > 2 * NEAR else 0
@@ -116,12 +116,12 @@ def _difference(before: str, after: str) -> tuple[str, str]:
 
 
 def _same(one: str, other: str) -> int:
-    """Return how many characters two texts begin with together."""
+    """Return the length of the common beginning of two texts."""
     return next((i for i, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
 
 
 def mutated(source: str, mutant: Mutant) -> str:
-    """Return the source with the change made."""
+    """Return the source text with the change."""
     tree = ast.parse(source)
     site = next(site for place, site in enumerate(_sites(tree)) if place == mutant.place)
     setattr(site.node, site.field, site.value)
@@ -138,7 +138,7 @@ def population(root: Path, seed: int) -> list[Mutant]:
 
 
 def sample(root: Path, seed: int, count: int) -> list[Mutant]:
-    """Return so many mutants: those of the least names."""
+    """Return the given number of mutants: those with the smallest names."""
     return population(root, seed)[:count]
 
 
@@ -148,7 +148,7 @@ def _sites(tree: ast.Module) -> Iterator[_Site]:
 
 
 def _without_effect(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield annotations, which nothing computes with, and strings that stand alone: documentation."""
+    """Yield the nodes whose change has no effect: annotations and docstrings."""
     for node in ast.walk(tree):
         match node:
             case ast.FunctionDef(returns=ast.expr() as part) | ast.AsyncFunctionDef(returns=ast.expr() as part):
@@ -193,14 +193,14 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, str, object]]:
 
 
 def _is_text(node: ast.AST) -> bool:
-    """Return whether an operand is text or a list as it stands: no number that a sum could be the difference of."""
+    """Return True if an operand is a literal text or list, so that + cannot be changed to -."""
     return isinstance(node, (ast.JoinedStr, ast.List, ast.Tuple, ast.ListComp)) or (
         isinstance(node, ast.Constant) and isinstance(node.value, str)
     )
 
 
 def _emitted(text: str) -> Iterator[tuple[str, str]]:
-    """Yield the changes of a text of machine code."""
+    """Yield the changes of a text that contains LLVM instructions."""
     for kind, pairs in EMITTED.items():
         for old, new in (either for pair in pairs for either in (pair, pair[::-1])):
             for found in re.finditer(rf"\b{old}\b", text):

@@ -1,4 +1,4 @@
-"""Which tests a mutant meets, in which order: those that call its function, the nearest and cheapest first."""
+"""Selection and order of the tests for a mutant: tests that call its function, nearest and cheapest first."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Reached:
 
 
 def calls(mutant: Mutant, test: Reached) -> bool:
-    """Return whether a test runs the place of a mutant, or works with its file where that runs on import."""
+    """Return True if a test calls the function of a mutant, or uses its file if the change is at module level."""
     return f"{mutant.file}:{mutant.function}" in test.functions
 
 
 def distance(mutant: Mutant, test: str) -> int:
-    """Return 0 for the test file named like the mutant's, on whatever machine, 1 for the same stage, 2 for others."""
+    """Return 0 for the test file with the name of the mutant's file, 1 for the same folder, and 2 for others."""
     parts, name = mutant.file.split("/"), test.partition("::")[0]
     if name == f"tests/{parts[1]}/test_{parts[-1].removeprefix('llvm_').removeprefix('interpreted_')}":
         return 0
@@ -38,11 +38,11 @@ def distance(mutant: Mutant, test: str) -> int:
 
 
 def chosen(mutant: Mutant, tests: Sequence[Reached], budget: float) -> dict[str, float]:
-    """Return tests with their seconds, in the order in which a mutant meets them, within a budget of seconds.
+    """Return the tests for a mutant with their seconds, in order, within a budget of seconds.
 
-    Those that call its function come first, then the others of their files: what a function makes may be kept, and
-    serve a test that does not call it. Of the examples of one test the cheapest comes first, and the others behind the
-    first ones of other tests.
+    Tests that call its function come first. The other tests of these files follow, since they may use cached results
+    of the function. Of a parametrized test the cheapest case comes first, and its other cases after the first cases
+    of other tests.
     """
     direct = {test.test for test in tests if calls(mutant, test)}
     if not direct:

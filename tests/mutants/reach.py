@@ -1,13 +1,12 @@
-"""A plugin of pytest for runs on mutants: which tests call which functions, and the tests that a mutant is to meet.
+"""A plugin of pytest for mutants: it records which tests call which functions, and runs selected tests.
 
     python -m pytest -p tests.mutants.reach --reach FILE --mutated FOLDER ...
     python -m pytest -p tests.mutants.reach --order FILE ...
 
-The first writes a line of JSON for each test: its name, its seconds, whether it passed, and the functions of the
-package that it called, as file:qualified name. The second runs the tests that FILE names, in that order, and writes
-the test that runs now behind it, as FILE.now. A test that takes far longer than FILE says ends the process by SIGPROF:
-time is that of the processor, so that other work on the machine does not count, and code without an end in machine
-code is stopped as well.
+The first command writes one line of JSON for each test: its name, its seconds, its success, and the functions of the
+package that it called, as file:qualified name. The second runs the tests in FILE, in that order, and writes the name of
+the running test to FILE.now. A test that takes far longer than FILE says ends the process by the signal SIGPROF. The
+limit is in processor time, so that other work on the machine does not count. It also stops endless machine code.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 class Reach:
-    """Writes which functions each test called."""
+    """Records the functions that each test calls."""
 
     def __init__(self, target: Path, root: Path) -> None:
         self.target, self.package = target, str(root / "lagrange") + "/"
@@ -86,13 +85,13 @@ class Reach:
 
 
 def _plain(name: str) -> str:
-    """Return a qualified name as the source nests it, without what stands for a scope of its own."""
+    """Return a qualified name without the parts that Python adds for local scopes, such as <locals>."""
     parts = [part for part in name.split(".") if not part.startswith("<")]
     return ".".join(parts)
 
 
 class Order:
-    """Runs the tests of a file in its order, each within its time."""
+    """Runs the tests that a file names, in its order, each with a time limit."""
 
     def __init__(self, source: Path) -> None:
         self.seconds: dict[str, float] = json.loads(source.read_text("utf-8"))

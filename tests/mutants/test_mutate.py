@@ -1,4 +1,4 @@
-"""The mutants are what they say: one change each, of every kind, under a name that edits elsewhere leave alone."""
+"""Tests of the mutants: each has one change, all kinds occur, and names do not depend on edits elsewhere."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FILE = "lagrange/machine/made.py"
 
 
 def outcomes(source: str) -> set[str]:
-    """Return what the mutants of a source are, as text."""
+    """Return the texts of all mutants of a source."""
     return {mutated(source, mutant) for mutant in mutants(FILE, source, 1)}
 
 

@@ -1,7 +1,7 @@
-"""Calls everything public with text in every argument, in every container, and says what the text brought about.
+"""Calls of all public functions with a hostile text in every argument and container, under an audit hook.
 
-Run as a program, which goes to a folder of its own: calls leave files that are named by the text, and the hook that
-listens cannot be taken off a process.
+It runs as a program in its own folder and process: some calls write files named by the text, and an audit hook cannot
+be removed.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def hook(event: str, given: tuple[Any, ...]) -> None:
 
 
 def speaks(thing: Any) -> bool:
-    """Return whether the text is in a source or in compiled code."""
+    """Return True if source text or a code object contains the hostile text."""
     if isinstance(thing, CodeType):
         return any(map(speaks, (*thing.co_consts, *thing.co_names)))
     if isinstance(thing, bytes):
@@ -48,7 +48,7 @@ def speaks(thing: Any) -> bool:
 
 
 class Told:
-    """An object whose text is code."""
+    """An object whose str and repr are code."""
 
     def __str__(self) -> str:
         return TEXT
@@ -57,7 +57,7 @@ class Told:
 
 
 class Own(str):
-    """A text of a class of its own."""
+    """A subclass of str."""
 
     __slots__ = ()
 
@@ -109,7 +109,7 @@ CONTAINERS: dict[str, Callable[[], Any]] = {
 
 
 def main(folder: Path, part: int) -> dict[str, Any]:
-    """Return how many calls there were, and what is wrong with some. One container in `part` meets each argument."""
+    """Return the number of calls, and a line for each failure. Every argument gets one of `part` containers."""
     sys.addaudithook(hook)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     calls, wrong, turn = 0, [], 0

@@ -1,4 +1,4 @@
-"""Every public callable, derived from what the package exports, and arguments with which each can be called."""
+"""All public callables of the package, and valid arguments for each of them."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def slowed() -> lg.System:
 
 
 def few() -> dict[Any, Any]:
-    """Return a grid of few starts."""
+    """Return a small grid of initial states."""
     x = slowed().coordinates[0]
     return {x: (0.5, 3.0, 2), x.dot: (0.0, 3.0, 2)}
 
@@ -168,7 +168,7 @@ def classes() -> list[type]:
 
 
 def is_made(kind: type) -> bool:
-    """Return whether a class is called by users: no error, no enumeration, no protocol."""
+    """Return True if users call the class: it is no error, enumeration or protocol."""
     return not issubclass(kind, (Exception, Enum)) and kind is not lg.Integrator
 
 
@@ -180,7 +180,7 @@ RESULTS = lg.Model, lg.Solution, lg.Race, lg.Ensemble, lg.TrustHorizon, lg.metho
 
 
 def surface() -> list[Public]:
-    """Return every public callable: functions, constructors but those of `RESULTS`, methods and class methods."""
+    """Return all public callables: functions, methods, class methods, and constructors except those of `RESULTS`."""
     found = []
     for name, value in exported().items():
         if callable(value) and value not in RESULTS and (not isinstance(value, type) or is_made(value)):
@@ -207,7 +207,7 @@ def method(kind: type, name: str) -> Callable[..., Any]:
 
 
 def is_ours(kind: type, name: str) -> bool:
-    """Return whether a method is written in this package."""
+    """Return True if a method is defined in this package."""
     return next(base for base in kind.__mro__ if name in vars(base)).__module__.startswith("lagrange.")
 
 
@@ -218,7 +218,7 @@ def parameters(function: Callable[..., Any]) -> tuple[inspect.Parameter, ...]:
 
 
 def sound(folder: Path) -> dict[str, Any]:
-    """Return an argument that is right somewhere, by the name of the parameter."""
+    """Return a valid argument for a parameter, by the name of the parameter."""
     x, y = system().coordinates
     m, k = lg.parameters("m k")
     stated: dict[str, Any] = {
@@ -274,7 +274,7 @@ def sound(folder: Path) -> dict[str, Any]:
 
 
 def numbers(folder: Path) -> dict[str, Any]:
-    """Return what is neither an expression nor a record."""
+    """Return a list without its expressions and records."""
     return {
         "atol": None,
         "check": False,
@@ -379,7 +379,7 @@ OWN: dict[str, dict[str, Any]] = {
 
 
 def arguments(public: Public, folder: Path) -> dict[str, Any]:
-    """Return arguments for the parameters of a callable that have a known one, without those of variable number."""
+    """Return valid arguments for the parameters of a callable, except *args and **kwargs."""
     known = sound(folder) | OWN.get(public.name, {})
     if public.name == "lg.load":
         known["path"] = solution().to_npz(folder / "run.npz")

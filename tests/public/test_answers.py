@@ -1,4 +1,4 @@
-"""Arguments without a bound, answers to other questions than asked, and refusals that could not be written."""
+"""Tests of unbounded arguments, arguments that were ignored, and errors while a refusal was written."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_a_wrong_argument_is_refused_whether_it_is_used_or_not(call: Callable[[]
 
 
 def test_sentences_are_short_where_they_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The base class leaves out the middle of a longer sentence, where the names are."""
+    """The base class of errors shortens a long sentence in the middle, where the names are."""
     monkeypatch.setattr("lagrange.errors.LONGEST_SENTENCE", 10**9)
     calls: list[Callable[[], Any]] = [
         lambda: lg.scene("pendulums"),
@@ -110,7 +110,7 @@ def test_a_mapping_of_results_is_still_a_mapping() -> None:
 
 @cache
 def deep() -> Any:
-    """Return an expression of 600 levels, which SymPy writes by calls of calls."""
+    """Return an expression with 600 levels of nesting, which SymPy prints by recursion."""
     made: Any = sympy.Symbol("u")
     limit = sys.getrecursionlimit()
     sys.setrecursionlimit(50_000)

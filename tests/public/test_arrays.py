@@ -1,4 +1,4 @@
-"""Every array that enters is held to one rule: states, parameters, times, references."""
+"""All arrays given by users obey one rule: states, parameters, times, references."""
 
 from __future__ import annotations
 
@@ -187,7 +187,7 @@ LINKED = re.compile(r"`((?:System|Model|Solution|Race)\.\w+|lagrange\.\w+|lg\.\w
 
 
 def calls() -> Iterator[tuple[str, Any]]:
-    """Yield every public function that takes something, and such methods of public classes, by name."""
+    """Yield all public functions and methods with parameters, by name."""
     for module, names in ((lg, lg.__all__), (methods, methods.__all__)):
         for name in names:
             thing = getattr(module, name)

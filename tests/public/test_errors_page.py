@@ -1,4 +1,4 @@
-"""The page of errors quotes messages: each quotation is a part of a text in the source."""
+"""Each message quoted on the page of errors occurs in the source."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def words(text: str) -> tuple[str, ...]:
 
 
 def common(quoted: tuple[str, ...], text: tuple[str, ...]) -> int:
-    """Return how many of the words `quoted` stand one after another in a text as they are; -1 if one does not fit.
+    """Return the number of words of `quoted` that occur literally and in succession in a text; -1 for no match.
 
     `ANY` in the text stands for any number of words.
     """
@@ -69,7 +69,7 @@ def common(quoted: tuple[str, ...], text: tuple[str, ...]) -> int:
 
 
 def is_message(quoted: str) -> bool:
-    """Return True if a text of the source contains a quotation, and a third of its words or more as they are."""
+    """Return True if a text of the source matches a quotation, and has at least a third of its words literally."""
     parts = words(quoted)
     stated = sum(word != ANY for word in parts)
     return any(3 * common(parts, text) >= stated for text in texts())

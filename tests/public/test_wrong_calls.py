@@ -1,4 +1,4 @@
-"""Wrong calls of everything public: each ends in a sentence of ours, or in a TypeError for a wrong signature."""
+"""Wrong calls of all public functions: each raises an error of this package, or TypeError for a wrong signature."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ CHANGED = (0.6, 0.85)
 
 @pytest.fixture(autouse=True)
 def bounded() -> Iterator[None]:
-    """Let a call that asks for all memory fail alone."""
+    """Limit the memory of the process, so that a call that requests too much raises MemoryError."""
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, hard))
     yield
@@ -44,18 +44,18 @@ def bounded() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Forget the methods that are registered here."""
+    """Remove the methods that a test registers."""
     monkeypatch.setattr(registry, "_registered", {})
 
 
 def wrong(chance: random.Random) -> Any:
-    """Return some value."""
+    """Return a random value."""
     kind = chance.randrange(len(KINDS) + 1)
     return chance.choice(MADE)() if kind == len(KINDS) else chance.choice(KINDS[kind])
 
 
 def call(public: Public, chance: random.Random, folder: Path) -> tuple[list[Any], dict[str, Any]]:
-    """Return arguments, some of them wrong."""
+    """Return the arguments of a call, some of them wrong."""
     given = arguments(public, folder)
     names = [p.name for p in public.parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
     how = chance.random()
@@ -69,7 +69,7 @@ def call(public: Public, chance: random.Random, folder: Path) -> tuple[list[Any]
 
 @contextmanager
 def alarm(seconds: float) -> Iterator[None]:
-    """Raise TimeoutError in a call that does not end."""
+    """Context that raises TimeoutError in a call that does not end."""
 
     def late(*_: Any) -> None:
         raise TimeoutError(f"after {seconds} s")
@@ -84,7 +84,7 @@ def alarm(seconds: float) -> Iterator[None]:
 
 
 class Caught:
-    """Keeps whatever exception ends its block."""
+    """Context that stores the exception that ends its block."""
 
     error: BaseException | None = None
 
@@ -97,7 +97,7 @@ class Caught:
 
 
 def raw(public: Public, positional: list[Any], named: dict[str, Any]) -> str:
-    """Return what a call raised that is no error of ours, with the place in our code; nothing if all is well."""
+    """Return an unexpected exception of a call and its line in this package, or nothing."""
     function, caught = public.get(), Caught()
     with caught, alarm(LONGEST):
         result = function(*positional, **named)
@@ -115,7 +115,7 @@ def raw(public: Public, positional: list[Any], named: dict[str, Any]) -> str:
 
 
 def test_wrong_calls_end_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, everything: bool) -> None:
-    """A default run calls everything once."""
+    """A default run calls each public function once."""
     monkeypatch.chdir(tmp_path)
     chance = random.Random(SEED)
     found = surface()
@@ -134,7 +134,7 @@ def test_every_public_class_has_an_instance_whose_methods_are_called() -> None:
 
 @pytest.mark.slow
 def test_what_is_called_rightly_works(tmp_path: Path) -> None:
-    """The arguments that stay as they are must be right, or no wrong one would be looked at."""
+    """The other arguments of a wrong call are valid; else the wrong one would not be tested."""
     refused = {}
     for public in surface():
         given = arguments(public, tmp_path)
@@ -190,7 +190,7 @@ NOTHING: Any = object()
     ],
 )
 def test_wrong_parts_are_refused(call: Any, words: str) -> None:
-    """They were taken, and raised raw errors when they were used."""
+    """Such parts were accepted, and raised Python's errors later."""
     with pytest.raises(lg.StatementError, match=words):
         call()
 

@@ -1,4 +1,4 @@
-"""Values of every kind that a user may pass by mistake, and some that are right."""
+"""Values of all kinds that a user may pass by mistake, and some valid ones."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ U = sympy.Symbol("u")
 
 
 class Hostile:
-    """An object that cannot even be shown."""
+    """An object whose repr raises an error."""
 
     def __repr__(self) -> str:
         raise ValueError("no repr")
