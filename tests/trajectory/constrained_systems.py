@@ -1,4 +1,4 @@
-"""Systems with constraints that tests of methods share, their models, and what is true of them."""
+"""Systems with constraints for tests of methods, with their compiled models and exact motions."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def double_pendulum() -> dict[str, Any]:
 
 
 def guided() -> dict[str, Any]:
-    """A double pendulum in angles, whose mass matrix moves, with its tip at one height."""
+    """A double pendulum in angles whose tip is held at one height. Its mass matrix depends on the angles."""
     second = float(np.arccos(1.2 / 0.7 - np.cos(0.4)))
     rate = -np.sin(0.4) * 0.9 / np.sin(second)
     return {
@@ -100,7 +100,7 @@ def angles() -> dict[str, Any]:
 
 
 def rotor() -> dict[str, Any]:
-    """A pendulum whose angle is that of a unit vector: T does not depend on both rates, and M is singular."""
+    """A pendulum whose direction is a unit vector (x, y). T does not depend on both rates, so M is singular."""
     return {
         "kinetic": m * l**2 * (x * y.dot - y * x.dot) ** 2 / 2,
         "potential": m * g * l * y,
@@ -110,7 +110,7 @@ def rotor() -> dict[str, Any]:
 
 
 def sleigh() -> dict[str, Any]:
-    """Chaplygin's sleigh on an incline: a knife edge, which is a constraint of velocities."""
+    """Chaplygin's sleigh on an incline. Its knife edge is a constraint on velocities."""
     return {
         "kinetic": m * (x.dot**2 + y.dot**2) / 2 + m * a.dot**2 / 5,
         "potential": m * g * y / 3 + m * cos(a) / 7,
@@ -121,7 +121,7 @@ def sleigh() -> dict[str, Any]:
 
 
 def from_angles(state: FloatArray) -> FloatArray:
-    """Return the Cartesian state of a double pendulum of a state in angles."""
+    """Return the Cartesian state of a double pendulum from its state in angles."""
     p, q, pv, qv = state
     upper, rate = np.array([np.sin(p), -np.cos(p)]), np.array([np.cos(p), np.sin(p)]) * pv
     lower, other = np.array([np.sin(q), -np.cos(q)]), np.array([np.cos(q), np.sin(q)]) * qv
@@ -138,7 +138,7 @@ def system(name: str, target: str = "llvm") -> Model:
 
 
 def equal(name: str) -> Any:
-    """Return a method with equal steps; of an adaptive one the step without its error."""
+    """Return an implicit method with equal steps; an adaptive method loses its error estimate."""
     method = implicit(name)
     if method.control is None:
         return method
@@ -153,7 +153,7 @@ def without_error(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def held(compiled: Model, found: Any) -> tuple[FloatArray, FloatArray]:
-    """Return the sizes of phi and of psi along a run."""
+    """Return the magnitudes of the constraints on coordinates (phi) and on velocities (psi) along a run."""
     count, n = len(compiled.equations.constraints), compiled.dimension
     both = np.abs(compiled.evaluate("constraints", found.y[:n], found.y[n:], found.t))
     return both[:count], both[count:]

@@ -1,4 +1,4 @@
-"""A point on a line with an acceleration that may fail: what solvers of other packages are tried on."""
+"""A point on a line whose acceleration may fail, for tests of solvers of other packages."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Called:
         return self.function(t, y, parameters)
 
     def quick(self, parameters: Any) -> None:
-        """Nothing is quick."""
+        """Return None: there are no quick calls."""
 
 
 class Point:
@@ -51,7 +51,7 @@ class Point:
         return np.array([y[1], self.acceleration(t, y[0], y[1])])
 
     def column_without_inertia(self, t: float, q: Any, v: Any, parameters: Any) -> None:
-        """A point has a mass."""
+        """Return None: the point has a mass."""
 
     def jacobian(self, t: float, y: Any, parameters: Any = None) -> Any:
         columns = []
@@ -77,7 +77,7 @@ def double_pole(t: float, x: float, v: float) -> float:
 
 
 class Singular(Point):
-    """Loses its mass matrix where x < 0.5."""
+    """A point whose mass matrix is singular for x < 0.5."""
 
     def rhs(self, t: float, y: Any, parameters: Any = None) -> Any:
         if not y[0] >= 0.5:

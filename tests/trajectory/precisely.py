@@ -1,4 +1,4 @@
-"""Laws of motion and steps in many digits: a step function as it was written, with mpmath's numbers for doubles."""
+"""Laws of motion and steps in multiple precision: a step function is called with mpmath's numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ TURNS = 40
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """A system: y' = rhs(t, y) of y = [q, v], p and f with dp/dt = f of momentum(t, q, v), M of mass(q); a start."""
+    """A system y' = rhs(t, y) with y = [q, v], and an initial state.
+
+    `momentum(t, q, v)` returns p and f with dp/dt = f, and `mass(q)` returns M.
+    """
 
     rhs: Rhs
     momentum: Callable[..., Any]
@@ -31,7 +34,7 @@ class Law:
 
     @property
     def start(self) -> Any:
-        """A state away from any symmetry."""
+        """The initial state, which has no symmetry."""
         return array(map(mpmath.mpf, self.places))
 
     @property
@@ -45,7 +48,10 @@ class Law:
         return np.concatenate([v, self.momentum(t, q, v)[1]])
 
     def constrained(self, t: Any, q: Any, v: Any, multipliers: Any) -> Any:
-        """Return the law with multipliers, of a system without constraints: all of them are padding."""
+        """Return the law for methods with multipliers.
+
+        The system has no constraints, so the multipliers have no effect.
+        """
         return (*self.momentum(t, q, v), multipliers * 0, multipliers, multipliers)
 
     def velocities(self, q: Any, p: Any) -> Any:
@@ -72,12 +78,12 @@ def _henon_heiles(t: Any, y: Any) -> Any:
 
 
 def separable(rhs: Rhs, *start: str) -> Law:
-    """Return a law of masses 1, whose momenta are the velocities."""
+    """Return a law with unit masses, so that momenta equal velocities."""
     return Law(rhs, lambda t, q, v: (v, rhs(t, np.concatenate([q, v]))[len(q) :]), unit_mass, start)
 
 
 def _double_pendulum(t: Any, y: Any) -> Any:
-    """Two equal masses and rods: the kinetic energy does not separate."""
+    """Right-hand side of a double pendulum with equal masses and rods. Its kinetic energy depends on the angles."""
     a, b, va, vb = y
     c, s = mpmath.cos(a - b), mpmath.sin(a - b)
     f, g = -(vb**2) * s - 2 * mpmath.sin(a), va**2 * s - mpmath.sin(b)
@@ -103,9 +109,9 @@ DOUBLE_PENDULUM = Law(
 
 
 class Newton:
-    """What an implicit step function gets as `solve`: its residuals are brought to zero in the digits at work.
+    """The argument `solve` of an implicit step function: Newton's method in multiple precision.
 
-    The derivatives are differences of the residuals, inverted in doubles: a correction gains some 15 digits.
+    The Jacobian is a difference quotient, inverted in doubles, so that a correction gains some 15 digits.
     """
 
     def __call__(self, residual: Callable[..., Any], guess: Any, predict: Any = None) -> Any:
@@ -133,12 +139,12 @@ class Newton:
         raise AssertionError(f"Newton's method left a correction of {size}")
 
     def damp(self, factor: Any, vector: Any) -> Any:
-        """Leave the error as it is: no step that is taken here follows it."""
+        """Return the error vector unchanged, since no step size follows from it here."""
         return vector
 
 
 def precise_step(step: StepProgram, law: Law, t: Any, y: Any, h: Any) -> Any:
-    """Take a step from y = [q, v] as it was written, in the arithmetic of its arguments."""
+    """Return the state after one step from y = [q, v], in the arithmetic of the arguments."""
     solve = [Newton()] if step.solves else []
     if step.states == 2:
         return np.concatenate(step.function(getattr(law, step.law), t, *np.split(y, 2), h, *solve)[:2])

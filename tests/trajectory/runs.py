@@ -1,4 +1,4 @@
-"""Runs that tests of this folder share: the request in one line, and methods taken with equal steps."""
+"""Runs for the tests of this folder, and methods with equal steps."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CONTROLLED = tuple(name for name in IMPLICIT if name in ADAPTIVE)
 
 
 def implicit(name: str) -> ImplicitMethod:
-    """Return an implicit method."""
+    """Return the implicit method with a name."""
     found = find(name)
     assert isinstance(found, ImplicitMethod)
     return found
@@ -59,13 +59,13 @@ def run(model: Model, end: float, method: Any, start: float = 0.0, initial: Any 
 
 
 def same(a: Trajectory, b: Trajectory) -> bool:
-    """Whether two runs are the same but for the clock, to the last bit."""
+    """Return True if two runs are equal to the last bit, except for the time that they took."""
     said = [(one.status, one.message, one.steps, one.rejected, one.evaluations, one.span, one.form) for one in (a, b)]
     return said[0] == said[1] and np.array_equal(a.t, b.t) and np.array_equal(a.y, b.y)
 
 
 def stepped(name: str, step: float) -> Any:
-    """Return a method with equal steps, an adaptive one without its step control too."""
+    """Return a method with equal steps; an adaptive method loses its step control."""
     method = find(name)
     if isinstance(method, RungeKutta):
         return RungeKutta(replace(method.tableau, error=None), step=step)
@@ -74,12 +74,12 @@ def stepped(name: str, step: float) -> Any:
 
 
 def exact(model: Model, end: float, start: float = 0.0, initial: Any = None, **options: Any) -> Trajectory:
-    """Return a run at the edge of round-off."""
+    """Return a run by DOP853 with errors near round-off."""
     return run(model, end, DOP853(rtol=3e-14, atol=1e-16), start, initial, **options)
 
 
 def planned(name: str, problem: Problem) -> Plan:
-    """Return what a method prepares for a run."""
+    """Return the plan that a method prepares for a run."""
     method = find(name)
     assert isinstance(method, Planned)
     return method.plan(problem)

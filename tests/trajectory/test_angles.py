@@ -1,4 +1,4 @@
-"""The cut of atan2, y = 0 and x < 0, where its value jumps by 2 pi: a surface on which the equations switch."""
+"""Runs across the cut of atan2 (y = 0, x < 0), where its value jumps by 2 pi: a switching surface."""
 
 from __future__ import annotations
 
@@ -47,7 +47,10 @@ def state(values: Any) -> dict[Any, float]:
 
 
 def by_hand(law: tuple[Any, Any, Callable[[float], tuple[float, float]]], start: list[float], end: float) -> Any:
-    """Integrate with SciPy from one crossing of y = 0 to the next; on side s the angle is smooth on all of x < 0."""
+    """Return the end state by SciPy, integrated from one crossing of y = 0 to the next.
+
+    Between two crossings the angle is continued smoothly to x < 0.
+    """
     sprung = law[0].has(sp.Max)
     z0, now, side = np.array(start), 0.0, math.copysign(1.0, start[1])
 
@@ -71,7 +74,7 @@ def by_hand(law: tuple[Any, Any, Callable[[float], tuple[float, float]]], start:
 @pytest.mark.parametrize(("start", "end"), STARTS, ids=["once", "over", "up"])
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: str(law[0]))
 def test_a_force_jumps_where_the_angle_does(law: Any, start: list[float], end: float) -> None:
-    """The bound is that of the steps across a kink that the truth takes, 0.02 long at orders of at most 1e-12."""
+    """The tolerance of 1e-8 is the error of the reference solution at kinks."""
     expected = by_hand(law, start, end)
     for target in TARGETS:
         found = go(particle(law[0], law[1], target), end, initial=state(start), rtol=1e-12)
@@ -83,7 +86,7 @@ def test_a_force_jumps_where_the_angle_does(law: Any, start: list[float], end: f
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_the_cut_is_located_and_not_crept_up_to(target: str) -> None:
-    """Without a surface the proof of each step found the jump by halving it: 105 steps where 15 do."""
+    """Without a switching surface the run took 105 steps, because steps were halved at the jump; 15 suffice."""
     found = go(particle(0, -ANGLE / 2, target), 4.0, initial=state(STARTS[1][0]))
     assert found.status is Status.SUCCESS and found.steps < 30
 
@@ -92,7 +95,7 @@ def test_the_cut_is_located_and_not_crept_up_to(target: str) -> None:
 @pytest.mark.parametrize(("speed", "angle"), [(1.0, math.pi), (-1.0, -math.pi)])
 @pytest.mark.parametrize("height", [0.0, -0.0])
 def test_a_start_on_the_cut(speed: float, angle: float, height: float) -> None:
-    """The angle is that of the side to which the motion leaves; within 1e-6 it changes by 1e-6."""
+    """On the cut the angle has the value of the side to which the motion leaves."""
     found = go(particle(ANGLE), 1e-6, initial={x: -1.0, y: height, y.dot: speed})
     assert found.y[2, -1] == pytest.approx(angle * 1e-6, rel=1e-6) and found.steps < 5
 
@@ -105,7 +108,7 @@ def test_a_motion_that_sticks_to_the_cut_says_so() -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_an_angle_over_a_parameter(target: str) -> None:
-    """Whether atan2(y, c) has a cut is known when c is."""
+    """atan2(y, c) with a parameter c has a cut only for negative c."""
     c = parameters("c", positive=False)
     model = particle(sp.atan2(y, c), 0, target, parameters={c: -1.0})
     found = go(model, 2.0, initial={y: 0.5, y.dot: -1.0}, rtol=1e-12)
@@ -120,7 +123,7 @@ def _integral_of_atan(a: float) -> float:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_potential_that_is_periodic_in_the_angle_is_smooth(target: str) -> None:
-    """cos(3 a) has no cut: no step ends on y = 0, and the motion is that of its polynomial in x and y."""
+    """cos(3 a) has no jump on the cut. The run equals that of the same potential written as a polynomial in x and y."""
     r2 = x**2 + y**2
     circle = {x: 1.0, y.dot: 1.1}
     ends = []
@@ -133,7 +136,7 @@ def test_a_potential_that_is_periodic_in_the_angle_is_smooth(target: str) -> Non
 
 @pytest.mark.parametrize("period", [2.0, 2.1])
 def test_zeros_behind_a_jump_of_an_event_are_on_its_step_too(period: float) -> None:
-    """Steps of some 2 contain a jump of Mod(t, period) and then a zero."""
+    """A step of length about 2 contains a jump of Mod(t, period) and a zero after it."""
     u = lg.coordinate("u")
     swing = lg.System(u.dot**2 / 2, u**2 / 2, initial={u: 1.0})
     run = swing.run(8.5, events=[sp.Mod(lg.t, period) - 1])

@@ -1,6 +1,6 @@
-"""A branch that is not taken is asked for nothing, in any method: against runs of equations written by hand.
+"""A branch of a Piecewise that does not apply is never evaluated, by any method.
 
-The truth is SciPy's DOP853 on each stretch between the switches, found as its events: no branch is anywhere in it.
+The reference is SciPy's DOP853 on each interval between two switches, with equations without branches.
 """
 
 from __future__ import annotations
@@ -35,7 +35,10 @@ HALF = Rational(1, 2)
 
 @dataclass(frozen=True)
 class Case:
-    """A potential and a force beside the pull of 1, and the laws below and above the zero of `switch`."""
+    """A potential and a force, and the equations of motion for each sign of `switch`.
+
+    A constant force of 1 is added.
+    """
 
     below: Law
     above: Law
@@ -118,7 +121,7 @@ def system(name: str, target: str = "llvm") -> Model:
 
 
 def solve(law: Law, switch: Law, now: float, state: Any, direction: float) -> Any:
-    """Return the motion under a law until the switch becomes zero in a direction."""
+    """Return the motion under one law until `switch` crosses zero in a direction."""
 
     def crossing(time: float, y: Any) -> float:
         return switch(time, *y)
@@ -131,7 +134,7 @@ def solve(law: Law, switch: Law, now: float, state: Any, direction: float) -> An
 
 @cache
 def truth(name: str) -> Any:
-    """Return the state at the end: stretch by stretch, each with the one law that holds there."""
+    """Return the end state, integrated from one switch to the next, each time with the law that applies."""
     case, now, state = CASES[name], 0.0, np.array(START)
     above = False
     while now < END:
@@ -160,9 +163,9 @@ def test_a_series_goes_through(name: str, target: str) -> None:
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("method", ["dopri5", "dop853", "radau5", "gauss2", "velocity-verlet", "scipy-lsoda"])
 def test_every_other_method_goes_through(name: str, method: str) -> None:
-    """Equal steps of 1e-3 step over a kink or jump with an error of their size.
+    """Equal steps of 1e-3 pass a kink or jump with an error of the same size.
 
-    An estimate of the error sees a kink where a stage falls behind it; where slopes are infinite, within a factor.
+    An adaptive method detects a kink if a stage is beyond it. At an infinite slope its error is larger by a factor.
     """
     adaptive = find(method).claims.adaptive
     model = system(name)
@@ -190,7 +193,7 @@ def test_the_jacobian_of_a_branch_that_is_not_taken_is_that_of_the_other(target:
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5", "scipy-lsoda"])
 def test_an_event_with_a_branch(method: str) -> None:
-    """The indentation as it is written: zero before the contact, and deepest where the speed is zero."""
+    """The event is the indentation, a Piecewise: zero before the contact, and largest at zero speed."""
     depth = Piecewise((x ** Rational(3, 2), x > 0), (-1, True)) - Rational(1, 64)
     model = system("Hertz")
     found = go(model, method, events=[event(depth, direction=1), event(x.dot, direction=-1)], rtol=1e-10, atol=1e-12)

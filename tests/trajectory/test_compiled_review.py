@@ -1,4 +1,4 @@
-"""The compiled loop over steps with events finds what is found on arrays: events, ends, resets, messages."""
+"""The compiled loop over steps gives the same events, ends, resets and messages as the search on arrays."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ METHODS = (*STEPPED, *IMPLICIT)
 
 @cache
 def systems() -> dict[str, tuple[Model, dict[str, float]]]:
-    """Models with a start for each, and how long a run of each is."""
+    """Return models with an initial state and the duration of a run for each."""
     plane = {"kinetic": (x.dot**2 + y.dot**2) / 2, "initial": {x: 0.1, y: 0.2, x.dot: 0.3, y.dot: 0.2}}
     return {
         "Henon-Heiles": (model("Henon-Heiles"), {"x": 0.1, "y": 0.2, "x_dot": 0.3, "y_dot": 0.2}),
@@ -36,7 +36,7 @@ def systems() -> dict[str, tuple[Model, dict[str, float]]]:
 
 
 def expressions(rng: np.random.Generator) -> Any:
-    """A smooth function of the state and of time, seldom with a kink."""
+    """Return a random function of state and time, smooth or rarely with a kink."""
     a, b, c = (float(number) for number in rng.normal(size=3).round(3))
     return [
         y,
@@ -70,13 +70,13 @@ def settings(name: str, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def taken(place: int, *, everything: bool) -> list[tuple[str, tuple[Model, dict[str, float]]]]:
-    """Return the systems that a method meets: all, or two in a default run, others for the next method."""
+    """Return the systems to test a method on: all, or in a default run two that differ from method to method."""
     found = list(systems().items())
     return found if everything else [found[k % len(found)] for k in (place, place + 1)]
 
 
 def both(monkeypatch: pytest.MonkeyPatch, go: Callable[[], Trajectory]) -> tuple[Trajectory, Trajectory]:
-    """Return a run with events sought on arrays, and one with the compiled loop wherever nothing is irregular."""
+    """Return a run with events found on arrays, and one with the compiled loop on all regular steps."""
     found = []
     monkeypatch.setattr("lagrange.trajectory.events.event_loop.ENOUGH", 0)
     for least in (math.inf, 0):
@@ -86,7 +86,7 @@ def both(monkeypatch: pytest.MonkeyPatch, go: Callable[[], Trajectory]) -> tuple
 
 
 def alike(one: Trajectory, other: Trajectory, off: float = 1e-9) -> None:
-    """Hold two runs to be the same but for round-off, which grows from impact to impact."""
+    """Assert that two runs are equal up to round-off, which grows from impact to impact."""
     assert other.status is one.status
     assert [len(times) for times in other.t_events] == [len(times) for times in one.t_events]
     assert other.message.split(" ")[:4] == one.message.split(" ")[:4]
@@ -115,7 +115,7 @@ def test_events_of_random_systems(name: str, seed: int, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("speed", [-1.0, 1.0])
 def test_a_start_at_zero_is_left_to_arrays(speed: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ball that starts on the floor and falls bounces at once; thrown, it comes back later."""
+    """A ball that starts on the floor bounces at once if it falls, and later if it is thrown upwards."""
     options: dict[str, Any] = {"events": [floor(0.5, terminal=3), y.dot], "rtol": 1e-9, "atol": 1e-9}
     one, other = both(monkeypatch, lambda: run(ball(height=0.0, speed=speed), 3.0, "dop853", **options))
     alike(one, other)
@@ -123,7 +123,7 @@ def test_a_start_at_zero_is_left_to_arrays(speed: float, monkeypatch: pytest.Mon
 
 
 def test_regular_steps_are_not_sampled_on_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A section of 1000 time units, in few bursts, and every crossing that the accepted states show."""
+    """A Poincare section over 1000 time units needs few calls of the search and misses no crossing."""
     of, initial = systems()["Henon-Heiles"]
     monkeypatch.setattr("lagrange.trajectory.events.step_batch.StepBatch.of", refuse)
     reviews = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
@@ -139,7 +139,7 @@ def test_regular_steps_are_not_sampled_on_arrays(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["dop853", "verlet", "radau5", "gauss2"])
 def test_bounces_are_done_in_machine_code(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of 300 bounces all but the first few are done in machine code, and the output between them is right."""
+    """Machine code handles all of 300 bounces but the first few, and the output between them is right."""
     looks = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
     resets = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.process")
     options: dict[str, Any] = {"step": 0.05} if name in FIXED else {"rtol": 1e-9, "atol": 1e-9}
@@ -161,7 +161,7 @@ def test_bounces_are_done_in_machine_code(name: str, monkeypatch: pytest.MonkeyP
 def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
     name: str, monkeypatch: pytest.MonkeyPatch, everything: bool
 ) -> None:
-    """The driver is called for as many steps as it took in the time before: events are those of the problem alone."""
+    """The number of steps of a driver call depends on measured times. The events must not depend on it."""
     of, initial = systems()["Henon-Heiles"]
     options: dict[str, Any] = {"step": 0.05} if name in FIXED else {"rtol": 1e-6, "atol": 1e-9}
     wall = event(y + 0.15, direction=-1, reset={y.dot: -y.dot})
@@ -186,7 +186,7 @@ def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
 @pytest.mark.parametrize("direction", [0, 1, -1])
 @pytest.mark.parametrize("level", [0, 1, -1, 3])
 def test_a_reset_where_an_angle_jumps_happens_once(level: int, direction: int, name: str) -> None:
-    """The angle of a circle falls by 2 pi at y = 0, x < 0. Behind the reset rounding may have it jump again at once."""
+    """On a circle the angle jumps by -2 pi at y = 0, x < 0. Rounding after the reset must not cause a second jump."""
     begin = 0.1
     start = {x: math.cos(begin), y: math.sin(begin), x.dot: -math.sin(begin), y.dot: math.cos(begin)}
     circle = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=(x**2 + y**2) / 2, initial=start)
@@ -209,7 +209,7 @@ def test_a_reset_where_an_angle_jumps_happens_once(level: int, direction: int, n
 
 
 def _turns(level: int, direction: int, begin: float) -> list[float]:
-    """The first times at which the angle, which rises from a little above zero, has a level and at which it jumps."""
+    """Return the first times at which an angle that rises from `begin` reaches a level, and at which it jumps."""
     rises, jumps = (level - begin) % (2 * math.pi), math.pi - begin
     return [time for time, way in ((rises, 1), (jumps, -1)) if direction in (0, way)]
 
@@ -219,7 +219,7 @@ def refuse(*given: Any, **named: Any) -> Any:
 
 
 def counted(monkeypatch: pytest.MonkeyPatch, name: str) -> list[None]:
-    """Return a list that grows with each call of a method."""
+    """Return a list to which each call of a method appends an entry."""
     calls: list[None] = []
     owner, attribute = name.rsplit(".", 1)
     module, kind = owner.rsplit(".", 1)
@@ -239,7 +239,7 @@ def counted(monkeypatch: pytest.MonkeyPatch, name: str) -> list[None]:
 def test_a_fast_entry_that_the_tolerance_leaves_out_is_not_screened_away(
     tolerance: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Steps of dop853 hold most of a period of y then, of which the cubic through their ends says nothing."""
+    """Steps of dop853 contain most of a period of y, which the cubic through the ends of a step does not show."""
     initial = {x: 1.0, y: 1e-3, x.dot: 0.0, y.dot: 0.02}
     potential = x**2 / 2 + 450 * y**2 + x * y / 3
     of = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=potential, initial=initial)

@@ -1,4 +1,4 @@
-"""Initial states on the constraints: the nearest one, what is moved silently never, and what is refused."""
+"""Initial states on the constraints: the nearest one, the note about a moved state, and refusals."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LENGTH = {m: 1.3, g: 9.81, l: 1.0}
 
 
 def pendulum(constraint: Any = None, **given: Any) -> lg.System:
-    """A pendulum in Cartesian coordinates, or a particle of the same energies on something else."""
+    """Return a pendulum in Cartesian coordinates, or the same particle on another constraint."""
     rod = {} if constraint is None else {"constraints": {"rod": constraint}}
     return rod_pendulum(parameters=LENGTH, **rod, **given)
 
@@ -125,7 +125,7 @@ def test_the_flow_moves_and_refuses_as_a_run_does() -> None:
 
 
 def started(constraint: Any, initial: Any) -> str:
-    """Return the refusal of a run of a particle on a constraint."""
+    """Return the message that refuses a run of a particle on a constraint."""
     return refusal(pendulum(constraint).run, 1.0, initial, check=False)
 
 
@@ -224,7 +224,7 @@ def test_a_start_on_the_constraints_is_not_projected(monkeypatch: pytest.MonkeyP
 
 
 def test_a_run_that_ends_off_its_constraints_is_unreliable() -> None:
-    """Friction hides the loss of energy; solvers of other packages are not projected."""
+    """Friction hides the loss of energy. Solvers of other packages do not project onto constraints."""
     damped = pendulum(forces={x: -x.dot / 10})
     solution = damped.run(100.0, method="scipy-rk45", rtol=1e-2, atol=1e-2)
     assert solution.status is lg.Status.UNRELIABLE, solution.message
@@ -232,7 +232,7 @@ def test_a_run_that_ends_off_its_constraints_is_unreliable() -> None:
 
 
 def test_a_state_on_a_corner_is_no_end_of_a_run() -> None:
-    """Methods from outside may end there."""
+    """Methods of other packages may end on a corner of a constraint."""
     model = pendulum(y - Abs(x)).compile(check=False)
     told = violation(model, 0.0, np.array([0.0, 0.0, 1.0, 1.0]), model.parameter_array(), 1.0)
     assert told.startswith("The run ends on a corner of the constraint 'rod', where velocities jump")
@@ -240,7 +240,7 @@ def test_a_state_on_a_corner_is_no_end_of_a_run() -> None:
 
 @pytest.mark.parametrize(("speed", "unreliable"), [(1e-17, False), (1e-10, True)])
 def test_round_off_of_a_structure_that_cannot_move_is_not_unreliable(speed: float, unreliable: bool) -> None:
-    """As many bars as coordinates: a velocity violates them by all of its size, and moves the pin by nothing."""
+    """There are as many bars as coordinates, so only rounding errors of a velocity are allowed."""
     truss = lg.System(
         kinetic=(x.dot**2 + y.dot**2) / 2,
         potential=y,
@@ -252,7 +252,7 @@ def test_round_off_of_a_structure_that_cannot_move_is_not_unreliable(speed: floa
 
 
 def test_the_advice_on_an_initial_state_may_be_pasted() -> None:
-    """It has the parameters and the time of the run, and every entry."""
+    """The call in the message can be executed: it has the parameters, the time, and all entries."""
     x0 = {"x": 0.6, "y": -0.8, "x_dot": 0.8, "y_dot": 0.6}
     system = pendulum()
     text = refusal(system.run, 1.0, x0, parameters={"l": 2}, t_start=1.5, check=False)
@@ -269,7 +269,7 @@ def test_where_no_nearest_state_is_found_none_is_advised() -> None:
 
 
 def test_states_and_constraints_near_the_ends_of_doubles_are_refused_in_words() -> None:
-    """Matrices of such entries are scaled without products that underflow, and no step is taken that overflows."""
+    """Matrices with such entries are scaled without underflow, and no step overflows."""
     assert "no state" in refusal(pendulum().consistent, {x: 1e-300, y: 0.0})
     tiny = pendulum((x**2 + y**2 - l**2) * 1e-170)
     run = tiny.run(0.1, check=False)

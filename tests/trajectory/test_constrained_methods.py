@@ -1,4 +1,4 @@
-"""Methods with multipliers among their unknowns, on systems with constraints: each against its claims."""
+"""Methods whose unknowns include multipliers, on systems with constraints: each is tested against its claims."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ FLOOR = 2e-11
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
 @pytest.mark.parametrize("method", CONSTRAINED)
 def test_the_observed_order_is_the_claimed_one(method: str, name: str) -> None:
-    """With constraints that move, friction, explicit time, and a mass matrix that moves."""
+    """The systems have moving constraints, friction, explicit time, and a mass matrix that depends on coordinates."""
     if name == "sleigh" and method in HOLONOMIC:
         pytest.skip("is for constraints on coordinates")
     compiled, end = system(name), {"sleigh": 3.0, "guided": 4.0}.get(name, 1.0)
@@ -69,7 +69,7 @@ def test_the_observed_order_is_the_claimed_one(method: str, name: str) -> None:
 @pytest.mark.parametrize("name", SYSTEMS)
 @pytest.mark.parametrize("method", HOLONOMIC)
 def test_constraints_hold_to_round_off_at_every_step(method: str, name: str, target: str) -> None:
-    """Terms of phi are of size 2 and those of psi of size 10: 32 units of their round-off."""
+    """The bounds are 32 units of round-off of the terms, whose sizes are 2 (phi) and 10 (psi)."""
     compiled = system(name, target)
     phi, psi = held(compiled, run(compiled, 2.0, method, step=0.02))
     assert phi.max() < 2 * 32 * 2.0**-52 and psi.max() < 10 * 32 * 2.0**-52
@@ -90,7 +90,7 @@ def test_what_claims_to_be_symmetric_runs_back(method: str, name: str) -> None:
 
 
 def canonical(state: FloatArray) -> FloatArray:
-    """Return angles and their momenta of the Cartesian double pendulum."""
+    """Return angles and momenta of a double pendulum from its Cartesian state."""
     q, v = np.split(state, 2)
     rods = [(q[:2], v[:2], v[:2] + v[2:]), (q[2:] - q[:2], v[2:] - v[:2], v[2:])]
     turns = [np.arctan2(rod[0], -rod[1]) for rod, _, _ in rods]
@@ -99,7 +99,7 @@ def canonical(state: FloatArray) -> FloatArray:
 
 
 def cartesian(canonical: FloatArray) -> FloatArray:
-    """Return the Cartesian state of angles and momenta."""
+    """Return the Cartesian state from angles and momenta."""
     turns, momenta = np.split(canonical, 2)
     c = np.cos(turns[0] - turns[1])
     return from_angles(np.concatenate([turns, np.linalg.solve(1.3 * 0.49 * np.array([[2, c], [c, 1]]), momenta)]))
@@ -113,7 +113,7 @@ def reduced_step(method: Any, h: float, point: FloatArray) -> FloatArray:
 
 
 def defect(method: Any, h: float) -> float:
-    """Return how far J^T W J is from W for the Jacobian J of a step; differences in d^6 leave about 1e-11."""
+    """Return the largest entry of J^T W J - W for the Jacobian J of a step; its numerical error is about 1e-11."""
     point, d, columns = canonical(from_angles(np.array([1.2, -0.5, 0.3, 0.8]))), 2e-2, []
     for e in np.eye(4):
         rows = [
@@ -136,7 +136,7 @@ def test_what_claims_to_be_symplectic_keeps_the_form_of_the_reduced_system(metho
 @pytest.mark.few(1)
 @pytest.mark.parametrize("method", SYMPLECTIC)
 def test_energy_stays_bounded_without_drift(method: str) -> None:
-    """Some 600 swings of 50 steps."""
+    """The run has about 600 swings of 50 steps each."""
     compiled = system("spherical")
     found = run(compiled, 600.0, method, step=0.02)
     energy = compiled.energy(found.y[:3], found.y[3:])
@@ -154,7 +154,7 @@ def test_energy_stays_bounded_without_drift(method: str) -> None:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("method", CONSTRAINED)
 def test_constraints_that_become_dependent_are_told(method: str, target: str) -> None:
-    """From x = 1 on, both hold y = z: seen when Newton's matrix is made anew, 64 steps later at most."""
+    """From x = 1 on both constraints say y = z. It is detected when Newton's matrix is updated, within 64 steps."""
     compiled = build(
         target,
         kinetic=(x.dot**2 + y.dot**2 + z.dot**2) / 2,
@@ -171,7 +171,7 @@ def test_constraints_that_become_dependent_are_told(method: str, target: str) ->
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("method", CONSTRAINED)
 def test_the_path_between_steps_leads_to_events(method: str, target: str) -> None:
-    """The bob is below the pivot; the path is of order 3 at least, and with equal steps no better than these."""
+    """Events are located on the dense output, whose order is at least 3."""
     compiled, event = system("pendulum", target), Event(x)
     exact = run(system("pendulum"), 2.0, Taylor(rtol=1e-14), events=(event,)).t_events[0]
     settings = {"step": 0.005} if method in EQUAL else {"rtol": 1e-7, "atol": 1e-7}
@@ -227,7 +227,7 @@ def test_redundant_constraints_that_are_allowed_change_nothing(method: str) -> N
 
 
 class Newton:
-    """What a step function gets as `solve`, in doubles; it keeps the unknowns of the first solve of a step."""
+    """The argument `solve` of a step function: Newton's method in doubles, which stores the unknowns of each call."""
 
     def __init__(self) -> None:
         self.kept: list[tuple[FloatArray, ...]] = []
@@ -283,7 +283,7 @@ def test_errors_follow_the_tolerance(method: str, name: str, target: str) -> Non
 @pytest.mark.few
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
 def test_floors_follow_the_scale_where_none_are_given(name: str) -> None:
-    """Entries that begin at zero have their size from the survey; the run takes as many steps in other units."""
+    """Entries that are zero at first get sizes from the survey, so the number of steps does not depend on units."""
     found = run(system(name), 1.0, "radau5-index2", rtol=1e-7)
     assert found.status is Status.SUCCESS, found.message
     assert found.steps < 400 and np.abs(found.y[:, -1] - truth(name)).max() < 1e-5

@@ -1,4 +1,4 @@
-"""Runs of systems with constraints: every method follows the motion on them, or refuses it in words."""
+"""Runs of systems with constraints: every method follows the motion, or refuses the system with a message."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ ROUNDED = 1e-14
 
 @cache
 def reference(t: float) -> FloatArray:
-    """Return x and y of the scene's pendulum by its angle."""
+    """Return x and y of the scene's pendulum, integrated in its angle."""
     theta, _ = shared_scene("pendulum").run(t, method="taylor", rtol=1e-14).y[:, -1]
     return np.array([np.sin(theta), -np.cos(theta)])
 
@@ -39,7 +39,7 @@ scene = cache(lg.scene)
 
 
 def error(name: str, t: float = 1.0, **options: Any) -> tuple[float, float]:
-    """Return the error of a method on the pendulum in Cartesian coordinates, and its constraint error."""
+    """Return the error of a method on the pendulum in Cartesian coordinates, and the error of the constraint."""
     solution = scene("cartesian-pendulum").run(t, method=name, **options).require()
     return float(np.abs(solution.y[:2, -1] - reference(t)).max()), float(solution.constraint_error.max())
 
@@ -47,7 +47,7 @@ def error(name: str, t: float = 1.0, **options: Any) -> tuple[float, float]:
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", [name for name in PROJECTED if name in FIXED])
 def test_a_method_with_equal_steps_keeps_its_order_on_the_constraints(name: str) -> None:
-    """Or is at round-off: half the step leaves 2**-order of the error, by half an order."""
+    """Half the step size reduces the error by 2**-order, or the error is at round-off."""
     (coarse, one), (fine, other) = (error(name, step=step) for step in (0.01, 0.005))
     assert fine < coarse * 0.5 ** (find(name).claims.order - 0.5) or fine < 1e-12
     assert max(one, other) < ROUNDED
@@ -56,7 +56,7 @@ def test_a_method_with_equal_steps_keeps_its_order_on_the_constraints(name: str)
 @pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in PROJECTED if name in ADAPTIVE])
 def test_a_method_with_step_control_follows_the_angle_to_its_tolerance(name: str) -> None:
-    """Errors of a run are some tolerances: 20 for radau3, and 100 are allowed."""
+    """The error of a run is at most 20 tolerances (radau3); 100 are allowed."""
     for rtol in (1e-6, 1e-9):
         far, off = error(name, rtol=rtol)
         assert far < 100 * rtol
@@ -65,7 +65,7 @@ def test_a_method_with_step_control_follows_the_angle_to_its_tolerance(name: str
 
 @pytest.mark.parametrize("name", OUTSIDE)
 def test_solvers_of_other_packages_drift_by_some_tolerances_and_say_so(name: str) -> None:
-    """They integrate the equations with the constraints differentiated twice, and are not projected."""
+    """They integrate the equations with the constraints differentiated twice, without projection."""
     far, off = error(name, rtol=1e-8)
     assert far < 1e-6
     assert ROUNDED < off < 1e-6
@@ -82,7 +82,7 @@ def test_a_method_that_leaves_out_forces_of_constraints_is_refused(name: str) ->
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", SPLITTINGS)
 def test_a_splitting_runs_where_constraints_are_linear(name: str) -> None:
-    """Two masses on a rod along a line, tied to a spring: kick and drift both keep x - y + l = 0."""
+    """Two masses on a line with a rod and a spring: each part of a splitting step satisfies x - y + l = 0."""
     x, y = lg.coordinates("x y")
     system = lg.System(
         kinetic=x.dot**2 + y.dot**2 / 2, potential=x**4 + y**2, constraints={"rod": x - y + 1}, initial={x: 0.5, y: 1.5}
@@ -98,7 +98,7 @@ def test_a_splitting_runs_where_constraints_are_linear(name: str) -> None:
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_random_mechanisms_stay_on_their_constraints(seed: int, target: str) -> None:
-    """Positions and velocities, with rods, moving pivots and knife edges, by each kind of loop."""
+    """Positions and velocities satisfy rods, moving pivots and knife edges, with each kind of loop."""
     model = compiled(seed, target)
     for name in ("taylor", "dop853", "rk4", "radau5", "bdf2", "gauss2"):
         options: Any = {"step": 0.01} if name in FIXED else {"rtol": 1e-6}
@@ -111,7 +111,7 @@ def test_random_mechanisms_stay_on_their_constraints(seed: int, target: str) -> 
 @pytest.mark.parametrize("name", ["rk4", "bs3", "dopri5", "tsit5", "verner9", "dop853"])
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_each_step_is_that_of_the_method_from_the_projected_state_and_then_projected(name: str, target: str) -> None:
-    """Where a method uses its last slope again, it is that of the state which the projection has left."""
+    """A method that reuses its last slope must use the slope at the projected state."""
     model = shared_scene("cartesian-double-pendulum").compile(target)
     method = find(name)
     assert isinstance(method, RungeKutta)
@@ -137,10 +137,7 @@ def test_each_step_is_that_of_the_method_from_the_projected_state_and_then_proje
 
 
 def test_the_projection_keeps_the_energy() -> None:
-    """Corrections are normal to the motion: Taylor's drift of energy falls by three orders of magnitude, to 3e-13.
-
-    Without the projection it is 6e-10 after 1000 s.
-    """
+    """Projection is normal to the motion: it reduces taylor's energy drift after 1000 s from 6e-10 to 3e-13."""
     solution = shared_scene("cartesian-pendulum").run(1000.0, rtol=1e-12, t_eval=[1000.0])
     before = shared_scene("cartesian-pendulum").run(1e-6).energy[0]
     assert abs(solution.energy[-1] - before) < 2e-12 * abs(before)
@@ -152,7 +149,7 @@ BOUNDS = {"taylor": 1e-12, "dop853": 1e-10, "rk4": 1e-10, "radau5": 1e-10, "gaus
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", BOUNDS)
 def test_a_four_bar_linkage_stays_closed_over_many_turns(name: str) -> None:
-    """The page has 1e6 steps; nothing grows from step to step."""
+    """The constraint error does not grow with the number of steps."""
     options: Any = {"step": 0.002} if name in FIXED else {"rtol": 1e-9}
     times = np.linspace(0.0, 30.0, 7)
     model = scene("four-bar").compile()
@@ -168,7 +165,7 @@ def test_a_four_bar_linkage_stays_closed_over_many_turns(name: str) -> None:
 
 
 def test_a_quaternion_keeps_its_norm_over_flips() -> None:
-    """A body that spins about its middle axis turns over again and again: |q| - 1 stays round-off."""
+    """A body that spins about its middle axis flips repeatedly, while |q| - 1 stays at round-off."""
     q = lg.coordinates("q0 q1 q2 q3")
     v = [one.dot for one in q]
     rates = (
@@ -218,7 +215,7 @@ def test_a_state_too_far_away_to_be_projected_ends_the_run_in_words(target: str)
     [("galerkin4", "finds velocities from momenta, .* of first order"), ("verlet", "equations are of first order")],
 )
 def test_equations_of_first_order_are_refused_as_such(name: str, words: str) -> None:
-    """Inside they are constraints on velocities, which is nothing that the user has stated."""
+    """Internally such equations are constraints on velocities, but the user has not stated constraints."""
     x, y = lg.coordinates("x y")
     charge = lg.System(lagrangian=x * y.dot - y * x.dot - x**2 - y**2, initial={x: 1.0})
     with pytest.raises(lg.StatementError, match=words):
@@ -232,9 +229,9 @@ def test_equations_of_first_order_are_refused_as_such(name: str, words: str) -> 
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "bs3", "verner9", "radau3", "radau5", "radau5-index2"])
 def test_a_change_that_a_step_passes_over_is_no_error_to_be_projected_away(method: str, target: str) -> None:
-    """The speed is held to 1.5 + tanh(100 (t - 1)) / 2, which is constant but for a hundredth of a second.
+    """The speed must be 1.5 + tanh(100 (t - 1)) / 2, which changes only during a hundredth of a second.
 
-    A projection alone would set the new speed behind a step that went on with the old one: x(3) = 4 in place of 5.
+    With a step over this time, projection would correct the speed only afterwards: x(3) = 4 instead of 5.
     """
     x, y = lg.coordinates("x y")
     belt = lg.System(
@@ -294,7 +291,7 @@ def test_a_reset_off_the_constraint_ends_the_run(method: str, options: dict[str,
 @pytest.mark.few(2)
 @pytest.mark.parametrize(("method", "options"), METHODS)
 def test_a_reset_that_satisfies_the_constraint_goes_on(method: str, options: dict[str, Any]) -> None:
-    """Thrown back at x = -0.3 it has the energy that it had; the path of a step may be off by its error."""
+    """A reset at x = -0.3 reverses the velocity and keeps the energy, up to the error of the dense output."""
     back = lg.event(x + 0.3, direction=-1, reset={x.dot: -x.dot, y.dot: -y.dot})
     found = run(3.0, back, method=method, **options).require()
     assert len(found.t_events[0]) > 1
@@ -308,7 +305,7 @@ def test_a_reset_off_by_rounding_is_projected(method: str) -> None:
 
 
 def test_thousands_of_resets_are_checked_in_every_loop() -> None:
-    """The loops that are compiled leave resets to the check: a law that fails after a while is found."""
+    """Compiled loops leave resets on constraints to the caller, which finds a reset that violates them later."""
     late = lg.event(x + 0.3, direction=-1, reset={x.dot: -x.dot, y.dot: -y.dot * (1 + 1e-15 * exp(lg.t))})
     for method in ("taylor", "dop853"):
         found = run(60.0, late, method=method)
@@ -319,7 +316,7 @@ def test_thousands_of_resets_are_checked_in_every_loop() -> None:
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_velocities_without_inertia_follow_behind_a_reset(method: str) -> None:
-    """L = (x y.dot - y x.dot)/2 - (x^2 + y^2)/2 turns with rate 1, on a circle that the reset makes half as large."""
+    """L = (x y.dot - y x.dot)/2 - (x^2 + y^2)/2 rotates with rate 1; the reset halves the radius."""
     turning = lg.System(lagrangian=(x * y.dot - y * x.dot) / 2 - (x**2 + y**2) / 2, initial={x: 1, y: 0})
     found = turning.run(4.0, events=[lg.event(y, direction=-1, reset={x: x / 2})], method=method).require()
     assert found.t_events[0] == pytest.approx([np.pi], abs=1e-7)
@@ -328,6 +325,6 @@ def test_velocities_without_inertia_follow_behind_a_reset(method: str) -> None:
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_a_run_may_end_behind_a_reset_where_all_terms_are_round_off(method: str) -> None:
-    """At x = 0 the terms of x x.dot + y y.dot are both round-off, and so is what the reset leaves of them."""
+    """At x = 0 both terms of x x.dot + y y.dot are round-off, before and after the reset."""
     found = run(3.0, lg.event(x, direction=-1, terminal=True, reset={x.dot: -x.dot}), method=method)
     assert found.status is lg.Status.EVENT

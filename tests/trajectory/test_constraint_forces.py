@@ -192,7 +192,7 @@ def pendulum() -> lg.System:
 
 
 def test_the_error_is_that_of_the_largest_constraint_against_the_sizes_of_its_terms() -> None:
-    """Written out for x**2 + y**2 - l**2 and its rate, off by the drift of a solver that is not projected."""
+    """The error is computed by hand for x**2 + y**2 - l**2 and its rate, in a run by a solver without projection."""
     solution = pendulum().run(2.0, method="scipy-rk45", rtol=1e-6)
     a, b, u, v = solution.y
     length = float(dict(zip(map(str, solution.parameters), solution.parameters.values(), strict=True))["l"])
@@ -204,7 +204,7 @@ def test_the_error_is_that_of_the_largest_constraint_against_the_sizes_of_its_te
 
 
 def test_the_scale_is_that_of_the_run_where_nothing_moves_for_a_moment() -> None:
-    """From rest: the velocities are zero at first, and round-off of them is none of later ones."""
+    """At a start from rest the scale of the velocities comes from the later run."""
     solution = pendulum().run(2.0, method="scipy-rk45", rtol=1e-10)
     assert solution.y[2:, 0].tolist() == [0.0, 0.0]
     assert solution.constraint_error[0] < 1e-15
@@ -213,7 +213,7 @@ def test_the_scale_is_that_of_the_run_where_nothing_moves_for_a_moment() -> None
 
 @pytest.mark.parametrize("scale", [1.0, 1e6])
 def test_a_constraint_of_one_term_counts_beside_the_other_coordinates(scale: float) -> None:
-    """Of y = 0 the only term is y itself: a drift of 1e-12 is small beside x = 1."""
+    """The constraint y = 0 has the one term y. A drift of 1e-12 is compared with x = 1."""
     system = lg.System(
         kinetic=(x.dot**2 + y.dot**2) / 2,
         potential=x**2 / 2 + x * y,

@@ -1,6 +1,6 @@
-"""Contacts that touch already, and events that come together: the same answer by every family of methods.
+"""Contacts that touch at the start, and simultaneous events: all families of methods give the same answer.
 
-The rule is that of `lagrange.trajectory.events.motion_start`.
+The rule is stated in `lagrange.trajectory.events.motion_start`.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def test_a_contact_that_touches_already_passes_the_impact_on(method: str) -> Non
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_contact_entered_the_wrong_way_acts_at_once(method: str) -> None:
-    """Behind a reset that puts the ball onto the floor, and at a start a rounding below it."""
+    """The ball is put onto the floor by a reset, or starts below it by a rounding error."""
     floor = turn(y, y.dot)
     put = run(FALLING, 1, method, [lg.event(lg.t - 0.1, reset={y: 0}), floor])
     assert put.require().t_events[1][0] == put.t_events[0][0] and put.final["y"] > -1e-9
@@ -82,7 +82,7 @@ def test_a_ball_aimed_at_a_corner_stays_in_the_box(method: str, share: Share) ->
 @pytest.mark.few(2)
 @pytest.mark.parametrize("method", METHODS)
 def test_an_event_beside_a_reset_happens_once(method: str, share: Share) -> None:
-    """It may come before it, behind it or with it, end the run, or be the very zero of the reset."""
+    """The event occurs before, after or at the time of the reset, ends the run, or has the same function."""
     random = np.random.default_rng(2)
     wall = turn(x, x.dot)
     for _ in range(share(24)):
@@ -137,7 +137,7 @@ def test_one_step_over_a_flat_event_is_cut(end: float) -> None:
 
 
 def test_what_jumps_is_not_what_saturates() -> None:
-    """A kink of an arc sine cuts the step as well. Steps end at a cut of atan2, and none is tried again there."""
+    """A kink of arcsin also ends a step. Steps end at a cut of atan2 without rejected steps."""
     arc = asin(sin(3 * x)) - Rational(1, 2)
     times = [OSCILLATOR.run(20, events=[arc], method=method).require().t_events[0] for method in ("taylor", "dop853")]
     assert len(times[0]) == 13 and times[0] == pytest.approx(times[1], abs=1e-5)
@@ -155,7 +155,7 @@ m, g, l = lg.parameters("m g l")
 
 
 def cradle(count: int, gap: float = 0.0) -> tuple[lg.System, list[lg.Event]]:
-    """Return pendulums side by side, and the impacts of neighbours, which exchange their velocities."""
+    """Return a row of pendulums, and the impacts of neighbours, which exchange their velocities."""
     balls = beads[:count]
     system = lg.System(
         kinetic=sum(m * l**2 * q.dot**2 / 2 for q in balls),
@@ -174,9 +174,9 @@ def cradle(count: int, gap: float = 0.0) -> tuple[lg.System, list[lg.Event]]:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_a_cradle_of_balls_that_touch_hands_its_velocity_on(method: str) -> None:
-    """Equal balls that exchange velocities are pendulums that pass one another: the exact motion is known.
+    """Equal balls that exchange velocities move like pendulums that pass through one another.
 
-    With taylor the fifth impact ended the run: a value of -2e-17 between balls was taken for a passage.
+    With taylor the run ended at the fifth impact, because a gap of -2e-17 was taken for a crossing.
     """
     system, impacts = cradle(5)
     found = system.run(10.0, method=method, events=impacts)
@@ -192,7 +192,7 @@ def test_a_cradle_of_balls_that_touch_hands_its_velocity_on(method: str) -> None
     ("count", "raised", "method"), [(3, {"ball1": -0.5, "ball2": 0.4}, "taylor"), (7, {}, "dop853")]
 )
 def test_impacts_in_a_wrong_order_are_no_success(count: int, raised: dict[str, float], method: str) -> None:
-    """A ball that was let through another was a success."""
+    """A run in which one ball passed through another had the status SUCCESS."""
     system, impacts = cradle(count)
     found = system.run(40.0, raised, method=method, events=impacts)
     assert not found.status.complete

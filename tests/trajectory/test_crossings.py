@@ -1,4 +1,4 @@
-"""Configurations where two motions cross: a run passes as the smooth one, or ends there."""
+"""Configurations from which two motions are possible: a run follows the smooth one, or ends there."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ START = CRANK.consistent({a.dot: 3.0, b.dot: 3.0}).initial
 
 
 def told(solution: lg.Solution) -> None:
-    """Hold that the rods turn together over the crossing, as the motion that is smooth does, or that the run ends."""
+    """Assert that the rods stay parallel across the configuration, or that the run ends there."""
     assert np.abs(solution[a] - solution[b]).max() < 1e-4
     if solution.status is not lg.Status.SUCCESS:
         assert solution.status is lg.Status.SINGULAR and "'across'" in solution.message, solution.message
@@ -51,7 +51,7 @@ def test_no_method_goes_on_as_another_motion(method: str, options: dict[str, Any
 
 @cache
 def reduced() -> lg.Solution:
-    """The linkage of the scene as a parallelogram, by one angle."""
+    """Return the motion of the scene's linkage as a parallelogram with one angle."""
     p = {str(symbol): value for symbol, value in shared_scene("four-bar-change-point").parameters.items()}
     angle = lg.coordinate("angle")
     inertia = (p["m1"] + p["m3"]) / 3 + p["m2"]
@@ -73,7 +73,7 @@ METHODS = [name for name in (*ADAPTIVE, *OUTSIDE) if name not in ("scipy-rk23", 
 def test_every_method_with_error_control_follows_the_reduced_motion_or_ends_at_a_crossing(
     method: str, rtol: float
 ) -> None:
-    """The bars are in one line at 0.722 and at 1.244; those methods alone are left out that take thousands of steps."""
+    """The bars are in one line at t = 0.722 and 1.244. Methods that take thousands of steps are left out."""
     if method in ("bs3", "radau3") and rtol < 1e-10:
         pytest.skip("a low order takes too many steps")
     if method == "cvode" and rtol < 1e-10:
@@ -94,7 +94,7 @@ def test_every_method_with_error_control_follows_the_reduced_motion_or_ends_at_a
 
 
 def test_a_sharp_turn_that_is_no_crossing_is_followed() -> None:
-    """With rods that differ by a hundredth the slider turns before the centre, in short steps, and the run goes on."""
+    """If the rods differ by a hundredth, the slider turns back before the centre, and the run continues."""
     near = lg.System(
         kinetic=(a.dot**2 + b.dot**2 + s.dot**2) / 2,
         coordinates=[a, b, s],
@@ -106,7 +106,7 @@ def test_a_sharp_turn_that_is_no_crossing_is_followed() -> None:
 
 
 def short_steps(towards: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and states of rods that turn together, with one short step where they stand at an angle."""
+    """Return times and states of parallel rods, with one short step at a given angle."""
     times = np.concatenate([np.linspace(0.0, 1.0, 11), [1.0 + 1e-6], np.linspace(1.1, 2.0, 10)])
     angles = np.full(len(times), 0.3)
     angles[10:12] = towards
@@ -151,7 +151,7 @@ def test_a_run_that_rounding_would_decide_ends_before(monkeypatch: pytest.Monkey
     [(1, 1e-12), (3, 1e-8), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((1, 1e-8), (3, 1e-12)))],
 )
 def test_taylor_follows_flat_ladders_as_the_parallelogram(loops: int, rtol: float) -> None:
-    """All bars are in one line once or twice in each run; rounding decides whether a step comes to rest beside that."""
+    """All bars are in one line once or twice in each run, at a step end or between two."""
     model = model_of(ladder(loops), machine("llvm"))
     for speed in np.linspace(0.7, 1.7, 6):
         start = {f"x{i}": float(i) for i in range(loops + 1)} | {f"y{i}": 1.0 for i in range(loops + 1)}
@@ -165,7 +165,7 @@ def test_taylor_follows_flat_ladders_as_the_parallelogram(loops: int, rtol: floa
 
 @pytest.mark.parametrize("method", ["gauss2", "gauss3", "rattle", "lobatto4"])
 def test_equal_steps_with_a_matrix_say_where_they_end(method: str) -> None:
-    """Newton's method has no regular matrix at a crossing."""
+    """The matrix of Newton's method is singular at such a configuration."""
     run = shared_scene("four-bar-change-point").run(2.0, method=method, step=0.01, check=False)
     assert run.status is lg.Status.SINGULAR, run.message
     assert min(abs(run.t[-1] - 0.722), abs(run.t[-1] - 1.244)) < 0.011
@@ -174,7 +174,7 @@ def test_equal_steps_with_a_matrix_say_where_they_end(method: str) -> None:
 
 
 def test_an_arm_that_is_pulled_beyond_its_reach_is_not_led_on() -> None:
-    """Its end is carried outwards: the arm is stretched out at t = 1, and no motion goes on."""
+    """Its end is moved outwards. At t = 1 the arm is straight, and no motion continues."""
     arm = lg.System(
         kinetic=(a.dot**2 + b.dot**2) / 2,
         coordinates=[a, b],
@@ -192,7 +192,7 @@ ANGLE_AND_RATE = [0, 3]
 
 
 def linkage_at(time: float) -> np.ndarray:
-    """Return the state of the linkage as a parallelogram."""
+    """Return the state of the linkage as a parallelogram at an angle."""
     angle, rate = reduced().at(np.array([time]))[:, 0]
     return np.array([angle, 0.0, angle, rate, 0.0, rate])
 
@@ -222,7 +222,7 @@ def test_flows_pass_crossings_as_runs_do_or_end_with_their_sentence(method: str,
 @pytest.mark.parametrize("rtol", [1e-6, 1e-9, 1e-12, 1e-13])
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_a_start_beside_a_crossing_hides_it_from_nobody(method: str, rtol: float) -> None:
-    """There the constraints are nearly dependent at the start; rounding may leave no way to go back on."""
+    """The constraints are nearly dependent at the start."""
     model = shared_scene("four-bar-change-point").compile(check=False)
     flow = lg.flow(model, method=method, rtol=rtol)
     wanted = linkage_at(0.9)
@@ -248,7 +248,7 @@ INWARDS = {x: 1.0, y: 1.0, x.dot: -1.0}
 
 
 def held(constraint: Expr, initial: dict[Any, float], potential: Any = 0, **more: Any) -> lg.System:
-    """Return a unit mass in the plane."""
+    """Return a unit mass in the plane with constraints."""
     return lg.System(
         kinetic=(x.dot**2 + y.dot**2) / 2,
         potential=potential,
@@ -306,7 +306,7 @@ def test_a_constraint_that_is_smooth_where_it_switches_is_passed(wire: Expr, wal
 
 
 def test_what_a_run_keeps_ends_there_too() -> None:
-    """Its outputs and events, and a run back in time; a flow says why it does not get there."""
+    """Outputs and events end at the same time, also in a run backwards in time. A flow raises an error."""
     system, words = ENDED["corner"]
     for method in ("taylor", "dop853"):
         run = system.run(2.5, t_eval=np.linspace(0.0, 2.5, 26), events=[x - 0.5, x + 0.5], check=False, method=method)
@@ -321,7 +321,7 @@ def test_what_a_run_keeps_ends_there_too() -> None:
 @pytest.mark.few(2)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "radau5", "gauss2", "bdf2"])
 def test_a_constraint_that_comes_to_restrict_nothing_ends_a_run(method: str) -> None:
-    """The speed is 1 - t: from rest every direction is as good."""
+    """The constraint fixes the speed to 1 - t. At rest it restricts no direction."""
     brake = held(x.dot**2 + y.dot**2 - (1 - lg.t) ** 2, {x.dot: 1.0})
     run = brake.run(2.0, check=False, **options(method))
     assert run.status is lg.Status.SINGULAR and run.t[-1] <= 1.0 + 1e-9

@@ -1,4 +1,4 @@
-"""The loop over steps: both machines take the same steps, and every way a run can end is told as it is."""
+"""The loop over steps: both machines take the same steps, and each end of a run has the right status."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class Counting:
         return self.kernel(*args)
 
     def quick(self, parameters: Any) -> None:
-        """Nothing is quick: every call counts."""
+        """Return None, so that every call is counted."""
 
 
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", NAMES)
 def test_the_count_is_honest(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is counted are right-hand sides; of a Taylor run whole series, and the right-hand side of a first look."""
+    """Evaluations of the right-hand side are counted; for taylor whole series, and one right-hand side at the start."""
     series = Counting(NumpySeries.rows)
     monkeypatch.setattr(NumpySeries, "rows", partialmethod(series))
     compiled = build("numpy", kinetic=m * x.dot**2 / 2, potential=k * x**4, initial={x: 1.0})
@@ -66,7 +66,7 @@ def test_the_count_is_honest(name: str, monkeypatch: pytest.MonkeyPatch) -> None
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_backward_is_forward_in_a_mirror(name: str, target: str) -> None:
-    """Henon-Heiles is even in time: backward from (q, v) is forward from (q, -v)."""
+    """Henon-Heiles is symmetric in time: the run backwards from (q, v) equals the run forwards from (q, -v)."""
     compiled = model("Henon-Heiles", target)
     back = run(compiled, -1.0, name, **settings(name))
     mirrored = {"x_dot": -0.3, "y_dot": 0.1}
@@ -120,7 +120,7 @@ def test_far_from_time_zero(name: str, target: str) -> None:
 @pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853", "taylor"])
 @pytest.mark.parametrize("system", ["oscillator", "Henon-Heiles", "8 carried masses"])
 def test_a_driver_starts_from_the_state_and_nothing_else(name: str, system: str) -> None:
-    """Bursts of one step, with the work array and the rows full of NaN before, give what one burst gives."""
+    """Calls of one step each, with memory set to NaN before, give the same as one call for all steps."""
     compiled = model(system)
     unit = Problem(compiled, compiled.parameter_values(), 0.0, 0.3, np.array(compiled.statement.initial))
     plan = planned(name, unit)
@@ -151,10 +151,7 @@ def test_a_driver_starts_from_the_state_and_nothing_else(name: str, system: str)
 
 
 def dirty(driver: Any, dimension: int, *, series: bool) -> None:
-    """Leave NaN where slopes, new states and errors will stand; what pads a vector to whole blocks stays zero.
-
-    Of a series it is what the rounding of the state lost, the rows, and all the rest.
-    """
+    """Write NaN to the work memory of a driver, except for the padding of vectors, which stays zero."""
     if series:
         driver._work[driver._code.layout.padded :] = np.nan
         return
@@ -171,7 +168,7 @@ def dirty(driver: Any, dimension: int, *, series: bool) -> None:
 @pytest.mark.parametrize("target", LLVM_FIRST)
 @pytest.mark.parametrize("name", ADAPTIVE)
 def test_a_brief_force_is_not_stepped_over(name: str, target: str) -> None:
-    """A push of 0.1 s within 100 s on a mass at rest: with a step of ten seconds nobody would notice."""
+    """A force acts for 0.1 s of 100 s on a mass at rest; a step of ten seconds would miss it."""
     push = sp.Piecewise((1, (t > 50) & (t < sp.Rational(501, 10))), (0, True))
     compiled = build(target, kinetic=x.dot**2 / 2, forces={x: push})
     for start, end, expected in ((0.0, 100.0, [4.995, 0.1]), (100.0, 0.0, [4.995 + 0.01, -0.1])):
@@ -208,7 +205,7 @@ def test_a_flow_ends_where_a_run_ends(name: str, target: str) -> None:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_no_call_knows_of_the_one_before(name: str, target: str) -> None:
-    """The last slope of one call is not the first of the next, not even after a failure."""
+    """A call does not reuse the last slope of the call before it, not even after a failure."""
     options: dict[str, Any] = {"step": 0.02} if name in FIXED else {}
     flow = flow_of(model("Henon-Heiles", target), method=name, **options)
     first = flow(START, 0.0, 0.5)
@@ -247,7 +244,7 @@ def test_there_and_back_and_in_pieces(target: str) -> None:
 @pytest.mark.few(2)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2", "scipy-rk45", "scipy-lsoda"])
 def test_threads_share_a_flow_from_its_first_call_with_parameters_of_their_own(method: str) -> None:
-    """The bits of calls in a row, whatever runs beside them: other states, other parameters, either direction."""
+    """Results equal those of calls one after the other; threads have other states, parameters and directions."""
     flow, alone = (flow_of(model("oscillator"), method=method) for _ in range(2))
     values = dict.fromkeys(model("oscillator").statement.parameters, 1.0)
     length = 2.0 if method.startswith("scipy") else 50.0

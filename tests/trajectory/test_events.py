@@ -1,4 +1,4 @@
-"""Events: every zero of an expression along a run once, in its direction, at its time; and ends that say why."""
+"""Events: each zero of an expression along a run is found once, with its direction and time; ends have messages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.trajectory.watched import FALL, G, ball, bounces, floor, free, go, ha
 
 
 def test_a_loose_run_grazes_where_its_own_path_does() -> None:
-    """At rtol = 1e-6 the amplitude drifts by some 1e-8: what counts are the crossings of the path that is returned."""
+    """At rtol = 1e-6 the amplitude drifts by 1e-8. The events must be the crossings of the returned path."""
     graze = 1 - 1e-8
     found = go(build(kinetic=x.dot**2 / 2, potential=-cos(x), initial={x: 1.0}), 50.0, [x.dot, x - graze], rtol=1e-6)
     peaks = found.y_events[0][:, 0] > graze
@@ -49,9 +49,9 @@ ON_A_SINE: list[Any] = [
 @pytest.mark.few(2)
 @pytest.mark.parametrize("expression", ON_A_SINE, ids=str)
 def test_the_zeros_are_those_of_a_dense_search(expression: Any) -> None:
-    """Along x = sin t, against a bracketing of the closed form: poles nearby, high powers, kinks, a jump through zero.
+    """The reference brackets the zeros of the closed form along x = sin t: near poles, high powers, kinks and a jump.
 
-    Expressions are right to 64 tolerances of 1e-10 relative to their own terms, hence times to some 1e-8 over a slope.
+    Expressions have errors of up to 64 tolerances of 1e-10, so times have errors of 1e-8 divided by the slope.
     """
 
     def closed(when: float) -> float:
@@ -75,7 +75,7 @@ def test_the_size_of_an_event_is_no_matter(factor: float) -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_many_events_keep_their_own_places(target: str) -> None:
-    """They differ in their constants only."""
+    """The events differ only in their constants."""
     found = go(free(target), 3.0, [x - i / 20 for i in range(1, 51)])
     assert [float(times[0]) for times in found.t_events] == pytest.approx([i / 20 for i in range(1, 51)], rel=1e-14)
     assert {len(times) for times in found.t_events} == {1}
@@ -95,7 +95,7 @@ def test_time_velocity_and_parameters() -> None:
 
 
 def test_a_pole_on_the_way_of_a_step_without_length() -> None:
-    """The one zero of g is just before its pole, to which the first terms of the series point with no word."""
+    """The only zero of g is just before its pole, which the first terms of the series do not show."""
     found = go(free(), 0.97, [1.04 - 0.04 / (1 - x)])
     assert found.t_events[0] == pytest.approx([1 - 0.04 / 1.04], rel=1e-9)
     for start in (0.0, 0.01):
@@ -105,7 +105,10 @@ def test_a_pole_on_the_way_of_a_step_without_length() -> None:
 
 @pytest.mark.parametrize("end", [0.9, 9e3, 9e6])
 def test_the_length_of_the_run_does_not_blur_an_apex(end: float) -> None:
-    """Polynomials have no step of their own; thrown up to 1, the ball passes 1 - 1e-9 twice in 29 microseconds."""
+    """A polynomial motion has no natural step length.
+
+    The ball passes the height 1 - 1e-9 twice within 29 microseconds.
+    """
     found = go(ball(height=0.0, speed=math.sqrt(2 * G)), end, [y - (1 - 1e-9)])
     assert found.t_events[0] - FALL == pytest.approx([-math.sqrt(1e-9) * FALL, math.sqrt(1e-9) * FALL], rel=1e-4)
 
@@ -127,7 +130,7 @@ def test_an_elastic_ball_bounces_on(direction: int, level: float) -> None:
 
 
 def test_what_begins_in_the_other_direction_is_not_thrown_back() -> None:
-    """A ball from below the floor falls freely, and a particle that starts at the wall leaves it."""
+    """A ball that starts below the floor falls freely, and a particle that starts at the wall leaves it."""
     below = go(ball(height=-1.0, speed=10.0), 1.0, [floor(0.5)])
     assert len(below.t_events[0]) == 0 and below.y[0, -1] == pytest.approx(9 - G / 2)
     passing = go(free(x=1.0, x_dot=1.0), 1.0, [event(x - 1, direction=1, reset={x.dot: x.dot / 2})])
@@ -145,7 +148,7 @@ WALLS = [
 
 
 def test_a_square_billiard() -> None:
-    """Unfolded, the path is a straight line."""
+    """The reflected copies of the square turn the path into a straight line."""
     start = {x: 0.3, y: 0.1, x.dot: 0.7, y.dot: math.sqrt(0.5)}
     model = build(kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial=start)
     found = go(model, 1400.0, WALLS)
@@ -168,7 +171,7 @@ def test_two_resets_of_one_entry_at_one_time_are_not_settled_by_their_order(meth
 
 
 def test_resets_of_all_kinds() -> None:
-    """Teleports, time in a reset, a reset at the very end, and one together with the end of the run."""
+    """Resets of coordinates, with explicit time, at the end of the run, and together with a terminal event."""
     saw = go(free(), 5.0, [event(x - 1, reset={x: 0})])
     assert saw.t_events[0] == pytest.approx([1, 2, 3, 4, 5], rel=1e-15) and saw.y[:, -1].tolist() == [0.0, 1.0]
     clock = go(free(), 4.0, [event(t - 2, reset={x: t * x.dot, x.dot: x - 1})])

@@ -1,4 +1,4 @@
-"""Events that the loop over Taylor steps deals with by itself are those that the watch finds in Python."""
+"""Events handled by the compiled loop over Taylor steps equal those that Python handles."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ON_MACHINES = [
 
 
 def random_model(chance: np.random.Generator, target: str) -> Model:
-    """Return two masses in a well with random terms of low order."""
+    """Return two masses in a potential well with random terms of low order."""
     a, b, c, d = (Rational(int(k), 10) for k in chance.integers(-5, 6, 4))
     well = (x**2 + y**2) / 2 + x**4 / 4 + y**4 / 4
     return build(
@@ -43,7 +43,7 @@ def random_model(chance: np.random.Generator, target: str) -> Model:
 
 
 def random_events(chance: np.random.Generator) -> list[Any]:
-    """Return one to four events: sections, curves and times, some with resets, at times with an end."""
+    """Return one to four random events, some with resets, some of which end the run."""
     level = Rational(int(chance.integers(-3, 4)), 10)
     functions = [y - level, x - y, x.dot, x**2 + y**2 - Rational(1, 10), sin(3 * t), x * y.dot - y * x.dot, x + level]
     found = []
@@ -58,7 +58,7 @@ def random_events(chance: np.random.Generator) -> list[Any]:
 
 
 def changed_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave each reset and each crossing of a surface to the watch, and the sides at the start as well."""
+    """Let Python handle all resets, all crossings of switching surfaces, and the signs at the start."""
     write = SeriesWatch.write
 
     def begun(self: SeriesWatch, state: DriverState) -> EventResult:
@@ -74,7 +74,7 @@ def changed_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def assert_zeros(found: Trajectory, events: list[Any]) -> None:
-    """Check that events are the zeros that the dense output shows, in the directions that count, if none resets."""
+    """Assert that events without resets are the zeros of the dense output in the counted directions."""
     if any(one.reset for one in events):
         return
     times = np.linspace(*found.span, 4001)
@@ -137,7 +137,7 @@ STEEP = (
     ("target", "end"), [("llvm", 5.0), ("llvm", -5.0), pytest.param("numpy", 1.5, marks=pytest.mark.slow)]
 )
 def test_powers_above_the_order(events: list[Any], target: str, end: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The loop finds them as the watch does; it asks for a start at zero and for little else."""
+    """The loop finds the same zeros as Python. It calls Python for a start at zero and for little else."""
     compiled, asked = random_model(np.random.default_rng(7), target), []
     process = SeriesWatch.process
 
@@ -156,7 +156,7 @@ def test_powers_above_the_order(events: list[Any], target: str, end: float, monk
 @pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(40))
 def test_functions_that_hide_what_they_grow_to(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every step is inspected, and no longer than the radius that the series show."""
+    """Every step is inspected, and no step is longer than the radius of convergence."""
     chance = np.random.default_rng(200 + seed)
     a, b = (Rational(int(k), 10) for k in chance.integers(1, 9, 2))
     well = build(
@@ -172,7 +172,7 @@ def test_functions_that_hide_what_they_grow_to(seed: int, monkeypatch: pytest.Mo
 
 
 def random_switches(chance: np.random.Generator, target: str) -> Model:
-    """Return two masses with springs that are stiffer on one side, contacts, and dry friction."""
+    """Return two masses with one-sided springs, contacts, and dry friction."""
     level, stiff = Rational(int(chance.integers(-3, 4)), 10), Rational(int(chance.integers(1, 9)), 2)
     spring = Piecewise((stiff * (x - level) ** 2, x > level), (0, True))
     contact = Abs(y - x / 2) if chance.random() < 0.5 else Max(y, level) ** 2
@@ -202,7 +202,7 @@ def test_random_switches(seed: int, target: str, monkeypatch: pytest.MonkeyPatch
 
 
 def counted(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """Return a list to which each time is added at which Python is asked."""
+    """Return a list to which the time of each call of Python is appended."""
     calls: list[float] = []
     read = SeriesWatch.read
 
@@ -226,7 +226,7 @@ def test_the_loop_crosses_surfaces_by_itself(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_the_loop_comes_back_for_nothing_that_is_regular(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A section and a wall that throws back: Python is called where the run begins and ends."""
+    """With a section and a reflecting wall, Python is called only at the start and the end."""
     calls = counted(monkeypatch)
     wall = event(x - Rational(1, 2), direction=1, reset={x.dot: -x.dot})
     well = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=x**2 / 2 + y**2, initial={x: 0.4, x.dot: 1.0, y: 0.3})
@@ -236,7 +236,7 @@ def test_the_loop_comes_back_for_nothing_that_is_regular(monkeypatch: pytest.Mon
 
 
 def test_an_event_on_a_surface_counts_in_its_direction() -> None:
-    """A step that ends on a surface may end just behind an event that vanishes there with it, or just before."""
+    """A step that ends on a surface may end just before or after an event at the same place."""
     kepler = build("llvm", kinetic=(x.dot**2 + y.dot**2) / 2, potential=-1 / sqrt(x**2 + y**2))
     angle = atan2(y.dot, x)
     rises, falls = event(angle, direction=1), event(angle, direction=-1)
@@ -250,7 +250,7 @@ def test_an_event_on_a_surface_counts_in_its_direction() -> None:
 
 
 def test_an_interruption_keeps_the_events_of_its_rows(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A signal that comes in the loop over steps is raised as the loop returns, before anyone has asked for events."""
+    """A signal during the loop is raised when the loop returns, before the events are read."""
     oscillator = build("llvm", kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1.0})
     is_due, calls = SeriesWatch.is_due, []
 
@@ -310,7 +310,7 @@ STARTS = {
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("end", [7.0, -7.0])
 def test_events_that_are_zero_at_the_start(case: str, target: str, end: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The loop begins by itself where no reset is to be done at the start."""
+    """The loop determines the signs at the start itself, unless a reset is due there."""
     calls = counted(monkeypatch)
     initial, events = STARTS[case]
     if end < 0 and case == "is not reset there":
@@ -330,7 +330,7 @@ def test_events_that_are_zero_at_the_start(case: str, target: str, end: float, m
 def test_events_on_a_step_that_its_defect_refuses_have_not_happened(
     change: dict[str, Any], target: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """From x = 0 the series is a straight line, which leads over x = 5; the wall turns the motion back at 1.1."""
+    """From x = 0 the series is a straight line that crosses x = 5, but a wall reflects the motion at x = 1.1."""
     wall = build(target, kinetic=x.dot**2 / 2, potential=x**40, initial={x: 0.0, x.dot: 1.0})
     events = [event(x - 5, **change), x - Rational(1, 2), x + 5]
     ours = run(wall, 6.0, "taylor", events=events, rtol=1e-6)
@@ -362,7 +362,7 @@ thread.join()
 
 @pytest.mark.slow
 def test_many_events_fit_a_small_stack() -> None:
-    """What the loop keeps of each thing watched, 4 kB, is no part of the stack, which a thread may have little of."""
+    """The 4 kB of memory for each event are not on the stack, which may be small in a thread."""
     done = subprocess.run([sys.executable, "-c", SMALL_STACK], capture_output=True, text=True, check=False)
     # x = cos(t) has each of the values from 0 to below 1 three times from t = 0 to 10.
     assert (done.returncode, done.stdout) == (0, "SUCCESS 300\nSUCCESS 300\n"), done.stderr

@@ -1,4 +1,4 @@
-"""Lagrangians that are linear in velocities: equations of motion of first order are solved, from positions alone."""
+"""Lagrangians that are linear in velocities: their equations of motion are of first order."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ g1, g2 = lg.parameters("g1 g2", positive=False)
 
 
 def charge(**given: Any) -> lg.System:
-    """A charge without mass in a magnetic field and a bowl: it goes round at k/B."""
+    """Return a massless charge in a magnetic field and a quadratic potential, which circles at the rate k/B."""
     return lg.System(
         lagrangian=B * (x * y.dot - y * x.dot) / 2 - k * (x**2 + y**2) / 2,
         coordinates=[x, y],
@@ -89,7 +89,7 @@ def test_a_mass_and_coordinates_of_first_order_that_its_velocity_moves(method: s
 
 
 def test_beside_a_constraint() -> None:
-    """The pendulum on a rod swings as if the charge were not there."""
+    """A pendulum on a rod swings as it does without the charge."""
     rod = {"rod": z**2 + r**2 - 1}
     swing = m * (z.dot**2 + r.dot**2) / 2 - 9 * m * r
     alone = lg.System(lagrangian=swing, coordinates=[z, r], constraints=rod, parameters={m: 1.0})

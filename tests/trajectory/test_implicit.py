@@ -40,7 +40,7 @@ TABLEAUS: dict[str, tuple[Any, Any, Any]] = {
 
 
 def by_tableau(name: str, f: Callable[..., Any], t: float, y: Any, h: float) -> Any:
-    """Return the step with stages found by fixed-point iteration, which has nothing in common with Newton's."""
+    """Return a step whose stages are found by fixed-point iteration, independent of Newton's method."""
     A, b, c = (np.array(part, dtype=float) for part in TABLEAUS[name])
     slopes = np.array([f(t, y)] * len(b))
     for _ in range(200):
@@ -92,7 +92,7 @@ TWINS = {
 @pytest.mark.parametrize("system", ["Henon-Heiles", "coupled masses", "saddle"])
 @pytest.mark.parametrize("name", TWINS)
 def test_with_a_constant_mass_matrix_a_variational_method_is_a_known_one(name: str, system: str) -> None:
-    """Marsden and West, 2001, sections 2.6.1 and 2.6.2; Gauss's tableau is its own conjugate (HLW, VI.6.4)."""
+    """Sources: Marsden and West, 2001, sections 2.6.1 and 2.6.2; Hairer, Lubich and Wanner, section VI.6.4."""
     compiled = model(system)
     ours, theirs = (run(compiled, 1.0, each, step=0.05) for each in (name, TWINS[name]))
     assert ours.y == pytest.approx(theirs.y, rel=1e-12, abs=1e-13)
@@ -132,7 +132,7 @@ def test_lobattos_pairs_follow_the_formula(name: str, system: str, target: str) 
 @pytest.mark.parametrize("system", ["pendulum", "double pendulum", "elastic pendulum", "Henon-Heiles"])
 @pytest.mark.parametrize("name", EQUAL)
 def test_what_claims_to_conserve_energy_does_and_the_rest_does_not(name: str, system: str) -> None:
-    """2000 steps of 0.02, some 40 to a swing: the error must be round-off, and must not be for the others."""
+    """In 2000 steps the energy error of methods that claim conservation is round-off; that of the others is not."""
     compiled = model(system)
     found = run(compiled, 40.0, name, step=0.02)
     n = compiled.dimension
@@ -148,7 +148,7 @@ def test_what_claims_to_conserve_energy_does_and_the_rest_does_not(name: str, sy
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", [name for name in IMPLICIT if find(name).claims.a_stable])
 def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str) -> None:
-    """Over-damped and oscillating, a thousand times too fast for the step: nothing grows."""
+    """Overdamped and oscillating motions a thousand times faster than the step do not grow."""
     for damping in (0.0, 2e4):
         compiled = build(
             kinetic=x.dot**2 / 2,
@@ -175,7 +175,7 @@ def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str
 @pytest.mark.parametrize("step", [1e-3, 1e-2])
 @pytest.mark.parametrize("name", SLOPES)
 def test_a_stage_costs_few_evaluations(name: str, step: float, target: str) -> None:
-    """Extrapolated unknowns and a kept inverse: 1.9 to 3.9 evaluations of each stage were measured."""
+    """Extrapolated guesses and a reused inverse: 1.9 to 3.9 evaluations of each stage were measured."""
     found = run(model("double pendulum", target), 1.0, name, step=step)
     problem = Problem(model("oscillator"), {}, 0.0, 1.0, np.zeros(2))
     stages = len(implicit(name).plan(problem).step.solves[0].calls)
@@ -188,7 +188,7 @@ def test_a_stage_costs_few_evaluations(name: str, step: float, target: str) -> N
 @pytest.mark.few
 @pytest.mark.parametrize("name", EQUAL)
 def test_units_do_not_matter(name: str) -> None:
-    """Lengths and times in units of 1e-30 to 1e30: the same corrections, and the same result."""
+    """Lengths and times in units from 1e-30 to 1e30 give the same corrections and the same result."""
     compiled = model("elastic pendulum")
     counts, ends = [], []
     for length, time in itertools.product((1e-30, 1.0, 1e30), repeat=2):
@@ -208,14 +208,14 @@ def test_units_do_not_matter(name: str) -> None:
 
 
 def stiff() -> tuple[Model, dict[str, Any]]:
-    """An elastic pendulum with a spring of 1e8, started where the spring does not vibrate."""
+    """An elastic pendulum with a stiffness of 1e8, started so that the spring does not vibrate."""
     start = VALUES[l] + VALUES[m] * VALUES[g] * np.cos(0.5) / 1e8
     return model("elastic pendulum"), {"parameters": {k: 1e8}, "initial": {"r": start, "theta": 0.5, "theta_dot": 0}}
 
 
 @pytest.mark.parametrize("name", CONTROLLED)
 def test_a_stiff_system_takes_few_steps(name: str) -> None:
-    """The spring vibrates 1400 times a second; an explicit method takes some 1e5 steps for 10 s."""
+    """The spring would vibrate 1400 times a second; an explicit method takes about 1e5 steps for 10 s."""
     compiled, given = stiff()
     found = run(compiled, 10.0, name, rtol=1e-5, atol=1e-7, **given)
     pendulum = exact(model("pendulum"), 10.0, initial={theta: 0.5, theta.dot: 0})
@@ -229,7 +229,7 @@ def test_a_stiff_system_takes_few_steps(name: str) -> None:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", EQUAL)
 def test_round_off_ends_the_iteration(name: str, target: str) -> None:
-    """With a spring of 1e8 the residuals never fall below 1e-8 of the slopes: the corrections stop all the same."""
+    """With a stiffness of 1e8 the residuals stay above 1e-8 of the slopes, but the iteration ends."""
     if not find(name).claims.a_stable:
         pytest.skip("explodes with steps this long")
     compiled = model("elastic pendulum", target)
@@ -258,9 +258,9 @@ def test_a_step_without_a_solution_is_told(target: str) -> None:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", EQUAL)
 def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
-    """v' = v^2 and x'' = 6x^2 have a pole at t = 1, and the mass x^2 vanishes at x = 0, which is met at t = 0.5.
+    """v' = v^2 and x'' = 6x^2 have a pole at t = 1. The mass x^2 is zero at x = 0, which is reached at t = 0.5.
 
-    A step may end so close to x = 0 that the mass matrix is singular there; the last digits decide.
+    A step may end so close to x = 0 that the mass matrix is singular there; rounding decides.
     """
     pole = build(target, kinetic=x.dot**2 / 2, forces={x: x.dot**2}, initial={x: 0.0, x.dot: 1.0})
     double = build(target, kinetic=x.dot**2 / 2, forces={x: 6 * x**2}, initial={x: 1.0, x.dot: 2.0})
@@ -285,7 +285,7 @@ def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
     ],
 )
 def test_newton_does_not_wander_to_a_far_root(name: str, step: float, force: Any, time: float, target: str) -> None:
-    """When the near root is gone there is one at v = 1000, or at v = -4e5, and corrections lead there in the end."""
+    """After the near root has vanished, Newton's method could converge to one at v = 1000 or -4e5."""
     compiled = build(target, kinetic=x.dot**2 / 2, forces={x: force}, initial={x: 0.0, x.dot: 1.0})
     found = run(compiled, 2.0, name, step=step)
     assert found.status is Status.DIVERGED, found.message
@@ -297,7 +297,7 @@ def test_newton_does_not_wander_to_a_far_root(name: str, step: float, force: Any
 @pytest.mark.parametrize("name", EQUAL)
 @pytest.mark.parametrize("size", [100.0, 1000.0])
 def test_a_law_that_rounds_more_than_its_terms_show(size: float, name: str, target: str) -> None:
-    """The force is a difference of cubes of `size`: corrections stop shrinking far above the round-off of residuals."""
+    """The force is a difference of cubes of `size`, so corrections stop decreasing far above round-off."""
     compiled = build(target, kinetic=x.dot**2 / 2, potential=(x + B) ** 4 / 4 - B**3 * x, initial={x: 1.0})
     found = run(compiled, 0.4 / size, name, step=2e-3 / size, parameters={B: size})
     assert found.status is Status.SUCCESS, found.message
@@ -309,9 +309,9 @@ def test_a_law_that_rounds_more_than_its_terms_show(size: float, name: str, targ
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", IMPLICIT)
 def test_a_mass_matrix_that_becomes_singular_is_told(name: str, target: str) -> None:
-    """From x = 1 on, y and z have one inertia together and none apart.
+    """From x = 1 on only y + z has inertia.
 
-    Methods of momenta do not divide by it, and see it when their matrix is made anew, 64 steps later at most.
+    Methods of momenta detect it when Newton's matrix is updated, within 64 steps.
     """
     y, z = coordinates("y z")
     compiled = build(
@@ -332,7 +332,7 @@ def test_a_mass_matrix_that_becomes_singular_is_told(name: str, target: str) -> 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_method_of_ones_own(target: str) -> None:
-    """The two-stage singly diagonal method of Alexander: two solves, one after the other, of order 2."""
+    """A user's method: Alexander's two-stage singly diagonally implicit method of order 2, with two solves."""
     gamma = 1 - 0.5**0.5
 
     def step(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:

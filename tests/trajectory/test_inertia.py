@@ -1,4 +1,4 @@
-"""A mass matrix that degenerates on the way is named, with its place and the motion that loses its inertia."""
+"""If the mass matrix becomes singular, the message names the place and the motion without inertia."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ METHODS = ("taylor", "dop853", "tsit5", "radau5", "scipy-lsoda")
 
 
 def quartic(target: str = "llvm") -> Model:
-    """From v = 1 the momentum v**3 falls to zero at t = 1, where x = 3/4."""
+    """Return a system whose momentum v**3 decreases from v = 1 to zero at t = 1, x = 3/4."""
     return build(target, lagrangian=x.dot**4 / 4 - x, initial={x.dot: 1.0})
 
 
 def indefinite() -> Model:
-    """The determinant of its metric, x (y - 1) - 1, becomes zero."""
+    """Return a system whose mass matrix has the determinant x (y - 1) - 1, which becomes zero."""
     return build(
         lagrangian=x.dot * y.dot + x * x.dot**2 / 2 + (y - 1) * y.dot**2 / 2 - x - y,
         coordinates=[x, y],

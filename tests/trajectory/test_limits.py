@@ -1,4 +1,4 @@
-"""Seconds and bytes that a run may take: how it ends where it would take more, and what it keeps."""
+"""Limits of time and memory: how a run ends at a limit, and which states it keeps."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_memory_has_a_bound(name: str, model: Model) -> None:
     "name", ["scipy-rk45", "scipy-rk23", "scipy-dop853", "scipy-radau", "scipy-bdf", "scipy-lsoda"]
 )
 def test_what_a_solver_keeps_is_what_is_counted(name: str, model: Model) -> None:
-    """A path that is still unread is an object of SciPy's, three times as large as what is read of it."""
+    """SciPy's dense output, before it is read, is three times as large as the stored polynomial."""
     lg.integrate(model, (0.0, 1.0), method=name)
     gc.collect()
     gc.freeze()  # what other tests have left is not looked at again and again
@@ -75,7 +75,7 @@ def test_what_a_solver_keeps_is_what_is_counted(name: str, model: Model) -> None
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "scipy-dop853"])
 def test_compiling_counts(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`max_wall` used to begin with the first step, however long it took to get there."""
+    """`max_wall` includes the time of compilation, not only that of steps."""
     monkeypatch.setattr(pace, "COMPILE_SECONDS", 0.0)
     system = unit_pendulum()
     system.compile()
@@ -95,7 +95,7 @@ def test_a_short_limit_leaves_time_to_compile() -> None:
 
 
 def compile_again_and_again(model: Model) -> None:
-    """Compile what a fresh model compiles, for some minutes at most."""
+    """Compile new models repeatedly, for some minutes at most."""
     enough = time.process_time() + 300.0
     while time.process_time() < enough:
         fresh = model_of(model.statement, model.machine, model.equations)
@@ -104,7 +104,7 @@ def compile_again_and_again(model: Model) -> None:
 
 
 def press_until(heard: threading.Event) -> None:
-    """Send SIGINT every second: Python loses one that arrives while it frees a model that nobody uses any more."""
+    """Send SIGINT every second, because Python loses a signal that arrives while it frees an object."""
     while not heard.wait(1.0):
         os.kill(os.getpid(), signal.SIGINT)
 
@@ -113,7 +113,7 @@ def press_until(heard: threading.Event) -> None:
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # a signal that Python lost
 def test_ctrl_c_while_compiling() -> None:
-    """The signal is heard between two pieces that LLVM compiles, here of a second at most."""
+    """The signal takes effect between two parts of a compilation, here within a second."""
     q = [lg.coordinate(f"x{i}") for i in range(150)]
     stretch = [b - a for a, b in pairwise(q)]
     large = lg.System(sum(x.dot**2 for x in q) / 2, sum(d**2 / 2 + d**4 / 4 for d in stretch), initial={q[0]: 0.3})
@@ -132,7 +132,7 @@ def test_ctrl_c_while_compiling() -> None:
 
 
 class Terminal:
-    """What is written to a terminal."""
+    """A text stream that claims to be a terminal."""
 
     def __init__(self) -> None:
         self.text = ""
@@ -144,7 +144,7 @@ class Terminal:
         self.text += text
 
     def flush(self) -> None:
-        """Nothing waits."""
+        """Do nothing: there is no buffer."""
 
 
 SLOW: dict[str, tuple[str, Callable[[], Any]]] = {
@@ -202,7 +202,7 @@ def test_a_pipe_is_told_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "scipy-dop853"])
 def test_time_is_kept_while_events_are_located(method: str) -> None:
-    """A step with hundreds of zeros takes a while; a block of steps is not looked at to its end first."""
+    """A step with hundreds of zeros takes long. The time limit is tested after each step, not after a block."""
     x = lg.coordinate("x")
     free = lg.System(kinetic=x.dot**2 / 2, potential=0, initial={x.dot: 1})
     given: dict[str, Any] = {
@@ -230,7 +230,7 @@ OSCILLATOR = lg.System(kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1})
 
 
 def pressed_once(function: Any) -> Any:
-    """Return the function, at whose first call somebody presses Ctrl-C."""
+    """Return the function with a KeyboardInterrupt at its first call."""
     calls: list[int] = []
 
     def called(*given: Any, **named: Any) -> Any:
@@ -291,7 +291,7 @@ ADAPTIVE = ("bs3", "dopri5", "tsit5", "verner9", "dop853", "radau3", "radau5")
 @pytest.mark.few
 @pytest.mark.parametrize("method", [*ADAPTIVE, *(name for name in ("scipy-radau", "scipy-rk23") if name in OUTSIDE)])
 def test_a_body_that_sticks_is_named_long_before_the_step_limit(method: str) -> None:
-    """At v = 0 friction of either sign leads back: dop853 took ten million steps, and spoke of the step limit."""
+    """At v = 0 friction of both signs leads back. dop853 took ten million steps and reported the step limit."""
     sticking = lg.System(kinetic=x.dot**2 / 2, potential=x**2 / 2, forces={x: -sign(x.dot) * 3 / 10}, initial={x: 1})
     found = sticking.run(20, method=method)
     assert found.status is lg.Status.STEP_TOO_SMALL and found.steps < 50_000
@@ -301,7 +301,10 @@ def test_a_body_that_sticks_is_named_long_before_the_step_limit(method: str) -> 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("method", ["radau3", "radau5"])
 def test_an_implicit_step_without_a_solution_names_the_surface_that_holds_a_body(method: str, unit: float) -> None:
-    """A block slides to a halt: the equations of a step over it have no solution, and Newton's method diverges."""
+    """A block stops by friction.
+
+    The equations of a step over this time have no solution, and Newton's method diverges.
+    """
     block = lg.System(
         kinetic=x.dot**2 / 2, potential=0, coordinates=[x], forces={x: -sign(x.dot) * 7 / 10}, initial={x.dot: unit}
     )

@@ -1,4 +1,4 @@
-"""Each method against its formula and its claims: order, symplecticity, symmetry, energy, and where it is refused."""
+"""Each method is tested against its formula and its claims: order, symplecticity, symmetry, energy, and refusals."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Step = Callable[[Rhs, float, Any, float], Any]
 
 
 def in_turn(*parts: tuple[float, float]) -> Step:
-    """Return the step that kicks the velocity and lets the place drift by parts of h; time goes with the drifts."""
+    """Return a splitting step that changes velocities (kicks) and positions (drifts) in turn, by fractions of h."""
 
     def step(f: Rhs, t: float, y: Any, h: float) -> Any:
         q, v = np.split(y, 2)
@@ -43,7 +43,7 @@ def in_turn(*parts: tuple[float, float]) -> Step:
 
 
 def composed(outer: tuple[float, ...]) -> Step:
-    """Return steps of Verlet's method of symmetric sizes, one after the other."""
+    """Return a composition of Verlet steps with symmetric lengths."""
 
     def composition(f: Rhs, t: float, y: Any, h: float) -> Any:
         for part in (*outer, 1 - 2 * sum(outer), *reversed(outer)):
@@ -67,7 +67,7 @@ FORMULAS: dict[str, Step] = {
 
 
 def driven() -> Any:
-    """A system that every method may run: constant mass matrix, forces of position and time."""
+    """Return a system that all methods accept: a constant mass matrix, and forces of position and time."""
     return {
         "kinetic": m * (x.dot**2 + x.dot * y.dot + y.dot**2) / 2,
         "potential": k * x**2 / 2 + sin(x * y) + y**4 / 4,
@@ -98,7 +98,7 @@ def test_steps_follow_the_formula(name: str, target: str) -> None:
 @pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in (*SPLITTINGS, *EQUAL) if find(name).claims.symplectic])
 def test_energy_stays_bounded_without_drift(name: str) -> None:
-    """Methods of momenta are symplectic where the mass matrix moves as well."""
+    """Methods of momenta are symplectic also if the mass matrix depends on coordinates."""
     compiled = model("double pendulum" if name in MOMENTA else "Henon-Heiles")
     end, long = (1500.0, 0.4) if name in SPLITTINGS else (150.0, 0.1)
     found = run(compiled, end, name, step=0.05 if find(name).claims.order < 6 else long)
@@ -164,7 +164,7 @@ def test_symmetry_is_read_off_the_coefficients() -> None:
 
 
 def test_a_composition_of_ones_own() -> None:
-    """Suzuki's five steps of order 4, from either end of a Verlet step."""
+    """A user's composition: Suzuki's five steps of order 4."""
     outer = 1 / (4 - 4 ** (1 / 3))
     sizes = (outer, outer, 1 - 4 * outer, outer, outer)
     compiled = model("Henon-Heiles")
@@ -205,7 +205,7 @@ CLOSE = Fraction(1, 2 ** (BITS - 10))
 
 
 def moments(weights: Sequence[Any], points: Sequence[Any], end: Any, most: int) -> list[Any]:
-    """Return by how much the integrals of 1, x, x^2, ... from 0 to `end` are missed."""
+    """Return the errors of a quadrature for the integrals of 1, x, x^2, ... from 0 to `end`."""
     pairs = list(zip(weights, points, strict=True))
     return [abs(sum(w * x**k for w, x in pairs) - end ** (k + 1) / Fraction(k + 1)) for k in range(most)]
 

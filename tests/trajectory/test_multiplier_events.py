@@ -1,4 +1,4 @@
-"""Events in multipliers and accelerations: contacts that would pull, on both machines, by series and by steps."""
+"""Events on multipliers and accelerations, such as a contact force that becomes zero, on both machines."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_accelerations_may_be_in_events(target: str) -> None:
 
 
 def test_multipliers_are_watched_across_switches_of_the_forces() -> None:
-    """The sphere has a wind that begins at x = 0.7: the accelerations at order 0 are those of the side."""
+    """A wind acts from x = 0.7 on. The accelerations in an event must be those of the present side."""
     stated: dict[str, Any] = {
         "kinetic": m * (x.dot**2 + y.dot**2) / 2,
         "potential": m * g * y,

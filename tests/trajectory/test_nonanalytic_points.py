@@ -1,4 +1,4 @@
-"""Points at which a motion has no series: leapt over where forces hardly change, named in words where they do."""
+"""Points without a Taylor series: a run passes them if forces hardly change there, and else names them."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def test_drag_from_rest(target: str) -> None:
 
 
 def touching(*bodies: Any) -> Any:
-    """Return the potential of contacts in a row of equal balls, as Hertz has it."""
+    """Return the potential of Hertz's contact forces in a row of equal balls."""
     return sum(Piecewise(((p - q) ** Rational(5, 2), p > q), (0, True)) for p, q in pairwise(bodies))
 
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize("start", [{x.dot: 1.0}, {x: -0.1, x.dot: 1.0}, {x: 0.2}, {x: -0.1, z: 0.1, x.dot: 1.0}])
 def test_what_is_at_rest_is_hit(start: Any) -> None:
-    """The force on it grows as a power of the time, and there is no velocity that it could be small against."""
+    """A body at rest is hit: its force grows with a power of time, and there is no velocity to compare it with."""
     balls = lg.System(kinetic=(x.dot**2 + y.dot**2 + z.dot**2) / 2, potential=touching(x, y, z), coordinates=[x, y, z])
     found, right = balls.run(5.0, start), balls.run(5.0, start, method="dop853", rtol=1e-12, atol=1e-13)
     assert found.status is right.status is lg.Status.SUCCESS, found.message
@@ -71,7 +71,7 @@ def test_no_leap_into_a_force_that_is_infinite_where_it_begins(force: Any) -> No
 
 @pytest.mark.parametrize("events", [None, [y.dot], [lg.event(y.dot, direction=-1)]])
 def test_straight_up_and_down_again(events: Any) -> None:
-    """At the turning point the speed is the root of a square; an event may be at the same place."""
+    """At the turning point the speed is the square root of zero; an event may be at the same point."""
     up = 10.0
     found = thrown().run(5.0, {y.dot: up}, events=events, rtol=1e-12, atol=1e-14)
     turn = LIMIT / G * math.atan(up / LIMIT)
@@ -85,7 +85,7 @@ def test_straight_up_and_down_again(events: Any) -> None:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("power", [Rational(1, 2), Rational(1, 3), Rational(3, 4)])
 def test_an_oscillation_with_drag_of_a_fractional_power(power: Rational) -> None:
-    """Forces that depend on a power of the speed squared, at every turn of the oscillation."""
+    """The drag is a fractional power of the speed squared, which is zero at each turning point."""
     system = lg.System(kinetic=x.dot**2 / 2, potential=2 * x**2, forces={x: -((x.dot**2) ** power) * x.dot / 3})
     found = system.run(20.0, {x: 1.0})
     truth = system.run(20.0, {x: 1.0}, method="dop853", rtol=1e-13, atol=1e-14)
@@ -100,7 +100,7 @@ SQUARE = x**2 - 2 * x * y + y**2
 
 @pytest.mark.parametrize("force", [-(sqrt(SQUARE) - 1) * (x - y) / sqrt(SQUARE), -(x - y) * (1 - 1 / sqrt(SQUARE))])
 def test_a_force_that_jumps_is_not_leapt_over(force: Any) -> None:
-    """A spring of length 1 whose ends pass through each other: its force changes from a push to a pull.
+    """The ends of a spring of length 1 pass through each other, and its force changes sign.
 
     Until then x - y = 1 - 2 sin t, for a mass at y that does not move.
     """
@@ -122,7 +122,7 @@ def test_a_force_that_jumps_is_not_leapt_over(force: Any) -> None:
     ],
 )
 def test_the_root_of_a_square_is_an_absolute_value(square: Any, absolute: Any) -> None:
-    """What it is for real numbers: the motion passes the zero of x, where the force jumps, at full order."""
+    """sqrt(x**2) is abs(x): the motion passes x = 0, where the force jumps, at full order."""
     system = lg.System(kinetic=x.dot**2 / 2, potential=sqrt(square))
     found = system.run(5.0, {x: 1.25}, rtol=1e-12, atol=1e-14)
     truth = lg.System(kinetic=x.dot**2 / 2, potential=absolute).run(5.0, {x: 1.25}, rtol=1e-12, atol=1e-14)

@@ -1,4 +1,4 @@
-"""Output times of every method: the same bits from the run and from its path, and a run that keeps nothing else."""
+"""Output times of all methods: the run and its dense output give the same bits, and a run can store outputs alone."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_the_states_of_a_run_are_those_of_its_path_to_the_last_bit(name: str, en
 
 @pytest.mark.parametrize("name", ["taylor", "dop853", "radau5", "scipy-dop853"])
 def test_across_resets_too(name: str) -> None:
-    """At the time of a reset the state behind it counts."""
+    """At the time of a reset the output is the state after it."""
     compiled = ball("llvm")
     plain = run(compiled, 3.0, name, events=[floor(0.8)])
     times = np.sort(np.concatenate([np.linspace(0.0, 3.0, 333), plain.t_events[0]]))
@@ -72,7 +72,7 @@ def test_across_resets_too(name: str) -> None:
 
 
 def few_bytes(count: int) -> int:
-    """Return what so many outputs of two coordinates take, and some steps."""
+    """Return a number of bytes that suffices for the outputs of two coordinates and some steps."""
     return 8 * 5 * count + 3000
 
 
@@ -120,7 +120,7 @@ GENERATOR = np.random.default_rng(11)
 
 
 def assert_on_the_path(found: Trajectory, plain: Trajectory, times: FloatArray) -> None:
-    """The outputs are the path of the same run without outputs, but for what rounding lost of its states."""
+    """Assert that outputs equal the dense output of the same run without output times, up to rounding of its states."""
     assert found.status is plain.status and found.steps == plain.steps and found.rejected == plain.rejected
     assert np.array_equal(found.t, times)
     size = np.abs(plain.y).max(axis=1, keepdims=True)
@@ -145,7 +145,7 @@ def test_many_and_few_times(name: str, end: float, count: int, target: str) -> N
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_step_that_is_taken_back_leaves_no_outputs(target: str) -> None:
-    """The narrow bump in the potential is found out from behind the step, and its outputs are written anew."""
+    """A narrow bump in the potential is detected after the step, which is rejected; its outputs are written again."""
     bump = exp(-((10 * (x - 0.5)) ** 2)) / 10
     hidden = build(target, kinetic=x.dot**2 / 2, potential=x**2 / 2 + bump, initial={x: 1.0, x.dot: 2.0})
     times = np.linspace(0.0, 20.0, 800)
@@ -156,7 +156,7 @@ def test_a_step_that_is_taken_back_leaves_no_outputs(target: str) -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_over_a_point_without_a_series(target: str) -> None:
-    """From rest with drag |v| v a run begins with a leap, and the outputs on it are those of its path."""
+    """A run from rest with drag |v| v begins with a short step of another method, whose outputs are right."""
     speed = sqrt(x.dot**2 + y.dot**2)
     drag = {x: -c * speed * x.dot, y: -c * speed * y.dot}
     thrown = build(target, kinetic=(x.dot**2 + y.dot**2) / 2, potential=9.81 * y, forces=drag)
@@ -226,7 +226,7 @@ def test_a_polynomial_is_read_whole(degree: int, off: float) -> None:
 
 
 def rounded(spacings: int) -> StepInterpolant:
-    """A rise from 0 to 1 within so many spacings of a time."""
+    """Return the dense output of one step that rises from 0 to 1 within some spacings of doubles at a time."""
     first = 1000.0
     last = first + spacings * np.spacing(first)
     ends = np.array([0.0]), np.array([1.0])
@@ -262,7 +262,7 @@ def test_paths_are_read_when_they_are_asked_for_and_once() -> None:
 
 
 def path_round_off(name: str) -> float:
-    """The dense weights of verner9 reach 13,293 and cancel; those of the others reach 545."""
+    """Return the rounding error of the dense output. The weights of verner9 reach 13,293, those of others 545."""
     return 2e-12 if name == "verner9" else 1e-13
 
 
@@ -278,10 +278,9 @@ CLAIMED: dict[str, Planned] = {
 
 
 def measured_order(method: Any, system: str, end: float) -> float:
-    """Return the order of the path alone: between states of the exact motion its error goes like h^(order + 1).
+    """Return the order of the dense output between exact states, where its error is proportional to h^(order + 1).
 
-    By the four grids with the smallest errors above round-off, from 2 to 1448 steps by factors of the square root of 2.
-    Round-off is more where weights of the path cancel: those of verner9 reach 13,293, those of dop853 545.
+    It is fitted to the four grids with the smallest errors above round-off, of 2 to 1448 steps.
     """
     compiled, times = model(system), np.linspace(0.0, end, 499)
     truth, kept = exact(compiled, end, t_eval=times).y, []
@@ -299,7 +298,7 @@ def measured_order(method: Any, system: str, end: float) -> float:
 
 
 def off(method: Any) -> float:
-    """Return by how much the measured order of the path differs from the claimed one."""
+    """Return the difference between the measured and the claimed order of the dense output."""
     system, end = ("Henon-Heiles", 3.0) if method.name in SPLITTINGS else ("cart and pole", 1.2)
     claimed: int = method.claims.dense
     return abs(measured_order(method, system, end) - claimed)
@@ -308,7 +307,7 @@ def off(method: Any) -> float:
 @pytest.mark.few(7)
 @pytest.mark.parametrize("name", CLAIMED)
 def test_the_observed_order_of_the_path_is_the_claimed_one(name: str) -> None:
-    """Neither less nor more: measured orders are within 0.17 of what is claimed."""
+    """Measured orders differ from the claimed ones by at most 0.17."""
     assert off(CLAIMED[name]) < 0.25
 
 
@@ -318,7 +317,7 @@ def test_a_method_of_ours_that_has_a_path_claims_its_order() -> None:
 
 @pytest.mark.parametrize("stretched", [0.0, 1e-6])
 def test_the_path_of_a_stiff_run_is_as_good_as_its_steps(stretched: float) -> None:
-    """A spring of 1e4 or 1e8: slopes of the law at the ends would bring in its rate times what they miss."""
+    """The stiffness is 1e4 or 1e8. Slopes from the right-hand side would multiply errors of the states by it."""
     compiled = model("elastic pendulum")
     rate = 1e8 if stretched == 0 else 1e4
     length = (VALUES[l] + VALUES[m] * VALUES[g] * np.cos(0.5) / rate) * (1 + stretched)
@@ -333,7 +332,7 @@ def test_the_path_of_a_stiff_run_is_as_good_as_its_steps(stretched: float) -> No
 
 
 def test_a_hermite_path_of_a_stiff_step_stays_the_cubic() -> None:
-    """x'' = -1e8 x' - x over steps of 0.1: the iteration would multiply what is wrong by 1e7 each time."""
+    """For x'' = -1e8 x' - x with steps of 0.1, improving the cubic would multiply errors by 1e7."""
     compiled = build(kinetic=x.dot**2 / 2, potential=x**2 / 2, dissipation=sp.Integer(10) ** 8 * x.dot**2 / 2)
     grid = np.linspace(0.0, 1.0, 11)
     values = np.exp(-1e-8 * grid)

@@ -27,7 +27,7 @@ PASSAGES = 1.5 * math.pi + np.cumsum([0.0, 2 * math.pi / math.sqrt(2), 2 * math.
 
 
 def exact(t: Any) -> Any:
-    """Return x of the spring: sin(omega (t - passage))/omega, as the speed at x = 0 stays 1."""
+    """Return x of the spring, sin(omega (t - passage))/omega, since the speed at x = 0 stays 1."""
     which = np.searchsorted(PASSAGES, t)
     omega = math.sqrt(2) ** which
     return np.sin(omega * (t - np.append(-math.pi / 2, PASSAGES)[which])) / omega

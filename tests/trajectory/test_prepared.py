@@ -1,4 +1,4 @@
-"""What a model keeps from run to run: nothing of one run is seen in the next, and a second run prepares nothing."""
+"""Drivers kept by a model: no run affects the next one, and a second run prepares nothing."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ STARTS = ({"x": 0.1, "y_dot": 0.2}, {"x": -0.2, "y": 0.1, "x_dot": 0.3})
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_is_that_of_a_model_that_has_kept_nothing(name: str, target: str) -> None:
-    """Other states, spans and directions, with the options of the run before and with others."""
+    """Runs with other states, spans, directions and options equal those of a new model."""
     compiled = model("Henon-Heiles", target)
     given: dict[str, Any] = {"step": 0.02} if name in FIXED else {"rtol": 1e-7, "atol": 1e-9}
     spans = (0.0, 0.3), (0.5, 0.2), (0.0, 0.3), (-1.0, -0.9)
@@ -90,7 +90,7 @@ def oscillator() -> Model:
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "radau5"])
 def test_after_a_run_that_failed(method: str) -> None:
-    """It leaves no driver, and a run with other values succeeds as before it."""
+    """After a failed run, a run with other values succeeds."""
     compiled = build("llvm", kinetic=m * x.dot**2 / 2, potential=-2 * k * x**3, parameters={m: 1, k: 1})
     options: dict[str, Any] = {"step": 0.01} if method == "rk4" else {}
     good = run(compiled, 0.1, method, initial={x: 1.0}, **options)
@@ -101,7 +101,7 @@ def test_after_a_run_that_failed(method: str) -> None:
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_a_second_run_with_the_same_events_plans_nothing(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The resets of a plan have its parameters: with others there is another plan."""
+    """The resets of a plan contain its parameters, so other parameters need another plan."""
     compiled = build(
         "llvm", kinetic=x.dot**2 / 2, potential=k * x**2 / 2, parameters={k: 2.0}, initial={x: 0.0, x.dot: -1.0}
     )
@@ -132,7 +132,10 @@ def test_few_plans_and_drivers_are_kept() -> None:
 
 
 def test_what_depends_on_the_span_is_that_of_each_run() -> None:
-    """A thousandth of the span where no step is given, and the bound of steps where a force may act briefly."""
+    """The default step is a thousandth of the span.
+
+    The longest step follows from the span if a force may act briefly.
+    """
     compiled = oscillator()
     assert [run(compiled, end, "rk4").step for end in (1.0, 3.0, 1.0)] == [0.001, 0.003, 0.001]
     pushed = build("llvm", kinetic=x.dot**2 / 2, forces={x: sp.exp(-((t - 5) ** 2))})
@@ -152,7 +155,7 @@ FACTORS = sympy.prod([sympy.cos(q / k) for k in range(1, 7)])
 
 @dataclass
 class Clock:
-    """A clock that works for some readings and is late by 30 years from then on."""
+    """A clock that jumps by 30 years after some readings."""
 
     left: float
     readings: int = 0
@@ -164,14 +167,14 @@ class Clock:
 
 
 def wide(*, constrained: bool) -> lg.System:
-    """Return a system with a long right-hand side, and a longer series."""
+    """Return a system with a long right-hand side and an even longer series."""
     rail = [u - q**2 / 8] if constrained else []
     return lg.System(q.dot**2 / 2 + u.dot**2 / 2, FACTORS + u, constraints=rail, initial={q.dot: 0.5})
 
 
 @pytest.fixture
 def often(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
-    """Let small systems look at the clock often."""
+    """Make small systems test the time limit often."""
     for place in ("graph.node", "program.recurrence", "program.lower"):
         monkeypatch.setattr(f"lagrange.{place}.CHECKED_EVERY", 8)
     return monkeypatch
@@ -184,7 +187,7 @@ def often(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 def test_preparation_ends_at_the_limit_wherever_it_is(
     method: str, constrained: bool, often: pytest.MonkeyPatch
 ) -> None:
-    """The time was first looked at when everything was compiled: 599 factors took 72 s with max_wall=5."""
+    """Compilation stops at the time limit. Before, 599 factors took 72 s with max_wall=5."""
     wide(constrained=constrained).run(1.0, method=method)  # the same text is compiled once, and then comes from a cache
     clock = Clock(math.inf)
     with often.context() as patch:
@@ -220,7 +223,7 @@ def test_a_run_that_ends_before_its_first_step_has_its_outputs_and_events(often:
 
 
 def test_steps_are_not_limited_by_the_time_of_preparation(often: pytest.MonkeyPatch) -> None:
-    """What a run compiles on its way, such as code with optimization, is not preparation."""
+    """Code that is compiled during a run, such as optimized code, does not count as preparation."""
     with preparation.preparation(0.0, 1e-9):
         with pytest.raises(preparation.PreparationTooLongError):
             preparation.check_time()
@@ -250,7 +253,7 @@ def test_steps_are_not_limited_by_the_time_of_preparation(often: pytest.MonkeyPa
 def test_a_run_looks_at_its_ends_by_quick_calls(
     scene: str, initial: Any, method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where nothing is wrong, neither the first slope nor an inertia or an energy is computed the slow way."""
+    """In a regular run the first slope, inertia and energy are computed by quick calls only."""
     model = shared_scene(scene).compile()
     step: dict[str, Any] = {"step": 0.01} if method == "rk4" else {}
     expected = lg.integrate(model, (0.0, 0.1), initial, method=method, **step)
@@ -279,7 +282,7 @@ MOST_GROWTH = 10.0
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", SCENES)
 def test_the_first_step_is_less_than_two_growths_away(name: str, method: str, rtol: float) -> None:
-    """An error far below the tolerance is round-off: a step then grows by the most that it may, again and again."""
+    """The first step is chosen so well that it is not followed by two steps of largest growth."""
     model = shared_scene(name).compile()
     span = shared_scene(name).statement.run.t_end or 10.0
     for absolute in (None, rtol):
@@ -298,16 +301,16 @@ FORCES = {"smooth": -(x**3), "switching": -sp.sign(x) - x}
 
 
 def watched(name: str, target: str = "llvm") -> Model:
-    """An oscillator, whose force may switch where x = 0."""
+    """Return an oscillator, with a force that switches at x = 0 if requested."""
     return build(
         target, kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, forces={x: FORCES[name]}, parameters={m: 1, k: 1}
     )
 
 
 def same_events(a: Trajectory, b: Trajectory) -> bool:
-    """Whether two runs and their events are the same, to the last bit.
+    """Return True if two runs and their events are equal to the last bit, except for counts of rejected steps.
 
-    How many steps are tried in vain behind a change of the motion depends on how many one call of the driver takes.
+    These depend on the number of steps in one call of the driver.
     """
     a, b = (replace(one, evaluations=0, rejected=0) for one in (a, b))
     times, states = (all(map(np.array_equal, getattr(a, n), getattr(b, n))) for n in ("t_events", "y_events"))
@@ -315,7 +318,7 @@ def same_events(a: Trajectory, b: Trajectory) -> bool:
 
 
 def poison(compiled: Model) -> None:
-    """Fill what idle drivers share with what watches their runs, but for what the drivers only read."""
+    """Overwrite the memory that idle drivers share with event searches, except for data that is only read."""
     idle = [one for kept in compiled.prepared.values() for one in kept.idle.values()]
     assert idle
     for one in idle:
@@ -335,7 +338,7 @@ READ_ALONE = ("settings", "direction", "tilts")
 
 
 def _fill(memory: Any, arrays: tuple[str, ...], record: Any) -> None:
-    """Fill arrays, and the fields of a record."""
+    """Fill arrays and the fields of a record with a number."""
     for name in arrays:
         if name not in READ_ALONE:
             getattr(memory, name).fill(3)
@@ -354,7 +357,7 @@ SPANS = (0.0, 9.0), (0.0, 4.0), (3.0, 0.0), (0.0, 9.0), (0.0, 260.0), (0.0, 9.0)
 def test_a_watched_run_is_that_of_a_model_that_has_kept_nothing(
     name: str, events: str, force: str, *, outputs: bool
 ) -> None:
-    """Whatever is in the memory of its driver: other starts, spans, directions and parameters."""
+    """Runs with events equal those of a new model, whatever the memory of the driver contains."""
     compiled, alone = watched(force), watched(force)
     for i, (begin, end) in enumerate(SPANS):
         options: dict[str, Any] = {"events": WATCHED[events], "parameters": {k: 1.0 + i // 3}}
@@ -388,7 +391,7 @@ def test_a_second_watched_run_makes_no_driver(
 @pytest.mark.parametrize("events", WATCHED)
 @pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2"])
 def test_threads_share_a_model(name: str, events: str) -> None:
-    """The bits of runs one after the other, whatever runs beside them: other states, parameters and directions."""
+    """Runs in threads equal runs one after the other, bit by bit."""
     shared, alone = watched("switching"), watched("switching")
     calls = [({x: 1.0 + i / 7, x.dot: 0.3}, 20.0 * (-1) ** i, {k: 1.0 + i % 3}) for i in range(8)]
     given: dict[str, Any] = {"events": WATCHED[events]}

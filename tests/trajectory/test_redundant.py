@@ -1,4 +1,4 @@
-"""Redundant constraints that are allowed: right accelerations, forces of least norm, and what is refused still."""
+"""Redundant constraints with redundant='allow': right accelerations, forces of least norm, and refusals."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_the_motion_is_that_of_independent_constraints(method: str, target: str)
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_the_multipliers_have_the_least_norm(target: str) -> None:
-    """The rows are (2, 4, 1) times (x, y): so are the shares of the one force."""
+    """The constraints are 2, 4 and 1 times the same row, and so are their shares of the force."""
     model, q, v = TWICE.compile(target), [0.6, -0.8], [0.3, 0.225]
     tension = ALONE.compile(target).multipliers(q, v)[0]
     assert model.multipliers(q, v) == pytest.approx(2 * tension * np.array([2.0, 4.0, 1.0]) / 21, rel=1e-12)
@@ -53,7 +53,7 @@ def test_the_multipliers_have_the_least_norm(target: str) -> None:
 
 
 def test_constraints_that_follow_only_where_all_hold() -> None:
-    """A table on three parallel cranks: two would do, and the six constraints are independent off their surface."""
+    """A table on three parallel cranks, of which two suffice. The six constraints are dependent only where all hold."""
     a1, a2, a3 = cranks = lg.coordinates("a1 a2 a3")
     held: dict[str, Any] = {}
     for i, (a, d, e) in enumerate(zip(cranks, (-1.0, 0.5, 0.0), (0.0, 0.0, 1.0), strict=True)):

@@ -1,4 +1,4 @@
-"""Methods by name, by instance, of one's own, and the table of their claims."""
+"""Methods by name, by instance and by users, and the table of their claims."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_names_and_instances_are_found() -> None:
 
 
 class Standing:
-    """The least integrator: it stays where it is, and says that it did."""
+    """A minimal integrator that returns the initial state."""
 
     name = "standing"
     claims = Claims(order=0)
@@ -127,7 +127,7 @@ def test_names_from_elsewhere_are_understood(given: str, meant: str) -> None:
 
 
 def test_an_entry_point_is_loaded_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """To load it takes as long as a short run. Its class is called for each run."""
+    """Loading an entry point takes as long as a short run, so it is done once. Its class is called for each run."""
     first = find("scipy-rk45")
     monkeypatch.setattr(EntryPoint, "load", None)
     assert find("scipy-rk45") == first
@@ -139,12 +139,12 @@ def test_an_entry_point_is_loaded_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def _forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Forget what a test registers."""
+    """Remove the methods that a test registers."""
     monkeypatch.setattr(registry, "_registered", {})
 
 
 def heun(f: Any, t: Any, y: Any, h: Any) -> Any:
-    """Heun's method, as one writes it."""
+    """Heun's method as a user's step function."""
     first = f(t, y)
     return y + h / 2 * (first + f(t + h, y + h * first))
 
@@ -224,13 +224,13 @@ REFUSED: dict[str, tuple[Callable[..., Any], str]] = {
 
 
 def test_a_step_whose_numbers_are_not_in_proportion_to_h_is_held_to_be_a_step() -> None:
-    """Its slopes add up to h where h is small: that is consistent, which is what order 1 asks."""
+    """Its weights sum to h as h tends to 0, so it is consistent, as order 1 requires."""
     method = step_method(lambda f, t, y, h: y + h / (1 + h) * f(t, y) + h**2 / (1 + h) * f(t + h, y), order=1)
     assert run(model("oscillator"), 1.0, method, step=0.01).status.complete
 
 
 def test_a_step_function_that_carries_something_on_is_refused() -> None:
-    """It runs on trial and for its record, and never again: what it keeps from call to call would not count."""
+    """The function is called only to record its operations, so state kept between calls would be lost."""
     calls = []
 
     def stateful(f: Any, t: Any, y: Any, h: Any) -> Any:

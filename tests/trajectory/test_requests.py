@@ -1,4 +1,4 @@
-"""What a run is asked for: every request that cannot be meant is refused in words, and every other one is served."""
+"""Requests for runs: each invalid one is refused with a message, each valid one is run."""
 
 from __future__ import annotations
 

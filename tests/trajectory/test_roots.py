@@ -1,4 +1,4 @@
-"""Root isolation: none missed, none doubled, each in its direction, on one step and across the joints of a run."""
+"""Root isolation: each root is found once, with its direction, on one step and at the ends of steps."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def times(p: list[int], q: Sequence[int]) -> list[int]:
 
 
 def rounded(inside: Sequence[float], outside: Sequence[complex] = (), sign: int = 1) -> FloatArray:
-    """The correctly rounded coefficients of the product over the roots; a complex one stands for its pair."""
+    """Return the correctly rounded coefficients of a polynomial with given roots; a complex root counts as a pair."""
     product, scale = [sign], 1
     for root in (*inside, *outside):
         a, b = round(root.real * GRID), round(root.imag * GRID)
@@ -64,7 +64,7 @@ def snapped(s: float) -> float:
 
 
 def random_case(rng: np.random.Generator) -> Case:
-    """Up to eight roots inside, some of them close; up to degree 24 with real and complex roots at a distance."""
+    """Return a random polynomial with up to eight roots in (0, 1), some of them close, and up to degree 24."""
     drawn = list(rng.uniform(0.01, 0.99, rng.integers(0, 9)))
     close = [drawn[0] + 10 ** rng.uniform(-6, -2)] if drawn and rng.random() < 0.5 else []
     inside = sorted(snapped(s) for s in (*drawn, *close))
@@ -89,7 +89,7 @@ def size_of_product(s: float, inside: Sequence[float], outside: Sequence[complex
 
 
 def resolved(case: Case) -> bool:
-    """Whether the product stands clear of the round-off of its coefficients between the roots and at the ends."""
+    """Return True if the polynomial exceeds its round-off between the roots and at both ends."""
     c, inside, outside = case
     limit = UNRESOLVED * float(np.abs(c).sum())
     middles = [(a + b) / 2 for a, b in pairwise(inside)]
@@ -105,7 +105,7 @@ def alternating(count: int, first: int) -> list[int]:
 
 
 def sturm_count(c: FloatArray) -> int:
-    """The number of distinct roots in (0, 1] of the polynomial with just these coefficients."""
+    """Return the number of distinct roots in (0, 1] by Sturm's theorem, in exact arithmetic."""
     p = [Fraction(x) for x in c.tolist()]
     chain = [p, [k * x for k, x in enumerate(p)][1:]]
     while any(chain[-1]):
@@ -128,7 +128,10 @@ def sturm_count(c: FloatArray) -> int:
 @pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(10))
 def test_every_root_of_a_random_polynomial_is_found_once(seed: int, share: Share) -> None:
-    """A thousand with known roots in each block; the location is right to the round-off of g over its slope."""
+    """Each block has a thousand polynomials with known roots.
+
+    Locations are right to the round-off of g over its slope.
+    """
     rng = np.random.default_rng(seed)
     every = [random_case(rng) for _ in range(share(1500))]
     cases = [case for case in every if resolved(case)][: share(1000)]
@@ -151,7 +154,7 @@ def test_every_root_of_a_random_polynomial_is_found_once(seed: int, share: Share
 @pytest.mark.few
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 def test_the_count_is_that_of_sturm(seed: int, share: Share) -> None:
-    """Of the polynomial with the rounded coefficients, in exact arithmetic."""
+    """The reference is Sturm's theorem for the rounded coefficients, in exact arithmetic."""
     rng = np.random.default_rng(100 + seed)
     for _ in range(share(50)):
         case = random_case(rng)
@@ -165,7 +168,7 @@ def test_the_count_is_that_of_sturm(seed: int, share: Share) -> None:
 @pytest.mark.few
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 def test_any_coefficients_keep_the_order_and_the_signs(seed: int, share: Share) -> None:
-    """Also beyond what they resolve: times in order, crossings in turn, and the side at the end that of g there."""
+    """For any coefficients the times are in order, directions alternate, and the final sign is that of g."""
     rng = np.random.default_rng(200 + seed)
     for _ in range(share(500)):
         m = int(rng.integers(1, 42))
@@ -186,7 +189,7 @@ def test_any_coefficients_keep_the_order_and_the_signs(seed: int, share: Share) 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_roots_of_higher_order(sign: int, share: Share) -> None:
-    """The double one is a touch, found as the extremum is; the triple one a crossing, as sharp as a cube root is."""
+    """A double root is a touch. A triple root is a crossing, located up to the cube root of round-off."""
     rng = np.random.default_rng(5)
     for _ in range(share(300)):
         s = snapped(rng.uniform(0.01, 0.99))
@@ -204,7 +207,7 @@ def test_roots_of_higher_order(sign: int, share: Share) -> None:
 @pytest.mark.parametrize("count", [2, 3])
 @pytest.mark.parametrize("gap", [1e-8, 1e-7, 1e-6, 1e-5, 1e-4])
 def test_clusters(count: int, gap: float) -> None:
-    """Separated where g between them is beyond its noise; else one place, with the crossing that is left over."""
+    """Close roots are separated if g exceeds its noise between them, and else are one root."""
     rng = np.random.default_rng(6)
     apart, together = {2: (3e-7, 4e-8), 3: (5e-5, 8e-6)}[count]
     for _ in range(200):
@@ -218,7 +221,7 @@ def test_clusters(count: int, gap: float) -> None:
 
 
 def wave(t: float, turns: int) -> FloatArray:
-    """The Taylor coefficients about t of the cosine, turned on by quarters: 3 of them make the sine."""
+    """Return the Taylor coefficients about t of the cosine shifted by quarter periods; 3 quarters give the sine."""
     derivatives = (math.cos(t), -math.sin(t), -math.cos(t), math.sin(t))
     return np.array([derivatives[(k + turns) % 4] / math.factorial(k) for k in range(30)])
 
@@ -226,7 +229,7 @@ def wave(t: float, turns: int) -> FloatArray:
 @pytest.mark.few
 @pytest.mark.parametrize("digits", range(1, 13))
 def test_grazing(digits: int, share: Share) -> None:
-    """cos t - (1 - e): two crossings for e > 0, none for e < 0, one touch for 0, wherever the series stands."""
+    """cos t - (1 - e) has two crossings for e > 0, none for e < 0, one touch for e = 0, for any expansion point."""
     rng, e = np.random.default_rng(digits), 10.0**-digits
     for _ in range(share(50)):
         t, end = rng.uniform(-1.2, -0.6), rng.uniform(0.6, 0.9)
@@ -245,7 +248,7 @@ def test_grazing(digits: int, share: Share) -> None:
 
 @pytest.mark.parametrize("scale", [1e-300, 1e-150, 1.0, 1e150, 1e300])
 def test_scales(scale: float) -> None:
-    """Neither the unit of g nor that of time changes anything."""
+    """The units of g and of time have no effect."""
     c = rounded([0.125, 0.25, 0.25, 0.75])
     found, after = roots(c * scale, 1.0)
     assert directions(found) == [-1, 0, 1] and after == Side(1)
@@ -279,7 +282,7 @@ def test_what_is_not_finite_is_refused(bad: float) -> None:
 
 
 def clear(c: FloatArray, h: float, noise: float = 0.0) -> bool:
-    """Return whether the loop over steps takes a function for certain to keep its first sign on a step."""
+    """Return True if the loop over steps concludes that a function keeps its sign on a step."""
     return bool(called(keeps_sign.form())(c, len(c), h, noise, float(np.sign(c[0]))))
 
 
@@ -308,7 +311,7 @@ def power(order: int) -> Series:
 
 
 def followed(g: Series, edges: Sequence[float], *, noise: float = 0.0, last: bool = False) -> list[tuple[float, int]]:
-    """What a run reports whose steps have these edges: times and directions."""
+    """Return the times and directions of the roots found by a run with given step ends."""
     side = Side()
     events: list[tuple[float, int]] = []
     for a, b in pairwise(edges):
@@ -321,7 +324,7 @@ def followed(g: Series, edges: Sequence[float], *, noise: float = 0.0, last: boo
 
 
 def edges_about(rng: np.random.Generator, places: Sequence[float], low: float, high: float, grid: bool) -> list[float]:
-    """Joints at most 2 apart, at the places themselves, at the numbers next to them, and at all distances."""
+    """Return step ends at most 2 apart, at roots, at the doubles next to them, and at other distances."""
     joints = [*np.arange(low, high, 1.9), *rng.uniform(low, high, 20), high]
     for place in places:
         near = [place, math.nextafter(place, high), math.nextafter(place, low)]
@@ -335,7 +338,7 @@ def edges_about(rng: np.random.Generator, places: Sequence[float], low: float, h
 @pytest.mark.parametrize("grid", [True, False])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_run_reports_each_root_of_the_sine_once(seed: int, grid: bool, share: Share) -> None:
-    """On a grid the joints are exact; elsewhere the two steps differ by the round-off of the time, which is noise."""
+    """At step ends on a grid the series are exact; elsewhere two steps differ by the rounding of the time."""
     rng = np.random.default_rng(300 + seed)
     places = [k * math.pi for k in range(1, 12)]
     for _ in range(share(60)):
@@ -374,7 +377,7 @@ def test_a_flat_root_at_a_joint_is_one(order: int) -> None:
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_ends_of_a_run(sign: int) -> None:
-    """A root at the start of a run is not an event. One at its end is; one at a joint belongs to the step after it."""
+    """A root at the start of a run is no event, a root at its end is one, and a root at a step end counts once."""
     c = sign * np.array([0.0, 1.0])
     assert roots(c, 1.0) == ([], Side(sign))
     assert roots(c, 1.0, Side(-sign, near=True)) == ([Root(0.0, sign)], Side(sign))

@@ -1,4 +1,4 @@
-"""What comes back from a run: shapes, the start, the parameters' values, and limits on what is kept."""
+"""The trajectory that a run returns: shapes, initial state, parameter values, and unreliable results."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ LOST = r"The energy, which the equations of motion conserve, went from -1 to \S+
 
 
 def test_a_run_that_loses_the_energy_is_unreliable() -> None:
-    """Equal steps jump through the centre of an attraction, and come out with an energy of their own."""
+    """Equal steps pass through the centre of an attraction, and the energy changes."""
     found = run(falling(-1 / x), 3.0, "verlet", step=1e-3)
     assert found.status is Status.UNRELIABLE and not found.status.complete
     assert re.search(LOST + "Shorten the step, or take an adaptive method such as dop853", found.message)
@@ -67,7 +67,7 @@ def test_a_run_that_loses_the_energy_is_unreliable() -> None:
 
 @pytest.mark.parametrize(("method", "other"), [("dop853", "taylor"), ("scipy-rk45", "taylor"), ("taylor", "dop853")])
 def test_a_loss_of_energy_by_step_control_asks_for_a_lower_tolerance(method: str, other: str) -> None:
-    """Tolerances far above the state: no method is advised against itself."""
+    """The tolerance is far above the state. The message must not advise the method that was used."""
     pendulum = build(kinetic=x.dot**2 / 2, potential=-sp.cos(x), initial={x: 2.0})
     found = run(pendulum, 4000.0, method, rtol=0.9, atol=100.0)
     assert found.status is Status.UNRELIABLE
@@ -84,7 +84,7 @@ def test_where_the_potential_is_zero_does_not_matter(offset: float) -> None:
 
 
 def test_a_close_encounter_with_step_control() -> None:
-    """Two bodies from rest pass at 1e-7 of their first distance, and a sixth of their energy is lost."""
+    """Two bodies from rest approach to 1e-7 of their distance, and a sixth of the energy is lost."""
     distance = sp.sqrt((x - r) ** 2 + (y - z) ** 2)
     pair = lg.System(3 * (x.dot**2 + y.dot**2 + r.dot**2 + z.dot**2) / 2, -9 / distance)
     start = {r: -0.8, z: 1.8, z.dot: 1e-3}
@@ -93,7 +93,7 @@ def test_a_close_encounter_with_step_control() -> None:
 
 
 def test_where_the_run_ends_does_not_matter() -> None:
-    """From rest through the centre, where both parts of the energy are large, and out again: wrong from there on."""
+    """The motion passes the centre, where T and V are large. It is wrong from there on, wherever the run ends."""
     well = build(kinetic=x.dot**2 / 2, potential=-1 / sp.sqrt(x**2 + sp.Rational(1, 10**8)), initial={x: 1.0})
     whole = run(well, 6.0, "rk4", step=2e-3)
     assert whole.status is Status.UNRELIABLE
@@ -105,7 +105,7 @@ def test_where_the_run_ends_does_not_matter() -> None:
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 @pytest.mark.parametrize("times", [None, [0.0, 7.416298709205487]])
 def test_a_run_that_ends_where_the_motion_turns_is_sound(method: str, times: Any) -> None:
-    """A pendulum from 90 degrees, where V = 0, for one period: nothing moves at either end, and E0 is not a scale."""
+    """A pendulum starts at 90 degrees, where V = T = 0, and is there again at the end; E0 = 0 is no scale."""
     pendulum = build(kinetic=x.dot**2 / 2, potential=-sp.cos(x), initial={x: math.pi / 2})
     found = run(pendulum, 7.416298709205487, method, t_eval=times)
     assert found.status is Status.SUCCESS and abs(found.y[1, -1]) < 1e-6
@@ -113,7 +113,7 @@ def test_a_run_that_ends_where_the_motion_turns_is_sound(method: str, times: Any
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_a_body_at_rest_is_sound(method: str) -> None:
-    """0.3 is not the double 0.1 + 0.2: the energy is that of round-off, and grows."""
+    """0.3 and 0.1 + 0.2 are different doubles, so the energy is round-off and grows."""
     spring = build(kinetic=x.dot**2 / 2, potential=(x - 0.1 - 0.2) ** 2 / 2, initial={x: 0.3})
     found = run(spring, 200.0, method)
     assert found.status is Status.SUCCESS and abs(found.y[0, -1] - 0.3) < 1e-9
@@ -121,7 +121,7 @@ def test_a_body_at_rest_is_sound(method: str) -> None:
 
 @pytest.mark.parametrize("system", ["coupled masses", "pendulum", "double pendulum"])
 def test_a_rough_run_is_not_called_wrong(system: str) -> None:
-    """From rest for one step and more: the energy is off by all that moves at first, and the state by 1e-4."""
+    """In the first steps from rest the energy error is as large as T, though the state is right to 1e-4."""
     for method in ("euler", "backward-euler"):
         for end in (0.01, 0.1, 0.5):
             assert run(model(system), end, method, step=0.013).status is Status.SUCCESS, (method, end)
@@ -262,7 +262,7 @@ theta = lg.coordinate("theta")
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5", "rk4"])
 @pytest.mark.parametrize("damping", [0, 1])
 def test_a_pendulum_that_no_step_moves_is_unreliable(method: str, damping: int) -> None:
-    """It was a success, with an energy that changed by 130 %; with damping no energy tells."""
+    """Such a run had the status SUCCESS while its energy changed by 130 %."""
     system = lg.System(
         kinetic=theta.dot**2 / 2,
         potential=-10 * cos(theta),

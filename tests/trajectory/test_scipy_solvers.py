@@ -1,4 +1,4 @@
-"""SciPy's solvers through the protocol: every run ends, says how, and keeps what it has."""
+"""SciPy's solvers as methods: every run ends with a status and keeps its states."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def method(request: Any) -> Any:
 @pytest.mark.parametrize(("t0", "t1", "rtol"), [(0.0, 7.0, 0.05), (0.0, -7.0, 1e-9), (1e3, 1005.0, 1e-6)])
 @pytest.mark.parametrize("name", ["rk23", "rk45", "dop853"])
 def test_a_step_taken_again_has_the_path_that_it_had(name: str, t0: float, t1: float, rtol: float) -> None:
-    """A run with output times reads the solver's own paths as it goes; one without takes the steps again."""
+    """A run with output times reads SciPy's dense output during the run; without them the steps are repeated later."""
     model = shared_scene("elastic-pendulum").compile()
     times = np.linspace(t0, t1, 400)
     there = lg.integrate(model, (t0, t1), method=f"scipy-{name}", rtol=rtol, t_eval=times)
@@ -95,7 +95,7 @@ def test_what_scipy_warns_of_is_told_and_not_leaked() -> None:
 
 
 def test_a_large_time_is_kept_track_of(method: Any) -> None:
-    """From t = 1e12, where doubles are 1e-4 apart; LSODA added its steps to that time, and lost them there."""
+    """At t = 1e12 the spacing of doubles is 1e-4. LSODA lost its short steps there."""
     run = method.integrate(problem(oscillator, 1e12 + 8.0, t0=1e12))
     assert (np.diff(run.t) > 0).all()
     if run.status is Status.STEP_TOO_SMALL:

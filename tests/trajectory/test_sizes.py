@@ -1,4 +1,4 @@
-"""Absolute tolerances that follow the scale: what is small by itself, what is round-off, and what has no size yet."""
+"""Default absolute tolerances: small entries, entries that are round-off, and entries without a size yet."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ t = lg.t
 
 @cache
 def compiled(build: Callable[..., lg.System], *given: float) -> Model:
-    """Return the model of a system that a function states, one for all methods."""
+    """Return the compiled model of a system, compiled once for all methods."""
     return build(*given).compile()
 
 
@@ -33,7 +33,7 @@ def plain(*coordinates: Any) -> Any:
 
 
 def three_bodies(off: float) -> lg.System:
-    """Three bodies in a row that turn about the middle one; the forces on that one cancel, all but its offset."""
+    """Three bodies in a row that rotate about the middle one, on which forces cancel except for a small offset."""
     apart = [((a, x), (b, y)), ((c, z), (b, y)), ((a, x), (c, z))]
     potential = -sum(1 / sp.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2) for p, q in apart)
     start = {a: 1.0, b: off, c: -1.0, x.dot: 1.1, z.dot: -1.1}
@@ -43,7 +43,7 @@ def three_bodies(off: float) -> lg.System:
 
 
 def chain(count: int) -> lg.System:
-    """Equal masses on springs that stiffen, of which the first is plucked."""
+    """Equal masses on stiffening springs; the first mass is displaced."""
     q = lg.coordinates(" ".join(f"q{i}" for i in range(count)))
     springs = [*pairwise(q)]
     potential = sum((p - r) ** 2 / 2 + (p - r) ** 4 / 8 for p, r in springs) + (q[0] ** 2 + q[-1] ** 2) / 2
@@ -82,7 +82,7 @@ def test_what_has_not_begun_to_move_does_not_shorten_steps(method: str) -> None:
 
 
 def row(count: int) -> lg.System:
-    """Bodies at rest one tenth apart, each with a spring towards the next, and the first of them moves."""
+    """Bodies a tenth apart, each with a spring to the next one; the first moves."""
     q = lg.coordinates(" ".join(f"q{i}" for i in range(count)))
     gaps = [p - r - sp.Rational(1, 10) for p, r in pairwise(q)]
     potential = 2 * sum(sp.Piecewise((gap**2, gap > 0), (0, True)) for gap in gaps)
@@ -168,7 +168,7 @@ def net(rows: int = 3, columns: int = 3, stiffness: float = 50.0) -> Case:
 
 
 def random_chain(random: Random) -> Case:
-    """Three to seven links that hang straight, in joint angles or absolute ones, with one angle or rate displaced."""
+    """Three to seven hanging links in relative or absolute angles, with one angle or rate that is not zero."""
     angles, joint = lg.coordinates(" ".join(f"a{i}" for i in range(random.randint(3, 7)))), random.random() < 0.5
     kinetic, potential, vx, vy, height, angle, rate = [0] * 7
     for a in angles:
@@ -190,7 +190,7 @@ def displaced(random: Random, coordinates: Sequence[Any]) -> dict[Any, float]:
 
 
 def random_lattice(random: Random) -> Case:
-    """Masses in a line, up to thirty, with springs of one of three laws."""
+    """Up to thirty masses in a line with springs of one of three laws."""
     places = lg.coordinates(" ".join(f"q{i}" for i in range(random.randint(8, 30))))
     laws: list[Callable[[Any], Any]] = [lambda d: exp(d) - d, lambda d: d**2 / 2 + d**4 / 4, lambda d: 1 - cos(d)]
     law = random.choice(laws)
@@ -231,10 +231,10 @@ def rough_floor() -> Case:
 
 
 def steps_by_default(case: Case, method: str) -> tuple[int, int]:
-    """Return the tries of a run by default, and those with the absolute tolerance that suits the displacement.
+    """Return the numbers of trial steps of a default run, and of a run with an absolute tolerance for the displacement.
 
-    The limit of the difference at the end is the sum of the tolerances of all tries: 1e-9 of the largest entry each.
-    Measured over all methods and seeds it is at most 1 % of the limit (LSODA); dop853 has 0.3 %.
+    Their end states may differ by the sum of all tolerances: 1e-9 of the largest entry for each trial step. Measured
+    differences are at most 1 % of this limit (LSODA); dop853 has 0.3 %.
     """
     system, start, end = case
     model, size = system.compile(), max(map(abs, start.values()))
@@ -279,20 +279,20 @@ def test_random_systems_at_rest_but_for_one_entry(kind: Callable[[Random], Case]
 @pytest.mark.parametrize(("method", "most"), [("taylor", 1.5), ("dop853", 2.0)])
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed != 2)) for seed in range(6)])
 def test_constraints_have_the_noise_of_what_they_cancel(seed: int, method: str, most: float) -> None:
-    """Taylor took up to 27 times as many tries, dop853 went on to the step limit: G a = -gamma has no noise itself."""
+    """taylor took up to 27 times as many steps, because the noise of G a = -gamma was ignored."""
     tries, fewest = steps_by_default(random_rods(Random(seed)), method)
     assert tries <= most * fewest + 2
 
 
 def test_a_coordinate_that_a_constraint_holds_at_zero_takes_no_steps() -> None:
-    """It took 489 steps."""
+    """A run took 489 steps for a coordinate that is constant."""
     tries, fewest = steps_by_default(rough_floor(), "taylor")
     assert tries <= fewest + 2
 
 
 @pytest.mark.slow
 def test_members_in_lanes_are_not_limited_by_rounding() -> None:
-    """They went on to the step limit: lanes raised no floors under way."""
+    """Members in lanes reached the step limit, because their tolerances did not follow the rounding errors."""
     system, start, end = net(2, 2)
     entries: dict[str, Any] = dict.fromkeys(system.compile().layout.names(), 1e-17)
     starts = {**entries, str(next(iter(start)).func): np.linspace(-0.31, -0.29, 3)}
@@ -301,7 +301,7 @@ def test_members_in_lanes_are_not_limited_by_rounding() -> None:
 
 
 def test_the_message_names_the_entry_that_limits_the_step() -> None:
-    """The advice was to raise max_steps, and radau5 for a stiff system."""
+    """Before, the message advised a larger max_steps, or radau5."""
     x, y = lg.coordinates("x y")
     system = lg.System((x.dot**2 + y.dot**2) / 2, (x**2 + 1e6 * y**2) / 2, initial={x: 1, y: 1e-20})
     found = system.run(100.0, method="dop853", max_steps=200)

@@ -1,4 +1,4 @@
-"""Solvers of other packages through the protocol, what holds for each. How their runs end: `tests/faults`."""
+"""Solvers of other packages as methods: properties of all of them. `tests/faults` tests how their runs end."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def method(request: Any) -> Any:
 
 @pytest.fixture(autouse=True)
 def silence(capfd: Any) -> Any:
-    """SUNDIALS prints from C and scikit-sundae from Python: a run leaves both streams empty."""
+    """Assert that a run prints nothing, neither from C (SUNDIALS) nor from Python (scikit-sundae)."""
     yield
     assert tuple(capfd.readouterr()) == ("", "")
 
@@ -130,7 +130,7 @@ ADAMS: list[Any] = [lg.methods.CVODE(method="Adams")] if "cvode" in OUTSIDE else
 @pytest.mark.parametrize("restitution", [0.5, 0.9])
 @pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
 def test_a_ball_comes_to_rest_in_words(method: Any, restitution: float, rtol: float) -> None:
-    """It never falls through. Multistep methods see flights down to their tolerances, the others to round-off."""
+    """The ball never falls through the floor. Multistep methods resolve flights down to their tolerance."""
     found = go(ball(), 100.0, [floor(restitution)], method=method, rtol=rtol, atol=1e-3 * rtol)
     assert found.status is Status.STEP_TOO_SMALL and "infinitely many" in found.message
     assert found.y[0].min() > -1e-12 and found.dense(np.linspace(0, found.t[-1], 1000))[0].min() > -rtol
@@ -145,7 +145,7 @@ def test_a_ball_comes_to_rest_in_words(method: Any, restitution: float, rtol: fl
 
 @pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
 def test_what_rests_at_first_does_not_slip_through(method: Any) -> None:
-    """At -1e6 the first steps after the impact are so short that nothing moves on them by more than round-off."""
+    """At a height of -1e6 the first steps after an impact are so short that the ball moves only by round-off."""
     high = ball(height=-1e6 + 364.0, speed=-24.6)
     found = go(high, 50.0, [floor(0, -1e6)], method=method, rtol=1e-11, atol=1e-11)
     assert found.status is Status.STEP_TOO_SMALL and "comes to rest" in found.message
@@ -157,7 +157,7 @@ def test_what_rests_at_first_does_not_slip_through(method: Any) -> None:
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
 def test_bounces_at_the_edge_of_round_off_end(method: Any, seed: int) -> None:
-    """Flights below the spacing of heights would be as long as rounding makes them, and go on for ever."""
+    """Rounding would continue flights below the spacing of doubles for ever."""
     rng = np.random.default_rng(seed)
     level, height, tolerance = float(rng.choice([-1e6, 1e4])), float(rng.uniform(0, 30)), 10.0 ** rng.uniform(-11, -8)
     restitution = float(rng.choice([0.5, 0.7, 0.85]))
@@ -170,7 +170,7 @@ def test_bounces_at_the_edge_of_round_off_end(method: Any, seed: int) -> None:
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("method", OUTSIDE)
 def test_the_path_leaps_where_the_state_does(method: str, sign: int) -> None:
-    """A saw tooth, forwards and backwards; output times read the same path."""
+    """The motion is a saw tooth, forwards and backwards; output times use the same dense output."""
     teeth = [event(x - sign, reset={x: 0})]
     saw = go(free(), 2.5 * sign, teeth, method=method)
     assert saw.t_events[0] == pytest.approx([sign, 2 * sign], rel=1e-12)
@@ -186,7 +186,7 @@ def test_the_path_leaps_where_the_state_does(method: str, sign: int) -> None:
 @pytest.mark.few(2)
 @pytest.mark.parametrize("method", OUTSIDE)
 def test_what_failed_beyond_an_event_has_not_happened(method: str) -> None:
-    """The force has no value from x = 1.05 on; the run ends at x = 1, or turns back there."""
+    """The force has no value beyond x = 1.05, but an event at x = 1 ends or reflects the motion."""
     model = build(kinetic=x.dot**2 / 2, forces={x: sqrt(1.05 - x) / 10}, initial={x.dot: 1.0})
     ended = go(model, 3.0, [event(x - 1, terminal=True)], method=method)
     assert ended.status is Status.EVENT and ended.message == f"{method} stopped at an event at t = {ended.t[-1]:.6g}."
@@ -199,7 +199,7 @@ def test_what_failed_beyond_an_event_has_not_happened(method: str) -> None:
 @pytest.mark.parametrize("start", [0.0, 1e9, -1e9])
 @pytest.mark.parametrize("method", OUTSIDE)
 def test_a_large_time_moves_no_event(method: str, start: float) -> None:
-    """The solver counts from its start; the times themselves are 1e-7 apart there."""
+    """The solver's time begins at 0, because the spacing of doubles at the start is 1e-7."""
     found = go(free(), start + 3.5, [event(x - 1, reset={x: 0})], start, method)
     spacing = float(np.spacing(abs(start)))
     assert found.status is Status.SUCCESS

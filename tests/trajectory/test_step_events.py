@@ -1,4 +1,4 @@
-"""Events of every method, ours and those of other packages, on the polynomial that a step leaves."""
+"""Events of all methods, located on the dense output of steps."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SHARP = [name for name in ("rk4", "dopri5", "tsit5", "verner9", "dop853", "gauss
 
 
 def go(model: Model, end: float, events: Any, name: str, start: float = 0.0, **options: Any) -> Trajectory:
-    """Run closely with events, and hold the result to what every result must be."""
+    """Return a run with tight tolerances and events, after checks that every result must pass."""
     return watched.go(model, end, events, start, name, **{**TIGHT[name], **options})
 
 
@@ -43,7 +43,7 @@ def test_every_method_locates_events() -> None:
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["taylor", *SHARP, "verlet"])
 def test_grazing_turns_of_a_pendulum(name: str) -> None:
-    """It passes 1 - eps twice at each return, and SciPy's DOP853 finds 1 to 11 of these 15 crossings."""
+    """The pendulum passes 1 - eps twice at each return. SciPy's DOP853 finds 1 to 11 of these 15 crossings."""
     model = build(kinetic=x.dot**2 / 2, potential=-cos(x), initial={x: 1.0})
     for depth in range(1, 9 if name == "taylor" else 7):
         eps = 10.0**-depth
@@ -58,7 +58,7 @@ def test_grazing_turns_of_a_pendulum(name: str) -> None:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", ["taylor", *STEPPED, *OUTSIDE])
 def test_directions_starts_and_ends(name: str, target: str) -> None:
-    """A zero at the start is not an event, one at the end is; x = t is exact for every method."""
+    """A zero at the start is no event, a zero at the end is one. The motion x = t is exact for all methods."""
     options = {} if find(name).claims.adaptive else {"step": 0.07}
     events = [
         x,
@@ -85,7 +85,7 @@ def test_directions_starts_and_ends(name: str, target: str) -> None:
 @pytest.mark.parametrize("name", ["taylor", *STEPPED, *OUTSIDE])
 @pytest.mark.parametrize(("terminal", "direction", "turns"), [(True, 0, 1), (1, -1, 1), (2, 1, 4), (3, 0, 3)])
 def test_a_terminal_event_ends_the_run(terminal: int, direction: int, turns: int, name: str) -> None:
-    """Nothing is kept of the steps that the burst took beyond it."""
+    """Steps beyond the terminal event are not stored."""
     found = go(harmonic(), 4000.0, [event(x, direction=direction, terminal=terminal), x.dot], name, max_steps=500_000)
     assert found.status is Status.EVENT and len(found.t_events[0]) == terminal and len(found.t_events[1]) == turns
     off = 1e-6 if name in OUTSIDE else {1: 2e-2, 2: 1e-5}.get(find(name).claims.order, 1e-9)
@@ -105,7 +105,7 @@ def pendulum() -> Model:
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", [*NAMES, *OUTSIDE])
 def test_what_stays_zero_is_no_event(name: str) -> None:
-    """A conserved quantity less its value: the path of a step strays from it to and fro, hundreds of times here."""
+    """The event is a conserved quantity minus its value, around which the dense output oscillates by its error."""
     model = pendulum()
     energy = x.dot**2 / 2 - cos(x) + cos(sp.Integer(1))
     options: dict[str, Any] = {} if find(name).claims.adaptive else {"step": 0.01}
@@ -117,9 +117,10 @@ def test_what_stays_zero_is_no_event(name: str) -> None:
 @pytest.mark.parametrize("restitution", [0.5, 0.9])
 @pytest.mark.parametrize("name", ["taylor", "rk4", "dopri5", "dop853"])
 def test_a_ball_comes_to_rest_in_words(name: str, restitution: float, level: float) -> None:
-    """It never falls through. Flights below the spacing of doubles at the height of the floor have no height any more,
-    but a velocity: they end within the time of such flights, and each of hundreds may sink by some spacings. A series
-    has no error but rounding.
+    """The ball never falls through the floor.
+
+    Flights below the spacing of doubles have a velocity, but no height. Each may sink by some spacings, except with
+    taylor.
     """
     options = {"taylor": {}, "rk4": {"step": 0.05}}.get(name, {"rtol": 1e-9, "atol": 1e-12})
     found = go(ball(height=level + 1), 100.0, [floor(restitution, level)], name, **options)
@@ -134,9 +135,9 @@ def test_a_ball_comes_to_rest_in_words(name: str, restitution: float, level: flo
 
 
 def test_a_start_below_zero_by_rounding_is_the_level_to_come_back_to() -> None:
-    """At a height of 1e12 a ball stands up to 1e-4 below the floor after a bounce, and would meet it as it rises.
+    """At a height of 1e12 a ball may be 1e-4 below the floor after a bounce, and must not meet the floor as it rises.
 
-    Flights of many steps that are no higher than that are as long as rounding makes them, and are not gone on with.
+    Flights lower than that depend on rounding, and end the run.
     """
     found = go(ball(height=1e12 + 1), 60.0, [floor(0.5, 1e12)], "rk4", step=1e-3)
     assert 12 < len(found.t_events[0]) < 40 and np.diff(found.t_events[0]).min() > 0.03
@@ -145,7 +146,7 @@ def test_a_start_below_zero_by_rounding_is_the_level_to_come_back_to() -> None:
 
 @pytest.mark.parametrize("name", [name for name in STEPPED if name in FIXED])
 def test_no_ball_falls_through_the_floor(name: str) -> None:
-    """Where the flights are shorter than the step, the path may come down with a velocity that rises already."""
+    """If flights are shorter than the step, the dense output may reach the floor with an upward velocity."""
     for restitution in (0.5, 0.8):
         # It has come to rest after 4.1 s.
         found = go(ball(), 10.0, [floor(restitution)], name, step=0.01)
@@ -158,7 +159,7 @@ def test_no_ball_falls_through_the_floor(name: str) -> None:
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["taylor", "rk4", "verlet", "dopri5", "dop853", *OUTSIDE])
 def test_a_circular_billiard(name: str) -> None:
-    """Energy and angular momentum are conserved, and chords take the same time."""
+    """Energy and angular momentum are conserved, and all chords take the same time."""
     r2 = x**2 + y**2
     normal = (x * x.dot + y * y.dot) / r2
     mirror = event(r2 - 1, direction=1, reset={x.dot: x.dot - 2 * normal * x, y.dot: y.dot - 2 * normal * y})
@@ -175,7 +176,10 @@ def test_a_circular_billiard(name: str) -> None:
 @pytest.mark.few
 @pytest.mark.parametrize("name", ["taylor", "rk4", "dop853", *OUTSIDE])
 def test_a_start_on_the_floor(name: str) -> None:
-    """A ball that starts there and falls bounces at once, one that rises does not; rest is said."""
+    """A ball that starts on the floor bounces at once if it falls, but not if it rises.
+
+    A ball at rest gets a message.
+    """
     falling = go(ball(height=0.0, speed=-2.0), 0.3, [floor(0.5)], name)
     assert list(falling.t_events[0]) == [0.0, pytest.approx(2 / G, rel=1e-10)]
     assert falling.y[:, 0].tolist() == [0.0, -2.0] and falling.y[:, 1].tolist() == [0.0, 1.0]
@@ -240,7 +244,7 @@ def test_control_c_keeps_events_and_states_together(name: str) -> None:
 @pytest.mark.few
 @pytest.mark.parametrize("seed", range(30))
 def test_random_polynomials_with_known_roots(seed: int) -> None:
-    """Up to 7 roots at least 0.05 apart in [0, 2], single, double or triple, which are touches and crossings."""
+    """The polynomials have up to 7 roots in [0, 2], single, double or triple, at least 0.05 apart."""
     rng = np.random.default_rng(seed)
     places = np.sort(rng.choice(np.arange(1, 40), rng.integers(1, 5), replace=False) / 20 + 0.01)
     powers = rng.integers(1, 3, len(places))
@@ -277,7 +281,7 @@ def test_random_systems_agree_with_the_taylor_method(seed: int) -> None:
 @pytest.mark.few
 @pytest.mark.parametrize("name", ["taylor", *STEPPED, *IMPLICIT, *OUTSIDE])
 def test_backwards_through_resets(name: str) -> None:
-    """A ball falls in a run back in time, too: it bounces at the mirrored times."""
+    """In a run backwards in time the ball also falls, and bounces at the mirrored times."""
     options = {} if find(name).claims.adaptive else {"step": 0.01}
     there = watched.go(ball(), 1.2, [floor(0.5)], 0.0, name, **options)
     back = watched.go(ball(), 0.0, [floor(0.5)], 1.2, name, **options)
@@ -288,7 +292,7 @@ def test_backwards_through_resets(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["dop853", "radau5", "rk4"])
 def test_events_in_time_turn_many_times_within_a_step(name: str) -> None:
-    """The step is halved until the event is resolved, and the event is taken at the times of its parts."""
+    """The step is halved until the event function is resolved, with the times of each part."""
     model = build(kinetic=x.dot**2 / 2, initial={x.dot: 1.0})
     given: dict[str, Any] = {"step": 2.0} if name in FIXED else {"rtol": 1e-6, "atol": 1e-6}
     for start, end in ((0.0, 10.0), (10.0, 0.0)):

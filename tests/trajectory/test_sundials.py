@@ -1,4 +1,4 @@
-"""CVODE through the protocol: every run ends, says how, keeps what it has, and prints nothing."""
+"""CVODE as a method: every run ends with a status, keeps its states, and prints nothing."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def method(request: Any) -> CVODE:
 
 @pytest.fixture(autouse=True)
 def silence(capfd: Any) -> Any:
-    """SUNDIALS prints from C and scikit-sundae from Python: a run leaves both streams empty."""
+    """Assert that a run prints nothing, neither from C (SUNDIALS) nor from Python (scikit-sundae)."""
     yield
     assert tuple(capfd.readouterr()) == ("", "")
 

@@ -1,4 +1,4 @@
-"""Switching surfaces in the statement: the run ends a step on each, goes on with its other side, or says why not."""
+"""Switching surfaces: the run ends a step on each surface and continues on its other side, or ends with a message."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ STOPS = 50 * Max(0, x - 1) ** 2 + 50 * Min(0, x + 1) ** 2
 )
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_hundred_periods(potential: Any, start: dict[str, float], period: float, target: str) -> None:
-    """Against closed forms at rtol = 1e-12: what a step loses in speed is lost in phase on all the way that follows."""
+    """The motion is compared with closed forms at rtol = 1e-12. An error of speed becomes a growing error of phase."""
     count = 100 if target == "llvm" else 3
     model = particle(potential, target=target, **start)
     found = go(model, count * period, rtol=1e-12)
@@ -62,7 +62,10 @@ def test_a_hundred_periods(potential: Any, start: dict[str, float], period: floa
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_friction_slips_by_its_law_and_sticks_in_words(target: str) -> None:
-    """From 3.2 each half swing loses 1; at 0.2 the spring is weaker than friction."""
+    """Each half swing from 3.2 loses an amplitude of 1.
+
+    At 0.2 the spring is weaker than friction, and the body sticks.
+    """
     model = particle(x**2 / 2, -sign(x.dot) / 2, target, x=3.2)
     slipping = go(model, 9.0, [x.dot])
     assert slipping.y_events[0][:, 0] == pytest.approx([-2.2, 1.2], abs=1e-9)
@@ -80,7 +83,7 @@ def test_friction_slips_by_its_law_and_sticks_in_words(target: str) -> None:
 
 
 def test_sliding_to_rest() -> None:
-    """Without another force zero velocity stays by itself; with a weak one it sticks; a strong one sets it off."""
+    """Without another force the body stays at rest, with a weak force it sticks, and a strong force moves it."""
     rest = go(particle(force=-2 * sign(x.dot), x_dot=4.0), 3.0)
     assert rest.status is Status.SUCCESS and rest.y[:, -1] == pytest.approx([4.0, 0.0], abs=1e-13)
     held = go(particle(force=1 - 2 * sign(x.dot)), 3.0)
@@ -108,7 +111,7 @@ def test_a_short_push_in_a_long_rest_is_not_missed(width: Any, target: str) -> N
 
 
 def test_a_surface_that_is_only_touched() -> None:
-    """On a belt of speed 1 the mass moves as 1 - cos t, which reaches the speed of the belt and turns back."""
+    """On a belt of speed 1 the mass moves as 1 - cos t: it reaches the speed of the belt and turns back."""
     found = go(particle(x**2 / 2, -sign(x.dot - 1)), 20.0)
     assert found.status is Status.SUCCESS
     assert found.y[:, -1] == pytest.approx([1 - math.cos(20), math.sin(20)], abs=1e-8)
@@ -116,7 +119,7 @@ def test_a_surface_that_is_only_touched() -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_flow_knows_the_sides(target: str) -> None:
-    """Also where it never comes near a surface."""
+    """A flow determines the sides of surfaces, also if it never comes near one."""
     flow = flow_of(particle(Abs(x), target=target), method="taylor")
     assert flow([1.0, 0.0], 0.0, 0.5) == pytest.approx([0.875, -0.5], rel=1e-13)
     assert flow([10.0, 0.0], 0.0, 0.5) == pytest.approx([9.875, -0.5], rel=1e-13)
@@ -149,7 +152,7 @@ INERTIAS = {
 @pytest.mark.parametrize("name", INERTIAS)
 @pytest.mark.parametrize("target", TARGETS)
 def test_the_start_is_regular_where_the_state_is(name: str, order: int, target: str) -> None:
-    """Orders at which the series of some of these are written out, and at which they are looped."""
+    """The orders include some with unrolled series and some with series in loops."""
     model = build(target, lagrangian=INERTIAS[name], coordinates=[x, y, z], initial=START)
     found = run(model, 0.125, Taylor(rtol=1e-12, atol=1e-13, order=order))
     assert found.status is Status.SUCCESS, found.message
@@ -159,7 +162,7 @@ def test_the_start_is_regular_where_the_state_is(name: str, order: int, target: 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_an_infinite_inertia_is_not_a_singular_one(target: str) -> None:
-    """At rest |v|**(3/2) has an infinite second derivative."""
+    """At rest |v|**(3/2) has an infinite second derivative, which is not a singular mass matrix."""
     start: dict[Any, float] = START | {b: 0.0}
     model = build(target, lagrangian=INERTIAS["a power of a speed"], coordinates=[x, y, z], initial=start)
     assert run(model, 0.125, "taylor").status is Status.NON_FINITE
@@ -174,7 +177,7 @@ def test_a_start_without_inertia_is_still_singular(target: str) -> None:
 
 
 def test_a_surface_that_depends_on_the_side_of_another() -> None:
-    """At x = 0 the sign that |y + sign(x)| asks about is decided by the side to which x goes."""
+    """At x = 0 the sign in |y + sign(x)| depends on the side to which x goes."""
     for speed, force in ((1.0, 1.0), (-1.0, -1.0)):
         model = build(
             kinetic=(a**2 + b**2) / 2, potential=-Abs(y + sign(x)), coordinates=[x, y], initial={a: speed, y: 0.25}

@@ -1,4 +1,4 @@
-"""Tableaus: what is claimed holds, and what does not hold is refused with the condition and by how much."""
+"""Butcher tableaus: claims hold, and a wrong tableau is refused with the violated condition and its error."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def pendulum(t: float, y: Any) -> Any:
 
 
 def stages(tableau: ButcherTableau, rhs: Slopes, t: float, y: Any, h: float) -> Any:
-    """Return k, (dim, stages), those of the dense output included."""
+    """Return the slopes k (dim, stages), including those of the dense output."""
     k: list[Any] = []
     for line, c in zip(tableau.rows, tableau.abscissae, strict=True):
         change = sum((float(a) * slope for a, slope in zip(line, k, strict=True)), np.zeros_like(y))
@@ -197,7 +197,7 @@ def test_a_claim_of_one_order_more_is_refused_for_every_method() -> None:
 
 @pytest.mark.parametrize("tableau", [RK4, BS3, dopri5(), tsit5(), dop853()], ids=lambda tableau: tableau.name)
 def test_every_wrong_coefficient_is_refused(tableau: ButcherTableau) -> None:
-    """Each entry of A and b in turn is off by 1e-6."""
+    """An error of 1e-6 in any entry of A or b is refused."""
     wrong = Fraction(1, 10**6)
     for i, line in enumerate(tableau.A):
         for j in range(len(line)):
@@ -222,7 +222,7 @@ COARSE = {True: 2, False: 1}
 
 
 def program(name: str) -> StepProgram:
-    """Return the step of a method, without step control where it can do without."""
+    """Return the step program of a method, without step control if possible."""
     made: Any = stepped(name, 1.0).plan(PROBLEM) if name in EXPLICIT else planned(name, PROBLEM)
     step: StepProgram = made.step
     return step
@@ -239,7 +239,7 @@ PRECISE = [
 
 
 def verner9_in_digits(f: Rhs, t: Any, y: Any, h: Any) -> Any:
-    """The step with the coefficients as they are published: rounded to doubles they hide its order."""
+    """The step of verner9 with its published coefficients. Coefficients rounded to doubles would hide its order."""
     slopes: list[Any] = []
     for words in triangle(VERNER_MATRIX.split()):
         row = [mpmath.mpf(word) for word in words]
@@ -251,10 +251,10 @@ def verner9_in_digits(f: Rhs, t: Any, y: Any, h: Any) -> Any:
 @pytest.mark.few(2)
 @pytest.mark.parametrize(("name", "law"), PRECISE)
 def test_the_order_without_round_off(name: str, law: Law, everything: bool) -> None:
-    """At 60 digits, one step less two of half the size is of order p + 1, in the mean over some places.
+    """With 60 digits, the difference of one step and two half steps is of order p + 1.
 
-    What is measured approaches p as the step goes to 0, in proportion to it, and is extrapolated by that. It ends
-    where the coefficients are felt that were rounded to doubles.
+    The measured order converges linearly to p as the step tends to 0, and is extrapolated. The smallest step is limited
+    by coefficients that are rounded to doubles.
     """
     step = program(name)
     if name == "verner9":
@@ -281,7 +281,7 @@ def test_the_order_without_round_off(name: str, law: Law, everything: bool) -> N
 
 
 def canonical_step(step: StepProgram, law: Law, y: Any, h: Any, *, lagrange: bool) -> Any:
-    """Take a step from y = [q, p] at t = 0: by Hamilton's equations or, with `lagrange`, by those in velocities."""
+    """Return the state [q, p] after a step by Hamilton's equations, or by those in velocities with `lagrange`."""
     zero = mpmath.mpf(0)
     if not lagrange:
         return precise_step(step, law.canonical, zero, y, h)
@@ -291,9 +291,9 @@ def canonical_step(step: StepProgram, law: Law, y: Any, h: Any, *, lagrange: boo
 
 
 def defect(name: str, law: Law, *, lagrange: bool) -> float:
-    """Return how far J^T W J is from W, for the Jacobian J of a step in (q, p).
+    """Return the largest entry of J^T W J - W for the Jacobian J of a step in (q, p).
 
-    Central differences of 1e-20 leave some 1e-40.
+    The error of central differences with the step 1e-20 is about 1e-40.
     """
     step, d = program(name), mpmath.mpf(10) ** -20
     with mpmath.workdps(DIGITS):
@@ -317,7 +317,7 @@ EACH = [
 @pytest.mark.few(1)
 @pytest.mark.parametrize(("name", "law"), EACH)
 def test_the_step_itself_is_symplectic_or_clearly_not(name: str, law: Law) -> None:
-    """Methods of slopes get Hamilton's equations, where kinetic energy and potential need not separate."""
+    """Methods of slopes integrate Hamilton's equations, also for energies that do not separate."""
     error = defect(name, law, lagrange=program(name).law != "rhs")
     if find(name).claims.symplectic:
         # The fractions of a splitting are doubles, and each of its flows is symplectic; Gauss's numbers have 60 digits.
@@ -342,7 +342,7 @@ def test_a_step_back_undoes_a_step_where_that_is_claimed(name: str) -> None:
 
 @cache
 def compiled(law: Law, target: str) -> Model:
-    """Return the model of a law, stated by its energies."""
+    """Return the compiled model of a law, stated by energies."""
     a, b = theta, phi
     if law is DRIVEN_PENDULUM:
         return build(target, kinetic=a.dot**2 / 2, potential=-(1 + t) * sp.cos(a))
@@ -356,7 +356,7 @@ def compiled(law: Law, target: str) -> Model:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize(("name", "law"), [(name, law) for name, law in EACH if name in EXPLICIT or name in FIXED])
 def test_the_compiled_step_is_the_step_that_was_written(name: str, law: Law, target: str, share: Share) -> None:
-    """So that what is proven of the step in many digits holds for the one that runs, to round-off."""
+    """The compiled step equals the step in multiple precision up to round-off."""
     model = compiled(law, target)
     start, worst = np.array(law.start, dtype=float), 0.0
     names = (*model.statement.names, *(f"{name}_dot" for name in model.statement.names))

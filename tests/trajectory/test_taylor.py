@@ -1,4 +1,4 @@
-"""Taylor runs: as accurate as they were asked to be, in any units, for long, up to a singularity, and in threads."""
+"""Runs by taylor: accuracy, units, long runs, runs towards a singularity, and threads."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SMOOTH = ("pendulum", "double pendulum", "Kepler orbit", "cart and pole", "charg
 
 @cache
 def truth(name: str, end: float) -> Any:
-    """Return the state at the end, by collocation in multiple precision from the stated energies alone."""
+    """Return the end state by collocation in multiple precision, from the stated energies."""
     statement = SYSTEMS[name]()
     values = {p: statement.defaults[p] for p in statement.parameters}
     return np.array(precise_run(model(name, "numpy"), values, 0.0, statement.initial, [end], digits=18)[0], dtype=float)
@@ -34,7 +34,7 @@ def truth(name: str, end: float) -> Any:
 @pytest.mark.parametrize("end", [1.5, -1.5])
 @pytest.mark.parametrize("name", SMOOTH)
 def test_the_error_is_what_was_asked_for(name: str, end: float, target: str) -> None:
-    """The error is that of a step times what the motion makes of it, up to 20 within this time."""
+    """The error is at most the tolerance times the growth of errors by the motion, up to 20 in this time."""
     expected = truth(name, end)
     size = max(1.0, np.abs(expected).max())
     for rtol in (1e-4, 1e-8, 1e-12, 1e-16):
@@ -58,7 +58,7 @@ def test_an_order_of_ones_own(order: int) -> None:
 @pytest.mark.parametrize("name", ["pendulum", "Kepler orbit"])
 @pytest.mark.parametrize("order", [4, 5, 6, 7, 9])
 def test_a_low_order_takes_the_steps_that_its_error_asks_for(order: int, name: str) -> None:
-    """From rest and through turning points: a step of order p is like tolerance**(1/p), whatever p."""
+    """The step length is proportional to tolerance**(1/p), also from rest and at turning points."""
     expected = truth(name, 1.5)
 
     def steps(rtol: float, order: int) -> int:
@@ -72,7 +72,7 @@ def test_a_low_order_takes_the_steps_that_its_error_asks_for(order: int, name: s
 
 
 def test_a_system_in_loops() -> None:
-    """Seven relative angles: a full mass matrix that is inverted at every step."""
+    """A chain in seven relative angles has a full mass matrix, which is inverted at each step."""
     given = relative(7)
     compiled = build(
         lagrangian=given.lagrangian,
@@ -88,10 +88,10 @@ def test_a_system_in_loops() -> None:
 
 
 def test_the_phase_of_an_oscillator_after_many_steps() -> None:
-    """cos t, compensated in state and time.
+    """The motion is cos t, with compensated sums of state and time.
 
-    Each of n = 10^5 steps adds an error of its increment alone, about h eps: at random that is some sqrt(n) h eps =
-    1e-13 in all. Without compensation of the state it would be 1e-11 or more.
+    Each of n = 10^5 steps adds an error of about h eps. Random errors add to sqrt(n) h eps = 1e-13. Without
+    compensation the error would be 1e-11 or more.
     """
     compiled = build(kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1.0})
     end = 1.0e5
@@ -104,7 +104,7 @@ def test_the_phase_of_an_oscillator_after_many_steps() -> None:
 
 @pytest.mark.parametrize(("name", "end"), [("Henon-Heiles", 20_000.0), ("Kepler orbit", 20_000.0)])
 def test_energy_walks_and_does_not_drift(name: str, end: float) -> None:
-    """At the edge of round-off the error of the energy is a random walk of some eps per step, no drift."""
+    """With the smallest tolerance the energy error is a random walk of some eps per step, without drift."""
     compiled = model(name)
     found = run(compiled, end, "taylor", rtol=1e-16, atol=1e-16)
     energy = compiled.energy(found.y[:2], found.y[2:])
@@ -117,7 +117,7 @@ def test_energy_walks_and_does_not_drift(name: str, end: float) -> None:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("end", [1.0, 3.7, -2.0, 1e5])
 def test_a_rock_without_air(end: float, target: str) -> None:
-    """The series ends with t^2: one step, and one unit in the last place of the largest part."""
+    """The series ends with t^2. The run takes one step with an error of one unit in the last place."""
     rock = build(
         target,
         kinetic=m * (x.dot**2 + y.dot**2) / 2,
@@ -157,7 +157,7 @@ STOPPED = (Status.STEP_TOO_SMALL, Status.NON_FINITE)
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize(("start", "after"), [(0.0, 0.1), (7.0, 1e-100), (7.08, 1e-100)])
 def test_coefficients_that_overflow(start: float, after: float, target: str) -> None:
-    """Under exp(100 x) a mass is beyond all bounds in no time; from 7.0 on the second coefficient is already."""
+    """In the potential exp(100 x) the motion diverges at once; at x = 7.0 already the second coefficient overflows."""
     steep = build(target, kinetic=x.dot**2 / 2, forces={x: sp.exp(100 * x)}, initial={x: start, x.dot: 1.0})
     found = run(steep, 1.0, "taylor", max_steps=10_000)
     assert found.status in STOPPED and np.isfinite(found.y).all() and 0 <= found.t[-1] < after
@@ -171,7 +171,7 @@ def test_coefficients_that_overflow(start: float, after: float, target: str) -> 
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("order", [None, 8, 12, 18, 20, 24])
 def test_a_coefficient_that_is_small_by_chance(target: str, order: int | None) -> None:
-    """From rest one coefficient in two is zero, and at some angles the last of the others is nearly so."""
+    """From rest every second coefficient is zero, and at some angles another one is nearly zero."""
     swing = model("pendulum", target)
     for degrees in (30, 90, 150):
         start = {"theta": math.radians(degrees)}

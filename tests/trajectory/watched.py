@@ -1,4 +1,4 @@
-"""Runs with events or switching surfaces that tests share, held to what every such run must be."""
+"""Runs with events or switching surfaces for several tests, with checks that every such run must pass."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ WITHOUT_VALUE = [
 def go(
     model: Model, end: float, events: Any = None, start: float = 0.0, method: Any = "taylor", **options: Any
 ) -> Trajectory:
-    """Run with events, within seconds, and hold the result to what every result must be."""
+    """Return a run with events and a time limit, after checks that every result must pass."""
     began = time.process_time()
     found = run(model, end, method, start, events=events, **options)
     assert time.process_time() - began < 60.0
@@ -51,7 +51,7 @@ def go(
 
 @cache
 def free(target: str = "llvm", **initial: float) -> Model:
-    """A unit mass on a line without a force."""
+    """Return a unit mass on a line without a force."""
     return build(target, kinetic=x.dot**2 / 2, initial=initial or {"x_dot": 1.0})
 
 
@@ -66,11 +66,11 @@ def floor(restitution: Any, level: float = 0.0, **options: Any) -> Any:
 
 @cache
 def harmonic(target: str = "llvm") -> Model:
-    """x = sin t."""
+    """Return an oscillator whose motion is x = sin t."""
     return build(target, kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x.dot: 1.0})
 
 
 def bounces(restitution: float, count: int) -> Any:
-    """Return the times of the impacts of a ball that falls from 1."""
+    """Return the times of the impacts of a ball that falls from height 1."""
     flights = 2 * FALL * restitution ** np.arange(1, count)
     return FALL + np.concatenate([[0.0], np.cumsum(flights)])
