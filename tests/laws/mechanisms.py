@@ -1,4 +1,4 @@
-"""Random mechanisms: three coordinates, random energies, one or two random constraints, and a state on them."""
+"""Random mechanisms: three coordinates, random energies, one or two constraints, and a state that satisfies them."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ some = settings(
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """A statement in x, y and z, its constraints by name, and a state (q, v) that satisfies them at a time."""
+    """A system in x, y and z, its constraints by name, and a state (q, v) that satisfies them at a time."""
 
     energies: Mapping[str, Any]
     constraints: Mapping[str, Any]
@@ -79,13 +79,13 @@ class Mechanism:
         return np.concatenate([self.q, self.v])
 
     def compile(self, target: str = "numpy", **changed: Any) -> Model:
-        """Return the model, with some of what is stated changed."""
+        """Return the compiled model, with some parts of the statement replaced."""
         stated = {"coordinates": list(PLACES), "constraints": self.constraints, **self.energies}
         return model_of(declare(**stated | changed), machine(target))
 
     @cached_property
     def model(self) -> Model:
-        """Return the model as it is stated."""
+        """Return the compiled model."""
         return self.compile()
 
     def at(self, expression: Any) -> float:
@@ -116,7 +116,7 @@ class Mechanism:
 
 
 def has_velocities(constraint: Any) -> bool:
-    """Return whether a constraint is stated in velocities."""
+    """Return True if a constraint contains velocities."""
     return bool(constraint.atoms(sp.Derivative))
 
 
@@ -128,12 +128,12 @@ def gradient_of(constraint: Any) -> tuple[Any, ...]:
 
 @cache
 def rate_of(constraint: Any) -> Any:
-    """Return what a constraint keeps at zero of the velocities."""
+    """Return the expression in velocities that a constraint keeps at zero: its rate, or the constraint itself."""
     return constraint if has_velocities(constraint) else sp.diff(constraint, t).doit()
 
 
 def holonomic(*leaves: Any) -> st.SearchStrategy[Any]:
-    """Return functions of the places with a gradient that seldom vanishes."""
+    """Return functions of the coordinates whose gradient is rarely zero."""
     linear = st.tuples(rationals, rationals, rationals)
     return st.builds(
         lambda c, f: sum(a * q for a, q in zip(c, PLACES, strict=True)) + f / 4, linear, functions_of(*leaves)
@@ -141,20 +141,20 @@ def holonomic(*leaves: Any) -> st.SearchStrategy[Any]:
 
 
 def rolling(*leaves: Any) -> st.SearchStrategy[Any]:
-    """Return forms that are linear in the velocities, integrable hardly ever."""
+    """Return expressions that are linear in the velocities and almost never integrable."""
     many = st.tuples(*(st.tuples(rationals, functions_of(*leaves)) for _ in PLACES))
     return many.map(lambda rows: sum((c + f / 4) * v for (c, f), v in zip(rows, RATES, strict=True)))
 
 
 def kinds(leaves: tuple[Any, ...]) -> st.SearchStrategy[list[Any]]:
-    """Return one or two constraints of both kinds."""
+    """Return one or two constraints, each on coordinates or on velocities."""
     return st.lists(st.one_of(holonomic(*leaves), rolling(*leaves)), min_size=1, max_size=2)
 
 
 def put(energies: Mapping[str, Any], constraints: list[Any], seed: int, time: float = 0.3) -> Mechanism:
-    """Return a mechanism at a random state, to which the constraints are shifted and the velocities projected.
+    """Return a mechanism at a random state. Its constraints are shifted, and the velocities projected, to hold there.
 
-    Draws whose constraints are nearly dependent there are left out: they amplify round-off.
+    Samples with nearly dependent constraints are rejected, because they amplify round-off.
     """
     random = np.random.default_rng(seed)
     q, v = random.uniform(-0.9, 0.9, 3), random.uniform(-0.9, 0.9, 3)
@@ -197,6 +197,6 @@ def slope(f: Any) -> float:
 
 
 def close(expected: Any, tolerance: float = 1e-9) -> Any:
-    """Return what compares with a number or an array to a tolerance, in parts of its largest entry or of 1."""
+    """Return an object that equals arrays up to a tolerance, relative to the largest entry or 1."""
     whole = np.asarray(expected, dtype=float)
     return pytest.approx(whole, rel=0, abs=tolerance * max(1.0, float(np.abs(whole).max(initial=0.0))))

@@ -1,4 +1,4 @@
-"""Laws of the motion of random mechanisms: along runs, and of machines, batches, derivatives that are compiled."""
+"""Laws of the motion of random mechanisms: along runs, on all machines, in batches, and for compiled derivatives."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ LENGTH = 0.5
 
 
 def run(model: Model, state: Vector, method: Any = None, end: float = LENGTH, begin: float = 0.3) -> Vector:
-    """Return the states of a run, (6, K); what comes where constraints are dependent on the way is left out."""
+    """Return the states of a run, (6, K). Samples whose constraints become dependent are rejected."""
     names = [*(q.func.__name__ for q in PLACES), *(f"{q.func.__name__}_dot" for q in PLACES)]
     options = RunOptions(method or Taylor(rtol=1e-12, atol=1e-14), max_steps=5_000)
     start = dict(zip(names, map(float, state), strict=True))
@@ -74,7 +74,7 @@ def test_energy_is_conserved_along_a_run(mechanism: Mechanism) -> None:
 @some
 @given(kinetic_energies(x, y), potentials(x, y), kinds((x, y)), seeds)
 def test_a_momentum_that_no_constraint_holds_is_conserved(T: Any, V: Any, held: Any, seed: int) -> None:
-    """z stands nowhere, and the constraints are free of its velocity."""
+    """Neither the energies nor the constraints contain z, and the constraints do not contain its velocity."""
     free = [one.subs(z.dot, 0).subs(z, 0) for one in held][:1]
     mechanism = put({"kinetic": T, "potential": V}, free, seed)
     compiled = mechanism.compile("llvm")
@@ -109,7 +109,7 @@ def power(mechanism: Mechanism, model: Model) -> float:
 @some
 @given(mechanisms(), functions_of(*RATES))
 def test_friction_takes_its_power_from_the_energy(mechanism: Mechanism, D: Any) -> None:
-    """dE/dt = -v . dD/dv: constraints neither add to it nor take from it."""
+    """dE/dt = -v . dD/dv: constraints do no work."""
     other = mechanism.compile(dissipation=D)
     rubbing = sum(mechanism.at(v * sp.diff(D, v)) for v in RATES)
     assert power(mechanism, other) == close(-rubbing, 1e-6)
@@ -157,7 +157,7 @@ def test_the_order_of_coordinates_does_not_matter(mechanism: Mechanism, order: l
 @some
 @given(mechanisms(), rationals, rationals)
 def test_the_motion_is_the_same_in_other_coordinates(mechanism: Mechanism, a: Any, b: Any) -> None:
-    """With x = u + a sin(w)/4, y = w + b u^2/4 and z = s: accelerations follow by the chain rule, multipliers stay."""
+    """In x = u + a sin(w)/4, y = w + b u^2/4, z = s accelerations follow by the chain rule; multipliers are equal."""
     u, w, s = coordinates("u w s")
     new = sp.Matrix([u, w, s])
     places = sp.Matrix([u + a * sp.sin(w) / 4, w + b * u**2 / 4, s])
@@ -180,7 +180,7 @@ def test_the_motion_is_the_same_in_other_coordinates(mechanism: Mechanism, a: An
 
 
 def nearest(places: Any, symbols: list[Any], q: Vector) -> Vector:
-    """Return the other coordinates of a place, by Newton's method."""
+    """Return the coordinates (u, w, s) of a point (x, y, z), by Newton's method."""
     plain = [sp.Dummy() for _ in symbols]
     both = sp.lambdify(plain, [expression.subs(dict(zip(symbols, plain, strict=True))) for expression in places])
     found = q.copy()
@@ -200,7 +200,7 @@ three = st.tuples(rationals, rationals, rationals)
 
 
 def law(lagrangian: Any) -> list[Any]:
-    """Return M by rows, and behind them the rest of d/dt dL/dv - dL/dq; SymPy differentiates."""
+    """Return the rows of M, then the other terms of d/dt dL/dv - dL/dq, differentiated by SymPy."""
     momenta = [sp.diff(lagrangian, v) for v in RATES]
     mass = [sp.diff(p, v) for p in momenta for v in RATES]
     rest = [
@@ -211,7 +211,7 @@ def law(lagrangian: Any) -> list[Any]:
 
 
 def residuals(judge: Precise, found: Any, h: Any) -> tuple[Any, Any]:
-    """Return what a polynomial leaves of M a + rest across G, and of phi, at a time h behind the start."""
+    """Return the residuals of a polynomial motion at the time h: of M a + rest perpendicular to G, and of phi."""
     powers = [h**k for k in range(len(found))]
     q = [sum(c * s for c, s in zip(found[:, i], powers, strict=True)) for i in range(3)]
     v = [sum(k * found[k, i] * powers[k - 1] for k in range(1, len(found))) for i in range(3)]
@@ -224,7 +224,7 @@ def residuals(judge: Precise, found: Any, h: Any) -> tuple[Any, Any]:
 
 
 def start(statement: Statement, place: Sequence[Any], wish: Sequence[Any]) -> list[Any]:
-    """Return a place, and the velocities nearest to a wish that the constraint allows, to all digits."""
+    """Return a point and the admissible velocities nearest to given ones, in multiple precision."""
     phi = statement.constraints[0].expression
     rows = Precise([*(sp.diff(phi, q) for q in PLACES), sp.diff(phi, t).doit()], statement, DIGITS)
     q, w = ([NUMBER(one.p) / one.q for one in numbers] for numbers in (place, wish))
@@ -238,7 +238,7 @@ def start(statement: Statement, place: Sequence[Any], wish: Sequence[Any]) -> li
 @some
 @given(kinetic_energies(*PLACES), potentials(*PLACES), holonomic(*PLACES), functions_of(t, *PLACES), three, three)
 def test_a_series_is_that_of_the_motion(T: Any, V: Any, phi: Any, moving: Any, place: Any, wish: Any) -> None:
-    """Of the polynomial of order p, M a - h leaves p - 1 powers of h beside G^T lambda, and phi leaves p + 1."""
+    """For a series of order p, the residual of the equations of motion is of order h^(p-1), that of phi h^(p+1)."""
     phi = phi + moving / 8
     phi -= phi.subs(dict(zip(PLACES, place, strict=True))).subs(t, sp.Rational(1, 4))
     statement = declare(coordinates=list(PLACES), kinetic=T, potential=V, constraints=[phi])

@@ -1,4 +1,4 @@
-"""Laws of constraints at one state of random mechanisms: what their forces are, and what they do not depend on."""
+"""Laws of constraint forces at one state of random mechanisms."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ places_only = holonomic(*PLACES).map(lambda phi: [phi])
 
 
 def course(mechanism: Mechanism, s: float) -> dict[Any, float]:
-    """Return place, velocity and time a little later, as the accelerations say."""
+    """Return coordinates, velocities and time a little later, by the accelerations."""
     a = mechanism.accelerations()
     q, v = mechanism.q + s * mechanism.v + s**2 / 2 * a, mechanism.v + s * a
     return {**dict(zip(RATES, v, strict=True)), t: mechanism.time + s, **dict(zip(PLACES, q, strict=True))}
@@ -44,7 +44,7 @@ def course(mechanism: Mechanism, s: float) -> dict[Any, float]:
 @some
 @given(mechanisms(forces=True) | moving())
 def test_the_accelerations_keep_the_constraints(mechanism: Mechanism) -> None:
-    """d psi/dt = G a + gamma = 0, by differences of what was stated."""
+    """d psi/dt = G a + gamma = 0, by differences of the stated constraints."""
     kept = sp.lambdify([*RATES, t, *PLACES], [rate_of(one) for one in mechanism.constraints.values()])
     for i in range(len(mechanism.constraints)):
         assert slope(lambda s, i=i: kept(*course(mechanism, s).values())[i]) == close(0.0, 1e-7)
@@ -107,7 +107,7 @@ def test_a_total_time_derivative_changes_neither_motion_nor_reactions(mechanism:
 
 
 def with_another(mechanism: Mechanism, f: Any, inertia: int) -> Any:
-    """Return accelerations and multipliers with a coordinate w = f(x, y, z) beside the others."""
+    """Return accelerations and multipliers with an additional coordinate w = f(x, y, z)."""
     w = coordinate("w")
     statement = declare(
         coordinates=[*PLACES, w],
@@ -124,7 +124,7 @@ def with_another(mechanism: Mechanism, f: Any, inertia: int) -> Any:
 @some
 @given(mechanisms(), functions_of(*PLACES))
 def test_a_coordinate_that_a_constraint_determines_changes_nothing(mechanism: Mechanism, f: Any) -> None:
-    """It has no inertia, so its constraint pushes nothing."""
+    """The additional coordinate has no inertia, so its constraint exerts no force."""
     a, multipliers = with_another(mechanism, f, inertia=0)
     assert a[:3] == close(mechanism.accelerations())
     assert multipliers == close([*mechanism.multipliers(), 0.0])
@@ -183,7 +183,7 @@ def test_a_driven_coordinate_may_be_put_into_the_energies(mechanism: Mechanism, 
 @some
 @given(mechanisms())
 def test_a_constraint_that_is_not_linear_pushes_along_its_derivative(mechanism: Mechanism) -> None:
-    """Chetaev: |v|^2 is kept, by a force along v."""
+    """By Chetaev's rule |v|^2 is kept constant by a force along v."""
     speed = sum(v**2 for v in RATES) - float(mechanism.v @ mechanism.v)
     held = mechanism.compile(constraints={"speed": speed})
     a, push = mechanism.accelerations(held), mechanism.multipliers(held)[0]

@@ -1,4 +1,4 @@
-"""Hard cases with a closed form or a published fact, on every explicit adaptive method of order 5 or more."""
+"""Hard cases with a closed form or a published result, for all explicit adaptive methods of order 5 or more."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ x, y, theta, phi, psi = lg.coordinates("x y theta phi psi")
 
 
 def kepler_state(r: float, v: float, end: float) -> list[float]:
-    """The state after a start at the pericentre, mu = 1, by Kepler's equation from the very doubles of the start."""
+    """Return the state of a Kepler orbit (mu = 1) that starts at the pericentre, from the exact initial doubles."""
     with mpmath.workdps(40):
         axis = 1 / (2 / mpmath.mpf(r) - mpmath.mpf(v) ** 2)
         e, motion = 1 - r / axis, axis ** mpmath.mpf("-1.5")
@@ -43,8 +43,10 @@ def kepler_state(r: float, v: float, end: float) -> list[float]:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("e", "allowed"), [(0.99, 1e-8), (0.9999, 1e-6)])
 def test_an_orbit_that_is_nearly_a_fall(method: str, e: float, allowed: float) -> None:
-    """Three revolutions. Round-off at the pericentre moves the period by 1e-16/(1 - e), and the place by some times
-    that; a tolerance of 1e-13 may do a thousand times as much.
+    """The run has three revolutions.
+
+    Round-off at the pericentre changes the period by 1e-16/(1 - e). A tolerance of 1e-13 may have a thousand times
+    this effect.
     """
     orbit = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=-1 / sqrt(x**2 + y**2), name="orbit")
     r, v = 1 - e, math.sqrt((1 + e) / (1 - e))
@@ -53,7 +55,7 @@ def test_an_orbit_that_is_nearly_a_fall(method: str, e: float, allowed: float) -
 
 
 def attracting(masses: Sequence[float], places: Any, velocities: Any) -> lg.System:
-    """Point masses in the plane, G = 1."""
+    """Return point masses in the plane that attract each other, with G = 1."""
     points = [lg.coordinates(f"x{i} y{i}") for i in range(len(masses))]
     initial: dict[Any, float] = {}
     for point, place, velocity in zip(points, places, velocities, strict=True):
@@ -85,7 +87,7 @@ def test_the_figure_eight_returns(method: str) -> None:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_burraus_bodies_part_as_published(method: str) -> None:
-    """The mass of 3 leaves the other two, which are bound (V. Szebehely, C. F. Peters, Astron. J. 72, 1967)."""
+    """The mass 3 escapes from the other two (V. Szebehely, C. F. Peters, Astron. J. 72, 1967)."""
     places = np.array([(1, 3), (-2, -1), (1, -1)])
     run = attracting((3, 4, 5), places, ((0, 0),) * 3).run(80.0, method=method, **TIGHT).require()
     where, moving = (part.reshape(3, 2) for part in np.split(run.y[:, -1], 2))
@@ -102,7 +104,7 @@ def test_burraus_bodies_part_as_published(method: str) -> None:
 @pytest.mark.few
 @pytest.mark.parametrize("method", METHODS)
 def test_the_threshold_of_kapitzas_pendulum(method: str) -> None:
-    """theta'' = (g - a omega^2 cos(omega t)) theta/l is stable from where -4 g/(l omega^2) is Mathieu's a_0(2 a/l)."""
+    """theta'' = (g - a omega^2 cos(omega t)) theta/l becomes stable at -4 g/(l omega^2) = a_0(2 a/l) of Mathieu."""
     a = lg.parameters("a")
     omega, g = 20.0, 9.81
     place = (sin(theta), a * cos(omega * lg.t) + cos(theta))
@@ -121,7 +123,7 @@ def test_the_threshold_of_kapitzas_pendulum(method: str) -> None:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_free_body_flips_about_its_middle_axis(method: str) -> None:
-    """Jacobi's functions (L. D. Landau, E. M. Lifshitz, Mechanics, section 37) near the separatrix: errors grow."""
+    """The motion is given by Jacobi's functions near the separatrix (Landau and Lifshitz, Mechanics, section 37)."""
     moments, start = (1.0, 2.0, 3.0), (1.0, math.sqrt((1 + 1e-4) / 3))
     rates = (
         phi.dot * sin(theta) * sin(psi) + theta.dot * cos(psi),
@@ -155,7 +157,7 @@ def test_a_lower_bob_that_weighs_nothing_is_not_felt(method: str) -> None:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("turn", [1e-3, 1e-6])
 def test_a_spherical_pendulum_passes_its_pole(method: str, turn: float) -> None:
-    """The azimuth changes by pi within a moment; for small turns the place is that of a plane pendulum."""
+    """Near the pole the azimuth changes by pi at once. For a small angular momentum the motion is that in a plane."""
     swing = lg.System(
         kinetic=(theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2, potential=-cos(theta), coordinates=[theta, phi]
     )

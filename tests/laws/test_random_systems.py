@@ -1,4 +1,4 @@
-"""Laws of mechanics on random systems: what holds for every Lagrangian must hold for what is compiled of any."""
+"""Laws that hold for every Lagrangian, tested on the compiled models of random systems."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ some = settings(max_examples=examples(10), suppress_health_check=[HealthCheck.to
 
 
 def kinetic_energies(*leaves: Any) -> st.SearchStrategy[Any]:
-    """Return quadratic forms in the velocities that are positive wherever they are looked at."""
+    """Return quadratic forms in the velocities that are positive at all tested states."""
     pair = st.tuples(functions_of(*leaves), functions_of(*leaves))
     return pair.map(lambda g: (x.dot**2 + y.dot**2) / 2 + (g[0] * x.dot + g[1] * y.dot) ** 2 / 8)
 
@@ -37,7 +37,7 @@ exponents = st.sampled_from([sp.Rational(3, 2), sp.Rational(7, 4), sp.Rational(5
 
 
 def bent_energies(*leaves: Any) -> st.SearchStrategy[Any]:
-    """Return kinetic energies with powers of abs in them: mass matrices that depend on velocities, and switch."""
+    """Return kinetic energies with powers of abs, whose mass matrices depend on velocities and have switches."""
 
     def energy(g: Any, p: Any, q: Any, leaf: Any, c: Any) -> Any:
         bend = x.dot * sp.Abs(y.dot) ** p + sp.Abs(x.dot) ** q + y.dot**2 * sp.Abs(leaf - sp.Rational(3, 2)) ** (p / 2)
@@ -117,7 +117,7 @@ def run(compiled: Model, state: Any, end: float) -> Any:
 @few
 @given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y), states)
 def test_energy_is_conserved_along_a_run(T: Any, V: Any, A: Any, state: Any) -> None:
-    """Also with a potential linear in the velocity, which does no work."""
+    """Energy is conserved also with a potential linear in velocities, whose forces do no work."""
     compiled = model("llvm", lagrangian=T - V + A * x.dot - x * y.dot)
     assert compiled.conservative
     found = run(compiled, state, 1.0)
@@ -180,9 +180,9 @@ def test_the_motion_is_the_same_in_other_coordinates(T: Any, V: Any, P: Any, sta
     st.sampled_from(["numpy", "llvm", "llvm"]),
 )
 def test_series_of_any_order_give_the_motion(T: Any, V: Any, state: Any, order: int, target: str) -> None:
-    """With fractional powers of abs in the mass matrix, velocities in it, and orders up to the highest.
+    """Mass matrices have fractional powers of abs and depend on velocities. Orders go up to the highest.
 
-    From some order on, most of them here, kernels are looped.
+    Above some order the series are computed in loops.
     """
     compiled = model(target, lagrangian=T - V)
     start = dict(zip(("x", "y", "x_dot", "y_dot"), map(float, state), strict=True))

@@ -1,4 +1,4 @@
-"""Pendulums of rods with random masses in random units of mass, length and time move as they do in units of one."""
+"""Rods with random masses move alike in random units of mass, length and time."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ UNSCALED = "radau5-index2"
 
 
 def rods(draw: random.Random, unit: tuple[float, float, float]) -> tuple[lg.System, float]:
-    """Return one to three bodies on rods in Cartesian coordinates, half of them hanging but for one, and a time.
+    """Return one to three bodies on rods in Cartesian coordinates, and the duration of a run.
 
-    `unit` has the units of mass, length and time. The same draws give the same system in other units.
+    Half of the systems hang at rest except for one body. `unit` has the units of mass, length and time. The same
+    random numbers give the same system in other units.
     """
     mass, length, time = unit
     count = draw.randint(1, 3)
@@ -54,7 +55,7 @@ def rods(draw: random.Random, unit: tuple[float, float, float]) -> tuple[lg.Syst
 
 
 def ended(seed: int, unit: tuple[float, float, float], method: str, rtol: float) -> NDArray[Any]:
-    """Return the last state of a run in units of one."""
+    """Return the last state of a run, converted to SI units."""
     system, end = rods(random.Random(seed), unit)
     run = lg.integrate(system.compile(check=False), (0.0, end), method=method, rtol=rtol)
     assert run.status is lg.Status.SUCCESS, run.message
@@ -78,7 +79,7 @@ def test_the_motion_of_rods_is_the_same_in_all_units(seed: int) -> None:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [24, 27])
 def test_a_light_body_on_hanging_rods_starts_from_rest(seed: int) -> None:
-    """The first steps leave rates so small that all terms of their constraints are rounding."""
+    """After the first steps the rates are so small that the terms of their constraints are round-off."""
     expected = ended(seed, (1.0, 1.0, 1.0), "taylor", 1e-14)
     # Runs of a second multiply the errors of steps by less than 1,000.
     assert ended(seed, (1.0, 1.0, 1.0), "bs3", 1e-7) == pytest.approx(expected, abs=1e-4)
@@ -103,7 +104,7 @@ def test_accelerations_of_rods_are_the_same_in_all_units(seed: int, target: str)
 
 
 def in_units(seed: int) -> tuple[lg.System, float]:
-    """Return rods in random units, and the acceleration that is one in them."""
+    """Return rods in random units, and the unit of acceleration."""
     draw = random.Random(2000 + seed)
     mass, length, time = (10.0 ** draw.uniform(-FAR, FAR) for _ in range(3))
     return rods(random.Random(seed), (mass, length, time))[0], length / time**2
@@ -153,7 +154,7 @@ def test_traced_accelerations_of_rods_are_the_same_in_all_units(seed: int, libra
 
 @pytest.mark.parametrize("time", [1.0, 1e-1, 1e-3, 1e3])
 def test_floors_of_entries_at_rest_follow_no_unit_of_time(time: float) -> None:
-    """The last of four masses has no term in the first rows of the series, and asks for a survey of sizes."""
+    """The last of four masses has no term in the first coefficients, so its size comes from a survey."""
     k, b = lg.parameters("k b")
     q = lg.coordinates("u0 u1 u2 u3")
     chain = lg.System(

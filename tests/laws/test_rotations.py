@@ -45,7 +45,7 @@ def test_attitude_after_a_period_of_the_rates() -> None:
 
 
 def test_flip_of_a_body_about_its_middle_axis() -> None:
-    """Its rates have the period 4 K(k) / rate, 41.50921952933849; errors of round-off grow a hundred-fold in it."""
+    """The rates have the period 4 K(k) / rate = 41.50921952933849, in which rounding errors grow by a factor of 100."""
     run = body((1, 2, 3), (0.01, 1, 0)).run(41.50921952933849, rtol=1e-14)
     assert np.abs(run[R.body][:, -1] - [0.01, 1, 0]).max() < 1e-12
 
@@ -60,14 +60,14 @@ def test_top_on_its_homoclinic_path() -> None:
 
 @pytest.mark.parametrize("weight", [0, 0.8])
 def test_the_length_of_the_quaternion_stays_one(weight: float) -> None:
-    """Errors would add up to 1e-9 in these thousands of steps at the default tolerance. That of one step is left."""
+    """At the default tolerance errors of the length would add up to 1e-9; only the error of one step remains."""
     potential = weight * (R[2, 2] + 0.3 * R[0, 1])
     run = body((1, 1.6, 2.2), (2, 0.5, 0.1), lg.turn((0, 1, 1), 2), potential).run(2000.0)
     assert np.abs(np.linalg.norm(run.y[:4], axis=0) - 1).max() < 1e-13
 
 
 def test_the_series_in_rates_is_that_of_the_quaternion() -> None:
-    """Two bodies with all that a statement contains, in a mixed order of coordinates, at a random state."""
+    """Two bodies with all kinds of terms, in a mixed order of coordinates, at a random state."""
     S, (x, y) = lg.rotation("S"), lg.coordinates("x y")
     kinetic = R.body.dot(diag(1.1, 1.3, 1.7) * R.body) / 2 + S.body.dot(diag(2, 1.5, 1.2) * S.body) / 2
     kinetic += m * (x.dot**2 + x.dot * R.body[0] + y.dot**2 / 3) / 2
@@ -94,7 +94,7 @@ def test_the_series_in_rates_is_that_of_the_quaternion() -> None:
 
 
 def test_a_free_body_needs_the_products_of_its_seven_equations() -> None:
-    """Twelve of the quaternion and its rates, three of the rates: of two half sums each."""
+    """Twelve products of the quaternion and the rates, and three of the rates."""
     program = series_program(euler_lagrange(body((1, 2, 3), (0, 0, 0)).statement))[0]
     assert convolutions(program.rules) == 2 * (12 + 3)
 
@@ -201,7 +201,7 @@ def test_a_rattleback_is_unstable_in_pitch_one_way_and_in_roll_the_other() -> No
 
 
 def test_linear_equations_of_a_sleeping_top_in_symbols() -> None:
-    """About the axis of a top that spins: x'' = ((1 - J3/J1) w^2 + m g a/J1) x + (2 - J3/J1) w y'."""
+    """For a spinning top: x'' = ((1 - J3/J1) w^2 + m g a/J1) x + (2 - J3/J1) w y'."""
     thick = lg.parameters("J3")
     top = body((m, m, thick), (0, 0, 0), potential=a * R[2, 2], parameters={m: 1.0, a: 1.0, thick: 0.5})
     matrix = top.linearize({R.body: (0, 0, 3)}).A
@@ -263,7 +263,7 @@ def cayley_step(moments: Any, q: Any, w: Any, h: float) -> tuple[Any, Any]:
 
 
 def test_a_step_of_munthe_kaas_is_one_in_local_coordinates() -> None:
-    """Restated for a free body by Euler's equations. The quaternion keeps its length, and that of rk4 does not."""
+    """The reference is a step in local coordinates by Euler's equations. rk4 does not keep the quaternion's length."""
     moments, q, w = np.array([1.0, 2.0, 3.0]), np.array([0.6, 0, 0.8, 0]), np.array([0.3, 1, 0.2])
     system = body(moments.tolist(), w.tolist(), q.tolist())
     for _ in range(10):
@@ -295,13 +295,13 @@ def test_munthe_kaas_moves_bodies_with_coordinates_and_constraints(name: str) ->
 
 
 def test_a_step_of_munthe_kaas_is_exported(tmp_path: Path) -> None:
-    """The self-test of the export takes a step of the Python that is written, and compares it with ours."""
+    """The self-test of the exported Python takes a step and compares it with the step of this package."""
     made = shared_scene("heavy-top").export("python", tmp_path, contents=["munthe-kaas4"])
     assert any("munthe_kaas4" in path.read_text() for path in made.files)
 
 
 def random_top(seed: int) -> tuple[lg.System, lg.System]:
-    """A body with a fixed point under a random potential, once with R and once in Euler angles z, x, z."""
+    """Return a body with a fixed point in a random potential, stated with R and with Euler angles z, x, z."""
     draw = np.random.default_rng(seed)
     half = draw.uniform(0.5, 1.5, 3)
     moments = tuple(float(x) for x in (half[1] + half[2], half[2] + half[0], half[0] + half[1]))
@@ -333,7 +333,7 @@ def random_top(seed: int) -> tuple[lg.System, lg.System]:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [*range(5), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(5, 100))])
 def test_the_motion_is_that_of_euler_angles(seed: int) -> None:
-    """Away from their pole. Half a unit of time: errors do not grow by more than a factor of ten."""
+    """The motion stays away from the pole, for a time in which errors grow by at most a factor of ten."""
     rotating, angles = random_top(seed)
     one, other = rotating.run(0.5, rtol=1e-14), angles.run(0.5, rtol=1e-14)
     phi, theta, psi = (sympy.Symbol(name) for name in "fts")
@@ -345,7 +345,7 @@ def test_the_motion_is_that_of_euler_angles(seed: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_a_derivation_in_turns_agrees_with_the_compiled_model(seed: int) -> None:
-    """Euler's equations as printed give the accelerations of the quaternion that the model has."""
+    """Euler's equations as printed give the model's accelerations of the quaternion."""
     draw = np.random.default_rng(seed)
     x = lg.coordinate("x")
     arm = [float(v) for v in draw.uniform(-1, 1, 3)]
@@ -363,7 +363,7 @@ def test_a_derivation_in_turns_agrees_with_the_compiled_model(seed: int) -> None
 
 @pytest.mark.slow
 def test_a_derivation_too_long_to_be_solved_in_symbols_is_compared_at_each_point() -> None:
-    """Its equations are solved in numbers there: a wrong inertia in them is found."""
+    """The equations are solved numerically at each point. A wrong inertia is detected."""
     held, _ = top_on_a_joint()
     statement = held.statement
     textbook = SolvedTextbook(held.derivation(), statement, {})
@@ -381,7 +381,7 @@ def test_the_accelerations_of_a_rattleback_are_compared_with_its_derivation() ->
 
 
 def test_a_rolling_ball_has_the_equations_of_chaplygin() -> None:
-    """Euler's equations, with the moments of the forces at the point of contact, and the conditions of rolling."""
+    """The derivation has Euler's equations with the moments of the contact forces, and the conditions of rolling."""
     system = shared_scene("rolling-sphere")
     rates = "x_dot - r*(R_body_x*R_yx + R_body_y*R_yy + R_body_z*R_yz)"
     text = system.derivation().text()
@@ -402,7 +402,7 @@ def test_a_rolling_ball_has_the_equations_of_chaplygin() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["rolling-sphere", "gyroscope-on-gimbal"])
 def test_a_derivation_in_turns_with_constraints_agrees_with_the_compiled_model(name: str) -> None:
-    """One holds velocities and one a place: multipliers of both push the turns as they push the quaternion."""
+    """One constraint is on velocities and one on coordinates. Both multipliers act on the rotation."""
     system = shared_scene(name)
     report = system.check(points=2)
     assert report
@@ -415,7 +415,7 @@ def test_a_derivation_in_turns_with_constraints_agrees_with_the_compiled_model(n
 @pytest.mark.parametrize("name", ["rolling-sphere", "gyroscope-on-gimbal"])
 @pytest.mark.parametrize(("method", "step"), [("taylor", None), ("rk4", 0.05)])
 def test_constraints_keep_the_length_of_the_quaternion(name: str, method: str, step: float | None) -> None:
-    """The state is projected onto the length one, too: rk4 would leave 1e-4, and taylor 1e-10, of the length."""
+    """Projection also restores the length one, which rk4 would change by 1e-4 and taylor by 1e-10."""
     run = shared_scene(name).run(20.0, method=method, step=step)
     assert max(run.card()["lengths"].values()) < 1e-15
 
@@ -451,7 +451,7 @@ def example(name: str) -> lg.Solution:
 
 
 def test_a_wing_nut_has_turned_over_every_half_period() -> None:
-    """Its start is that of the flip above; four half periods make two periods of the rates."""
+    """The start is that of the flip above. Four half periods are two periods of the rates."""
     run = example("free-top")
     assert np.abs(run[R.body][:, -1] - run[R.body][:, 0]).max() < 1e-6
     assert run[R.body][1].min() < -0.999

@@ -1,7 +1,7 @@
-"""A tolerance is kept: over many systems and tolerances the error stays below what was asked for.
+"""The error of a run is within the tolerance times the growth of errors, for many systems and tolerances.
 
-A step's error is within the tolerance; along the run it grows as the motion makes errors grow. That amplification is
-measured: the initial state and states on the way are moved a little, and the largest effect at the end counts.
+The growth is measured: the initial state and later states are changed a little, and the largest effect at the end
+counts.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def exact(name: str) -> Flow:
 
 @cache
 def course(name: str) -> tuple[float, FloatArray, FloatArray, float]:
-    """Return the time and state at the end, the size of each entry, and by how much an error grows."""
+    """Return the end time, the end state, the size of each entry, and the factor by which errors grow."""
     run: Any = exact(name)
     end = min(compiled(name).statement.run.t_end, 20.0)
     start = np.array(compiled(name).statement.initial)
@@ -66,7 +66,7 @@ def course(name: str) -> tuple[float, FloatArray, FloatArray, float]:
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", [*SCENES, *MODELS])
 def test_the_reference_agrees_with_another_method(name: str) -> None:
-    """DOP853 at the edge of round-off: its own error is some hundred times its tolerance times the growth."""
+    """The other method is DOP853 near round-off, whose error is about a hundred tolerances times the growth."""
     end, last, size, growth = course(name)
     other = flow_of(compiled(name), method="dop853", rtol=1e-13, atol=1e-16)(compiled(name).statement.initial, 0.0, end)
     assert (np.abs(other - last) / size).max() < 100 * 1e-13 * growth
@@ -76,7 +76,7 @@ def test_the_reference_agrees_with_another_method(name: str) -> None:
 @pytest.mark.parametrize("tolerance", TOLERANCES)
 @pytest.mark.parametrize("name", [*SCENES, *MODELS])
 def test_the_error_is_within_the_tolerance(name: str, tolerance: float) -> None:
-    """The tenth at which steps aim leaves room for their sum; at 1e-14 rounding along the run counts as well."""
+    """Steps aim at a tenth of the tolerance, so that their sum stays within it. At 1e-14 rounding counts as well."""
     end, last, size, growth = course(name)
     flow = flow_of(compiled(name), rtol=tolerance, atol=tolerance * 1e-3)
     found = flow(compiled(name).statement.initial, 0.0, end)
@@ -94,7 +94,7 @@ FASTEST = 0.6
 
 
 def exponent(flow: Flow, energy: lg.Model, starts: list[FloatArray], times: tuple[float, float]) -> float:
-    """Return the exponent with which the root mean square of the energy's error grows from one time to another."""
+    """Return the exponent of the growth in time of the root mean square error of the energy."""
     n = energy.dimension
     sizes = []
     for t in times:

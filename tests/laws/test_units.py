@@ -1,4 +1,4 @@
-"""The same motion in other units has the same digits: no step, tolerance or floor has an absolute size in it."""
+"""The same motion in other units has the same digits: no step, tolerance or floor depends on an absolute size."""
 
 from __future__ import annotations
 
@@ -48,7 +48,10 @@ ROUND_OFF = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A motion in units of one: lengths among the coordinates, and the parameters' values, all near one."""
+    """A motion in SI units, with coordinates and parameters near one.
+
+    `lengths` flags the coordinates that are lengths.
+    """
 
     system: lg.System
     lengths: tuple[bool, ...]
@@ -126,7 +129,7 @@ CASES = {
 
 
 def run(name: str, method: str, powers: tuple[int, int, int], *, base: float = 10.0, **options: Any) -> NDArray[Any]:
-    """Return the states of a run (2n, N) in units of one, of a run in others."""
+    """Return the states (2n, N) of a run in other units, converted to SI units."""
     one = CASES[name]
     mass, length, time = (base**power for power in powers)
     model = one.system.compile()
@@ -153,7 +156,7 @@ def truth(name: str) -> NDArray[Any]:
 
 @lru_cache(maxsize=1024)
 def error(name: str, method: str, powers: tuple[int, int, int]) -> float:
-    """Return the largest error of the last state, of each entry in parts of its largest size along the run."""
+    """Return the largest error of the last state, relative to the largest size of each entry along the run."""
     right = truth(name)
     options = {"rtol": LOW[method]} if method in LOW else {}
     sizes = np.abs(right).max(axis=1)

@@ -1,4 +1,4 @@
-"""Random symmetric matrices of every kind, by a generator and the number of rows."""
+"""Random symmetric matrices of several kinds, from a random generator and the number of rows."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def indefinite(rng: np.random.Generator, n: int) -> Any:
 
 
 def hollow(rng: np.random.Generator, n: int) -> Any:
-    """Zeros on the whole diagonal: no pivot without an exchange."""
+    """Return a matrix with a zero diagonal, which needs exchanges of rows."""
     a = indefinite(rng, n)
     if n > 1:
         np.fill_diagonal(a, 0.0)
@@ -33,18 +33,18 @@ def hollow(rng: np.random.Generator, n: int) -> Any:
 
 
 def permuted(rng: np.random.Generator, n: int) -> Any:
-    """Ones on the other diagonal."""
+    """Return a matrix with ones on its antidiagonal."""
     return np.fliplr(np.eye(n))
 
 
 def scaled(rng: np.random.Generator, n: int) -> Any:
-    """Units that differ by sixteen orders of magnitude."""
+    """Return a matrix whose rows have units that differ by sixteen orders of magnitude."""
     scale = 10.0 ** np.linspace(-8, 8, n)
     return positive(rng, n) * np.outer(scale, scale)
 
 
 def dependent(rng: np.random.Generator, n: int) -> Any:
-    """A matrix whose last row is the first."""
+    """Return a singular matrix whose last row equals the first."""
     a = positive(rng, n)
     a[-1] = a[0]
     a[:, -1] = a[:, 0]

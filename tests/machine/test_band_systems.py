@@ -1,4 +1,4 @@
-"""Symmetric systems within a band, solved with pivoting, against LAPACK and against the same matrix taken as full."""
+"""Symmetric banded systems, solved with pivoting, compared with LAPACK and with the same matrix as a full one."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def compiled() -> tuple[Module, Any, Any]:
 
 
 def solve(matrix: FloatArray, band: int, right: FloatArray) -> tuple[FloatArray, bool]:
-    """Return the solution and whether the matrix is singular; memory of the factors holds no numbers at first."""
+    """Return the solution, and True if the matrix is singular. Work memory is NaN at first."""
     n = len(matrix)
     given, factors = np.zeros(n * n if band == n else band_size(n, band)), np.full(pivoted_size(n, band), np.nan)
     for j in range(n):
@@ -45,7 +45,7 @@ def solve(matrix: FloatArray, band: int, right: FloatArray) -> tuple[FloatArray,
 
 
 def banded(n: int, band: int, seed: int) -> FloatArray:
-    """Return a random indefinite matrix with rows in units of their own and some zeros on the diagonal."""
+    """Return a random indefinite matrix whose rows have different units, with some zeros on the diagonal."""
     draw = np.random.default_rng(seed)
     matrix = draw.normal(size=(n, n))
     matrix = np.tril(np.triu(matrix + matrix.T, -band), band)
@@ -70,7 +70,7 @@ def test_solutions_are_those_of_lapack(n: int, band: int) -> None:
 
 @pytest.mark.parametrize(("n", "band"), SHAPES)
 def test_a_band_changes_no_digit(n: int, band: int) -> None:
-    """The pivots and operations are those of the full matrix."""
+    """Pivots and operations equal those for the full matrix."""
     for seed in range(5):
         matrix, right = banded(n, band, 50 + seed), np.random.default_rng(seed).normal(size=n)
         (x, singular), (full, also) = solve(matrix, band, right), solve(matrix, n, right)
@@ -100,7 +100,7 @@ def compiled_inverse(n: int) -> tuple[Module, Callable[[int, int], bool]]:
 
 
 def invert(matrix: FloatArray) -> tuple[FloatArray, bool]:
-    """Return the inverse and whether there is none; memory beside the matrix holds no numbers."""
+    """Return the inverse, and True if the matrix is singular. Work memory is NaN at first."""
     n = len(matrix)
     stride = row_stride(n)
     rows, scratch = np.full((n, stride), np.nan), np.full(3 * stride, np.nan)

@@ -1,4 +1,4 @@
-"""Kernels of systems with constraints against dense linear algebra, on every machine, with and without pivoting."""
+"""Kernels of systems with constraints, compared with dense linear algebra on all machines."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_the_jacobian_is_that_of_differences(name: str, target: str) -> None:
 
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_near_a_configuration_where_constraints_depend_on_one_another_pivots_are_taken_by_size(target: str) -> None:
-    """All bars of a ladder in one line but for 1e-4: elimination in the given order would lose eight digits."""
+    """The bars of a ladder are within 1e-4 of one line. Elimination without pivoting would lose eight digits."""
     held = model_of(ladder(3), machine(target))
     angle = np.pi / 2 - 1e-4
     q = np.ravel([(i + np.sin(angle), np.cos(angle)) for i in range(4)])
@@ -103,7 +103,7 @@ def test_near_a_configuration_where_constraints_depend_on_one_another_pivots_are
 def test_a_large_system_that_is_singular_takes_its_memory_from_the_heap(
     loops: int, largest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The matrix of 60 loops, 243 unknowns, takes half a megabyte: with its factors too much for a thread's stack."""
+    """The matrix of 60 loops has 243 unknowns and half a megabyte; with its factors it exceeds a thread's stack."""
     monkeypatch.setattr(procedures, "LARGEST_ON_STACK", largest)
     held = model_of(ladder(loops), machine("llvm"))
     straight = np.ravel([(i + 1.0, 0.0) for i in range(loops + 1)])
@@ -116,7 +116,10 @@ def test_a_large_system_that_is_singular_takes_its_memory_from_the_heap(
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("light", [1e-6, 1e-9, 1e-12, 1e-15, 1e-17])
 def test_a_light_body_tied_to_a_heavy_one_has_its_acceleration(light: float, target: str) -> None:
-    """Both have F / (m + M). Pivots in their order would give the light one the difference of two equal forces."""
+    """Both accelerations are F / (m + M).
+
+    Without pivoting that of the light body would be a difference of equal forces.
+    """
     a, b = lg.coordinates("a b")
     tied = stated(
         kinetic=m * a.dot**2 / 2 + b.dot**2 / 2, potential=-a, constraints={"tie": a - b}, parameters={m: light}
@@ -141,7 +144,7 @@ def one_by_one(program: Program, refs: Iterable[int], most: Callable[[int], int]
 
 
 def random_program(rng: np.random.Generator, n: int, *, hoisted: bool = False, multipliers: int = 0) -> Program:
-    """Return a program with systems of one or two matrices, on right-hand sides that build upon solutions or not.
+    """Return a program with systems of one or two matrices. Some right-hand sides depend on earlier solutions.
 
     The matrices are the first inputs or the parameters, n (n + 1) / 2 entries of each.
     """
@@ -171,7 +174,7 @@ def random_program(rng: np.random.Generator, n: int, *, hoisted: bool = False, m
 
 
 def both(program: Program, monkeypatch: pytest.MonkeyPatch, use: Callable[[LlvmKernel], Any]) -> tuple[Any, Any]:
-    """Return what a kernel gives that solves together, and one that solves one by one."""
+    """Return the results of two kernels: one solves for all right-hand sides together, the other one by one."""
     together = use(LlvmKernel(program))
     with monkeypatch.context() as patch:
         patch.setattr("lagrange.algorithm.kernel.body.scheduled", one_by_one)
@@ -197,7 +200,7 @@ def steps_of(program: Program, most: int = 32) -> list[int | SolveGroup]:
 def test_together_is_one_by_one_to_the_last_bit(
     n: int, kind: Matrix, monkeypatch: pytest.MonkeyPatch, everything: bool
 ) -> None:
-    """Matrices with trusted pivots and without, from the state and from the parameters, alone and in columns."""
+    """Matrices with and without trusted pivots, from the state and from parameters, for one state and in columns."""
     rng = np.random.default_rng([n, REGULAR.index(kind)])
     for hoisted in (False, True) if everything else (n % 2 == 0,):
         program = random_program(rng, n, hoisted=hoisted)
@@ -235,7 +238,10 @@ def test_a_singular_matrix_of_a_group_is_told(n: int, kind: Matrix) -> None:
 
 
 def test_an_order_of_groups_is_an_order_of_the_program(share: Share) -> None:
-    """Each instruction comes once, behind all that it reads; a group has all its right-hand sides, and one factor."""
+    """Each instruction occurs once, after all that it reads.
+
+    A group has all its right-hand sides and one factorization.
+    """
     for seed in range(share(30)):
         rng = np.random.default_rng(seed)
         program, most = random_program(rng, 2), int(rng.integers(1, 33))
@@ -261,7 +267,7 @@ def test_an_order_of_groups_is_an_order_of_the_program(share: Share) -> None:
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize(("mass", "length"), [(3e8, 3e-9), (3e-12, 3e9), (1e11, 6e-8)])
 def test_units_decide_no_pivot(mass: float, length: float, target: str) -> None:
-    """Of a pendulum that swings through its lowest point. Its inertia was compared with its constraint."""
+    """A pendulum swings through its lowest point. Pivots must not compare its inertia with its constraint."""
     (a, b), ell = lg.coordinates("a b"), lg.parameters("ell")
     kinetic, rod = m * (a.dot**2 + b.dot**2) / 2, {"rod": a**2 + b**2 - ell**2}
     pendulum = stated(kinetic=kinetic, potential=m * b, constraints=rod, parameters={m: mass, ell: length})

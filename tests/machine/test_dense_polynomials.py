@@ -1,4 +1,4 @@
-"""Polynomials of steps: each kind of path does the same on both machines and in the interpreter, and what it says."""
+"""Polynomials of steps: each kind of dense output has the same values on both machines and in the interpreter."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ GRID = np.array([0.0, 0.1, 0.25, 0.4, 0.6, 0.65, 0.9, 1.0, 1.2, 1.3])
 
 
 def of_tableau(tableau: ButcherTableau) -> tuple[StepPolynomial, FloatArray, FloatArray, FloatArray]:
-    """Return the path of a tableau, and its rows, abscissae and weights as they stand in it."""
+    """Return the dense output of a tableau, and its rows, abscissae and weights."""
     assert tableau.dense is not None
     rows = np.array([[*map(float, row), *[0.0] * (len(tableau.rows) - len(row))] for row in tableau.rows])
     abscissae = np.array([float(c) for c in tableau.abscissae])
@@ -100,7 +100,7 @@ def test_accepted_states_are_exact_forwards_and_back(kind: str, target: str) -> 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 @pytest.mark.parametrize("target", TARGETS)
 def test_each_time_is_evaluated_on_its_step(target: str, direction: float) -> None:
-    """Few and many times on a step, steps between that are not used, and the step of no length of a jump."""
+    """There are few or many times on a step, unused steps, and a step of zero length at a jump."""
     compiled, rng = model("Henon-Heiles", target), np.random.default_rng(3)
     times = direction * np.sort(np.concatenate([rng.uniform(0.0, 9.0, 400), [4.0, 4.0]]))
     states = rng.normal(size=(len(times), 4))
@@ -124,7 +124,7 @@ def test_each_time_is_evaluated_on_its_step(target: str, direction: float) -> No
 def test_a_step_into_a_singular_configuration_is_a_parabola_and_the_others_keep_their_path(
     kind: str, target: str
 ) -> None:
-    """The mass of z is round-off at t = 1: the slope at the start of that step is that of the parabola."""
+    """At t = 1 the mass of z is round-off. The polynomial of that step is a parabola."""
     compiled = build(
         target,
         kinetic=m * (x.dot + z.dot) ** 2 / 2 + sp.Max(sp.Float(4e-15), 1 - t) * m * z.dot**2 / 2,
@@ -147,7 +147,7 @@ def test_a_step_into_a_singular_configuration_is_a_parabola_and_the_others_keep_
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("stages", POINTS)
 def test_the_stages_of_a_step_alone_solve_their_equations(stages: int, target: str) -> None:
-    """Newton's corrections have settled: what is left is round-off. The last stage is the end of the step."""
+    """The residuals of the stage equations are round-off, and the last stage is the end of the step."""
     compiled, h = model("double pendulum", target), 0.1
     states = np.ascontiguousarray(exact(compiled, h, t_eval=[0.0, h]).y.T)
     c = dense_of(compiled, of_points(stages)).coefficients(np.array([0.0, h]), states, np.array([0]))[:, :, 0]
@@ -179,7 +179,7 @@ def test_inverses_of_many_matrices_are_those_of_each() -> None:
 @pytest.mark.parametrize("order", [4, 11, 20])
 @pytest.mark.parametrize("span", [0.3, -0.7, 1e-5, 3.0])
 def test_the_polynomial_of_a_taylor_step_is_its_series(span: float, order: int, target: str) -> None:
-    """In the fraction of the step, whatever the step is beside the scale of time of the series, a power of two."""
+    """The polynomial is in the fraction of the step, for any ratio of the step to the time scale of the series."""
     compiled = model("cart and pole", target)
     series, _ = compiled.series()
     start, parameters = np.array(compiled.statement.initial), compiled.parameter_array()
@@ -193,7 +193,7 @@ def test_the_polynomial_of_a_taylor_step_is_its_series(span: float, order: int, 
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("length", [2.0, 1.0])
 def test_a_step_whose_stages_have_no_solution_is_a_straight_line(length: float, target: str) -> None:
-    """x'' = x with a_11 = 1/2: the matrix I - h J / 2 has no inverse for h = 2, which is the step beside for h = 1."""
+    """For x'' = x with a_11 = 1/2 the matrix I - h J / 2 is singular at h = 2."""
     compiled = build(target, kinetic=x.dot**2 / 2, potential=-(x**2) / 2)
     kind = collocation_polynomial([[0.5, 0.0], [0.75, 0.25]], [0.5, 1.0])
     times, states = np.array([0.0, 2.0, 3.0]), np.array([[1.0, 0.0], [2.0, 1.0], [2.5, 1.5]])

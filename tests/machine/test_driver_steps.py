@@ -1,8 +1,8 @@
-"""Drivers of both machines in lockstep: the same times, steps, norms, causes and counts after each step.
+"""Drivers of both machines, step by step: the same times, steps, norms, causes and counts after each step.
 
-A driver that decides wrongly about a step often only loses time, which no result shows. So every entry of
-`DriverState` is compared, for every method that is a step program, where steps are accepted, rejected, not numbers,
-without a solution, without a mass matrix, or too short.
+A wrong decision about a step often only costs time, which no result shows. So every entry of `DriverState` is
+compared, for all methods with step programs. Steps are accepted, rejected, not finite, unsolvable, singular, or too
+short.
 """
 
 from __future__ import annotations
@@ -50,17 +50,17 @@ def separable() -> Statement:
 
 
 def pole() -> Statement:
-    """x = 1 / (1 - t)."""
+    """Return a system with the motion x = 1 / (1 - t)."""
     return stated(kinetic=x.dot**2 / 2, potential=-(x**4) / 2, initial={x: 1.0, x.dot: 1.0})
 
 
 def edge() -> Statement:
-    """Forces have no value beyond x = 0."""
+    """Return a system whose forces have no value beyond x = 0."""
     return stated(kinetic=x.dot**2 / 2, potential=-sp.sqrt(x), initial={x: 1.0, x.dot: -3.0})
 
 
 def degenerate() -> Statement:
-    """The mass matrix has no inverse from x = 1 on."""
+    """Return a system whose mass matrix is singular from x = 1 on."""
     return stated(
         kinetic=x.dot**2 / 2 + (y.dot + x.dot) ** 2 / 2 * sp.Max(0, 1 - x), initial={x: 0.5, x.dot: 1.0, y.dot: 0.2}
     )
@@ -82,7 +82,7 @@ def models(name: str) -> list[Model]:
 def assert_lockstep(
     drivers: list[Any], start: Any, end: float, step: float, tolerances: tuple[float, float], **reals: float
 ) -> Outcome:
-    """Take steps on both machines, one at a time, until something ends them."""
+    """Take single steps on both machines until the run ends, and compare all entries of their states."""
     states = [S(0.0, end, start, *tolerances, step) for _ in drivers]
     outcome = Outcome.PAUSED
     for state in states:
@@ -106,7 +106,7 @@ def assert_lockstep(
 
 
 def assert_same(ours: DriverState, theirs: DriverState) -> None:
-    """Sums are taken in another order; an error vector, and so the next step, is a difference of what cancels."""
+    """Assert that two states are equal up to rounding, which is larger for error vectors and so for the next step."""
     counts = [i for i in range(len(ours.counts)) if i != S.EVALUATIONS]
     assert (ours.counts[counts] == theirs.counts[counts]).all()
     # By chance round-off takes one correction more.
@@ -167,7 +167,7 @@ def test_both_machines_keep_to_the_same_bounds(name: str, which: str, value: flo
 
 
 def made(large: int) -> StepProgram:
-    """Return a step of which the state, the first or the second error vector is beyond all numbers."""
+    """Return a step whose state, first or second error vector is infinite."""
 
     def step(f: Any, t: Any, y: Any, h: Any) -> Any:
         first = f(t, y)
@@ -199,7 +199,7 @@ def test_no_part_of_a_step_may_be_beyond_all_numbers(large: int) -> None:
 
 
 class Compiled:
-    """A compiled run, one step at a time."""
+    """A run by compiled code, one step per call."""
 
     def __init__(self, name: str, compiled: Model, step: float, share: float = 0.0) -> None:
         self.start = np.array(compiled.statement.initial)
@@ -226,7 +226,7 @@ def four_bar() -> Model:
     "name", [name for name in (*SLOPES, *CONTROLLED, *STEPPED) if name not in CONSTRAINED + SPLITTINGS]
 )
 def test_the_projection_leaves_nothing_behind_the_entries_of_a_vector(name: str) -> None:
-    """Six entries in blocks of four: norms are taken of whole blocks, so what stands behind the entries must be 0."""
+    """Six entries are in blocks of four. Norms are taken of whole blocks, so the padding must stay 0."""
     beside = Compiled(name, four_bar(), 0.01)
     layout = loop_layout(beside.step, 6, projected=True)
     for _ in range(5):

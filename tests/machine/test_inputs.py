@@ -1,4 +1,4 @@
-"""Open given functions are inputs of models: parameters whose rates the equations know."""
+"""Open functions of time as inputs of a model: parameters whose rates may occur in the equations."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CLOSE: dict[str, Any] = {"rtol": 1e-13, "atol": 1e-13}
 
 @cache
 def models(target: str) -> tuple[Any, Any]:
-    """Return the model with inputs, and that with values."""
+    """Return the model with open inputs, and the model with their values."""
     system = driven()
     return system.compile(target), system.substitute(VALUES).compile(target)
 

@@ -1,4 +1,4 @@
-"""Symmetric systems inside kernels: every size, definite or not, singular or not, alone and in columns."""
+"""Symmetric linear systems inside kernels: all sizes, definite or not, singular or not, single and in columns."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_columns_of_mixed_kinds(target: str, where: str) -> None:
 
 
 def test_a_column_has_the_bits_of_its_state_alone() -> None:
-    """Whatever stands beside it: a column whose pivots cannot be trusted leaves the others as they are."""
+    """A column whose pivots are not trusted does not affect the others."""
     rng = np.random.default_rng(11)
     for n in (*FEW, 30):
         width = 11
@@ -150,7 +150,7 @@ def test_nan_in_gives_nan_out_and_is_not_called_singular(target: str, where: str
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("target", TARGETS)
 def test_an_entry_that_is_not_finite_is_no_verdict_wherever_it_stands(target: str, bad: float) -> None:
-    """Also where the other rows have nothing in its column, and a zero would be the pivot."""
+    """Also if the other rows are zero in its column, so that zero would be the pivot."""
     for n in SIZES:
         for i, j in ((n - 1, 0), (n // 2, 0), (n - 1, n // 2)):
             a = np.eye(n)
@@ -209,7 +209,7 @@ def test_nearly_singular_is_solved_and_not_refused(target: str) -> None:
 
 
 def test_a_system_too_large_for_lanes() -> None:
-    """Columns one by one: the working memory of many lanes would not fit the stack."""
+    """Columns are solved one by one, because the memory of many lanes does not fit on the stack."""
     n = 66
     graph = Graph()
     diagonal, other, right, _ = symbols = [graph.symbol(name, Binding.CONFIGURATION) for name in "abcd"]
@@ -249,7 +249,7 @@ def hoisted_kernel(size: int, multipliers: int) -> Kernel:
 
 
 def trusted(kernel: Any, values: Any) -> bool:
-    """Return whether every pivot was trusted: the last that `prepare` keeps of the factors."""
+    """Return True if every pivot was trusted, from the last entry of the factors."""
     slots = KernelCode(kernel.program).prepared.of_program(kernel.program)
     (factor,) = (ref for ref in slots if kernel.program.instructions[ref].op == "factor")
     return bool(kernel.prepare(values)[slots[factor] + width_of(kernel.program, factor, LARGEST_IN_LINE) - 1])
@@ -257,7 +257,7 @@ def trusted(kernel: Any, values: Any) -> bool:
 
 @pytest.mark.parametrize(("n", "m"), [(2, 1), (3, 1), (4, 2), (3, 3)])
 def test_a_pivot_of_a_multiplier_is_below_zero_and_trusted(n: int, m: int) -> None:
-    """Without saying so, every such pivot would be looked at again with pivoting."""
+    """Otherwise each such system would be solved again with pivoting."""
     rng = np.random.default_rng(n + 10 * m)
     size = n + m
     stated_so, plain = hoisted_kernel(size, m), hoisted_kernel(size, 0)
@@ -296,7 +296,7 @@ _INVERT = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_int64, ctypes.c_int64, *([cty
 
 
 def invert(a: Any) -> tuple[int, Any]:
-    """Return the status and the inverse; what is not the lower triangle, and all memory to write to, is NaN before."""
+    """Return the status and the inverse. The upper triangle and all work memory are NaN before."""
     n = len(a)
     stride = padded(n)
     given = np.full((n, n), np.nan)
@@ -313,7 +313,7 @@ def invert(a: Any) -> tuple[int, Any]:
 
 @pytest.mark.parametrize("kind", [kind for kind in REGULAR if kind is not scaled], ids=lambda kind: kind.__name__)
 def test_every_size(kind: Matrix) -> None:
-    """A stable inverse is off by a condition number of round-offs, times a modest function of n."""
+    """The error of a stable inverse is the condition number times round-off times a small factor."""
     rng = np.random.default_rng(1)
     for n in ORDERS:
         a = kind(rng, n)
@@ -325,7 +325,7 @@ def test_every_size(kind: Matrix) -> None:
 
 
 def test_units_that_differ_by_many_orders() -> None:
-    """S A S is inverted as well as A: elimination without exchanges does not see a scaling by powers of two."""
+    """S A S is inverted as accurately as A, since scaling by powers of two changes no rounding."""
     rng = np.random.default_rng(2)
     for n in ORDERS:
         a = positive(rng, n)
@@ -336,7 +336,7 @@ def test_units_that_differ_by_many_orders() -> None:
 
 
 def test_a_pivot_that_cancels_is_not_trusted() -> None:
-    """Well conditioned, but elimination in the given order passes through 1e-14: exchanges keep all digits."""
+    """The matrix is well conditioned, but without exchanges a pivot is 1e-14."""
     rng = np.random.default_rng(3)
     for n in (2, 3, 8, 9, 17, 40):
         a = positive(rng, n)

@@ -1,4 +1,4 @@
-"""Procedures for many members at once: each member gives what the interpreter gives for it alone, to the last bit."""
+"""Procedures for many members at once: each member has the bits of the interpreter for this member alone."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ NUMBERS = (0.75, -1.5, math.nan, 1.0, -math.inf, 0.0, 1e-308, 1e308, -0.0, 3.25)
 
 
 def interleaved(rows: Any) -> np.ndarray[Any, Any]:
-    """Return the rows of all members as machine code has them."""
+    """Return the rows of all members in the order of machine code."""
     return np.ascontiguousarray(np.array(rows).T)
 
 
 def compiled(entry: Procedure, *, optimize: bool) -> Any:
-    """Return an entry in machine code, called with numbers and arrays."""
+    """Return an entry procedure in machine code as a function of numbers and arrays."""
     code = Module(module([entry]), optimize=optimize)
 
     def call(*given: Any) -> None:
@@ -41,7 +41,7 @@ def compiled(entry: Procedure, *, optimize: bool) -> Any:
 
 
 def interpreted(entry: Procedure) -> Any:
-    """Return an entry run statement by statement, called with numbers and arrays."""
+    """Return an entry procedure in the interpreter as a function of numbers and arrays."""
 
     def call(*given: Any) -> None:
         arrays: list[Any] = [one.ravel() if isinstance(one, np.ndarray) else one for one in given]
@@ -93,7 +93,7 @@ def alone(procedure: Procedure, member: Any) -> list[Any]:
 @pytest.mark.parametrize("lanes", [2, 4, 8])
 @pytest.mark.parametrize("seed", range(60))
 def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int, tmp_path: Path) -> None:
-    """Half of the procedures run in the interpreter as well, which has no machine's vectors."""
+    """Half of the procedures also run in the interpreter, which has no vectors."""
     procedure = example(seed, tmp_path).form(option=seed % 3 == 0)
     draw = random.Random(seed)
     for own_n in (True, False):

@@ -1,4 +1,4 @@
-"""Models on both machines: the same numbers alone and in columns, every element, and refusals in words."""
+"""Models on both machines: equal results for one state and in columns, all outputs, and error messages."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_a_second_call_gives_the_same_bits_with_nan_in_between(name: str, target
 
 @pytest.mark.parametrize("name", ["double pendulum", "8 carried masses", "blocks", "friction"])
 def test_every_output_is_written(name: str) -> None:
-    """Call the machine code itself with an output, and a tail behind it, full of NaN."""
+    """The machine code gets an output array full of NaN with additional entries, which it must not change."""
     import ctypes
 
     compiled = model(name, "llvm")
@@ -128,7 +128,7 @@ def test_time_is_one_number_or_one_per_column(target: str) -> None:
 
 
 class TestSingular:
-    """A mass matrix without an inverse is reported with its configuration; a regular one never is."""
+    """A singular mass matrix is reported with its configuration; a regular one is never reported."""
 
     @pytest.mark.parametrize("target", TARGETS)
     def test_a_coupled_one(self, target: str) -> None:
@@ -220,7 +220,7 @@ def test_conditions_on_parameters_alone(target: str) -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_threads_share_a_model(target: str) -> None:
-    """Many threads meet at kernels that nobody has compiled yet, with parameters of their own."""
+    """Many threads call kernels that are not compiled yet, with different parameters."""
     fresh = model_of(SYSTEMS["double pendulum"](), machine(target))
     q, v, _ = states("double pendulum", 20)
     lengths = np.linspace(0.5, 1.5, 8)
@@ -244,7 +244,7 @@ def test_threads_share_a_model(target: str) -> None:
 
 
 def test_machine_code_that_is_being_freed_is_not_given_to_another_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """LLVM lets other threads run while it frees code: until then the code is out of the list of what is in use."""
+    """LLVM lets other threads run while it frees code, so the code is first removed from the list of used code."""
     kept: list[bytes] = []
     dispose = ExecutionEngine._dispose
 
@@ -261,7 +261,7 @@ def test_machine_code_that_is_being_freed_is_not_given_to_another_thread(monkeyp
 
 
 def test_threads_compile_their_first_models_at_once() -> None:
-    """The linear solver that they share is compiled once, whoever comes first."""
+    """The shared linear solver is compiled once, by any thread."""
     KEPT.extend(engine._linear_solver(often) for often in (True, False))
     engine._linear_solver.cache_clear()
     engine._ENGINES.clear()
@@ -296,7 +296,7 @@ def test_any_expression_along_states(target: str) -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_the_name_of_a_program_means_nothing(target: str) -> None:
-    """What is called in registers, and what of it is returned, stands in the record."""
+    """Whether arguments and results are passed in registers is stated in the record."""
     program = program_of("rhs", euler_lagrange(SYSTEMS["double pendulum"]()))
     other = machine(target).load(replace(program, name="momentum"))
     kernel = machine(target).load(program)

@@ -1,6 +1,6 @@
-"""What Newton's method decides after a correction: enough, go on, a new matrix, or no hope; one case for each rule.
+"""Decisions of Newton's method after a correction: converged, continue, update the matrix, or give up.
 
-Runs reach some of these rules only by chance. Every printer of the procedure decides each case, and all alike.
+There is one case for each rule, since runs reach some rules only by chance. All printers of the procedure decide alike.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ VERDICTS = {Outcome.DONE: True, Outcome.PAUSED: False}
 
 @cache
 def judgements(adaptive: bool) -> tuple[Callable[..., int], ...]:
-    """Return the procedure as every printer has it, and the machine code of it to keep."""
+    """Return the procedure by each printer, with a reference to its machine code."""
     procedure = assess_correction.form(adaptive=adaptive)
     code = Module(module([procedure]), optimize=True)
     types = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double, ctypes.c_double, ctypes.c_int64
@@ -62,14 +62,14 @@ def judgements(adaptive: bool) -> tuple[Callable[..., int], ...]:
 
 
 class Solve:
-    """A solve in the middle of a step, with a matrix for steps of 0.5."""
+    """A nonlinear solve of a step, with a matrix for steps of 0.5."""
 
     def __init__(self, *, adaptive: bool = False, rate: float = 0.1, noise: float = 1.0, age: int = 0) -> None:
         self.adaptive = adaptive
         self.known: Any = NEWTON.structure(matrix_step=0.5, differentiated=1, rate=rate, noise=noise, age=age)
 
     def outcome(self, iteration: int, norm: float, previous: float, since: int) -> Outcome:
-        """Return the judgement of a correction, on which every printer agrees with what it does to the record."""
+        """Return the decision about a correction, after a check that all printers agree on it and on the record."""
         before, found = bytes(self.known), []
         for judgement in judgements(self.adaptive):
             made = NEWTON.structure.from_buffer_copy(before)
@@ -79,7 +79,7 @@ class Solve:
         return Outcome(found[0][0])
 
     def enough(self, iteration: int, norm: float, previous: float, since: int) -> bool:
-        """Whether the unknowns are good enough; there is hope."""
+        """True if the method has converged, after a check that it has not given up."""
         return VERDICTS[self.outcome(iteration, norm, previous, since)]
 
 
@@ -88,7 +88,7 @@ def newton(*, adaptive: bool = False, rate: float = 0.1, noise: float = 1.0, age
 
 
 def renewed(found: Solve) -> bool:
-    """Return whether the next correction, or the next step, is to have a new matrix and a new derivative."""
+    """Return whether the next correction, or the next step, updates the matrix and the derivative."""
     assert (found.known.matrix_step == 0.0) == (not found.known.differentiated)
     return bool(found.known.matrix_step == 0.0)
 
@@ -101,7 +101,7 @@ def renewed(found: Solve) -> bool:
 def test_what_is_left_is_the_rest_of_a_geometric_series(
     adaptive: bool, bound: float, part: float, enough: bool
 ) -> None:
-    """A first correction shrinks as those of the step before did, a later one as it has."""
+    """The ratio of a first correction is that of the previous step; later ratios are measured."""
     rate = 0.2
     norm = part * bound * (1 - rate) / rate
     assert newton(adaptive=adaptive, rate=rate).enough(0, norm, 0.0, FAR) is enough

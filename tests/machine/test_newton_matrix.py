@@ -1,6 +1,6 @@
-"""Newton's matrix of every implicit method: with the right one, a law that is linear is solved by one correction.
+"""Newton's matrix of all implicit methods: with the right matrix, one correction solves a linear law.
 
-A wrong matrix only costs corrections, so the results of runs do not show it; the number of evaluations does.
+A wrong matrix costs corrections, which results do not show. So evaluations are counted.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def linear(target: str, n: int, *, constrained: bool) -> Model:
 
 
 def two_solves(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
-    """Two solves, the second of two unknowns that both stand in each residual and each argument."""
+    """A step with two solves. The second has two unknowns, each in all residuals and arguments."""
     a = solve(lambda a: f(t + h / 4, y + a * (h / 4)) * 2 - a * 3, lambda: f(t, y))
 
     def residuals(b: Any, c: Any) -> tuple[Any, Any]:
@@ -61,7 +61,7 @@ def two_solves(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
 
 
 def damped(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
-    """Two solves with control, and vectors that each of them damps, the second one two."""
+    """A step with two solves, error control, and vectors damped by each solve."""
     z = solve(lambda z: f(t + h, y + z) * h - z * 2, y * 0)
     far = solve.damp(h * 2, z)
     w = solve(lambda w: (f(t + h / 2, y + w / 3) + f(t + h, y - w * 2)) * h - w * 5, lambda: f(t, y) * h)
@@ -69,7 +69,7 @@ def damped(f: Any, t: Any, y: Any, h: Any, solve: Any) -> Any:
 
 
 def momenta(g: Any, t: Any, q: Any, v: Any, h: Any, solve: Any) -> Any:
-    """Unknowns in both arguments, and momenta and forces in both residuals, each with a number of its own."""
+    """A step with unknowns in both arguments; both residuals contain momenta and forces with different factors."""
     before, force = g(t, q, v)
 
     def residuals(a: Any, b: Any) -> tuple[Any, Any]:
@@ -111,7 +111,7 @@ def method_of(name: str) -> ImplicitMethod:
 
 
 class Steps:
-    """Steps of a method on a linear law, from a random state that satisfies the constraint."""
+    """Steps of a method for a linear law, from a random state that satisfies the constraint."""
 
     def __init__(self, method: ImplicitMethod, model: Model) -> None:
         n, self.size = model.dimension, 2 * model.dimension
@@ -143,7 +143,7 @@ CASES = [(name, constrained) for name in EVERY for constrained in (False, True)[
 @pytest.mark.parametrize("n", [3, 5])
 @pytest.mark.parametrize(("name", "constrained"), CASES)
 def test_a_linear_law_is_solved_by_one_correction(name: str, constrained: bool, n: int, target: str) -> None:
-    """A second correction shows that the first one was enough. The slope of a guess is one evaluation more."""
+    """A second correction confirms the first one. The slope of a guess is one more evaluation."""
     steps = Steps(method_of(name), linear(target, n, constrained=constrained))
     first, program = steps.step.starter or steps.step, steps.step
     assert steps.take() <= 2 * sum(len(solve.calls) for solve in first.solves) + len(first.calls) + 1

@@ -1,4 +1,4 @@
-"""Printed Python computes what the interpreter does, also where there is no value and where pivots vanish."""
+"""Printed Python gives the results of the interpreter, also for undefined values and zero pivots."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def pendulums(count: int) -> lg.System:
 
 
 def branches() -> lg.System:
-    """A spring that pulls one way, a wall, and a force by powers, roots and logarithms."""
+    """Return a system with a one-sided spring, a wall, and a force of powers, roots and logarithms."""
     pull = sp.Piecewise((k * x**2, x > 0), (-sp.sqrt(1 - x), True))
     forces = {x: pull - abs(y) * sp.sign(y), y: sp.Min(x, y) + sp.Max(x, sp.atan2(y, 2)) + sp.exp(-(x**2)) + sp.tanh(y)}
     mass = (x.dot**2 + (2 + sp.cos(x)) * y.dot**2 + y.dot * x.dot) / 2
@@ -57,7 +57,7 @@ QUANTITIES = ("rhs", "jacobian", "energy", "momenta", "mass_matrix")
 @pytest.mark.parametrize("quantity", QUANTITIES)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_printed_and_interpreted_are_the_same(name: str, quantity: str) -> None:
-    """Each operation is rounded alike but for sines and the like, and what is divided by a matrix."""
+    """All operations are rounded alike, except functions such as sine, and linear systems."""
     model = SYSTEMS[name].compile(target="numpy")
     kernel = model.kernel(quantity)
     assert isinstance(kernel, PythonKernel)
@@ -76,7 +76,7 @@ def test_printed_and_interpreted_are_the_same(name: str, quantity: str) -> None:
 @pytest.mark.parametrize("quantity", QUANTITIES)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_quick_calls_have_the_bits_of_the_kernel(name: str, quantity: str) -> None:
-    """They are one function with its checks, for one array or two, with few results or many."""
+    """Quick calls have the bits of the kernel, for one array or two, with few results or many."""
     model = SYSTEMS[name].compile(target="numpy")
     kernel, parameters, n = model.kernel(quantity), model.parameter_array(), model.dimension
     quick = kernel.quick(parameters)
@@ -97,7 +97,7 @@ def test_quick_calls_have_the_bits_of_the_kernel(name: str, quantity: str) -> No
 
 
 def rows_program() -> Program:
-    """Results that are read after they are put out, that are put out twice or as they came, and chosen ones."""
+    """Return a program whose results are read later, are output twice, equal an input, or are chosen."""
     code = (
         Instruction("parameter"),
         Instruction("mul", (0, 0)),
@@ -132,9 +132,9 @@ def test_rows_are_written_in_place_where_nothing_reads_them_later() -> None:
 
 
 def test_sines_of_many_angles_are_made_of_the_tangents_of_their_halves(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where tangents are fast; alone, in pairs, as results, and far from zero: within two ulps of 1.
+    """If tangents are fast, sines are computed from them, within two ulps of 1.
 
-    The path of a run is read by `kernel(t, y, p)`, at one step or at many: that has the digits of one state.
+    A call for many states must have the digits of calls for single states, as dense output uses both.
     """
     code = (
         *(Instruction("state", place=i) for i in range(3)),
@@ -179,7 +179,7 @@ def test_blocks_of_every_length_join(monkeypatch: pytest.MonkeyPatch) -> None:
     [(1 / x, math.inf), (sp.log(x), -math.inf), (sp.sqrt(x - 1), math.nan), (sp.exp(1000 * (x + 1)), math.inf)],
 )
 def test_what_has_no_value_is_infinite_or_nan(force: Any, value: float) -> None:
-    """Python raises there."""
+    """Python itself raises an error there."""
     model = lg.System(kinetic=x.dot**2 / 2, forces={x: force}).compile(target="numpy", check=False)
     quick = model.kernel("rhs").quick(np.empty(0))
     assert quick is not None and quick.whole(0.0, np.zeros(2)) is None
@@ -202,7 +202,7 @@ def test_a_singular_matrix_is_named_by_its_column(monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("hoisted", [True, False])
 def test_pivots_of_multipliers_are_below_zero(hoisted: bool) -> None:
-    """A particle held on a plane: [[m, g], [g, 0]] (a, l) = (f, 0)."""
+    """A particle on a plane has the system [[m, g], [g, 0]] (a, l) = (f, 0), with a negative second pivot."""
     first = Instruction("parameter") if hoisted else Instruction("state")
     code = (
         first,
@@ -228,7 +228,7 @@ def test_pivots_of_multipliers_are_below_zero(hoisted: bool) -> None:
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_the_source_is_what_runs(quantity: str, target: str) -> None:
-    """It is run as it stands, with nothing but the names that it speaks of."""
+    """The printed source runs with only the names that it uses."""
     model = SYSTEMS["branches"].compile(target=target)
     text = model.source(quantity)
     assert text == SYSTEMS["branches"].compile(target="numpy").source(quantity)
@@ -319,7 +319,7 @@ def samples(op: str, count: int) -> Any:
 
 
 def reference(op: str, *args: Any) -> Any:
-    """Return the operation in mpmath; arguments that stand for conditions hold where they are positive."""
+    """Return the operation in mpmath. A positive argument in place of a condition means true."""
     conditions = len(args) if op in LOGIC else 1 if op == "select" else 0
     return operations(mpmath)[op](*(arg > 0 for arg in args[:conditions]), *args[conditions:])
 
@@ -342,7 +342,7 @@ def test_values_in_columns_of_every_width_and_alone(target: str, op: str) -> Non
 
 
 def same(a: Any, b: Any) -> Any:
-    """Equal up to round-off, with NaN equal to NaN and infinities by sign."""
+    """Assert equality up to round-off; NaN equals NaN, and infinities have equal signs."""
     close = np.abs(a - b) <= 1e-14 * np.abs(b) + 1e-300
     return (np.isnan(a) & np.isnan(b)) | (a == b) | close
 

@@ -1,4 +1,4 @@
-"""Calls with plain arrays are quick, and whatever else is given takes the way that checks and tells."""
+"""Calls with plain arrays take the quick way; other arguments take the way with checks and messages."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_other_parameters_do_not_disturb(model: Model) -> None:
 
 @pytest.mark.parametrize("t", [np.float64(0.25), np.array([0.25])[0]])
 def test_times_as_solvers_give_them_are_quick(model: Model, t: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """SciPy adds NumPy's numbers to times, and they are NumPy's from its first step on."""
+    """SciPy passes times as NumPy numbers from its first step on."""
     expected = slow(model, "rhs", t=0.25), slow(model, "energy", t=0.25)
     monkeypatch.setattr(model, "_run", None)
     assert np.array_equal(model.rhs(t, STATE), expected[0])
@@ -133,7 +133,7 @@ def test_quick_calls_take_doubles_alone(model: Model, given: Any) -> None:
 
 @pytest.mark.few(2)
 def test_quick_calls_outlive_their_kernel_and_count_what_they_hold(model: Model) -> None:
-    """They are made of addresses: all that these point to is kept, and no result and no refusal is counted wrongly."""
+    """Quick calls contain addresses. The memory behind them must stay alive, with right reference counts."""
     expected, bad = slow(model, "rhs"), STATE.astype(np.float32)
     made: Any = type(model.kernel("rhs"))
     kernel = made(model.kernel("rhs").program)
@@ -235,7 +235,7 @@ def test_no_run_lets_a_warning_out(name: str, method: str) -> None:
 
 
 def test_what_is_finite_is_told_from_what_is_not() -> None:
-    """Accelerations whose squares overflow are finite; one that is infinite for want of inertia is refused."""
+    """Accelerations whose squares overflow are finite. An infinite one, without inertia, is refused."""
     for target in ("llvm", "numpy"):
         free = lg.System(kinetic=T + y.dot**2 / 2, potential=1e200 * x * y).compile(target)
         assert free.accelerations([1e100, 1e100], [0.0, 0.0]).tolist() == [-1e300, -1e300]
@@ -253,7 +253,7 @@ def test_what_is_finite_is_told_from_what_is_not() -> None:
 
 
 def nested(depth: int) -> lg.System:
-    """Return a potential of sines in one another, as written out by hand or by a program."""
+    """Return a potential of nested sines."""
     x = lg.coordinate("x")
     inner: Any = x
     for _ in range(depth):
@@ -262,7 +262,7 @@ def nested(depth: int) -> lg.System:
 
 
 def chain(count: int) -> lg.System:
-    """Return masses in a row between springs that stiffen."""
+    """Return masses in a row between stiffening springs."""
     q = [lg.coordinate(f"x{i}") for i in range(count)]
     stretch = [a - b for a, b in pairwise(q)]
     return lg.System(
@@ -299,7 +299,7 @@ def equations() -> Equations:
 
 
 def test_no_block_of_a_series_holds_more_than_llvm_compares_quickly(equations: Equations) -> None:
-    """In one block 100 sines took 4 s to compile, 200 took 13 s; what an operand stores before a cut counts too."""
+    """Blocks are cut, since in one block 100 sines took 4 s to compile and 200 took 13 s."""
     jet = CompiledJet(pack(series_program(equations)[0], lanes()), 0)
     assert accesses(jet.ir) <= MOST_ACCESSES + 8 * lanes()
 
@@ -316,7 +316,7 @@ def test_a_series_in_many_blocks_is_that_of_the_interpreter(equations: Equations
 @pytest.mark.few(1)
 @pytest.mark.parametrize("system", [nested, chain])
 def test_the_start_of_a_series_is_built_once(system: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each value used to be built anew from the coordinates up, so that 1,500 sines took two minutes."""
+    """Values at order 0 are built once. Before, 1,500 sines took two minutes."""
     calls: list[Node] = []
     real = rebuilding.rebuild
 
@@ -334,7 +334,7 @@ def test_the_start_of_a_series_is_built_once(system: Any, monkeypatch: pytest.Mo
 
 
 def test_the_inertia_of_a_lone_coordinate_is_looked_up_without_the_whole_matrix() -> None:
-    """A chain of 1,000 masses wrote and read a million entries of which 1,000 count, at the start of each run."""
+    """The start of a run must not write the million entries of the mass matrix of 1,000 masses."""
     model = chain(40).compile(check=False)
     assert isinstance(model, Model)
     zeros = np.zeros(40)
@@ -355,7 +355,7 @@ def test_a_deep_and_a_wide_system_run() -> None:
 
 @pytest.mark.slow
 def test_many_angles_share_a_function() -> None:
-    """Written out at each place, 20,000 cosines were 76 million characters, which took two minutes to compile."""
+    """Unrolled, 20,000 cosines were 76 million characters of code, which took two minutes to compile."""
     most = 8 * INLINE_ANGLES + 44
     few, many = (series_program(euler_lagrange(many_angles(count).statement))[0] for count in (40, most))
     jets = [CompiledJet(pack(program, lanes()), 0) for program in (few, many)]
@@ -369,7 +369,7 @@ def test_many_angles_share_a_function() -> None:
 
 @pytest.mark.parametrize("quantity", ["jacobian", "mass_matrix"])
 def test_zeros_of_matrices_take_no_code_in_batches(quantity: str) -> None:
-    """Twice the masses have twice the entries that are not zero: the kernel over columns is twice as long."""
+    """Twice the masses have twice the nonzero entries, so the kernel over columns is twice as long."""
     sizes = [
         len(KernelCode(program_of(quantity, chain(count).compile("numpy").equations)).column_module(4).splitlines())
         for count in (20, 40)

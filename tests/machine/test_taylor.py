@@ -1,4 +1,4 @@
-"""Compiled series are those of the interpreter: written out and in loops, in vectors of every width, for every law."""
+"""Compiled series equal those of the interpreter: unrolled and in loops, with vectors of all widths."""
 
 from __future__ import annotations
 
@@ -61,12 +61,12 @@ def packing(name: str, lanes: int) -> Packing:
 
 @cache
 def compiled(name: str, lanes: int, order: int) -> CompiledJet:
-    """Return a kernel written out, or with an order of 0 in loops; one for all tests."""
+    """Return a compiled series, unrolled for an order or, with order 0, in loops."""
     return CompiledJet(packing(name, lanes), order)
 
 
 def parameters(statement: Statement, program: SeriesProgram, rng: Any) -> Any:
-    """Return the parameters and random sides: a series takes any, whether or not the state is on them."""
+    """Return the parameters and random signs of the switching surfaces."""
     return np.array([*(statement.defaults[p] for p in statement.parameters), *rng.choice([-1.0, 1.0], program.sides)])
 
 
@@ -75,13 +75,13 @@ def near(statement: Statement, rng: Any) -> Any:
 
 
 def natural(program: SeriesProgram, order: int, t: float, state: Any, given: Any) -> float:
-    """Return the scale of time in which the coefficients neither grow nor fall: an error shows at every order."""
+    """Return the time scale for which all coefficients are of similar size, so that an error shows at every order."""
     size = np.abs(NumpySeries(program).rows(order, t, state, 1.0, given)[-2:]).max()
     return float(2.0 ** -round(np.log2(size) / order)) if size > 0 else 1.0
 
 
 def assert_same_rows(kernel: CompiledJet, order: int, t: float, state: Any, given: Any) -> None:
-    """Sums in another order, with fused products and an inverted matrix: some 1e-15 a term, more by what cancels."""
+    """Assert equality up to the rounding of sums in another order, fused products and an inverted matrix."""
     scale = natural(kernel.program, order, t, state, given)
     ours, theirs = (f(order, t, state, scale, given) for f in (kernel.rows, NumpySeries(kernel.program).rows))
     assert ours.shape == theirs.shape == (order + 1, 2 * kernel.program.dimension + len(kernel.program.watched))
@@ -107,7 +107,7 @@ def test_written_out(name: str, lanes: int) -> None:
 @pytest.mark.parametrize("lanes", LANES)
 @pytest.mark.parametrize("name", ALL)
 def test_in_loops(name: str, lanes: int) -> None:
-    """One kernel for every order, up to the highest there is and beyond."""
+    """One kernel serves all orders, up to the highest allowed and beyond."""
     rng = np.random.default_rng(10 + lanes)
     statement, program = system(name)
     for order in (1, 2, 3, 8, 17, 32):
@@ -144,7 +144,7 @@ def test_what_was_in_memory_before_does_not_matter(name: str, order: int) -> Non
 @pytest.mark.few
 @pytest.mark.parametrize(("name", "order"), KERNELS)
 def test_the_same_bits_twice_and_on_every_scale(name: str, order: int) -> None:
-    """Powers of two only move the exponent: x[k] scale**k is the same digits whatever the scale."""
+    """A scale that is a power of two changes exponents only, so x[k] scale**k has the same digits."""
     rng = np.random.default_rng(4)
     statement, program = system(name)
     kernel, wanted = compiled(name, 8, order), order or 9
@@ -159,7 +159,7 @@ def test_the_same_bits_twice_and_on_every_scale(name: str, order: int) -> None:
 
 @pytest.mark.parametrize("constant", [True, False])
 def test_all_machines_call_the_same_matrices_singular(constant: bool) -> None:
-    """A pivot of 1e-14 is below 2**-46 of its row, one of 2e-14 is not; neither is zero."""
+    """A pivot of 1e-14 is below 2**-46 of its row and counts as singular; one of 2e-14 is not."""
     small = k if constant else y**2
     statement = stated(kinetic=(x.dot + y.dot) ** 2 / 2 + small * y.dot**2 / 2, potential=x**2)
     equations = euler_lagrange(statement)
@@ -185,7 +185,7 @@ def test_a_constant_mass_matrix_that_is_singular_is_told_before_any_step() -> No
 @few
 @given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y, x.dot, y.dot), functions_of(x, y))
 def test_random_systems(T: Any, V: Any, Q: Any, A: Any) -> None:
-    """A kinetic energy of products, a potential linear in the velocity, a force, and a wave in time."""
+    """The systems have products in T, a potential linear in velocities, a force, and explicit time."""
     statement = stated(lagrangian=T - V + A * x.dot, forces={x: Q, y: sp.cos(t) - y.dot}, coordinates=[x, y])
     program, _ = series_program(euler_lagrange(statement))
     state = np.array([0.3, -0.4, 0.2, 0.5])
@@ -197,7 +197,7 @@ def test_random_systems(T: Any, V: Any, Q: Any, A: Any) -> None:
 @few
 @given(bent_energies(x, y), potentials(x, y), st.sampled_from([-1.0, 1.0]), st.sampled_from([-1.0, 1.0]))
 def test_random_mass_matrices_that_depend_on_velocities(T: Any, V: Any, first: float, second: float) -> None:
-    """Fractional powers of abs: kernels of both forms and the interpreter up to order 64, against 200 digits."""
+    """Mass matrices have fractional powers of abs. Both forms and the interpreter are compared with 200 digits."""
     statement = stated(lagrangian=T - V, coordinates=[x, y])
     program, _ = series_program(euler_lagrange(statement))
     state = np.array([0.3, -0.4, 0.7 * first, 0.5 * second])
@@ -217,7 +217,7 @@ def test_random_mass_matrices_that_depend_on_velocities(T: Any, V: Any, first: f
 
 
 def in_stages(program: SeriesProgram) -> SeriesProgram:
-    """Return the program with a stage for each block of coordinates: what is solved for first is known to the next."""
+    """Return the program with one stage for each block of coordinates; later stages use the results of earlier ones."""
     (whole,) = program.stages
     assert len(whole.plan.blocks) > 1
     stages = []
@@ -234,7 +234,7 @@ def in_stages(program: SeriesProgram) -> SeriesProgram:
 @pytest.mark.parametrize("order", [6, 0])
 @pytest.mark.parametrize("name", ["saddle", "elastic pendulum", "charge", "spherical pendulum", "Henon-Heiles"])
 def test_unknowns_may_be_found_in_stages(name: str, order: int) -> None:
-    """The series is the same, interpreted, written out and in loops (an order of 0)."""
+    """The series is the same: interpreted, unrolled, and in loops (order 0)."""
     statement = SYSTEMS[name]()
     program = series_program(euler_lagrange(statement))[0]
     staged, given = in_stages(program), np.array([statement.defaults[p] for p in statement.parameters])
@@ -250,7 +250,7 @@ def test_unknowns_may_be_found_in_stages(name: str, order: int) -> None:
 @pytest.mark.parametrize("order", [6, 0])
 @pytest.mark.parametrize("name", ["charge", "elastic pendulum", "Henon-Heiles"])
 def test_coordinates_are_integrated_from_their_rates(name: str, order: int) -> None:
-    """Here dq/dt is a product with another coordinate, as where velocities are those of a body's own axes."""
+    """Here dq/dt is a product with another coordinate, as for rates about a body's axes."""
     stated_so, statement = euler_lagrange(SYSTEMS[name]()), SYSTEMS[name]()
     q, v = stated_so.q, stated_so.v
     program = series_program(replace(stated_so, rate=(v[0] * stated_so.graph.call("cos", q[-1]), *v[1:])))[0]
@@ -279,7 +279,7 @@ def packed(name: str, lanes: int = 8) -> Packing:
 
 
 def written(name: str, order: int) -> int:
-    """Return how many operations on doubles the code of the series has that is written out."""
+    """Return the number of floating-point operations in the unrolled code of a series."""
     ir = CompiledJet(packed(name), order).ir
     jet = ir[ir.index("@taylor_jet(") :]
     jet = jet[: jet.index("\n}")]
@@ -290,7 +290,7 @@ def written(name: str, order: int) -> int:
 @pytest.mark.parametrize("order", [8, 16])
 @pytest.mark.parametrize("name", NAMES)
 def test_operations_are_those_of_the_code(name: str, order: int) -> None:
-    """0.82 to 1.07 of the count were found in the code, which shares what order 0 has in common with a mass matrix."""
+    """The code has 0.82 to 1.07 of the counted operations, since order 0 shares operations with the mass matrix."""
     assert 0.75 < written(name, order) / operations(packed(name), order) < 1.15
 
 
@@ -304,7 +304,7 @@ def stated_series(name: str) -> tuple[Statement, SeriesProgram]:
 
 
 def test_what_depends_on_parameters_alone_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An array of parameters that is written over has other numbers, and is not the array that was asked for before."""
+    """If an array of parameters is overwritten, its numbers are computed again."""
     made = []
 
     def counted(*args: Any) -> Jet:
@@ -330,7 +330,7 @@ def test_what_depends_on_parameters_alone_is_computed_once(monkeypatch: pytest.M
 
 @pytest.mark.parametrize("exact", [False, True])
 def test_eliminated_rows_are_swapped_in_every_right_hand_side(exact: bool) -> None:
-    """Small integers, which both kinds of numbers have exactly; pivots lie below the diagonal in each column."""
+    """The entries are small integers, which are exact. Each column has its pivot below the diagonal."""
     matrix = np.array([[0.0, 2.0, 1.0, 0.0], [1.0, 0.0, 0.0, 3.0], [4.0, 1.0, 0.0, 1.0], [2.0, 0.0, 8.0, 1.0]])
     given = np.array([[sp.Rational(int(entry)) for entry in row] for row in matrix]) if exact else matrix
     eliminated = interpreted_series.Eliminated(given)

@@ -1,8 +1,8 @@
-"""Taylor drivers of all machines in lockstep: the same times, steps, scales, limits and counts after each step.
+"""Taylor drivers of all machines, step by step: the same times, steps, scales, limits and counts after each step.
 
-The states agree as well where a decision is taken wrongly: a shorter step only costs. So every entry of `DriverState`
-is compared, for series that terminate, fail, overflow, meet a wall, or have gaps, in any units, forwards and backwards.
-Between machines the series differ by rounding.
+A wrong decision often only shortens a step, which states do not show. So every entry of `DriverState` is compared, for
+series that terminate, fail, overflow, meet a wall, or have gaps, in any units, forwards and backwards. Series of
+different machines differ by rounding.
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ ORDERS = (5, 8, 14)
 
 
 def wall() -> Statement:
-    """A wall that comes into sight when it is near."""
+    """Return a system with a wall that the series shows only when it is near."""
     return stated(kinetic=x.dot**2 / 2, potential=sp.exp(200 * (x - 1)), initial={x: 0.3, x.dot: 1.0})
 
 
 def bump() -> Statement:
-    """A narrow bump ahead of a free motion, whose series terminates: steps beyond it are found out and taken back."""
+    """Return a free motion towards a narrow bump. The series terminates, so a step beyond the bump must be rejected."""
     return stated(kinetic=x.dot**2 / 2, potential=sp.exp(-((60 * (x - 1)) ** 2)) / 9, initial={x: 0.3, x.dot: 1.0})
 
 
 def gaps() -> Statement:
-    """A force in the fourth power of time: three of four coefficients are zero."""
+    """Return a system with a force in powers of t^4: three of four coefficients are zero."""
     return stated(kinetic=x.dot**2 / 2, forces={x: t**4 / 5 + t**8}, initial={x: 0.2})
 
 
 def late() -> Statement:
-    """At rest, and pushed by what has no term of low order."""
+    """Return a system with a force that is of high order in a small coordinate."""
     return stated(kinetic=x.dot**2 / 2, potential=x**12 / 3, initial={x: 0.01, x.dot: 0.4})
 
 
@@ -62,14 +62,14 @@ def thrown() -> Statement:
 
 
 def tiny() -> Statement:
-    """A motion of 1e-30 in 1e-20 s."""
+    """Return a system that moves by 1e-30 in 1e-20 s."""
     return stated(
         kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={k: 1e40}, initial={x: 1e-30, x.dot: 3e-11}
     )
 
 
 def three() -> Statement:
-    """Six entries: a block of eight that is not full."""
+    """Return a system with six entries in its state, which do not fill a block of eight."""
     return stated(
         kinetic=m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, potential=sp.exp(x * y) + z**4 / (1 + x**2), initial={z: 1.0}
     )
@@ -80,7 +80,7 @@ def slow() -> Statement:
 
 
 def driven() -> Statement:
-    """Friction and a force in time, a mass matrix that moves."""
+    """Return a system with friction, a force in time, and a mass matrix that depends on coordinates."""
     return stated(
         kinetic=m * (x.dot**2 + (2 + sp.sin(x)) * y.dot**2) / 2,
         potential=k * sp.sqrt(1 + x**2 + y**2),
@@ -90,7 +90,7 @@ def driven() -> Statement:
 
 
 def pole() -> Statement:
-    """x = 1 / (1 - t): the steps shrink until they are lost in the time."""
+    """Return a system with x = 1 / (1 - t): steps decrease to the spacing of doubles."""
     return stated(kinetic=x.dot**2 / 2, potential=-(x**4) / 2, initial={x: 1.0, x.dot: 1.0})
 
 
@@ -98,7 +98,7 @@ SPECIAL = {made.__name__: made for made in (wall, gaps, late, thrown, tiny, slow
 
 
 def rods() -> Statement:
-    """Constraints: each step is projected."""
+    """Return a system with constraints, so that each step is projected."""
     return hanging_rods(2)
 
 
@@ -114,7 +114,7 @@ TIMES = {"tiny": 3e-20, "slow": 3e20, "pole": 1.5, "wall": 2.0}
 
 @cache
 def drivers(name: str, order: int) -> tuple[Statement, list[Any]]:
-    """Return a driver of each machine: interpreted, written out in vectors of several widths, and in loops."""
+    """Return drivers of both machines: interpreted, unrolled with vectors of several widths, and in loops."""
     statement = STATED[name]()
     program = series_program(euler_lagrange(statement))[0]
     given = np.array([*(statement.defaults[p] for p in statement.parameters), *[1.0] * program.sides])
@@ -158,7 +158,7 @@ def assert_lockstep(name: str, order: int, direction: int, tolerances: tuple[flo
 
 
 def assert_same(state: DriverState, first: DriverState) -> None:
-    """Series of several forms differ by rounding, which is magnified where rows cancel."""
+    """Assert that two states are equal up to the rounding of series in different forms."""
     assert (state.counts == first.counts).all()
     assert abs(state.taylor.low - first.taylor.low) <= 1e-15 * abs(first.t)
     assert state.reals == pytest.approx(first.reals, rel=1e-8)
@@ -197,7 +197,7 @@ def test_all_machines_take_back_what_fails(order: int) -> None:
 
 
 def test_what_is_probed_does_not_depend_on_how_a_run_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first step of a call was probed at 31 places, for the step before it was forgotten between calls."""
+    """The first step of a call must know the step before it; else it was probed at 31 points."""
     statement = thrown()
     program = series_program(euler_lagrange(statement))[0]
     looks: list[float] = []
@@ -231,7 +231,7 @@ TOLERANCES = [10.0**-k for k in range(3, 17)]
 
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return a list that gets the text of each module that is compiled."""
+    """Return a list to which the text of each compiled module is appended."""
     found = []
     compiling = Module.__init__
 
@@ -254,7 +254,7 @@ RUNS = {"taylor": {"rtol": 1e-9}, "dop853": {"rtol": 1e-7}, "rk4": {"step": 0.01
 
 @pytest.mark.parametrize("method", RUNS)
 def test_code_that_is_compiled_well_gives_the_same_bits(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first run is of quick code, the second one passes the number of steps, and the third is of the other code."""
+    """The first run uses quickly compiled code. During the second run optimized code replaces it, as in the third."""
     compiled_steps.cache_clear()
     llvm_machine.compiled_loop.cache_clear()
     model = unit_pendulum().compile(check=False)
@@ -295,7 +295,7 @@ def test_drivers_go_on_with_the_code_that_another_run_has_had_compiled(
 
 @pytest.mark.parametrize("watching", [False, True])
 def test_another_tolerance_compiles_its_series_once_and_no_loop_over_steps(watching: bool, made: list[str]) -> None:
-    """The loop serves all orders, with events too."""
+    """The loop over steps serves all orders, also with events."""
     theta = lg.coordinate("theta")
     model = unit_pendulum().compile(check=False)
     events = [lg.Event(theta)] if watching else None
@@ -309,7 +309,7 @@ def test_another_tolerance_compiles_its_series_once_and_no_loop_over_steps(watch
 
 
 def test_a_run_with_the_same_events_and_resets_compiles_nothing(made: list[str]) -> None:
-    """What is watched, the resets and the series with the events are each compiled once for a model and its events."""
+    """Event functions, resets and the series with events are compiled once for a model and its events."""
     theta = lg.coordinate("theta")
     model = unit_pendulum().compile(check=False)
     for again in (False, True):

@@ -1,4 +1,4 @@
-"""Systems of textbooks whose equations are typed in the tests of answers, each stated and derived once."""
+"""Textbook systems for the tests of typed answers, each stated and derived once."""
 
 from __future__ import annotations
 

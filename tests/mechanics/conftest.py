@@ -9,5 +9,5 @@ from lagrange.mechanics.grading import term_difference
 
 @pytest.fixture(autouse=True)
 def _enough_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let wrong terms be named on slow machines, too."""
+    """Raise time limits, so that wrong terms are also named on slow machines."""
     monkeypatch.setattr(term_difference, "SECONDS", float("inf"))

@@ -1,7 +1,7 @@
-"""Systems stated in three ways each, with what they conserve in Cartesian terms, and how much of it is found.
+"""Systems, each stated in three ways, with their conserved quantities in Cartesian coordinates.
 
-The ways: by positions, expanded by hand, and in other coordinates. `places` gives the Cartesian names that the
-expressions of `conserved` have in the coordinates of a statement.
+The ways are: by positions, expanded by hand, and in other coordinates. `places` maps the Cartesian names in `conserved`
+to expressions in the coordinates of a statement.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Statement = dict[str, Any]
 
 @dataclass(frozen=True)
 class Way:
-    """One statement, and the place of the body in its coordinates."""
+    """One statement, and the position of the body in its coordinates."""
 
     statement: Statement
     places: tuple[Point, ...]
@@ -35,7 +35,7 @@ class Way:
 
 @dataclass(frozen=True)
 class Listed:
-    """What is conserved, as functions of places and velocities, and how many invariants are found in each way."""
+    """Conserved quantities as functions of positions and velocities, and the number found in each way."""
 
     conserved: Callable[..., list[Any]]
     ways: tuple[Way, ...]
@@ -47,7 +47,7 @@ def rates(place: Point) -> Point:
 
 
 def body(place: Point, potential: Any = S.Zero, **more: Any) -> Way:
-    """A body of mass m stated by its position."""
+    """Return a body of mass m, stated by its position."""
     return Way({"kinetic": lg.kinetic_energy(m, place), "potential": potential, **more}, (place,))
 
 
@@ -60,7 +60,7 @@ def T(place: Point) -> Any:
 
 
 def angular(place: Point) -> list[Any]:
-    """m r x v: one component in the plane, three in space."""
+    """Return the angular momentum m r x v: one component in a plane, three in space."""
     p = [m * rate for rate in rates(place)]
     if len(place) == 2:
         return [place[0] * p[1] - place[1] * p[0]]

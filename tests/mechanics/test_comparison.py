@@ -1,4 +1,4 @@
-"""Students' equations: what is equivalent is accepted, what is not is refused with the term that is wrong."""
+"""Students' equations: equivalent equations are right, and in others the wrong term is named."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SCENES = ("pendulum", "double-pendulum", "elastic-pendulum", "bead-on-hoop", "sw
 
 @cache
 def rows(name: str) -> tuple[Any, ...]:
-    """What each equation of a scene says is zero, in plain symbols."""
+    """Return the left-hand sides of the equations of a scene (right-hand sides are zero), in plain symbols."""
     found = shared_scene(name)
     return tuple((law.lhs - law.rhs).xreplace(found.statement.plain) for law in found.equations())
 
@@ -41,7 +41,7 @@ def texts(zeros: Any) -> list[str]:
 
 
 def sides(zero: Any) -> str:
-    """An equation with its negative terms on the right."""
+    """Return an equation with its negative terms on the right-hand side."""
     terms = sp.Add.make_args(sp.expand(zero))
     left = [one for one in terms if not one.could_extract_minus_sign()]
     right = [-one for one in terms if one.could_extract_minus_sign()]
@@ -53,7 +53,7 @@ def first_parameter(name: str) -> Any:
 
 
 def mixed(name: str) -> list[Any]:
-    """Sums of the equations with coefficients that depend on the state."""
+    """Return linear combinations of the equations, with coefficients that depend on the state."""
     found, (x, *_) = rows(name), shared_scene(name).statement.plain.values()
     return [zero + (2 + sp.cos(x)) * found[0] for zero in found]
 
@@ -84,7 +84,7 @@ def test_equations_with_switches_of_the_system_are_right() -> None:
 
 
 def swapped(term: Any) -> Any:
-    """A term with sine for cosine and cosine for sine, or its first factor of higher power squared."""
+    """Return a term with sine and cosine exchanged, or with its first factor in another power."""
     table = {f: (sp.cos if isinstance(f, sp.sin) else sp.sin)(f.args[0]) for f in term.atoms(sp.sin, sp.cos)}
     return term.xreplace(table) if table else None
 
@@ -114,7 +114,7 @@ def mutants() -> Iterator[tuple[str, int, str, Any, Any]]:
 
 
 def leaves(name: str, term: Any) -> list[str]:
-    """The factors of a term that depend on the state, or the parameters of one that does not."""
+    """Return the factors of a term that depend on the state, or its parameters if none does."""
     plain = tuple(shared_scene(name).statement.plain.values())
     depends = term.as_independent(*plain, as_Add=False)[1]
     if depends != 1:
@@ -124,7 +124,7 @@ def leaves(name: str, term: Any) -> list[str]:
 
 @pytest.mark.slow
 def test_wrong_terms_are_named() -> None:
-    """At least five of six by the mutated term; the others as another one where a factor may be meant either way."""
+    """At least five of six mutated terms are named. Of the others another term may be the wrong one."""
     mutated = list(mutants())
     assert len(mutated) >= 60 and {how for _, _, how, _, _ in mutated} == set(MUTATIONS)
     missed = []
@@ -139,7 +139,7 @@ def test_wrong_terms_are_named() -> None:
 
 
 def test_the_counterexample_is_one() -> None:
-    """The equation of the pendulum with the wrong sign leaves 2 g sin(theta) of the motion."""
+    """The pendulum's equation with a wrong sign has the residual 2 g sin(theta)."""
     result = shared_scene("pendulum").compare("l*theta_ddot = g*sin(theta)")
     example = dict(result.counterexample)
     motion = -example["g"] / example["l"] * math.sin(example["theta"])
@@ -196,7 +196,7 @@ def test_a_sum_of_equations_with_a_wrong_term() -> None:
     ],
 )
 def test_accelerations_of_zero_and_states_near_a_crossing(name: str) -> None:
-    """One coordinate moves freely, one comes near zero; of five coordinates a message tells no state."""
+    """One coordinate moves freely and one is near zero. With five coordinates the message has no state."""
     found = shared_scene(name)
     assert found.compare(texts(rows(name)))
     result = found.compare(texts([*rows(name)[:-1], rows(name)[-1] + 1]))
@@ -206,7 +206,7 @@ def test_accelerations_of_zero_and_states_near_a_crossing(name: str) -> None:
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_equations_with_multipliers(sign: int) -> None:
-    """With either sign of them; and the motion along the rod alone, without any."""
+    """Multipliers may have either sign, or be eliminated."""
     found = shared_scene("cartesian-pendulum")
     plain = found.statement.plain
     zeros = [(law.lhs - law.rhs).xreplace(plain) for law in found.equations()]
@@ -315,7 +315,7 @@ def test_a_filter_of_first_order() -> None:
 
 
 def test_the_sine_of_a_large_multiple_is_one_term() -> None:
-    """Expanded, it is a polynomial of that degree: the thousandth takes twenty seconds."""
+    """sin(1000 theta) is not expanded, since a polynomial of this degree takes twenty seconds."""
     x = sp.Symbol("x")
     assert expanded(sp.sin(1000 * x)) == (sp.sin(1000 * x),)
     assert set(expanded(sp.sin(2 * x))) == {2 * sp.sin(x) * sp.cos(x)}

@@ -1,4 +1,4 @@
-"""What systems conserve is found, however they are stated, and nothing is claimed that is not conserved."""
+"""Conserved quantities are found in any statement of a system, and no wrong ones are reported."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ class States:
 
 
 def values(model: lg.Model, expression: Any, at: States, shift: float = 0.0) -> Any:
-    """An expression at states of a model, moved along the compiled motion."""
+    """Return an expression at states of a model, and its change along the compiled motion."""
     moved = model.rhs(at.t, at.y, at.parameters) * shift
     return model.evaluate_expression(expression, at.t + shift, at.y + moved, at.parameters)
 
 
 def outside(wanted: Any, found: list[Any]) -> float:
-    """The part of a row that no combination of the others and a constant makes up."""
+    """Return the part of a row that is no linear combination of the others and a constant."""
     columns = np.array([*found, np.ones_like(wanted)]).T
     columns /= np.linalg.norm(columns, axis=0)
     fit, *_ = np.linalg.lstsq(columns, wanted, rcond=None)
@@ -65,7 +65,7 @@ def outside(wanted: Any, found: list[Any]) -> float:
 
 
 def states(model: lg.Model, seed: int) -> States:
-    """Random states, on the constraints, with lengths above zero: k/r is k/|r| there."""
+    """Return random states that satisfy the constraints, with positive lengths."""
     draw, n = np.random.default_rng(seed), model.dimension
     usual = np.array([model.statement.defaults.get(p, 1.0) or 1.0 for p in model.statement.parameters])
     parameters = usual / np.abs(usual) * draw.uniform(0.5, 1.6, len(usual))

@@ -117,7 +117,7 @@ def test_the_matrix_is_the_slope_of_the_motion_on_the_constraints(seed: int) -> 
     model, steps = system.compile("numpy"), 1e-4
 
     def whole(values: Any) -> Any:
-        """Return the state of x, y, the heading and x', y'."""
+        """Return the whole state of the disc from x, y, the heading, x' and y'."""
         table = dict(zip((x.dot, y.dot, x, y, heading), (*values[3:], *values[:3][[1, 2, 0]]), strict=True))
         table[z.dot] = above.diff(lg.t).subs(table)
         table[z] = above.subs(table)
@@ -143,7 +143,7 @@ def test_the_matrix_is_the_slope_of_the_motion_on_the_constraints(seed: int) -> 
 
 
 def test_a_bead_that_is_carried_by_a_slope_has_rates_of_the_basis() -> None:
-    """A bead on the wire y = k x^2 that moves: v' = -2 k x (g + 2 k v^2)/(1 + 4 k^2 x^2), linear in x and v."""
+    """A bead moves on the wire y = k x^2: v' = -2 k x (g + 2 k v^2)/(1 + 4 k^2 x^2), linearized in x and v."""
     wire = lg.System(
         m * (x.dot**2 + y.dot**2) / 2,
         m * g * y,

@@ -208,7 +208,7 @@ def test_a_wrong_equilibrium_is_found_by_number(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_an_equilibrium_in_decimals_may_be_rounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All of the force that is left at pi as a double is rounding: it is tested against its slope."""
+    """At the double nearest to pi the force is round-off, relative to its slope."""
     place = {"angle": sympy.Float(float(pi))}
 
     def rounded(equations: Any, unknowns: Any) -> list[dict[Any, Any]]:
@@ -334,7 +334,7 @@ def lorenz(r: float) -> lg.System:
 
 
 def test_equilibria_of_states_of_first_order() -> None:
-    """Lorenz: the two wings lose their stability at r = 470/19, and the origin at r = 1."""
+    """Lorenz's equations: the origin loses its stability at r = 1, the other two equilibria at r = 470/19."""
     assert [place.stable for place in lorenz(24.7).equilibria()].count(True) == 2
     assert [place.stable for place in lorenz(24.8).equilibria()] == [False] * 3
     linear = lorenz(28).linearize()

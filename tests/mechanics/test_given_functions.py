@@ -1,4 +1,4 @@
-"""What is asked of a system with a given motion: with values it is a system in t, and an open one is refused."""
+"""Analyses of systems with given functions: with values they are functions of t; open ones are refused."""
 
 from __future__ import annotations
 

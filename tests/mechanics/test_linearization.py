@@ -259,7 +259,7 @@ def test_a_wrong_linearization_is_found_by_number(monkeypatch: pytest.MonkeyPatc
 
 
 def test_formulas_of_any_size_are_refused_without_being_walked() -> None:
-    """The expression has 2^60 nodes as a tree, and 180 different ones."""
+    """The expression has 2^60 nodes as a tree, but only 180 different ones."""
     large = x
     for number in range(60):
         large = (large + number) * (large - 1)
@@ -270,7 +270,7 @@ def test_formulas_of_any_size_are_refused_without_being_walked() -> None:
 
 @pytest.mark.slow
 def test_accelerations_of_many_masses_are_refused() -> None:
-    """The determinant of the mass matrix alone is longer. Four links took 50 s, for 37,000 operations."""
+    """Symbolic accelerations of four links took 50 s and 37,000 operations."""
     n = 6
     angles = [lg.coordinate(f"angle_{i}") for i in range(n)]
     masses = sympy.symbols(f"m0:{n}", positive=True)
@@ -282,7 +282,7 @@ def test_accelerations_of_many_masses_are_refused() -> None:
 
 
 def test_the_inverse_of_a_sparse_mass_matrix_is_short() -> None:
-    """The inverse of the mass matrix of a chain is tridiagonal; minors over a determinant had 100,000 operations."""
+    """The inverse for a chain is short; as minors over a determinant it had 100,000 operations."""
     n = 5
     places = [lg.coordinate(f"x_{i}") for i in range(n)]
     masses = sympy.symbols(f"m0:{n}", positive=True)

@@ -95,7 +95,7 @@ def test_gyroscopic_forces_decide_nothing_where_the_energy_has_no_minimum() -> N
 
 
 def test_numbers_lose_no_mode_and_give_every_eigenvalue() -> None:
-    """Several motions without a force, and damping without oscillation, have two real eigenvalues a mode."""
+    """A free motion and an overdamped one have two real eigenvalues each."""
     kinetic = sum(q.dot**2 for q in MANY) / 2
     free = lg.System(kinetic, (MANY[0] - MANY[1]) ** 2 / 2 + MANY[2] ** 2 / 2, coordinates=MANY)
     drag = 2 * (MANY[0].dot - MANY[4].dot) ** 2 + 3 * MANY[1].dot ** 2
@@ -164,7 +164,7 @@ def test_verdicts(system: Any, stable: Any) -> None:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("values", [{}, {"m1": 1, "m2": 2, "l1": 1, "l2": 0.5, "g": 9.81}])
 def test_the_general_double_pendulum_has_short_shapes(values: dict[str, float]) -> None:
-    """SymPy simplifies fractions of such roots for hours: they are rationalised as polynomials in the roots."""
+    """Fractions of such roots, which SymPy simplifies for hours, are rationalised as polynomials in the roots."""
     m1, m2, l1, l2 = lg.parameters("m1 m2 l1 l2")
     one, two = lg.coordinates("one two")
     kinetic = (m1 + m2) * l1**2 * one.dot**2 / 2 + m2 * l2**2 * two.dot**2 / 2
@@ -188,7 +188,7 @@ def test_a_minimum_of_order_four_is_not_denied() -> None:
 
 
 def test_time_that_cancels_from_the_energy_is_no_time() -> None:
-    """A hoop that turns, stated by the positions of its bead, has the energy of the one stated in its angle."""
+    """A bead on a rotating hoop, stated by positions, has the energy of the system stated in its angle."""
     turning = (l * sin(theta) * cos(w * lg.t), l * sin(theta) * sin(w * lg.t), -l * cos(theta))
     values = {m: 1, g: 9.81, l: 1, w: 2}
     found = lg.System(lg.kinetic_energy(m, turning), m * g * turning[2], parameters=values).modes()

@@ -1,4 +1,4 @@
-"""Eliminated coordinates: the smaller system moves as the one with the constraint does."""
+"""Eliminated coordinates: the smaller system has the motion of the system with the constraint."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_a_branch_that_the_motion_does_not_start_on_is_refused(initial: Any, wor
 
 
 def test_initial_values_that_were_not_given_follow_from_the_branch() -> None:
-    """Those that were given may be rounded."""
+    """Stated initial values may be rounded; missing ones follow from the branch."""
     stated: dict[str, Any] = {"kinetic": x.dot**2 + y.dot**2, "constraints": {"rod": ROD}, "parameters": {l: 1}}
     for initial in ({x: 0.6, x.dot: 1.0}, {x: 1 / 3, y: 0.942809}):
         small = lg.System(**stated, initial=initial).eliminate({y: sqrt(l**2 - x**2)})
@@ -130,7 +130,7 @@ def test_several_go_one_after_another_and_other_constraints_stay() -> None:
 
 
 def random_system(seed: int) -> tuple[lg.System, Any, bool]:
-    """Return a system, what its random constraint says that y is, and whether that is seen to be always defined."""
+    """Return a system, the expression of y by its random constraint, and whether that is surely always defined."""
     draw = np.random.default_rng(seed)
 
     def number() -> Any:

@@ -1,4 +1,4 @@
-"""Routh's procedure: the smaller system moves as the whole, and ignored coordinates come back."""
+"""Routh's procedure: the reduced system has the motion of the whole, and ignored coordinates are recovered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Systems expanded about a point: against the full system near it, against its linearization, and what is refused."""
+"""Systems expanded about a point, compared with the full system and its linearization; refusals."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_parameters_keep_the_order_in_which_they_were_stated() -> None:
 
 
 def error(system: lg.System, at: dict[Any, float], order: int, size: float) -> float:
-    """How far the accelerations of the expansion are from those of the system, at a distance from the point."""
+    """Return the error of the expansion's accelerations at a distance from the point."""
     full, small = system.compile(check=False), system.small(at, order=order).compile(check=False)
     draw = np.random.default_rng(3)
     keys = (*system.coordinates, *system.statement.velocities)

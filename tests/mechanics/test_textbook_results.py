@@ -60,7 +60,7 @@ def test_pivot_on_a_circle() -> None:
 
 @pytest.mark.slow
 def test_elastic_pendulum() -> None:
-    """Goldstein, chapter 6, exercise 4: it stretches and swings with w^2 = k/m and g/(l + m g/k)."""
+    """Goldstein, chapter 6, exercise 4: the frequencies are w^2 = k/m and g/(l + m g/k)."""
     spring = lg.System(
         m * (r.dot**2 + r**2 * theta.dot**2) / 2,
         -m * g * r * cos(theta) + k * (r - l) ** 2 / 2,

@@ -1,4 +1,4 @@
-"""Answers as people type them: what the package prints is read back, ambiguous texts, common slips, short verdicts."""
+"""Answers as people type them: printed equations read back, ambiguous texts, common slips, short verdicts."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def test_a_letter_for_a_derivative_is_read_in_a_list_too() -> None:
 
 
 def test_mutated_answers_are_judged_or_refused(share: Share) -> None:
-    """Of an answer with a part missing, doubled or replaced nothing is run, and every message is short."""
+    """An answer with a missing, doubled or replaced part is never executed, and every message is short."""
     dice, systems = random.Random(2), ("scene:pendulum", "oscillator", "table", "pulley", "typed:damped")
     rows = [line.split("\t") for line in ANSWERS]
     answers = [(row[0], row[3].replace("⏎", "\n")) for row in rows if row[0] in systems]
@@ -136,7 +136,7 @@ def test_of_two_readings_only_that_of_the_wrong_equation_is_quoted() -> None:
 
 
 def test_verdicts_are_short() -> None:
-    """A wrong equation of many terms is told in 400 characters; the rest is in details."""
+    """The verdict on a wrong equation with many terms has at most 400 characters; details are separate."""
     name = "elastic-pendulum"
     system = shared_scene(name)
     names = system.statement.names
