@@ -1,7 +1,7 @@
-"""Object code that tests keep from run to run: LLVM takes almost half of their processor time.
+"""A cache of object code for test runs, since LLVM takes almost half of their processor time.
 
-Nearly every text that a run compiles is one of the run before. The code depends on the text, the passes, the version
-of LLVM, the processor, and on the module that calls LLVM: its source is part of the name of a file.
+Most texts that a test run compiles occurred in the previous one. The name of a cache file depends on the text, the
+passes, the version of LLVM, the processor, and the source of the module that calls LLVM.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DIGEST = 32
 
 
 class KeptCode:
-    """Takes the place of the function that compiles a text: the code of a text that was compiled before is read."""
+    """A replacement for the function that compiles a text, which reads the code of known texts from the cache."""
 
     def __init__(self, folder: Path, compiled: Callable[..., bytes]) -> None:
         self.folder, self._compiled = folder, compiled
@@ -35,7 +35,7 @@ class KeptCode:
         self._setting = f"{llvm.llvm_version_info} {processor} {source}"
 
     def __call__(self, text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
-        """Return the object code of a text, as the function does whose place this takes."""
+        """Return the object code of a text."""
         way = f"{self._setting}\n{effort} {passes and passes.__name__}\n{text}"
         file = self.folder / hashlib.sha256(way.encode()).hexdigest()
         kept = file.read_bytes() if file.exists() else b""
@@ -51,7 +51,7 @@ class KeptCode:
 
 
 def shrink(folder: Path, room: int = ROOM) -> None:
-    """Remove files until the others fit: those first that were read or written longest ago."""
+    """Remove the least recently used files until the others fit."""
     files = []
     for file in folder.glob("*"):
         with suppress(FileNotFoundError):  # another run has put it in its place meanwhile

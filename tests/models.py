@@ -1,4 +1,4 @@
-"""Systems that tests of several stages share, and models of them on either machine."""
+"""Systems for tests of several rooms, and their models on both machines."""
 
 from __future__ import annotations
 
@@ -47,19 +47,19 @@ def loaded(name: str) -> Statement:
 
 @cache
 def stated_in(name: str) -> frozenset[str]:
-    """Return the sections of the file of a scene: what it states is known before it is stated."""
+    """Return the sections of a scene's file, without stating the scene."""
     return frozenset(tomllib.loads(library_path(name).read_text("utf-8")))
 
 
 @cache
 def shared_scene(name: str) -> System:
-    """Return a scene of the library as a system, stated and compiled once for all tests that do not change it."""
+    """Return a scene of the library as a system, compiled once for all tests. Tests must not change it."""
     return scene(name)
 
 
 @cache
 def statement_of(name: str) -> Statement:
-    """Return the statement of a named system: the order of its names is that of its first use."""
+    """Return the statement of a named system, declared once for all tests."""
     return SYSTEMS[name]()
 
 
@@ -71,18 +71,18 @@ def laws(name: str) -> Equations:
 
 @cache
 def model(name: str, target: str = "llvm") -> Model:
-    """Return the model of a named system, one for all tests: kernels are compiled once."""
+    """Return the model of a named system, compiled once for all tests."""
     return model_of(statement_of(name), machine(target), laws(name))
 
 
 def build(target: str = "llvm", **given: Any) -> Model:
-    """Return a model of a system stated on the spot."""
+    """Return the model of a system from the arguments of its statement."""
     statement = stated(**given)
     return model_of(statement, machine(target))
 
 
 def springs(target: str, n: int) -> Model:
-    """Return n masses in a row: states of every length, in registers, in blocks written out, and in loops."""
+    """Return n masses in a row, for states of every length: in registers, in unrolled blocks, and in loops."""
     xs = [coordinate(f"x{i}") for i in range(n)]
     ends = [sp.Integer(0), *xs, sp.Integer(0)]
     stretch = [b - a for a, b in itertools.pairwise(ends)]
@@ -96,7 +96,7 @@ def springs(target: str, n: int) -> Model:
 
 
 def hanging_rods(n: int) -> Statement:
-    """Return n masses on rods one below the other, in Cartesian coordinates with a constraint for each rod."""
+    """Return n masses on a hanging chain of rods, in Cartesian coordinates with a constraint for each rod."""
     points = [(coordinate(f"x{i}"), coordinate(f"y{i}")) for i in range(n)]
     ends = itertools.pairwise([(sp.Integer(0), sp.Integer(0)), *points])
     return stated(
@@ -123,7 +123,7 @@ def double_pendulum() -> Statement:
 
 
 def chain(n: int) -> Statement:
-    """Return n pendulums one below the other, stated in Cartesian sums."""
+    """Return a chain of n pendulums, stated by Cartesian positions."""
     angles = [coordinate(f"a{i}") for i in range(n)]
     px = py = sp.S.Zero
     kinetic = potential = sp.S.Zero
@@ -146,7 +146,7 @@ def elastic_pendulum() -> Statement:
 
 
 def spherical_pendulum() -> Statement:
-    """Two blocks of one coordinate each, the second singular at the poles."""
+    """Return a spherical pendulum: two blocks of one coordinate each, the second singular at the poles."""
     return stated(
         kinetic=m * l**2 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2,
         potential=m * g * l * cos(theta),
@@ -171,7 +171,7 @@ def cart_and_pole() -> Statement:
 
 
 def charge() -> Statement:
-    """A charge in a magnetic field: the potential depends on velocities, and M is constant and diagonal."""
+    """Return a charge in a magnetic field: the potential depends on velocities, and M is constant and diagonal."""
     return stated(
         lagrangian=m * (x.dot**2 + y.dot**2 + z.dot**2) / 2 + B * (x * y.dot - y * x.dot) / 2 - k * z**2 / 2,
         coordinates=[x, y, z],
@@ -181,7 +181,7 @@ def charge() -> Statement:
 
 
 def bead_on_hoop() -> Statement:
-    """Time stands in the kinetic energy."""
+    """Return a bead on a rotating hoop, whose kinetic energy contains time."""
     place = [l * sin(theta) * cos(omega * t), l * sin(theta) * sin(omega * t), -l * cos(theta)]
     speed = sum(sp.diff(part, t) ** 2 for part in place)
     return stated(kinetic=m * speed / 2, potential=m * g * place[2], initial={theta: 0.7}, name="bead on a hoop")
@@ -207,7 +207,7 @@ def kepler() -> Statement:
 
 
 def coupled_masses() -> Statement:
-    """A constant mass matrix that couples: its factors are hoisted."""
+    """Return coupled masses with a constant mass matrix, whose factors are hoisted."""
     return stated(
         kinetic=m * x.dot**2 / 2 + M * l * (x.dot + y.dot) ** 2 / 2,
         potential=k * x**2 / 2 + m * g * sin(x * y) + k * y**4 / 4,
@@ -218,7 +218,7 @@ def coupled_masses() -> Statement:
 
 
 def masses(n: int) -> Statement:
-    """Return n masses, each carried by the one before: M is constant, full, and larger than what is unrolled."""
+    """Return n masses, each carried by the one before: M is constant and full, and too large to be unrolled."""
     xs = [coordinate(f"x{i}") for i in range(n)]
     kinetic = potential = place = sp.S.Zero
     for i, mass in enumerate(xs):
@@ -230,7 +230,7 @@ def masses(n: int) -> Statement:
 
 
 def saddle() -> Statement:
-    """An indefinite mass matrix with zeros on its diagonal."""
+    """Return a system with an indefinite mass matrix with zeros on its diagonal."""
     return stated(
         lagrangian=m * x.dot * y.dot + l * z.dot**2 / 2 - k * x * y - k * z**2 / 2 - k * x**2 * z,
         coordinates=[x, y, z],
@@ -240,7 +240,7 @@ def saddle() -> Statement:
 
 
 def blocks() -> Statement:
-    """Two blocks of two and one of one, with a mass matrix that moves."""
+    """Return a system with two blocks of two coordinates and one of one; the mass matrix depends on coordinates."""
     u, w = coordinates("u w")
     return stated(
         kinetic=m * (x.dot**2 + l * x.dot * y.dot * cos(x - y) + y.dot**2) / 2
@@ -254,7 +254,7 @@ def blocks() -> Statement:
 
 
 def friction() -> Statement:
-    """Conditions on parameters alone, on time, on the state; min, max, abs and sign."""
+    """Return a system with conditions on parameters, time and state, and with min, max, abs and sign."""
     side = sp.Piecewise((k, k > c), (m, True))
     pulse = sp.Piecewise((1, (t > 1) & (t < 2)), (0, True))
     return stated(

@@ -1,4 +1,4 @@
-"""The operations of a program in mpmath, to as many digits as a context has."""
+"""The operations of a program in mpmath, in the precision of a context."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ MORE = ("asinh", "acosh", "atanh", "erf")
 
 
 def operations(context: Any) -> dict[str, Callable[..., Any]]:
-    """Return every operation on the numbers of mpmath or of a context of it, and on conditions that are booleans."""
+    """Return all operations on numbers of mpmath or of a context; conditions are booleans."""
     return {
         "neg": lambda a: -a,
         "add": lambda a, b: a + b,

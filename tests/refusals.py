@@ -1,4 +1,4 @@
-"""The sentence with which a call is refused."""
+"""The message that refuses a call."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def refusal(call: Callable[..., Any], *arguments: Any, **named: Any) -> str:
 
 
 def nested(inner: Any, levels: int) -> Any:
-    """Return an expression of many levels, which SymPy's recursive functions cannot read."""
+    """Return an expression that is nested too deeply for SymPy's recursive functions."""
     for _ in range(levels):
         inner = sympy.sin(inner, evaluate=False)
     return inner

@@ -1,4 +1,4 @@
-"""Series in multiple precision, and what the equations of motion leave of them: an independent judge of recurrences."""
+"""Series in multiple precision, and their residuals in the equations of motion: an independent judge of recurrences."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def values(statement: Statement) -> list[Any]:
 
 
 def sides(program: SeriesProgram, parameters: Sequence[Any], time: Any, y: Sequence[Any]) -> list[Any]:
-    """Return the sides of the surfaces at a state; surfaces may depend on the sides of others."""
+    """Return the signs of the switching surfaces at a state. A surface may depend on the signs of others."""
     found: list[Any] = [NUMBER(1)] * program.sides
     for _ in range(program.sides + 1):
         x = jet(program, [*parameters, *found]).coefficients(NUMBER(time), numbers(y), 0)
@@ -62,7 +62,7 @@ def series(statement: Statement, order: int, time: Any = 0.25, start: Sequence[A
 def coefficients(
     program: SeriesProgram, statement: Statement, order: int, time: Any = 0.25, start: Sequence[Any] | None = None
 ) -> Any:
-    """Return the coefficients of q and v that a program gives, (order + 1, 2n)."""
+    """Return the Taylor coefficients of q and v by a program, (order + 1, 2n)."""
     y = statement.initial if start is None else start
     parameters = values(statement)
     parameters += sides(program, parameters, time, y)
@@ -71,16 +71,16 @@ def coefficients(
 
 
 def all_forms(equations: Equations) -> list[SeriesProgram]:
-    """Return the program of every form of the equations, the rates of sums taken whole and apart."""
+    """Return the programs of all forms of the equations, with rates of sums whole and separate."""
     found = assemblies(equations, switched_equations(equations))
     return [assembly.program("series") for assembly in found]
 
 
 def right_orders(statement: Statement, found: Any, time: Any = 0.25) -> float:
-    """Return up to which order these coefficients of q are those of the motion, from what the law of motion leaves.
+    """Return the order up to which coefficients of q are right, from the residual of the equations of motion.
 
-    A motion that is right up to order p, and wrong by d at the next, leaves p (p+1) d h^(p-1) after a time h. The
-    power of h is seen by doubling h from 1e-12; the terms behind it count by 1e-12 of what they are.
+    A motion that is right up to order p, with an error d at the next order, has the residual p (p+1) d h^(p-1) at the
+    time h. The power follows from doubling h from 1e-12, where later terms are smaller by a factor of 1e-12.
     """
     near, far = (residual(statement, found, time, NUMBER(h) * NUMBER(10) ** -12) for h in (1, 2))
     if near < NUMBER(10) ** (10 - DIGITS):  # a series that ends, as that of an oscillator at rest
@@ -91,7 +91,7 @@ def right_orders(statement: Statement, found: Any, time: Any = 0.25) -> float:
 def residual(statement: Statement, found: Any, time: Any, h: Any) -> Any:
     """Return |d/dt dL/dv - dL/dq - Q + dD/dv| at time + h for the polynomial with these coefficients.
 
-    SymPy differentiates, mpmath computes: nothing here knows of the graph.
+    SymPy differentiates and mpmath evaluates, independent of the graph.
     """
     n = len(statement.coordinates)
     powers = [h**k for k in range(len(found))]
@@ -107,7 +107,7 @@ def residual(statement: Statement, found: Any, time: Any, h: Any) -> Any:
 
 @cache
 def _law(statement: Statement) -> Precise:
-    """Return for each coordinate the coefficients of v and a in the equation of motion, and the rest of it."""
+    """Return, for each coordinate, the coefficients of v and a in the equation of motion, and its other terms."""
     q, v = statement.coordinates, statement.velocities
     moving = [sp.Dummy(real=True) for _ in (*v, *q)]
     there = dict(zip((*v, *q), moving, strict=True))

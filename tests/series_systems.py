@@ -1,4 +1,4 @@
-"""Systems for the series, beside those of `tests.models`: what the forms of the equations and the kernels differ on."""
+"""More systems for tests of series, in which forms of the equations and kinds of kernels differ."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.models import SYSTEMS, M, c, chain, g, k, l, m, omega, phi, stated, t
 
 
 def relative(n: int) -> Statement:
-    """Return n pendulums, each angle measured from the link before: mass matrices full of products."""
+    """Return a chain of n pendulums in relative angles: the entries of the mass matrix are long."""
     angles = [coordinate(f"a{i}") for i in range(n)]
     kinetic = potential = px = py = total = sp.S.Zero
     for angle in angles:
@@ -30,7 +30,7 @@ def relative(n: int) -> Statement:
 
 
 def textbook() -> Statement:
-    """The double pendulum with cos(theta - phi), as books write it."""
+    """Return the double pendulum as in textbooks, with cos(theta - phi)."""
     spin = theta.dot**2 + phi.dot**2 / 2 + theta.dot * phi.dot * cos(theta - phi)
     return stated(
         kinetic=m * l**2 * spin,
@@ -41,14 +41,14 @@ def textbook() -> Statement:
 
 
 def kapitza() -> Statement:
-    """A pivot that is shaken."""
+    """Return Kapitza's pendulum, whose pivot oscillates."""
     place = (l * sin(theta), cos(omega * t) / 4 - l * cos(theta))
     speed = sum(sp.diff(part, t) ** 2 for part in place)
     return stated(kinetic=m * speed / 2, potential=m * g * place[1], initial={theta: 0.5, theta.dot: 0.25})
 
 
 def growing() -> Statement:
-    """Explicit time in the kinetic energy, linear and quadratic in velocities, and dissipation of degree four."""
+    """Return a system with explicit time in T, terms linear in velocities, and dissipation of degree four."""
     return stated(
         kinetic=m * sp.exp(t / 4) * x.dot**2 / 2 + M * (x.dot + y.dot * cos(x)) ** 2 / 2 + y.dot**2 + t * x * y.dot,
         potential=k * (x * y) ** 2 / 2,
@@ -60,7 +60,7 @@ def growing() -> Statement:
 
 
 def rotating() -> Statement:
-    """A constant mass matrix that couples, with Coriolis forces from a potential linear in velocities, and time."""
+    """Return a system with a constant coupled mass matrix, Coriolis forces, and explicit time."""
     return stated(
         lagrangian=m * x.dot**2 / 2 + M * (x.dot + y.dot) ** 2 / 2 + omega * x * y**2 * y.dot + t * x.dot * sin(y),
         coordinates=[x, y],
@@ -69,7 +69,7 @@ def rotating() -> Statement:
 
 
 def relativistic() -> Statement:
-    """A Lagrangian that is not quadratic in the velocities."""
+    """Return a system whose Lagrangian is not quadratic in the velocities."""
     return stated(
         lagrangian=-m * c**2 * 256 * sqrt(1 - (x.dot**2 + y.dot**2) / (256 * c**2)) - k * x * y**2,
         initial={x: 0.5, y: 0.25, x.dot: 0.25, y.dot: 0.5},
@@ -77,7 +77,7 @@ def relativistic() -> Statement:
 
 
 def bent() -> Statement:
-    """Fractional powers of abs, exact in binary: a mass matrix that depends on velocities and on sides of surfaces."""
+    """Return a system with fractional powers of abs: the mass matrix depends on velocities and on signs of surfaces."""
     coupling = x.dot * sp.Abs(y.dot) ** sp.Rational(3, 2) + y.dot * sp.Abs(x - 2) ** sp.Rational(7, 4) * x.dot
     return stated(
         lagrangian=(1 + x / 8) * x.dot**2 + y.dot**2 + coupling / 16 - k * x * y**2,
@@ -87,7 +87,7 @@ def bent() -> Statement:
 
 
 def gravity(n: int) -> Statement:
-    """Return n bodies in space."""
+    """Return n bodies in space that attract each other."""
     bodies = [coordinates(f"x{i} y{i} z{i}") for i in range(n)]
     kinetic = sum((1 + sp.Rational(i, 4)) * r.dot**2 / 2 for i, body in enumerate(bodies) for r in body)
     potential = sp.S.Zero
@@ -100,7 +100,7 @@ def gravity(n: int) -> Statement:
 
 
 def lattice(n: int) -> Statement:
-    """Return n masses between walls with springs that harden, as of Fermi, Pasta, Ulam and Tsingou."""
+    """Return n masses between walls with hardening springs, as of Fermi, Pasta, Ulam and Tsingou."""
     xs = [coordinate(f"x{i}") for i in range(n)]
     stretch = [b - a for a, b in itertools.pairwise([sp.S.Zero, *xs, sp.S.Zero])]
     return stated(
@@ -112,7 +112,7 @@ def lattice(n: int) -> Statement:
 
 
 def functions() -> Statement:
-    """Every function of the graph, in vectors of two and one."""
+    """Return a system with all elementary functions, once and twice."""
     terms = [f(x * y / 4) + f(x.dot / 8) for f in (sp.sin, sp.tan, sp.asin, sp.acos, sp.atan, sp.exp, sp.sinh, sp.tanh)]
     terms += [f(x * y / 4) for f in (sp.asinh, sp.atanh, sp.erf)]
     terms += [
@@ -137,14 +137,14 @@ def functions() -> Statement:
 
 
 def started(name: str) -> Statement:
-    """Return a system of the tests with velocities: from rest every other coefficient is zero."""
+    """Return a named system with initial velocities, since from rest every second coefficient is zero."""
     statement = SYSTEMS[name]()
     n = len(statement.coordinates)
     return replace(statement, initial=(*statement.initial[:n], *(0.25 + 0.125 * i for i in range(n))))
 
 
 def coupled() -> Statement:
-    """Three coupled velocities, of which a vector has room for four, and rules that use the vector as it lies."""
+    """Return a system with three coupled velocities, which do not fill a vector of four."""
     a, b, d = coordinates("a b d")
     coupling = (a.dot * b.dot + b.dot * d.dot) / 3
     return stated(
@@ -174,7 +174,7 @@ LARGER: dict[str, Callable[[], Statement]] = {
 
 
 def rods(n: int) -> Statement:
-    """Return n masses in the plane, each held to the one before it by a rod: a sparse system with multipliers."""
+    """Return n masses in a plane, connected by rods: a sparse system with multipliers."""
     places = [coordinates(f"x{i} y{i}") for i in range(n)]
     ends = [(sp.S.Zero, sp.S.Zero), *places]
     steps = [(b[0] - a[0], b[1] - a[1]) for a, b in itertools.pairwise(ends)]
@@ -191,7 +191,7 @@ def rods(n: int) -> Statement:
 
 
 def ladder(n: int) -> Statement:
-    """Return n four-bar loops side by side, of uniform rods: a mass matrix and constraints with neighbours alone."""
+    """Return n four-bar loops of uniform rods in a row: mass matrix and constraints couple only neighbours."""
     places = [coordinates(f"x{i} y{i}") for i in range(n + 1)]
     feet = [(sp.Integer(i), sp.S.Zero) for i in range(n + 1)]
     rods_ = [*zip(feet, places, strict=True), *itertools.pairwise(places)]
@@ -209,7 +209,7 @@ def ladder(n: int) -> Statement:
 
 
 def sleigh() -> Statement:
-    """Chaplygin's sleigh, its centre of mass off the blade, on a belt that moves: a constraint on velocities."""
+    """Return Chaplygin's sleigh on a moving belt, a constraint on velocities."""
     skid = -sin(theta) * (x.dot - t / 8) + cos(theta) * y.dot
     centre = (x + k * cos(theta) / 4, y + k * sin(theta) / 4)
     speed = sum(sp.diff(part, t) ** 2 for part in centre)
@@ -223,7 +223,7 @@ def sleigh() -> Statement:
 
 
 def quaternion() -> Statement:
-    """A rigid body by a unit quaternion: the kinetic energy is free of one of the four rates."""
+    """Return a rigid body in terms of a unit quaternion: T depends on three of the four rates."""
     a, b, d, e = coordinates("qa qb qc qd")
     spin = (
         2 * (a * b.dot - b * a.dot - d * e.dot + e * d.dot),

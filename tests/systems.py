@@ -1,4 +1,4 @@
-"""Systems that tests of several rooms state. A test changes what it needs: `pendulum(initial={theta: 1.0})`."""
+"""Systems for tests of several rooms. A test may replace arguments: `pendulum(initial={theta: 1.0})`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.models import g, l, m, theta, x, y
 
 
 def pendulum(**changes: Any) -> lg.System:
-    """Return a pendulum of length 1, from 2 rad at rest."""
+    """Return a pendulum of length 1, released at 2 rad."""
     stated = {
         "kinetic": m * l**2 * theta.dot**2 / 2,
         "potential": -m * g * l * cos(theta),
@@ -24,13 +24,13 @@ def pendulum(**changes: Any) -> lg.System:
 
 
 def unit_pendulum(**changes: Any) -> lg.System:
-    """Return theta'' = -sin(theta), from 1 rad at rest."""
+    """Return the pendulum theta'' = -sin(theta), released at 1 rad."""
     stated = {"kinetic": theta.dot**2 / 2, "potential": -cos(theta), "initial": {theta: 1.0}, "name": "pendulum"}
     return lg.System(**stated | changes)
 
 
 def rod_pendulum(**changes: Any) -> lg.System:
-    """Return a pendulum in Cartesian coordinates, held by a rod of length 1, from (0.6, -0.8) at rest."""
+    """Return a pendulum in Cartesian coordinates on a rod of length 1, released at (0.6, -0.8)."""
     stated = {
         "kinetic": m * (x.dot**2 + y.dot**2) / 2,
         "potential": m * g * y,
@@ -43,7 +43,7 @@ def rod_pendulum(**changes: Any) -> lg.System:
 
 @cache
 def chain(links: int, masses: tuple[Any, ...] | None = None) -> lg.System:
-    """Return a pendulum of links of equal length, 1 in all, whose angles are its coordinates; the first starts at 1."""
+    """Return a chain of equal links with total length 1 in absolute angles; the first angle starts at 1."""
     angles = [lg.coordinate(f"q{k}") for k in range(1, links + 1)]
     place: Any = (0, 0)
     kinetic, potential, places = 0, 0, {}

@@ -1,4 +1,4 @@
-"""The command line: what it prints and writes, its exit codes, and every message of its own."""
+"""The command line: output, files, exit codes, and its messages."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def test_an_interrupted_store_goes_on(
 
 
 def interrupting(function: Any, after: int) -> Any:
-    """Return a function that raises KeyboardInterrupt behind so many calls."""
+    """Return a function that raises KeyboardInterrupt after a number of calls."""
     calls = iter(range(after))
 
     def called(*arguments: Any) -> Any:

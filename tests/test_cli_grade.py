@@ -1,4 +1,4 @@
-"""The command `lagrange grade`: what it prints, and its exit codes."""
+"""The command `lagrange grade`: output and exit codes."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_folder_of_answers_becomes_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One file that cannot be read spoils nothing, and hidden files and folders are no answers."""
+    """An unreadable file does not affect the others. Hidden files and folders are ignored."""
     folder = tmp_path / "answers"
     (folder / "older").mkdir(parents=True)
     right, wrong = b"l theta'' = -g sin theta", b"l theta'' = g sin theta"

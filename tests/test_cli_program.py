@@ -1,4 +1,4 @@
-"""The command line as a program of its own: imports, pipes, signals."""
+"""The command line as a separate process: imports, pipes, signals."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ PRINTING = [("scenes",), ("scenes", "--json"), ("--help",), ("run", "--help"), (
 
 
 def printing_to(stream: Any, *arguments: str, before: str = "") -> tuple[int, str]:
-    """The exit code and the complaints of a command whose output goes to a stream, after shell code `before`."""
+    """Return the exit code and stderr of a command whose output goes to a stream, after shell code `before`."""
     program = ["sh", "-c", f'{before} exec "$@"', "sh", sys.executable, "-m", "lagrange", *arguments]
     done = subprocess.run(program, stdout=stream, stderr=subprocess.PIPE, text=True, check=False)
     return done.returncode, done.stderr

@@ -1,4 +1,4 @@
-"""The command `lagrange race`: what it prints and writes, and its exit codes."""
+"""The command `lagrange race`: output, files and exit codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line on a terminal: lines that fit, and words that were meant."""
+"""The command line on a terminal: lines that fit, and suggestions for misspelled words."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.drop import DROP, written
 
 
 def on_a_terminal(columns: int, *arguments: str, encoding: str = "utf-8") -> tuple[int, list[str]]:
-    """Run a command on a terminal of so many columns; return its exit code and the lines, without progress."""
+    """Run a command on a terminal with a number of columns. Return its exit code and lines, without progress."""
     ours, its = pty.openpty()
     fcntl.ioctl(its, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
     without = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}

@@ -1,4 +1,4 @@
-"""Everything public is copied and pickled, and does in another process what it did in this one."""
+"""All public objects can be copied and pickled, and work alike in another process."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def bounce() -> lg.Event:
 
 @cache
 def run(method: str, target: str = "llvm") -> lg.Solution:
-    """Return a run with an event that resets, or a plain one by a method that has none."""
+    """Return a run with a reset, or a run without events if the method locates none."""
     return pendulum().run(3.0, method=method, events=[bounce(), lg.event(theta.dot)], target=target)
 
 
@@ -167,7 +167,7 @@ def test_a_kernel_that_arrives_compiles_when_it_is_called() -> None:
 
 
 def test_digits_of_a_reference_survive() -> None:
-    """Numbers of many digits come from a context of their own, whose classes do not pickle."""
+    """Numbers of multiple precision belong to a context of mpmath whose classes cannot be pickled."""
     states = a_race().result.reference.states
     assert pickle.loads(pickle.dumps(a_race())).result.reference.states == states
     assert states[0][0]._mpf_[3] > 60  # bits: a double has 53
@@ -175,7 +175,7 @@ def test_digits_of_a_reference_survive() -> None:
 
 @pytest.mark.slow
 def test_copies_leave_nothing_on_stderr(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A module half copied used to be destroyed, with a traceback of llvmlite's on stderr for each of its parts."""
+    """Incomplete copies of modules were destroyed, with tracebacks of llvmlite on stderr."""
     lost: list[Any] = []
     monkeypatch.setattr(sys, "unraisablehook", lost.append)
     kernel: Any = pendulum().compile().kernel("rhs")
@@ -190,7 +190,7 @@ def test_copies_leave_nothing_on_stderr(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def end_of(solution: lg.Solution) -> tuple[lg.Solution, Any]:
-    """Return what another process sees of a solution, and a run of its own."""
+    """Return results of a solution in another process, and of a run there."""
     again = solution.model.statement.name
     return pendulum().run(1.0, method="taylor"), (again, solution.at(0.5), solution.energy[-1])
 

@@ -1,4 +1,4 @@
-"""A default run takes few of the cases of a product, and what is left out remains."""
+"""A default run takes a sample of a product of parameters; `--remaining` runs the others."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ for options in sys.argv[1:]:
 
 
 def test_what_a_run_takes(tmp_path: Path) -> None:
-    """Tests of their own name run whole; what is left out remains, and what is larger in a run of all runs in both."""
+    """A test that is named runs completely. Tests that are larger in a full run run in both."""
     file = tmp_path / "test_taken.py"
     file.write_text(FILE, encoding="utf-8")
     default, everything, remaining, by_keyword, by_name = runs = [

@@ -1,4 +1,4 @@
-"""The same statement gives the same bytes: in every process, whatever the hash seed, and again in this one."""
+"""The same statement gives the same bytes in every process, for any hash seed, and again in this process."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ CHOSEN = ("rhs", "energy")
 
 
 def texts(name: str, quantities: Iterable[str] = QUANTITIES) -> dict[str, str]:
-    """Return all text that is made for a system: programs, and LLVM IR for one state and for columns."""
+    """Return all generated text of a system: programs, and LLVM IR for one state and for columns."""
     equations = euler_lagrange(SYSTEMS[name]())
     found = {}
     for quantity in quantities:
@@ -62,7 +62,7 @@ def digests(count: int) -> dict[str, str]:
 
 
 def reports() -> list[str]:
-    """What `check` prints of a scene, and of a system whose branches it has to look for."""
+    """Return the output of `check` for a scene, and for a system with branches."""
     x, y = lg.coordinates("x y")
     a, b = lg.parameters("a b")
     branched = lg.System(
@@ -74,7 +74,7 @@ def reports() -> list[str]:
 
 
 def in_processes(call: str, count: int) -> tuple[Any, list[Any]]:
-    """Return what a call of this file gives in one process, and in the others, with hash seeds of their own."""
+    """Return the result of a call in one process, and in others with different hash seeds."""
     code = f"import json; from tests.test_determinism import *; print(json.dumps({call}))"
     runs = []
     for seed in [0, 1, *["random"] * (count - 2)]:
@@ -115,7 +115,7 @@ def test_every_process_gives_the_same_text(everything: bool) -> None:
 @pytest.mark.few
 @pytest.mark.parametrize("name", NAMES)
 def test_no_text_names_what_the_user_named(name: str) -> None:
-    """A symbol's own name never reaches generated code."""
+    """Names of symbols do not occur in generated code."""
     for key, text in texts(name).items():
         if not key.endswith("program"):
             for symbol in ("theta", "omega", "parameter m", "a0.dot"):

@@ -1,4 +1,4 @@
-"""What the pages say can be done: their Python runs, their links lead somewhere, the files that they name exist."""
+"""The documentation works: its Python runs, its links are valid, and the files that it names exist."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ OPTIONAL = (*RECIPES, "fmpy")
 
 
 def blocks(page: Path, language: str) -> list[str]:
-    """The blocks of code in a language on a page."""
+    """Return the code blocks of a page in a language."""
     return [body for kind, body in FENCE.findall(page.read_text("utf-8")) if kind == language]
 
 
 def snippets() -> list[tuple[str, str]]:
-    """The Python of all pages: a block that imports the package, with those behind it that go on from it."""
+    """Return the Python of all pages: each block that imports the package, with the blocks that continue it."""
     found: list[tuple[str, str]] = []
     for page in PAGES:
         name = page.relative_to(ROOT).as_posix()
@@ -50,13 +50,13 @@ def snippets() -> list[tuple[str, str]]:
 
 
 def anchors(page: Path) -> list[str]:
-    """What the headings of a page can be linked by, on the site and where the file is shown."""
+    """Return the anchors of a page's headings, on the site and on a code host."""
     titles = HEADING.findall(re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL))
     return [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles]
 
 
 def nowhere(page: Path, text: str) -> list[str]:
-    """Return the links in the text of a page that lead nowhere; an address on the web needs a good form only."""
+    """Return the broken links of a page. Web addresses are only checked for their form."""
     wrong = []
     for target in LINK.findall(CODE.sub("", text)):
         path, _, anchor = target.partition("#")

@@ -1,4 +1,4 @@
-"""The examples run, and what they print and draw is true."""
+"""The examples run, and their output is right."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def test_flip_times(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypa
 
 
 def flip_by_scipy(start: list[float]) -> float:
-    """The first time at which an angle of two equal pendulums passes an odd number of half turns; g = l = m = 1."""
+    """Return the first time at which an angle of a double pendulum passes an odd multiple of pi (g = l = m = 1)."""
 
     def rhs(_: float, s: NDArray[np.float64]) -> list[float]:
         a, b, u, v = s

@@ -1,4 +1,4 @@
-"""The house rules that a reader would otherwise have to check by eye, each shown to fail on a bad snippet."""
+"""Rules of the code base as tests; each rule is shown to fail on a bad example."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ Rule = Callable[[str, str], Iterator[str]]
 
 @cache
 def parsed(source: str) -> ast.Module:
-    """Return the tree of a file, which all rules read and none changes."""
+    """Return the syntax tree of a file. Rules must not change it."""
     return ast.parse(source)
 
 
 @cache
 def nodes(tree: ast.AST) -> tuple[ast.AST, ...]:
-    """Return all nodes of a tree, which most rules go through."""
+    """Return all nodes of a syntax tree."""
     return tuple(ast.walk(tree))
 
 
@@ -75,7 +75,7 @@ def silences(file: str, source: str) -> Iterator[str]:
 
 
 def never_reached(file: str, source: str) -> Iterator[str]:
-    """Statements that follow the end of their block, such as the second half of a text that is returned."""
+    """Yield statements that are never executed, because they follow a return or raise in their block."""
     for node in nodes(parsed(source)):
         for block in (getattr(node, name, None) for name in ("body", "orelse", "finalbody")):
             for before, statement in pairwise(block) if isinstance(block, list) else ():
@@ -102,7 +102,7 @@ MAKES_FIGURES = "lagrange/show/figures/style.py"
 
 
 def makes_figures(file: str, source: str) -> Iterator[str]:
-    """Figures of Matplotlib's own class, which a notebook shows as a text unless a backend is set."""
+    """Yield calls that make figures of Matplotlib's class, which a notebook may show as text."""
     for function in functions(parsed(source)) if file != MAKES_FIGURES and "matplotlib" in source else ():
         for node in nodes(function):
             match node:
@@ -122,7 +122,7 @@ ORDER_LOST = frozenset(("sorted", "set", "frozenset", "any", "all", "len", "min"
 
 
 def is_set(node: ast.AST) -> bool:
-    """Whether the expression is a set, as far as its form tells."""
+    """Return True if an expression is clearly a set."""
     match node:
         case ast.Set() | ast.SetComp() | ast.Call(func=ast.Name(id="set" | "frozenset")):
             return True
@@ -141,7 +141,7 @@ def called(node: ast.AST) -> str:
 
 
 def iterates_sets(file: str, source: str) -> Iterator[str]:
-    """Places that go through a set in its own order, unless `sorted`, `any` or the like take what comes of it."""
+    """Yield iterations over a set whose order has an effect, unlike in `sorted` or `any`."""
     calls = [node for node in nodes(parsed(source)) if isinstance(node, ast.Call)]
     forgiven = {id(arg) for call in calls if called(call) in ORDER_LOST for arg in call.args}
     for node in nodes(parsed(source)):

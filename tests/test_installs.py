@@ -1,4 +1,4 @@
-"""Every `pip install` that code and pages advise installs something of ours: this checkout, or what it depends on."""
+"""Every `pip install` in code and pages installs this package or one of its dependencies."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def known() -> set[str]:
 
 
 def texts() -> Iterator[tuple[Path, str]]:
-    """Pages and settings as they are; of Python the texts in it, with the parts of one text joined."""
+    """Yield the texts of pages and settings, and the strings of Python files."""
     folders = ("lagrange", "docs", "examples", "tests", ".ci")
     files = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "pyproject.toml"]
     files += [path for folder in folders for path in sorted((ROOT / folder).rglob("*")) if path.is_file()]
@@ -61,7 +61,7 @@ def written(tree: ast.AST) -> Iterator[str]:
 
 
 def advised(text: str) -> Iterator[str]:
-    """What a text says to install, one requirement each."""
+    """Yield the requirements of all install commands in a text."""
     for match in COMMAND.finditer(text):
         for argument in ARGUMENT.findall(match.group(1)):
             plain = argument.strip("'\"")
@@ -70,7 +70,7 @@ def advised(text: str) -> Iterator[str]:
 
 
 def wrong(requirement: str) -> str:
-    """Return why a requirement is not to be advised, or nothing."""
+    """Return the reason why a requirement is wrong, or an empty text."""
     if requirement.startswith("."):
         extras = re.fullmatch(r"\.(?:\[([\w,-]+)\])?", requirement)
         if extras is None:
@@ -88,7 +88,7 @@ def test_what_is_advised_is_known() -> None:
 
 
 def test_strangers_are_seen() -> None:
-    """The reader of commands is tried on what it has to refuse, and on what it has to let pass."""
+    """A test of the reader of commands, with requirements that it must refuse or accept."""
     for text, bad in {
         "do: pip install 'lagrange[sundials]', or take": ["lagrange[sundials]"],
         "`pip install lagrange`": ["lagrange"],

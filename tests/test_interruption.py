@@ -29,7 +29,7 @@ ignore SIGHUP, and their children would too."""
 
 
 def trial(tmp_path: Path, source: str, *signals: int, code: int = 0) -> str:
-    """Run code as a module of the package, send it signals once it has printed a line, and return what it prints.
+    """Run code as a module of the package, send it signals after its first line of output, and return its output.
 
     Its input ends after the signals.
     """

@@ -1,4 +1,4 @@
-"""Object code that is kept between runs is that of its text, and what is kept has a bound."""
+"""The cache of object code gives the code of each text, and has a bounded size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Imports flow one way, every module is reachable, and no folder is a drawer for the rest."""
+"""Imports point one way, every module is reachable, and no folder is a collection of leftovers."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ Modules = Mapping[str, ast.Module]
 
 
 def parsed(root: Path) -> dict[str, ast.Module]:
-    """Every module under the package, by its dotted name; a package stands for its __init__."""
+    """Return the syntax trees of all modules of the package, by dotted name."""
     modules = {}
     for path in sorted((root / "lagrange").rglob("*.py")):
         parts = path.relative_to(root).with_suffix("").parts
@@ -81,7 +81,7 @@ def statements_of_import(tree: ast.AST) -> tuple[ast.Import | ast.ImportFrom, ..
 
 
 def imports_of(tree: ast.AST, modules: Modules) -> Iterator[tuple[str, int]]:
-    """Yield each of our own modules that the tree imports, anywhere in it, with the line."""
+    """Yield the package's modules that a syntax tree imports, with the line."""
     for node in statements_of_import(tree):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
@@ -104,7 +104,7 @@ TYPES_ALONE = {
 
 
 def arrows(name: str, modules: Modules) -> Iterator[tuple[str, int]]:
-    """Yield what a module imports, with the line; imports for types alone count too, but those of a viewed class."""
+    """Yield the imports of a module with their lines. Imports for types count too, except those of a viewed class."""
     tree = modules[name]
     outside = [node for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom))]
     for part in outside if name in VIEWED else (tree,):
@@ -112,7 +112,7 @@ def arrows(name: str, modules: Modules) -> Iterator[tuple[str, int]]:
 
 
 def flows_back(modules: Modules) -> list[str]:
-    """Imports of a later stage by an earlier one."""
+    """Return imports of a later stage by an earlier one."""
     return [
         f"{name}:{line} imports {target}"
         for name in modules
@@ -122,7 +122,7 @@ def flows_back(modules: Modules) -> list[str]:
 
 
 def cycle(modules: Modules) -> list[str]:
-    """Modules that import each other in a ring, within a stage too."""
+    """Return modules that import each other in a cycle, also within a stage."""
     # The package's __init__ is a table of names: who takes a name from it does not wait for its modules.
     graph = {
         name: {target for target, _ in arrows(name, modules)} - {name, TYPES_ALONE.get(name)}
@@ -137,7 +137,7 @@ def cycle(modules: Modules) -> list[str]:
 
 
 def hidden_imports(modules: Modules) -> list[str]:
-    """Imports of ourselves inside a function, and imports by name outside the two tables."""
+    """Return imports of the package inside functions, and imports by name outside two tables."""
     found = []
     for name, tree in modules.items():
         functions = [node for node in nodes(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
@@ -155,7 +155,7 @@ MOST_LOADED = 120
 
 
 def loaded_by(start: str, modules: Modules) -> set[str]:
-    """Return the modules that importing one loads: those imported outside of functions and not for types alone."""
+    """Return the modules that are loaded when a module is imported."""
     reached: set[str] = set()
     waiting = [start]
     while waiting:
@@ -182,7 +182,7 @@ def by_name(node: ast.AST) -> bool:
 
 
 def unreachable(modules: Modules, entries: set[str]) -> list[str]:
-    """Modules that neither the package's names, nor its entry points, nor `python -m` lead to."""
+    """Return modules that no public name, entry point or `python -m` reaches."""
     trees = [modules[name] for name in TABLES if name in modules]
     constants = (node.value for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant))
     texts = {value.split(":")[0] for value in constants if isinstance(value, str)}
@@ -212,7 +212,7 @@ STAGE_CALLS = {
 
 
 def called_elsewhere(modules: Modules) -> list[str]:
-    """Modules beside the page that take what makes the next stage."""
+    """Return modules other than compiler.py that use functions which make the next stage."""
     return [
         f"{name}:{node.lineno} imports {alias.name}"
         for name, tree in modules.items()

@@ -1,4 +1,4 @@
-"""Runs that are written to a file and read again."""
+"""Runs that are saved and loaded."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_a_run_is_read_as_it_was_written(tmp_path: Path) -> None:
 
 
 def without_states_between(path: Path) -> Path:
-    """Write a file as older versions wrote it."""
+    """Write a file in the format of older versions."""
     with np.load(path) as found:
         arrays = {name: found[name] for name in found.files if not name.endswith("_between")}
     np.savez(path, **arrays)
@@ -71,7 +71,7 @@ def without_states_between(path: Path) -> Path:
 @pytest.mark.few
 @pytest.mark.parametrize("name", ["double-pendulum", "charge-in-field", "two-point-vortices", "cartesian-pendulum"])
 def test_a_run_from_a_file_moves_as_the_run(name: str, tmp_path: Path) -> None:
-    """A pixel is a thousandth of a picture, and the states are interpolated between four in each step."""
+    """Animations of a loaded run agree to a pixel, a thousandth of the picture; it has four states for each step."""
     run = lg.scene(name).run()
     found = lg.load(run.to_npz(tmp_path / "run.npz")).animate(tmp_path / "run.html")
     expected = run.animate()
@@ -182,7 +182,7 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
 
 
 def _rewritten(path: Path, name: str, content: bytes) -> Path:
-    """Return an archive with other bytes for one array."""
+    """Return an archive with changed bytes of one array."""
     other = path.with_name("other.npz")
     with zipfile.ZipFile(path) as old, zipfile.ZipFile(other, "w") as new:
         for one in old.namelist():

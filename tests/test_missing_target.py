@@ -1,4 +1,4 @@
-"""Targets whose packages are broken: the message names what cannot be imported, and advice is not circular."""
+"""Targets whose packages are broken: messages name the package, and do not advise the same target again."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.systems import unit_pendulum
 
 
 class Broken(ModuleType):
-    """A package whose shared library cannot be loaded."""
+    """A finder that makes a package fail like one with a broken shared library."""
 
     def __getattr__(self, name: str) -> Any:
         raise OSError("Could not load shared object file: libllvmlite.so")
@@ -44,7 +44,7 @@ def test_the_message_names_what_cannot_be_loaded(broken: str) -> None:
 
 
 def test_numpy_is_checked_without_llvm(broken: str) -> None:
-    """Its check compiled for llvm as well, and then said: use target='numpy'."""
+    """The check of the numpy target must not compile for LLVM."""
     report = unit_pendulum().check(target="numpy")
     assert report
     assert "not compared with the target llvm" in str(report) and broken in str(report)

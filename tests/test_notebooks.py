@@ -1,4 +1,4 @@
-"""The notebooks run, say what is true, and are stored in one form."""
+"""The notebooks run, their statements hold, and they are stored in one format."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ notebooks = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.ste
 
 
 def cells(path: Path, kind: str) -> list[tuple[str, str]]:
-    """Return the names and the sources of the cells of one kind."""
+    """Return the names and sources of the cells of one kind."""
     found = json.loads(path.read_text("utf-8"))["cells"]
     return [(cell["id"], "".join(cell["source"])) for cell in found if cell["cell_type"] == kind]
 
@@ -48,7 +48,7 @@ def imported(source: str) -> set[str]:
 
 
 def tolerances_without_a_reason(source: str) -> list[int]:
-    """Return the lines of a cell that assert a bound in numbers with no comment above them or beside them."""
+    """Return the lines of a cell that assert a numerical bound without a comment."""
     lines = source.splitlines()
     bounds = [
         node.lineno
@@ -60,7 +60,7 @@ def tolerances_without_a_reason(source: str) -> list[int]:
 
 
 def _explained(above: list[str]) -> bool:
-    """Whether there is a comment above a line, in the same group of lines."""
+    """Return True if a comment precedes a line in its group of lines."""
     while above and above[-1].strip():
         if above[-1].strip().startswith("#"):
             return True
@@ -69,13 +69,13 @@ def _explained(above: list[str]) -> bool:
 
 
 def is_shown(data: dict[str, str]) -> bool:
-    """Return whether what a cell shows is a picture, a page or a formula, or text that is meant to be read."""
+    """Return True if the output of a cell is a picture, a page, a formula, or readable text."""
     return len(data) > 1 or not re.search(r"<Figure size| object at 0x|^\w+\(", data["text/plain"])
 
 
 @pytest.fixture(scope="module")
 def kernel(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """The name of a kernel that is the Python of this test, whatever kernels the user has."""
+    """Return the name of a kernel that runs the Python of this test."""
     folder = tmp_path_factory.mktemp("jupyter")
     (folder / "kernels" / "this-python").mkdir(parents=True)
     argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]

@@ -1,4 +1,4 @@
-"""The arrows between the rooms of machine/ and trajectory/: which room imports which, and that no arrow flows back."""
+"""The imports between the rooms of machine/ and trajectory/: only those in a table, and none backwards."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ inner rooms are the constants that all drivers agree on, and the arithmetic of d
 
 
 def room(module: str) -> str | None:
-    """Return the room that a module stands in, None outside of machine/ and trajectory/."""
+    """Return the room of a module, None outside machine/ and trajectory/."""
     _, *parts = module.split(".")
     if len(parts) < 2 or parts[0] not in ("machine", "trajectory"):
         return None
@@ -88,7 +88,7 @@ def room(module: str) -> str | None:
 
 
 def arrows(modules: Modules) -> dict[tuple[str, str], str]:
-    """Return the arrows between rooms, each with one import that makes it."""
+    """Return the imports between rooms, each with one example."""
     found: dict[tuple[str, str], str] = {}
     for name, tree in modules.items():
         for target, line in imports_of(tree, modules):
@@ -99,7 +99,7 @@ def arrows(modules: Modules) -> dict[tuple[str, str], str]:
 
 
 def strange(modules: Modules) -> list[str]:
-    """Imports that the table does not have."""
+    """Return imports that are not in the table."""
     return [text for (here, there), text in arrows(modules).items() if there not in MAY_IMPORT.get(here, ())]
 
 

@@ -1,4 +1,4 @@
-"""The tables on the pages are those of the registries."""
+"""The tables on the pages equal those made from the registries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Systems that the tests of dynamics share, each compiled once."""
+"""Systems for the tests of dynamics, each compiled once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ mu = lg.parameters("mu", positive=False)
 
 @cache
 def pendulum() -> lg.System:
-    """Return theta'' = -sin(theta)."""
+    """Return the pendulum theta'' = -sin(theta)."""
     return lg.System(kinetic=theta.dot**2 / 2, potential=-cos(theta), name="pendulum")
 
 
@@ -27,7 +27,7 @@ def damped_pendulum() -> lg.System:
 
 @cache
 def escape() -> lg.System:
-    """Return a particle in x^2/2 - x^3/3: its saddle at 1 has a homoclinic orbit, of second order in the distance."""
+    """Return a particle in the potential x^2/2 - x^3/3, whose saddle at 1 has a homoclinic orbit."""
     return lg.System(kinetic=x.dot**2 / 2, potential=x**2 / 2 - x**3 / 3, name="escape")
 
 
@@ -53,7 +53,7 @@ def duffing() -> lg.System:
 
 @cache
 def driven_linear() -> lg.System:
-    """Return x'' + 0.5 x' + 4 x = cos(3 t)."""
+    """Return the oscillator x'' + 0.5 x' + 4 x = cos(3 t)."""
     return lg.System(
         kinetic=x.dot**2 / 2, potential=2 * x**2, forces={x: -x.dot / 2 + cos(3 * lg.t)}, coordinates=[x], name="driven"
     )
@@ -74,7 +74,7 @@ def star() -> lg.System:
 
 @cache
 def hoop() -> lg.System:
-    """Return a bead on a hoop that turns with w."""
+    """Return a bead on a hoop that rotates at the rate w."""
     return lg.System(
         kinetic=m * r**2 * (theta.dot**2 + w**2 * sin(theta) ** 2) / 2,
         potential=-m * g * r * cos(theta),
@@ -84,7 +84,7 @@ def hoop() -> lg.System:
 
 
 def interrupting(after: int) -> Any:
-    """Return a function that passes calls on to another, and raises KeyboardInterrupt after so many."""
+    """Return a function that forwards calls to another, and raises KeyboardInterrupt after a number of them."""
 
     def around(function: Any) -> Any:
         calls = iter(range(after))

@@ -1,4 +1,4 @@
-"""Which coordinates are angles, for pictures that wrap and for sliders that go all round."""
+"""Detection of angles among the coordinates, for pictures that wrap and for sliders of a full turn."""
 
 from __future__ import annotations
 

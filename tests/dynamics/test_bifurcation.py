@@ -63,7 +63,7 @@ def test_rising_and_falling_values_show_hysteresis() -> None:
 def test_any_system_is_looked_at_where_an_event_happens() -> None:
     """Van der Pol's oscillator passes x = 0 upwards with the speed 2 + O(mu^2), and with 2.614973 for mu = 2.
 
-    The latter is of SciPy's DOP853 at rtol = 1e-10.
+    The last value is from SciPy's DOP853 at rtol = 1e-10.
     """
     system = lg.System(
         kinetic=x.dot**2 / 2, potential=x**2 / 2, forces={x: mu * (1 - x**2) * x.dot}, parameters={mu: 1.0}
@@ -97,7 +97,7 @@ def test_a_bead_leaves_the_bottom_of_a_hoop_at_a_pitchfork() -> None:
 
 
 def test_branches_without_formulas_are_followed_from_several_values() -> None:
-    """x'' = mu + x - sinh(x^3) - x' has three equilibria between two folds, and one outside of them."""
+    """x'' = mu + x - sinh(x^3) - x' has three equilibria between two folds, and one elsewhere."""
     system = lg.System(
         kinetic=x.dot**2 / 2, potential=-mu * x - x**2 / 2, forces={x: -sinh(x**3) - x.dot}, parameters={"mu": 0.0}
     )

@@ -1,4 +1,4 @@
-"""Shapes of modes, against what linear systems have in closed form."""
+"""Shapes of modes, compared with closed forms of linear systems."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_the_modes_of_a_triatomic_molecule_are_drawn_where_its_atoms_are() -> No
 
 
 def test_displacements_are_the_derivatives_of_the_positions() -> None:
-    """Those of a double pendulum about an equilibrium with one arm upright, against differences."""
+    """Displacements of a double pendulum with one arm upright are compared with differences."""
     system = shared_scene("double-pendulum")
     shapes = system.modes({"theta2": np.pi}).shapes_in_numbers()
     names = [q.name for q in system.statement.plain.values()]

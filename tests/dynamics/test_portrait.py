@@ -34,7 +34,7 @@ from tests.models import shared_scene
 
 
 def test_the_separatrix_of_the_pendulum_is_its_closed_form() -> None:
-    """It is theta' = 2 cos(theta/2), and each branch ends at the other saddle; starts are off by `LINEAR_ERROR`."""
+    """The separatrix is theta' = 2 cos(theta/2), and each branch ends at the other saddle, up to `LINEAR_ERROR`."""
     found = lg.phase_portrait(pendulum())
     assert [branch.stable for branch in found.separatrices].count(True) == 2
     assert len(found.separatrices) == 4
@@ -89,7 +89,7 @@ def test_equilibria_on_the_border_are_found_and_belong_together() -> None:
 
 
 def test_zero_lines_are_zeros_to_rounding() -> None:
-    """Those of van der Pol's equation: v = 0, and (1 - x^2) v = x, which has a branch on each side of two poles."""
+    """The zero lines of van der Pol's equation are v = 0 and (1 - x^2) v = x, which has two poles."""
     found = lg.phase_portrait(van_der_pol(), {x: (-3, 3), x.dot: (-4, 4)}, starts=[{x: 1.0}], t_end=0.1)
     (rest,) = found.nullclines["x"]
     assert np.abs(rest[:, 1]).max() == 0.0

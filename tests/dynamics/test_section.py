@@ -69,14 +69,14 @@ def test_the_velocity_of_an_energy_goes_with_the_direction_of_the_event() -> Non
 
 
 def test_an_energy_that_is_not_quadratic_in_the_velocity_is_met() -> None:
-    """That of a relativistic particle, 1/sqrt(1 - v^2)."""
+    """The energy is that of a relativistic particle, 1/sqrt(1 - v^2)."""
     free = lg.System(lagrangian=-((1 - x.dot**2) ** 0.5) - x**2 / 2, coordinates=[x])
     found = lg.poincare(free, x, [{x: 0.2, x.dot: 0.1}], energy=1.5, solve_for=x.dot, crossings=1)
     assert 1 / np.sqrt(1 - found.starts[0, 1] ** 2) + 0.02 == pytest.approx(1.5, rel=1e-10)
 
 
 def test_a_driven_oscillator_is_met_after_each_period() -> None:
-    """x'' + x'/2 + 4 x = cos(3 t) ends in x = A cos(3 t) + B sin(3 t); period and times are those that were given."""
+    """The motion of x'' + x'/2 + 4 x = cos(3 t) tends to x = A cos(3 t) + B sin(3 t)."""
     found = lg.poincare(driven_linear(), 2 * pi / 3, [{x: 1.0}, {x.dot: 2.0}], crossings=5, skip=30)
     assert found.period == pytest.approx(2 * np.pi / 3)
     assert found.times[0] == pytest.approx(2 * np.pi / 3 * np.arange(31, 36))
@@ -113,7 +113,7 @@ def test_a_section_that_is_never_met_is_said_so() -> None:
 
 
 def test_a_run_that_fails_keeps_its_crossings() -> None:
-    """x'' = 6 x^2 is infinite at a finite time."""
+    """The solution of x'' = 6 x^2 becomes infinite at a finite time."""
     falling = lg.System(kinetic=x.dot**2 / 2, potential=-2 * x**3)
     found = lg.poincare(falling, x, [{x: -1.0, x.dot: 3.0}], crossings=5)
     assert len(found.times[0]) == 1

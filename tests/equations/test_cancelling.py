@@ -1,4 +1,4 @@
-"""Quotients are cancelled and sums in parentheses put together, as a book does it; the value stays what it was."""
+"""Quotients are cancelled and sums collected, as in a textbook, without a change of value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The derivation with constraints: Euler-Lagrange equations with multipliers, and the forces that constraints exert."""
+"""Derivations with constraints: Euler-Lagrange equations with multipliers, and constraint forces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is told of energy and momenta: right however a system is stated, and never more than was found."""
+"""Statements on the conservation of energy and momenta are right for all formulations of a system."""
 
 from __future__ import annotations
 

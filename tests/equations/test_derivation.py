@@ -1,4 +1,4 @@
-"""The textbook derivation: what it prints, what it refuses, and where other solvers go wrong."""
+"""The textbook derivation: printed results, refusals, and cases in which other packages are wrong."""
 
 from __future__ import annotations
 
@@ -242,7 +242,7 @@ def test_wide_sums_of_products_stay_products() -> None:
 
 
 def test_forces_between_all_pairs_are_refused_before_they_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The statement is shown with one sentence; the derivatives of 1,225 pairs would take minutes."""
+    """The derivation shows the statement and one sentence, since the derivatives of 1,225 pairs would take minutes."""
     places = [coordinates(f"x{i} y{i}") for i in range(5)]
     pairs = itertools.combinations(places, 2)
     system = lg.System(
@@ -261,7 +261,7 @@ def test_forces_between_all_pairs_are_refused_before_they_are_taken(monkeypatch:
 
 
 def test_the_shorter_of_the_collected_and_the_stated_form_is_shown() -> None:
-    """A textbook leaves I3*(psi' + phi'*cos(theta)) and k*(s - d)**2/2 as they are."""
+    """As in a textbook, I3*(psi' + phi'*cos(theta)) and k*(s - d)**2/2 are not expanded."""
     phi, theta, psi = coordinates("phi theta psi")
     i1, i3, k, d, m = parameters("I1 I3 k d m")
     spin = psi.dot + phi.dot * cos(theta)
@@ -278,7 +278,7 @@ def test_the_shorter_of_the_collected_and_the_stated_form_is_shown() -> None:
 
 
 def test_no_common_denominator_is_made_of_what_was_stated_apart() -> None:
-    """A textbook does not print the energy of a pulley as (I + M*R**2)*v**2/(2*R**2)."""
+    """The energy of a pulley is not printed as (I + M*R**2)*v**2/(2*R**2)."""
     x, (m1, m2, inertia, R, g) = coordinate("x"), parameters("m1 m2 I R g")
     kinetic = (m1 + m2) * x.dot**2 / 2 + inertia * x.dot**2 / (2 * R**2)
     derivation = derive(declare(kinetic=kinetic, potential=(m2 - m1) * g * x))

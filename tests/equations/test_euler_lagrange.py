@@ -1,4 +1,4 @@
-"""The laws as nodes: against SymPy's own derivatives, against each other, and no more code than the system needs."""
+"""The equations of motion as nodes agree with SymPy's derivatives and with each other, and need little code."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def size(equations: Equations, name: str) -> int:
 
 
 def test_the_work_grows_mildly_with_the_length_of_a_chain() -> None:
-    """Per link the right-hand side needs its row of M and of the solve: quadratic and not more."""
+    """Each link adds one row of M and of the elimination, so the work grows quadratically."""
     sizes = {n: size(euler_lagrange(chain(n)), "rhs") for n in (3, 6, 12)}
     assert sizes[12] < 4.5 * sizes[6] < 4.5 * 4.5 * sizes[3]
     assert sizes[12] < 12 * 12 * 6
@@ -138,7 +138,7 @@ HALVES = re.compile(r"len\((y|y0|names|state\.y)\) // 2|shape\[\d\] // 2|np\.spl
 
 
 def test_parts_of_different_sizes() -> None:
-    """As of a body whose place is a quaternion and whose rates are three."""
+    """Parts may have different numbers of coordinates and rates, such as a quaternion and three rates."""
     layout = StateLayout(("a", "b", "c", "d"), ("x", "y", "z"))
     q, v = layout.split(np.arange(7.0))
     assert layout.size == 7 and q.tolist() == [0, 1, 2, 3] and v.tolist() == [4, 5, 6]

@@ -1,4 +1,4 @@
-"""Forces with multipliers, such as Coulomb friction: closed forms, and the bordered system solved in another way."""
+"""Forces with multipliers, such as Coulomb friction, compared with closed forms and with a direct elimination."""
 
 from __future__ import annotations
 
@@ -225,7 +225,7 @@ def test_a_block_slides_on_a_floor_of_any_functions(curve: Any) -> None:
 
 
 def chain_on_a_rough_rail(links: int) -> lg.System:
-    """Return a cart that slides on a rough rail with a chain: its multiplier depends on every angle."""
+    """Return a cart on a rough rail with a chain of pendulums; its multiplier depends on all angles."""
     angles = lg.coordinates(" ".join(f"a_{i}" for i in range(1, links + 1)))
     place, kinetic, potential = (x, y), lg.kinetic_energy(m, (x, y)), lg.gravity(m, (x, y), g)
     for angle in angles:
@@ -243,7 +243,7 @@ def chain_on_a_rough_rail(links: int) -> lg.System:
 
 
 def test_a_long_multiplier_is_no_obstacle_where_its_parts_are_shared(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A chain of five has 21,512 operations written out, and was refused beyond 20,000: counting them took longest."""
+    """The multiplier of a chain of five has 21,512 operations without sharing, and was refused."""
     model = chain_on_a_rough_rail(5).compile("numpy", check=False)
     state = model.statement.initial
     a = model.rhs(0.0, state)[7:]

@@ -1,4 +1,4 @@
-"""The plan of a linear system: blocks, one behind the other, and which pivots are below zero."""
+"""The plan of a linear system: the order of its blocks, and the signs of its pivots."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.series_systems import HELD, ladder, quaternion, rods
 
 
 def solved(plan: SolvePlan, matrix: list[list[float]], right: list[float], target: str) -> np.ndarray:
-    """Return x by a program of the plan, its matrix and right-hand side read from the state."""
+    """Return x by a program of the plan, which reads matrix and right-hand side from the state."""
     graph, n = Graph(), len(right)
     nodes = [[graph.symbol(f"a{i} {j}", Binding.CONFIGURATION) for j in range(n)] for i in range(n)]
     nodes = [[node if matrix[i][j] else graph.zero for j, node in enumerate(row)] for i, row in enumerate(nodes)]
@@ -37,7 +37,7 @@ def solved(plan: SolvePlan, matrix: list[list[float]], right: list[float], targe
 
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_a_block_behind_another_reads_what_that_found(target: str) -> None:
-    """As in a system of variations: [[M, 0], [N, M]] with M twice."""
+    """The matrix is [[M, 0], [N, M]], as for variational equations."""
     M, N = np.array([[2.0, 0.5], [0.5, 3.0]]), np.array([[0.3, -1.0], [0.7, 0.2]])
     whole = np.block([[M, np.zeros((2, 2))], [N, M]])
     right = [1.0, -2.0, 0.5, 4.0]
@@ -68,7 +68,7 @@ def test_the_plan_of_a_matrix_and_its_factors() -> None:
 
 
 def test_many_right_hand_sides_read_the_matrix_once() -> None:
-    """A Jacobian of 294 coordinates has 588, and its matrix 86,436 places."""
+    """A Jacobian of 294 coordinates has 588 right-hand sides, and its matrix 86,436 entries."""
 
     class Row(list[Node]):
         reads = 0
@@ -110,7 +110,7 @@ def test_the_mass_matrix_of_a_quaternion_is_definite_as_it_is_solved() -> None:
 
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_a_coordinate_without_inertia_follows_from_its_constraint(target: str) -> None:
-    """A bead on y = sin(x) whose inertia is stated along x alone, m x'^2 / 2, and its weight along y."""
+    """A bead on y = sin(x) has the kinetic energy m x'^2 / 2, without inertia along y."""
     model = model_of(
         stated(
             kinetic=m * x.dot**2 / 2,
@@ -134,7 +134,7 @@ def test_a_coordinate_without_inertia_follows_from_its_constraint(target: str) -
 
 
 def pattern(rng: np.random.Generator, n: int, m: int) -> np.ndarray:
-    """Return which entries of [[M, G^T], [G, 0]] there are; every constraint has one."""
+    """Return the nonzero pattern of [[M, G^T], [G, 0]]; each row of G has an entry."""
     mass = rng.random((n, n)) < 1.5 / n
     border = rng.random((m, n)) < 2 / n
     border[np.arange(m), rng.integers(0, n, m)] = True
@@ -153,7 +153,7 @@ def test_a_multiplier_waits_for_its_coordinates(seed: int, n: int, m: int) -> No
 
 @given(st.integers(0, 10**6), st.integers(1, 12), st.integers(0, 6))
 def test_the_places_of_the_factors_are_those_that_fill_in(seed: int, n: int, m: int) -> None:
-    """L of random numbers has an entry, other than by cancellation, at these places and nowhere else."""
+    """With random numbers, the nonzero entries of L are at these positions and nowhere else."""
     rng = np.random.default_rng(seed)
     there = pattern(rng, n, m)
     a = np.where(there, rng.uniform(0.5, 1.5, there.shape), 0.0)
@@ -204,7 +204,7 @@ def shuffled_ladder(loops: int, seed: int) -> tuple[list[list[int]], frozenset[i
 
 
 def test_the_order_of_the_statement_does_not_matter() -> None:
-    """Operations, the band and the longest chain of operations agree between orders, up to ties."""
+    """The number of operations, the bandwidth and the depth do not depend on the order, up to ties."""
     for loops in (10, 40):
         operations, heights = [], []
         for seed in range(6):

@@ -1,4 +1,4 @@
-"""What kind of system it is: each finding, the sentence that says it, and the block structure of random matrices."""
+"""The structure of a system: all findings with their sentences, and the blocks of random matrices."""
 
 from __future__ import annotations
 

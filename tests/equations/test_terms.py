@@ -1,4 +1,4 @@
-"""The small algebra of the textbook derivation: each rule alone, and the value of an expression through all of them."""
+"""The algebra of the textbook derivation: each rule, and values unchanged by all rules."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A model made by SymPy alone, with places to break it: what the check must be able to judge without the package."""
+"""A model computed by SymPy alone, with deliberate faults that the check must find."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SHAPES: dict[str, Callable[[int], tuple[int, ...]]] = {
 
 
 class StandIn:
-    """Has a Model's methods. `breaks` maps a quantity to how it is wrong; `late` breaks numbers, after evaluation."""
+    """A replacement for Model. `breaks` maps a quantity to its fault, and `late` changes numbers after evaluation."""
 
     def __init__(
         self,
@@ -110,7 +110,7 @@ class StandIn:
 
 
 class Refusing(StandIn):
-    """Calls every mass matrix singular."""
+    """A model that reports every mass matrix as singular."""
 
     def accelerations(self, q: Any, v: Any, time: Any = 0.0, parameters: Any = None) -> Any:
         raise RunError("the mass matrix is singular")

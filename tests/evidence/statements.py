@@ -1,4 +1,4 @@
-"""Small statements that the tests of this folder share."""
+"""Small statements for the tests of this folder."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def pendulum(**more: Any) -> Statement:
 
 
 def pulled_pendulum() -> Statement:
-    """A pendulum whose string is pulled in: the momentum depends on time."""
+    """Return a pendulum whose string becomes shorter, so that the momentum depends on time."""
     string = length * sp.exp(-omega * t)
     return declare(kinetic=m * string**2 * theta.dot**2 / 2, potential=-m * g * string * cos(theta), name="pulled")
 
 
 def driven_oscillator() -> Statement:
-    """Force, dissipation and explicit time; the default of c is 0, as it often is in a scene."""
+    """Return an oscillator with force, dissipation and explicit time; the default of c is 0."""
     return declare(
         kinetic=m * (x.dot**2 + y.dot**2 + x.dot * y.dot) / 2,
         potential=k * x**2 / 2 + k * sp.exp(x - y),
@@ -45,19 +45,19 @@ def driven_oscillator() -> Statement:
 
 
 def contact() -> Statement:
-    """A spring that acts only beyond x = 10: a random point of order one never feels it."""
+    """Return a spring that acts only beyond x = 10, where no random point of order one is."""
     spring = sp.Piecewise((k * (x - 10) ** 2 / 2, x > 10), (0, True))
     return declare(kinetic=m * x.dot**2 / 2, potential=spring + m * g * x, name="contact")
 
 
 def guarded_root() -> Statement:
-    """The branch not taken has no value."""
+    """Return a system with a Piecewise whose other branch has no value."""
     well = sp.Piecewise((sp.sqrt(x) ** 3, x > 0), (x**2, True))
     return declare(kinetic=m * x.dot**2 / 2, potential=well, name="guarded")
 
 
 def relativistic() -> Statement:
-    """L is not quadratic in the velocity and exists below the speed of light only."""
+    """Return a relativistic particle: L is not quadratic in the velocity, and is defined below the speed of light."""
     return declare(lagrangian=-m * c**2 * sp.sqrt(1 - x.dot**2 / c**2) - k * x**2 / 2, parameters={c: 3.0}, name="fast")
 
 
@@ -70,7 +70,7 @@ def kepler() -> Statement:
 
 
 def earth_and_moon() -> Statement:
-    """Two bodies in SI units: numbers between 1e-11 and 1e30."""
+    """Return two bodies in SI units, with numbers between 1e-11 and 1e30."""
     gravity, earth, moon = parameters("G earth moon")
     qs = [coordinate(name) for name in ("xe", "ye", "xm", "ym")]
     distance = sp.sqrt((qs[0] - qs[2]) ** 2 + (qs[1] - qs[3]) ** 2)

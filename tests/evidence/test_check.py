@@ -51,7 +51,7 @@ def test_what_is_right_holds(make: Callable[[], Statement]) -> None:
 
 
 def at_first(change: Callable[[Any], Any]) -> Break:
-    """Change the first entry that is not zero."""
+    """Return an array with its first nonzero entry changed."""
 
     def fault(entries: list[Any]) -> list[Any]:
         i = next(i for i, entry in enumerate(entries) if entry != 0)
@@ -119,7 +119,7 @@ def test_honest_rounding_is_no_fault() -> None:
 
 @pytest.mark.parametrize("size", [1e-10, 1e-3])
 def test_a_small_wrong_entry_beside_a_large_one_is_caught(size: float) -> None:
-    """Relative to the largest entry of the mass matrix this error is 1e-20 or less."""
+    """The error is at most 1e-20 of the largest entry of the mass matrix."""
     statement = declare(
         kinetic=sp.Float(1e20) * x.dot**2 / 2 + sp.Float(1e-6) * (2 + sp.cos(x)) * y.dot**2,
         potential=x * y,
@@ -131,7 +131,7 @@ def test_a_small_wrong_entry_beside_a_large_one_is_caught(size: float) -> None:
 
 
 def test_a_term_hidden_by_the_defaults_is_not_hidden() -> None:
-    """Equal masses, a drag that is zero and a coupling of 1e-25 by default: all are looked at off their defaults."""
+    """Terms hidden by default values (equal masses, zero drag, a coupling of 1e-25) are tested with other values."""
     first, second, coupling = parameters("first second coupling")
     statement = declare(
         kinetic=first * x.dot**2 / 2 + second * y.dot**2 / 2,

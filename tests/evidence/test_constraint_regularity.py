@@ -1,4 +1,4 @@
-"""Constraints that are empty, dependent or contradictory, and motions without inertia, are refused by their names."""
+"""Empty, dependent or contradictory constraints, and motions without inertia, are refused; messages name them."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def test_an_arm_that_is_pulled_straight_ends_with_the_configuration(method: str)
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4"])
 def test_a_four_bar_passes_its_change_point_where_the_motion_is_smooth(method: str) -> None:
-    """A parallelogram: crank and rocker turn alike, and the coupler stays level, also where all bars are in line."""
+    """In a parallelogram crank and rocker stay parallel, also when all bars are in one line."""
     bars = lg.System(
         kinetic=(a.dot**2 + b.dot**2 + s.dot**2) / 2,
         coordinates=[a, b, s],

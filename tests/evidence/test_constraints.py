@@ -1,4 +1,4 @@
-"""The checks of systems with constraints: they hold what is right, and see every way in which it can be wrong."""
+"""The checks of systems with constraints: right models pass, and each kind of fault is found."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def disc() -> lg.System:
 
 
 def mixed() -> lg.System:
-    """Hold a holonomic constraint, a velocity constraint that depends on time, and a mass matrix that moves."""
+    """Return a system with a holonomic constraint, a time-dependent velocity constraint, and a variable mass matrix."""
     return lg.System(
         kinetic=m * (x.dot**2 + y.dot**2 + z.dot**2) / 2 + m * x * y * x.dot * y.dot / 10,
         potential=m * g * z,
@@ -53,7 +53,7 @@ def appell() -> lg.System:
 
 
 def wire() -> lg.System:
-    """Hold a bead on a parabola that opens and closes."""
+    """Return a bead on a parabola that opens and closes in time."""
     return lg.System(
         kinetic=m * (x.dot**2 + y.dot**2) / 2,
         potential=m * g * y,
@@ -88,7 +88,7 @@ def test_the_quick_check_passes_what_is_right(make: Callable[[], lg.System], mon
 
 
 class Wrong(Model):
-    """A model some of whose quantities are wrong; `errors` maps their names to what is added."""
+    """A model with wrong quantities. `errors` maps their names to the errors that are added."""
 
     def __init__(self, right: Model, errors: Mapping[str, Any]) -> None:
         self.__dict__.update(right.__dict__)
@@ -155,7 +155,7 @@ def test_constraints_that_are_derived_wrong_are_found(fault: str, monkeypatch: p
     ],
 )
 def test_coordinates_without_inertia_that_constraints_hold_are_checked(held: dict[str, Any]) -> None:
-    """The rounding errors that differences leave in place of their inertia must not be taken as pivots."""
+    """Differences give rounding errors instead of zero inertia, which must not be used as pivots."""
     system = lg.System(
         kinetic=m * (x.dot**2 + y.dot**2) / 2,
         potential=m * g * y,

@@ -68,7 +68,7 @@ def plane(potential: Any) -> lg.System:
 
 
 def rich() -> lg.System:
-    """Return a system in which every equation builder has something to do: coupling, time, forces, dissipation."""
+    """Return a system that needs every equation builder: it has coupling, time, forces and dissipation."""
     t = lg.t
     return lg.System(
         lagrangian=m * (x.dot**2 + y.dot**2 + x.dot * y.dot * sympy.cos(x - 2 * y)) / 2
@@ -86,7 +86,7 @@ def rich() -> lg.System:
 
 @dataclass(frozen=True)
 class Mutant:
-    """A fault, how to put it in, and the system that shows it."""
+    """A fault, a function that inserts it, and a system in which it has an effect."""
 
     name: str
     inject: Callable[[], Any]
@@ -147,7 +147,7 @@ def _last_dropped(rule: Rule) -> Rule:
 
 
 def _rotated(rule: Rule) -> Rule:
-    """Give each argument the derivative that belongs to the next one."""
+    """Return a rule that gives each argument the derivative of the next one."""
 
     def mutated(node: Node) -> Any:
         pairs = rule(node)
@@ -189,7 +189,7 @@ def _with_first(values: Sequence[Node], change: Callable[[Node], Node]) -> list[
 
 
 def _elementwise(build: Rule) -> dict[str, Rule]:
-    """Return the faults of a builder that gives one node per coordinate."""
+    """Return the faults of a builder that returns one node for each coordinate."""
     return {
         "first negated": lambda *a: _with_first(build(*a), lambda n: -n),
         "last scaled": lambda *a: _with_first(build(*a)[::-1], lambda n: 3 * n)[::-1],
@@ -215,7 +215,7 @@ def builder_mutants() -> Iterator[Mutant]:
 
 
 def _without_multipliers(build: Rule) -> Rule:
-    """Return a builder of accelerations as one of accelerations and multipliers, of which there are none."""
+    """Return a builder of accelerations as a builder of accelerations and (no) multipliers."""
     return lambda *a: (build(*a), [])
 
 

@@ -1,4 +1,4 @@
-"""The run in multiple precision: closed forms to all its digits, and independence of what is compiled."""
+"""Runs in multiple precision: closed forms to all digits, and independence of compiled code."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def swing(time: float) -> list[Any]:
 
 
 def damped(time: float) -> list[Any]:
-    """x'' = -4 x - x'/2 from x = 1 at rest."""
+    """Return the system x'' = -4 x - x'/2, released at x = 1."""
     time, rate = NUMBER.mpf(time), NUMBER.mpf(1) / 4
     w = NUMBER.sqrt(4 - rate**2)
     decay = NUMBER.exp(-rate * time)
@@ -57,7 +57,7 @@ def damped(time: float) -> list[Any]:
 
 
 def driven(time: float) -> list[Any]:
-    """x'' = -4 x + cos t from x = 1 at rest."""
+    """Return the system x'' = -4 x + cos t, released at x = 1."""
     time = NUMBER.mpf(time)
     return [(2 * NUMBER.cos(2 * time) + NUMBER.cos(time)) / 3, -(4 * NUMBER.sin(2 * time) + NUMBER.sin(time)) / 3]
 
@@ -109,7 +109,7 @@ def test_a_jump_of_the_forces_is_not_passed() -> None:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("unit", [1e-12, 1e12])
 def test_units_of_time_do_not_matter(unit: float) -> None:
-    """An interval is too short, or a time too late, as a part of the whole run and not in seconds."""
+    """Limits on intervals and times are relative to the whole run, not in seconds."""
     (state,) = run(oscillator(parameters={m: 1, k: 4 / unit**2}), [0.3 * unit], digits=20)
     assert off([state[0], state[1] * unit], swing(0.3)) < 1e-15
     with pytest.raises(
@@ -120,7 +120,7 @@ def test_units_of_time_do_not_matter(unit: float) -> None:
 
 @pytest.mark.slow
 def test_a_bend_of_the_forces_is() -> None:
-    """x'' = -x - x/2 for x > 0, and -x + x/2 below: half a period of each."""
+    """A bend of the forces is allowed: x'' = -x - x/2 for x > 0 and -x + x/2 below, half a period of each."""
     statement = oscillator(potential=x**2 / 2, forces={x: -Abs(x) / 2})
     high, low = NUMBER.sqrt(1.5), NUMBER.sqrt(0.5)
     time = float((NUMBER.pi / 2) / high + (NUMBER.pi / 2) / low)

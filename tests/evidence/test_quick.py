@@ -29,7 +29,7 @@ def looked_at(model: StandIn) -> None:
 
 @pytest.fixture
 def confirmations(monkeypatch: pytest.MonkeyPatch) -> list[SamplePoint]:
-    """The points at which the accelerations were looked at one by one."""
+    """Return the points at which the accelerations were tested."""
     points: list[SamplePoint] = []
     look = Reference.at
 
@@ -99,7 +99,7 @@ def test_a_system_without_usable_points_passes(energy: Any) -> None:
 
 
 def test_a_narrow_domain_around_the_initial_state_is_found() -> None:
-    """Only |x - 50| < 0.01 has a potential."""
+    """The potential is defined only for |x - 50| < 0.01."""
     statement = declare(
         kinetic=x.dot**2 / 2, potential=sp.sqrt(sp.Float(1e-4) - (x - 50) ** 2), initial={x: 50.0}, name="narrow"
     )
@@ -109,7 +109,7 @@ def test_a_narrow_domain_around_the_initial_state_is_found() -> None:
 
 
 def test_the_initial_state_is_the_last_resort() -> None:
-    """Only |x - 50| < 1e-9 has a potential, and no random point is as near."""
+    """The potential is defined only for |x - 50| < 1e-9, where no random point is."""
     narrow = sp.sqrt(sp.Rational(1, 10**18) - (x - 50) ** 2)
     statement = declare(kinetic=x.dot**2 / 2, potential=3 * x + narrow, initial={x: 50.0}, name="narrow")
     with pytest.raises(RunError, match="x = 50, "):

@@ -75,7 +75,7 @@ def test_the_mass_of_a_velocity_that_is_zero_keeps_its_digits() -> None:
 
 @pytest.mark.parametrize("make", [statements.pendulum, statements.kepler, statements.driven_oscillator])
 def test_sizes_are_those_of_the_terms(make: Callable[[], Statement]) -> None:
-    """Between the value and a modest multiple of it at a point where nothing cancels badly."""
+    """At a point without cancellation the size is between the value and a small multiple of it."""
     statement = make()
     point = Sampler(statement, seed=1).point(SAMPLE_KINDS[1])
     for name, part in Reference(statement).at(point, columns_of(statement)).items():
@@ -93,9 +93,9 @@ def test_cancellation_makes_the_size_larger_than_the_value() -> None:
 
 
 def test_terms_that_cancel_in_a_slope_alone_count() -> None:
-    """The slope 2 u/(1 + u**2)**2 of u**2/(1 + u**2) is a difference of two terms of 2/u at large u.
+    """At large u the slope 2 u/(1 + u**2)**2 of u**2/(1 + u**2) is a difference of two terms of the size 2/u.
 
-    A factor on u**2 or on 1 + u**2 that is the same at all places changes the slope as little as the value.
+    A constant factor on u**2 or on 1 + u**2 changes the slope as little as the value.
     """
     statement = declare(kinetic=x.dot**2 / 2, potential=(1000 * x) ** 2 / (1 + (1000 * x) ** 2), name="saturated")
     force = Reference(statement).at(SamplePoint((1.0,), (0.3,), 0.0, {}, ""), [])["forces"]
@@ -104,7 +104,7 @@ def test_terms_that_cancel_in_a_slope_alone_count() -> None:
 
 
 def test_a_bias_that_cancels_identically_has_the_size_of_its_parts() -> None:
-    """A total time derivative in L changes nothing, but costs digits; compiled code may leave some 1e-13."""
+    """A total time derivative in L has no effect but rounding; compiled code may have an error of 1e-13."""
     statement = declare(lagrangian=x.dot**2 / 2 + 1000 * sp.cos(x) * x.dot, name="gauge")
     bias = Reference(statement).at(SamplePoint((0.5,), (0.8,), 0.0, {}, ""), [])["bias"]
     assert abs(bias.value[0]) < 1e-30
@@ -152,7 +152,7 @@ def steps(make: Callable[[], Statement], point: SamplePoint) -> Any:
 
 
 def test_velocities_that_are_rounding_leave_the_inertia_its_digits() -> None:
-    """A projection leaves 1e-37 beside 8: a step of 1e-55 would change the energy in none of its 90 digits."""
+    """Projection leaves a velocity of 1e-37 beside 8. A difference step of 1e-55 would change none of 90 digits."""
     statement = declare(kinetic=x.dot**2 / 2 + y.dot**2 / 2, potential=x**2 / 2, initial={x.dot: 8.0, y.dot: 6e-37})
     point = SamplePoint((0.0, 0.0), (8.0, 6e-37), 0.0, {}, "")
     values = Reference(statement).at(point, [])["mass_matrix"].value
@@ -208,7 +208,7 @@ def test_extrapolation_is_exact_for_fourth_degree(coefficients: list[int]) -> No
 
 
 def row(length: int) -> Statement:
-    """Masses in a row with springs, drag between neighbours and a force on the last."""
+    """Return masses in a row with springs, drag between neighbours, and a force on the last one."""
     x = [lg.coordinate(f"x{i}") for i in range(length)]
     k, m, c = lg.parameters("k m c")
     pairs = list(itertools.pairwise(x))

@@ -71,7 +71,7 @@ def test_near_a_default_is_off_it_and_zero_is_left() -> None:
 
 
 def test_all_numbers_differ() -> None:
-    """Equal ones would hide an exchanged index."""
+    """Equal numbers would hide exchanged indices."""
     for kind in SAMPLE_KINDS[1:]:
         for point in points(kind, 5):
             values = [*point.q, *point.v, *point.parameters.values()]
@@ -133,7 +133,7 @@ UNITS = (1e-12, 1e-6, 1e6, 1e12)
 
 
 def saturated(size: float) -> Any:
-    """Return an inertia that saturates where x exceeds a size."""
+    """Return a kinetic energy whose inertia saturates when x exceeds a size."""
     u = x / size
     return x.dot**2 / 2 * (1 + u**2 / (1 + u**2))
 
@@ -160,7 +160,7 @@ def test_samples_are_of_that_size(unit: float) -> None:
 
 
 def test_a_size_spreads_along_a_chain() -> None:
-    """The size of the first link reaches the last, in the order of the statement and against it."""
+    """The size of the first link is passed to the last one, for both orders of the statement."""
     links = lg.coordinates(" ".join(f"s{i}" for i in range(60)))
     energy = sympy.Add(*((a - b) ** 2 for a, b in itertools.pairwise(links)))
     kinetic = sympy.Add(*(q.dot**2 for q in links))
@@ -171,7 +171,7 @@ def test_a_size_spreads_along_a_chain() -> None:
 
 
 def test_the_work_of_sizes_is_linear_in_a_chain() -> None:
-    """Each row looked its symbols up among all coordinates: the sizes of 50 bodies took 3 s."""
+    """Computing the sizes for 50 bodies took 3 s, since each row searched all coordinates."""
     counts = {}
     for n in (20, 40):
         links = lg.coordinates(" ".join(f"s{i}" for i in range(n)))
@@ -195,7 +195,7 @@ def test_the_work_of_sizes_is_linear_in_a_chain() -> None:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_right_equations_in_small_and_large_units_pass(seed: int) -> None:
-    """The quick check called those in which x/1e-3 stands a fault of lagrange."""
+    """The quick check reported right equations with x/1e-3 as a fault of lagrange."""
     draw = random.Random(seed)
     length, mass, time = (10.0 ** draw.uniform(-12, 12) for _ in range(3))
     u, w = x / length, y / length
@@ -210,7 +210,7 @@ def test_right_equations_in_small_and_large_units_pass(seed: int) -> None:
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_found_in_any_units(unit: float, fault: str) -> None:
-    """At samples of order one rounding was all that was left of the acceleration in small units."""
+    """In small units, samples of order one gave accelerations that were only rounding."""
     model = StandIn(declare(kinetic=saturated(unit), potential=sympy.cos(x / unit)), {"bias": FAULTS[fault]})
     with pytest.raises(RunError, match="fault of lagrange, please report"):
         quick_check(cast("Model", model))
@@ -227,7 +227,7 @@ HELD: dict[str, Any] = {
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("held", HELD)
 def test_the_reference_of_held_systems_does_not_depend_on_units(held: str, seed: int) -> None:
-    """In one of six random units the pivots of constraints were taken for zero: "the mass matrix is singular"."""
+    """In one of six random units the pivots of constraints counted as zero, and the mass matrix as singular."""
     energy = m * (x.dot**2 + y.dot**2) / 2 + m * l**2 * theta.dot**2 / 3
     statement = declare(kinetic=energy, potential=m * g * y, coordinates=[x, y, theta], constraints=HELD[held])
     reference, draw = Reference(statement), random.Random(seed)

@@ -1,4 +1,4 @@
-"""A stiff run by an explicit method is said to be stiff, and no other run is."""
+"""A stiff run by an explicit method gets a message about stiffness, and no other run does."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def oscillator(force: Any, k: float = 1.0) -> lg.System:
 
 
 def pendulum(k: float, stretch: float = 0.0, **options: Any) -> Any:
-    """A swing on a stiff spring from 1 rad at rest, the spring as long as gravity makes it, or a little longer."""
+    """Return a pendulum on a stiff spring, released at 1 rad, with the spring at its equilibrium length or longer."""
     g, m, rest = math.pi**2, 1.0, 0.75
     initial = {"r": rest + m * g * math.cos(1.0) / k + stretch, "theta": 1.0}
     return shared_scene("elastic-pendulum").run(parameters={"k": k}, initial=initial, **options)
@@ -104,7 +104,7 @@ def test_a_stiff_spring_is_seen_where_it_hardly_moves(method: Any) -> None:
 @pytest.mark.parametrize("method", UNDAMPED)
 @pytest.mark.parametrize("rtol", [1e-9, 1e-6, 1e-5])
 def test_an_undamped_stiff_oscillation_is_seen(method: str, rtol: float) -> None:
-    """A stiff spring at rest beside a slow one: along the imaginary axis the limit is where |R| begins to exceed 1."""
+    """A stiff spring at rest beside a slow one: on the imaginary axis the limit is where |R| exceeds 1."""
     springs = lg.System(
         kinetic=(x.dot**2 + y.dot**2) / 2, potential=(1e8 * x**2 + y**2) / 2, initial={x: 1e-12, y: 1.0}
     )
@@ -213,7 +213,7 @@ def test_a_stiff_run_that_gives_up_names_the_cause_and_an_implicit_method(method
 
 
 def test_the_method_that_is_named_gets_through() -> None:
-    """It swings through the lowest point, where phi has no inertia at all: at lower tolerances a step may end there."""
+    """The method named in the message completes the run, in which phi has no inertia at the lowest point."""
     assert DAMPED.run(5.0, method="radau5", rtol=1e-8).status is lg.Status.SUCCESS
 
 
@@ -278,7 +278,7 @@ def test_a_stable_methods_are_those_that_claim_it(name: str) -> None:
 @pytest.mark.few(9)
 @pytest.mark.parametrize("name", DISSIPATING)
 def test_the_matrix_is_what_a_step_does(name: str) -> None:
-    """Against the compiled step on the same oscillator, taken once from both unit vectors, if it has no memory."""
+    """The matrix equals the compiled step of an oscillator from both unit vectors, for methods without memory."""
     step, z = step_of(name), -0.3 + 0.8j
     if step.starter is not None or step.control is not None:
         pytest.skip("two steps at once, or steps of its own")
@@ -310,7 +310,7 @@ def test_the_picture_of_regions(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_pole_is_infinite_growth() -> None:
-    """Backward Euler is 1/(1 - z), and one pole among many rates does not take the others with it."""
+    """Backward Euler's function 1/(1 - z) has a pole. One pole among many rates does not affect the others."""
     found = growth("backward-euler", [1.0, -1.0, 3.0])
     assert found == pytest.approx([math.inf, 1 / 1.99, 1 / 1.97])
 

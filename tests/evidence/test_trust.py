@@ -1,4 +1,4 @@
-"""How long a run is said to hold, against what is known of its error."""
+"""The time for which a run claims to be right, compared with its known error."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OSCILLATOR = build(kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1.0}, n
 
 
 def test_euler_on_an_oscillator_holds_as_long_as_its_formula_says() -> None:
-    """Euler's x + iv is (1 - ih)^n: the claim may be short of the truth by the factor of safety, and not beyond."""
+    """Euler's solution is x + iv = (1 - ih)^n. The claimed time may be shorter by the safety factor, but not longer."""
     h, error = 1e-3, 1e-2
     horizon = lg.trust_horizon(OSCILLATOR, (0.0, 100.0), error=error, method="euler", step=h)
     n = np.arange(round(100 / h))
@@ -42,7 +42,7 @@ def test_a_run_that_holds_to_its_end_says_so() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_it_is_not_over_claimed(seed: int) -> None:
-    """Random starts of a double pendulum that goes over the top, against a run in multiple precision."""
+    """Random starts of a chaotic double pendulum are compared with runs in multiple precision."""
     rng = np.random.default_rng(seed)
     pendulum = model("double pendulum")
     start = [*rng.uniform(-math.pi, math.pi, 2), *rng.uniform(-6.0, 6.0, 2)]
@@ -61,7 +61,7 @@ def test_it_is_not_over_claimed(seed: int) -> None:
 
 
 def test_rounding_is_part_of_it() -> None:
-    """At the tightest tolerance the twins take other steps; what rounding grows to is still seen."""
+    """At the smallest tolerance the growth of rounding errors is still detected."""
     initial = {"a0": 2.0, "a1": 2.5}
     pendulum = model("double pendulum")
     tight = {

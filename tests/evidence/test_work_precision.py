@@ -1,4 +1,4 @@
-"""Races: errors against closed forms, runs that fail and stay in the table, references, and refusals."""
+"""Races: errors against closed forms, failed runs in the table, references, and refusals."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def race(system: Any = SPRING, end: float = END, **options: Any) -> lg.Race:
 
 @dataclass(frozen=True)
 class Scripted:
-    """A method that ends as told."""
+    """A method whose runs end with a given status."""
 
     status: Status = Status.SUCCESS
     name: str = "scripted"
@@ -83,7 +83,7 @@ def test_times_are_the_least_of_so_many_warm_runs() -> None:
 
 @dataclass(frozen=True)
 class Counted:
-    """A method that says how long it takes, and counts its runs."""
+    """A method whose runs take a given time and are counted."""
 
     wall: float
     runs: list[float] = field(default_factory=list)
@@ -98,7 +98,7 @@ class Counted:
 @pytest.mark.few(2)
 @pytest.mark.parametrize(("wall", "at_once"), [(1.0, 1), (1e-3, 1), (0.6e-3, 2), (1e-3 / 7, 7)])
 def test_a_short_run_is_repeated_until_it_can_be_timed(wall: float, at_once: int) -> None:
-    """One run for what it costs, one to warm up, and then three times as many as take a millisecond."""
+    """There is one run to estimate the cost, one to warm up, and then three repetitions of a millisecond each."""
     method = Counted(wall)
     entry = race(methods=[method], repeats=3)[0]
     assert entry.timed == 3 and len(method.runs) == 2 + 3 * at_once

@@ -18,7 +18,7 @@ from lagrange.machine import python_source
 
 
 class Call(NamedTuple):
-    """A call of a quantity, whose results are `size` many, or of an integrator, which changes the state."""
+    """A call of a quantity with `size` results, or of an integrator, which changes the state."""
 
     name: str
     t: float
@@ -29,7 +29,7 @@ class Call(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What a call returned, and the results or the new state."""
+    """The return value of a call, and the results or the new state."""
 
     status: int
     values: list[float]
@@ -37,7 +37,7 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True)
 class Language:
-    """How a program calls a module; `commands` compile it and run it, and `tool` is what they need."""
+    """How a program in a language calls a module. `commands` compile and run it with the program `tool`."""
 
     tool: str
     suffix: str
@@ -207,20 +207,20 @@ def section(title: str) -> str:
 
 
 def missing(target: str) -> str:
-    """Return why a target cannot be tried here, empty if it can."""
+    """Return the reason why a target cannot be tested here, or an empty text."""
     tool = LANGUAGES[target].tool
     return "" if shutil.which(tool) else f"{tool} is not installed"
 
 
 def tried(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Run a shell line, however it ends."""
+    """Run a shell command, whatever its exit code."""
     words = shlex.split(command)
     words[0] = sys.executable if words[0] == "python" else words[0]
     return subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
 
 
 def run(command: str, folder: Path) -> str:
-    """Run a shell line; what it runs must end well and complain of nothing."""
+    """Run a shell command, which must succeed and print no warning."""
     done = tried(command, folder)
     assert done.returncode == 0 and not done.stderr, f"{command}\n{done.stdout[-2000:]}{done.stderr[:4000]}"
     return done.stdout
@@ -235,7 +235,7 @@ def write(target: str, module: SourceModule, folder: Path) -> Path:
 
 
 def called(target: str, file: Path, calls: Sequence[Call], parameters: Sequence[float] = ()) -> list[Found]:
-    """Return what `prepare` of a module returns, and behind it what each call does.
+    """Return the result of `prepare` of a module, then the result of each call.
 
     `file` is the path of the module, without a suffix.
     """
@@ -255,5 +255,5 @@ def called(target: str, file: Path, calls: Sequence[Call], parameters: Sequence[
 
 
 def main_command(start: str, end: float, intervals: int) -> str:
-    """Return the shell line that runs `main` to an end: numbers stand behind it, or in parentheses."""
+    """Return the shell command that runs `main`, with its arguments after it or in parentheses."""
     return start.replace("()", f"({end}, {intervals})") if "()" in start else f"{start} {end} {intervals}"

@@ -1,4 +1,4 @@
-"""Random expression graphs as exported modules, each of whose operations is compared with mpmath and with ours."""
+"""Random expression graphs as exported modules; each operation is compared with mpmath and with this package."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SPECIAL = (math.nan, math.inf, -math.inf, 0.0, -0.0, 1.0, -1.0, 5e-324, -1e-310,
 
 
 def graph(seed: int, without: Sequence[str] = ()) -> Program:
-    """Return a program of random operations on its inputs and on each other; every number among them is a result."""
+    """Return a program of random operations on inputs and earlier results; every number is an output."""
     rng = random.Random(seed)
     code = [Instruction("state", place=k) for k in range(STATES)]
     code.append(Instruction("constant", value=rng.uniform(-3, 3)))
@@ -53,7 +53,7 @@ def _with_results(name: str, code: Sequence[Instruction]) -> Program:
 
 
 def edges(without: Sequence[str] = ()) -> Program:
-    """Return a program of every operation of one or two numbers on the first of its inputs."""
+    """Return a program with each operation on one or two numbers, applied to the first inputs."""
     code = [Instruction("state", place=k) for k in range(STATES)]
     for op, arity in ARITY.items():
         if op not in (*LEAVES, *without, "and", "or", "not") and arity in (1, 2):
@@ -62,7 +62,7 @@ def edges(without: Sequence[str] = ()) -> Program:
 
 
 def points(seed: int, count: int) -> list[list[float]]:
-    """Return inputs: ordinary numbers, and some that are not."""
+    """Return inputs: ordinary numbers, zeros, infinities and NaN."""
     rng = random.Random(seed)
     return [
         [rng.choice(SPECIAL) if rng.random() < 0.25 else rng.uniform(-2, 2) for _ in range(STATES)]
@@ -71,7 +71,7 @@ def points(seed: int, count: int) -> list[list[float]]:
 
 
 def as_module(programs: Sequence[Program], more: Sequence[Procedure] = (), name: str = "graphs") -> SourceModule:
-    """Return a module of programs without parameters, and of other procedures."""
+    """Return a module that consists of programs without parameters and other procedures."""
     prepared, first = PreparedLayout.of(programs), with_outputs(programs[0], programs[0].instructions, (0,))
     made = [(one, kernel(one, prepared, one.name, "Random operations.")) for one in programs]
     made += [(programs[0], one) for one in more]
@@ -103,9 +103,9 @@ def _results(procedure: Procedure) -> int:
 
 
 def wrong(program: Program, y: Sequence[float], found: Sequence[float], least: float = 0.0) -> Iterator[str]:
-    """Yield the operations whose result is further from mpmath than 4 ulp, or NaN or infinite where ours is not.
+    """Yield the operations with an error above 4 ulp, or whose result is NaN or infinite unlike ours.
 
-    What is less than `least` may be zero.
+    Results below `least` may be zero.
     """
     values: list[Any] = [*y, *found]
     for ref in range(STATES, len(program.instructions)):
@@ -136,7 +136,7 @@ def _near(op: str, args: Sequence[Any], value: float, ours: float) -> bool:
 
 
 def rarer() -> Procedure:
-    """Return a procedure of the operations that no program has: its results are of y[0] and y[1]."""
+    """Return a procedure with operations that occur in no program, applied to y[0] and y[1]."""
     p = Builder("rarer", "Operations of integrators.")
     p.given("t", REAL)
     y, _, out = p.array("y", size=STATES, read=True), p.array("p", size=1, read=True), p.array("out", size=8)
@@ -153,7 +153,7 @@ def rarer() -> Procedure:
 
 
 def rarer_results(a: float, b: float) -> list[float]:
-    """Return what `rarer` gives, by the reference."""
+    """Return the reference results of `rarer`."""
     ops, whole = OPERATIONS, int(b)
     return [
         ops["round"](a),

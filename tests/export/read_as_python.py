@@ -1,4 +1,4 @@
-"""Functions of Julia and of Modelica as Python, by their spellings alone: neither language runs here."""
+"""Functions in Julia and Modelica, translated to Python by their spelling, because these languages do not run here."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ARCS = ("asin", "acos", "atan", "asinh", "acosh", "atanh")
 
 
 class Places:
-    """An array of doubles whose first place is 1 along each axis."""
+    """An array of doubles whose indices begin at 1."""
 
     def __init__(self, values: Any) -> None:
         self.values = np.array(values, float)
@@ -37,7 +37,7 @@ class Places:
 
 
 def _real(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function of reals that raises an error outside of its domain, as Julia's do."""
+    """Return a function of reals that raises an error outside its domain, as in Julia."""
 
     def checked(*args: float) -> Any:
         value = function(*map(np.float64, args))
@@ -102,7 +102,7 @@ SPELLINGS = (
 
 
 def expression(text: str) -> str:
-    """Return an expression in Python: operators, literals, conditional expressions and lists by their spelling."""
+    """Return an expression in Python: operators, literals, conditional expressions and lists are translated."""
     text = re.sub(r"(\w+)!\(", r"\1(", text)
     text = re.sub(r"!\(", " not (", text)
     for pattern, spelling in SPELLINGS:
@@ -124,7 +124,7 @@ def expression(text: str) -> str:
 
 
 def _chosen(text: str) -> str:
-    """Return a text without parentheses, with its conditional expression as Python has it."""
+    """Return a text without parentheses, with its conditional expression in Python's order."""
     found = CHOICE.fullmatch(text)
     if found is None:
         return text

@@ -13,12 +13,12 @@ import lagrange as lg
 
 
 def every_scene(*few: str) -> list[Any]:
-    """Return the names of all scenes as parameters, of which a run without --conformance takes few."""
+    """Return the names of all scenes as test parameters; a run without --conformance takes a few of them."""
     return [pytest.param(name, marks=[pytest.mark.conformance] * (name not in few)) for name in lg.scenes()]
 
 
 def held(system: lg.System) -> list[str]:
-    """Return the contents that only some systems have, and this one has."""
+    """Return the optional contents that this system has."""
     statement = system.statement
     found = {
         "multipliers": bool(statement.constraints),
@@ -29,7 +29,7 @@ def held(system: lg.System) -> list[str]:
 
 
 def named(coordinates: Sequence[str], parameters: Sequence[str], name: str = "named") -> lg.System:
-    """Return coupled pendulums whose coordinates and parameters have given names, every one of which is used."""
+    """Return coupled pendulums whose coordinates and parameters have given names."""
     q = [lg.coordinates(one) for one in coordinates]
     p = [lg.parameters(one) for one in parameters]
     kinetic = sum((1 + k) * one.dot**2 / 2 for k, one in enumerate(q))

@@ -76,7 +76,7 @@ def test_main_writes_the_trajectory(tmp_path: Path) -> None:
     "scene", ["kepler", *(pytest.param(name, marks=pytest.mark.slow) for name in ("pleiades", "cartesian-pendulum"))]
 )
 def test_the_taylor_integrator_passes_its_test(scene: str, tmp_path: Path) -> None:
-    """Written out, in a loop over orders, and with a projection onto constraints."""
+    """The exported integrator passes its test: unrolled, in a loop over orders, and with projection."""
     name = scene.replace("-", "_")
     made = lg.scene(scene).export("c", tmp_path, ["taylor"])
     run(f"{WARNINGS} -o warned {name}.c {name}_test.c -lm", tmp_path)

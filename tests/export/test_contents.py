@@ -1,4 +1,4 @@
-"""What an exported file has in it: no language that is not asked for, no test in vain, a comment for people."""
+"""Contents of exported files: requested languages only, useful tests, comments for readers."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_lines_are_short(target: str, tmp_path: Path) -> None:
 
 
 def test_the_tested_run_takes_few_steps() -> None:
-    """Python took 3,000 steps in the run that tests a page of 50 particles that come near each other."""
+    """The test run of 50 particles with close encounters took 3,000 steps in Python."""
     x = lg.coordinate("x")
     fast = lg.System(kinetic=x.dot**2 / 2, potential=1e10 * x**2, initial={x: 1.0}, name="fast")
     model = fast.compile("numpy")
@@ -185,7 +185,7 @@ def test_names_that_differ_beyond_63_letters_stay_different(tmp_path: Path) -> N
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
 def test_constants_of_headers_are_renamed(tmp_path: Path) -> None:
-    """Compilers define more than the standard of C asks for unless they are told not to."""
+    """Compilers define more names than the C standard, unless they get an option."""
     system = named(["M_PI", "SIZE_MAX"], ["M_E", "SEEK_SET", "RAND_MAX", "INT8_MAX", "MAXFLOAT"])
     system.export("c", tmp_path, ["rhs", "energy"])
     command = ["cc", "-std=gnu99", "-Wall", "-Werror", "-fsyntax-only", "named.c", "named_test.c"]
@@ -213,7 +213,7 @@ def test_entries_of_the_matrix_are_named(scene: str, target: str, tmp_path: Path
 
 @pytest.mark.parametrize("scene", ENTRIES)
 def test_named_entries_are_those_of_the_equations(scene: str) -> None:
-    """The mass matrix is the second derivative of T, and gradients are derivatives of constraints, by SymPy."""
+    """The named entries are compared with SymPy: second derivatives of T, and gradients of constraints."""
     system = lg.scene(scene)
     statement, model = system.statement, system.compile("numpy")
     program = model.law("rhs").program

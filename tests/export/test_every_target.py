@@ -1,4 +1,4 @@
-"""What holds for every target, whatever is registered: awkward names, and operations that are those of mpmath."""
+"""Laws of all registered targets: awkward names are allowed, and operations agree with mpmath."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ PACKAGES = {"jax": "jax", "casadi": "casadi"}
 
 
 def missing(target: str, commands: Sequence[str] = ()) -> str:
-    """Return why a target cannot be tried here, empty if it can."""
+    """Return the reason why a target cannot be tested here, or an empty text."""
     package = PACKAGES.get(target)
     if package and importlib.util.find_spec(package) is None:
         return f"{package} is not installed"
@@ -90,13 +90,13 @@ AT_ONCE, COORDINATES = 250, 8
 
 
 def awkward() -> Iterator[str]:
-    """Yield words, with other cases, that are names of coordinates and parameters."""
+    """Return words, in several cases, as names of coordinates and parameters."""
     cases = dict.fromkeys(one for word in WORDS for one in (word, word.capitalize(), word.upper()))
     return (word for word in cases if accepted(word))
 
 
 def accepted(word: str) -> bool:
-    """Whether a statement takes a word for a name."""
+    """Return True if a statement accepts a word as a name."""
     try:
         named([word], ["g"] if word != "g" else ["k"])
     except lg.StatementError:
@@ -160,7 +160,7 @@ POINTS = 6
 def printed(
     target: str, programs: Sequence[Program], folder: Path
 ) -> Iterator[tuple[Program, list[float], list[float]]]:
-    """Yield programs with inputs and the results that the test prints: it finds each wrong, whatever it is."""
+    """Yield programs with inputs and the results that the self-test prints, because its expected values are wrong."""
     states = {one.name: [usual(target, y) for y in points(k, POINTS)] for k, one in enumerate(programs)}
     checks = [
         Check(
@@ -190,12 +190,12 @@ def printed(
 
 
 def usual(target: str, y: Sequence[float]) -> list[float]:
-    """Return inputs that a target takes for what they are."""
+    """Return inputs that a target supports."""
     return [0.0 if abs(one) < LEAST.get(target, 0.0) else one for one in y]
 
 
 def usual_graph(target: str, seed: int) -> Program:
-    """Return random operations that a target leaves as they are."""
+    """Return random operations that a target supports."""
     program = graph(seed, without=sorted(find(target).inexpressible))
     code = [
         one._replace(args=(one.args[0], 1 if one.args[0] == 0 else 0))

@@ -1,4 +1,4 @@
-"""FMUs are valid, run in FMPy as they do here, and say what is singular; their sources compile without a warning."""
+"""FMUs are valid, agree with our runs in FMPy, and report singular states; their sources compile without warnings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CONTENTS = ("energy", "jacobian", "mass_matrix", "momenta", "accelerations")
 
 @pytest.fixture(autouse=True)
 def _without_optimization(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compile quickly: `test_inputs.py` compiles as a user does."""
+    """Compile without optimization. `test_inputs.py` compiles as a user does."""
     quick = ["-O0" if option == "-O2" else option for option in target.COMPILER]
     monkeypatch.setattr(target, "COMPILER", tuple(quick))
 
@@ -53,7 +53,7 @@ def simulated(path: Path, kind: str, end: float) -> Any:
 
 @contextmanager
 def instance(path: Path, kind: str, folder: Path, messages: list[str] | None = None) -> Iterator[Any]:
-    """Give an instance that has been initialized, with its references by name."""
+    """Yield an initialized instance of an FMU, with its value references by name."""
     unpacked = fmpy.extract(str(path), str(folder / f"{path.stem}_{kind}"))
     described = fmpy.read_model_description(unpacked)
     heard = [] if messages is None else messages
@@ -79,7 +79,7 @@ def instance(path: Path, kind: str, folder: Path, messages: list[str] | None = N
 
 
 def conforms(scene: str, folder: Path) -> None:
-    """Run both FMUs in both ways; the drift of a constrained system from its constraints is that of CVODE."""
+    """Run both versions of an FMU as model exchange and co-simulation, and compare them with our run."""
     system = lg.scene(scene)
     end = min(1.0, system.statement.run.t_end)
     ours = system.run(end, method="dop853", rtol=1e-13, atol=1e-13)

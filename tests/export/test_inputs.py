@@ -1,4 +1,6 @@
-"""Inputs in files: entries of the parameters that may change along a motion, in FMUs variables of causality input."""
+"""Open inputs in exported files: entries of the parameters that may change along a motion; FMU variables of causality
+input.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ STATE, TIME = [0.7, -1.3], 0.4
 
 @pytest.fixture(scope="module")
 def wanted() -> list[float]:
-    """The right-hand side at a state, with values of the inputs."""
+    """Return the right-hand side at a state for values of the inputs."""
     found: list[float] = driven().substitute(VALUES).compile("numpy").rhs(TIME, STATE).tolist()
     return found
 

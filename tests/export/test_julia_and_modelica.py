@@ -1,4 +1,4 @@
-"""Exported Julia and Modelica, which do not run here: numbers of their functions read as Python, grammars of others."""
+"""Exported Julia and Modelica, which do not run here: their functions are translated to Python and evaluated."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ both = pytest.mark.parametrize("target", ["julia", "modelica"])
 
 
 class Singular(Exception):
-    """A matrix is singular."""
+    """Exception for a singular matrix."""
 
 
 class Read:
@@ -49,7 +49,7 @@ class Read:
         return p
 
     def values(self, name: str, t: float, y: Sequence[float], p: Any, size: int) -> list[float]:
-        """Return the results of a function at a state. Raises Singular where it says that a matrix is singular."""
+        """Return the results of a function at a state. Raises Singular for a singular matrix."""
         with np.errstate(all="ignore"):
             if self.julia:
                 out = Places(np.zeros(size))
@@ -70,7 +70,7 @@ def module(target: str, system: lg.System, contents: list[str]) -> SourceModule:
 
 
 def right(target: str, made: SourceModule) -> Read:
-    """Compare the functions with the results that the self-test of the module holds."""
+    """Return the functions of a module, after a check that they give the results in its self-test."""
     read = Read(target, made)
     p = read.prepared(made.values)
     for one in made.checks:

@@ -30,7 +30,7 @@ every_target = pytest.mark.parametrize("target", TARGETS)
 
 
 def stepping(target: str) -> bool:
-    """Whether a language has steps, runs and `main`."""
+    """Return True if a target has steps, runs and `main`."""
     return "steps" in find(target).contents
 
 
@@ -38,7 +38,7 @@ with_steps = pytest.mark.parametrize("target", [one for one in TARGETS if steppi
 
 
 def every_second(first: int) -> pytest.MarkDecorator:
-    """Return all languages as parameters, of which a default run takes every second one: compilers take their time."""
+    """Return all languages as test parameters; a default run takes every second one, because compilers are slow."""
     return pytest.mark.parametrize("target", [
         pytest.param(*one.values, marks=[*one.marks, *[pytest.mark.slow] * ((k + first) % 2)])
         for k, one in enumerate(TARGETS)
@@ -145,7 +145,7 @@ def test_awkward_names(target: str, tmp_path: Path) -> None:
 
 
 def on_a_sphere() -> lg.System:
-    """Return a system whose matrix is diagonal, and singular at x = 0."""
+    """Return a system whose mass matrix is diagonal, and singular at x = 0."""
     x, z = lg.coordinates("x z")
     m, g = lg.parameters("m g")
     return lg.System(
@@ -158,7 +158,7 @@ def on_a_sphere() -> lg.System:
 
 
 def coupled() -> lg.System:
-    """Return a system whose matrix is singular at x = 0."""
+    """Return a system with a coupled mass matrix that is singular at x = 0."""
     x, z = lg.coordinates("x z")
     m, g = lg.parameters("m g")
     return lg.System(

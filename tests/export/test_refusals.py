@@ -1,4 +1,4 @@
-"""What cannot be exported is refused in words, and nothing is left behind."""
+"""Exports that are not possible are refused with a message, and leave no files."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_a_file_in_the_place_of_the_folder(tmp_path: Path) -> None:
 
 
 class Plain(Target):
-    """A target of a user's own, without an error function."""
+    """A user's target that has no error function (erf)."""
 
     name = "plain"
     about = "one line"

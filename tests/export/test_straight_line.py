@@ -36,14 +36,14 @@ NORMAL = float(np.finfo(float).tiny)
 
 
 def program_of(code: Sequence[Instruction], states: int, outputs: Sequence[int] = ()) -> Program:
-    """Return a program with the last value as its result, unless others are named."""
+    """Return a program whose result is the last value, or the named ones."""
     results = tuple(outputs) or (len(code) - 1,)
     values = (ProgramBlock("values", len(results)),)
     return Program("f", (ProgramBlock("y", states),), 0, tuple(code), 0, results, values, (len(results),))
 
 
 def operations(names: Sequence[str], count: int) -> Program:
-    """Return operations on so many numbers, 2 or 3 for a condition that holds or not, and y < 0.5 for one given."""
+    """Return the operations on a number of arguments, as instructions. A condition is true, false or y < 0.5."""
     code = [Instruction("state", place=i) for i in range(count)]
     code += [Instruction("constant", value=value) for value in (0.5, 2.0, 3.0)]
     code += [Instruction("less", (i, count)) for i in range(count)]
@@ -59,7 +59,7 @@ def operations(names: Sequence[str], count: int) -> Program:
 
 
 def values_of(package: str, program: Program, y: Any, p: Any = ()) -> Any:
-    """Return the result of a program for columns of states, by the text that is printed for a package."""
+    """Return the results of a program for columns of states, by the text printed for a package."""
     module: Any = pytest.importorskip(package, reason=f"{package} is not installed")
     text = SOURCES[package](program, "f")
     if package == "jax":
@@ -74,7 +74,7 @@ def values_of(package: str, program: Program, y: Any, p: Any = ()) -> Any:
 
 @pytest.mark.parametrize("package", SOURCES)
 def test_every_operation_is_that_of_numpy(package: str) -> None:
-    """Check each operation to 4 ulp, with NaN and infinities where NumPy has them; fma is rounded twice by all."""
+    """Assert that each operation has an error of at most 4 ulp, with NumPy's NaN and infinities."""
     for count in (1, 2, 3):
         names = [op for op in MATHEMATICS if ARITY[op] == count]
         program = operations(names, count)
@@ -93,7 +93,7 @@ def test_every_operation_is_that_of_numpy(package: str) -> None:
 
 @pytest.mark.parametrize("package", SOURCES)
 def test_every_regular_matrix_is_solved(package: str, everything: bool) -> None:
-    """Check indefinite matrices of each size, some with a zero diagonal: rows must be exchanged."""
+    """Assert that indefinite matrices of each size are solved. Some have a zero diagonal and need exchanges of rows."""
     draw = np.random.default_rng(4)
     for n in (1, 2, 3, 4, 6) if everything else (1, 4):
         count = n * (n + 1) // 2

@@ -1,4 +1,4 @@
-"""The text of languages without loops: a golden function in each, and what only one of them has."""
+"""The text of languages without loops: a stored function in each, and features of single languages."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_without_parameters_compilers_do_not_warn(target: str, text: str, tmp_pa
 
 @pytest.mark.parametrize("kind", ["definite", "indefinite", "nothing on the diagonal"])
 def test_every_regular_matrix_is_solved(kind: str) -> None:
-    """Solve random systems in units that differ by 1e8; elimination is off by some roundings for each unknown."""
+    """Random systems whose units differ by 1e8 are solved with an error of some roundings for each unknown."""
     rng = np.random.default_rng(3)
     for n in (1, 2, 3, 5, 8) * 4:
         matrix = rng.normal(size=(n, n))

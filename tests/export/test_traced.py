@@ -1,4 +1,4 @@
-"""Models exported for JAX and CasADi: their own test finds every result right, and pages say what works."""
+"""Models exported for JAX and CasADi pass their self-tests, and run as the pages say."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ every_target = pytest.mark.parametrize("target", TARGETS)
 
 
 def printed(system: lg.System, target: str, contents: list[str], folder: Path) -> str:
-    """Export a system, and return what its test prints."""
+    """Return the output of the self-test of an exported system."""
     made = system.export(target, folder, contents)
     for text in (file.read_text() for file in made.files):
         assert text.isascii() and text.endswith("\n") and not text.endswith("\n\n")

@@ -1,4 +1,4 @@
-"""Nodes: interning, what is simplified on the spot and what is not, exact constants, binding times, refusals."""
+"""Nodes: interning, simplification by constructors, exact constants, binding times, refusals."""
 
 from __future__ import annotations
 
@@ -239,7 +239,7 @@ def test_reachable_keeps_to_a_mask_and_stops_at_what_is_held(g: Graph) -> None:
 
 
 def test_threads_that_build_at_once_share_nodes() -> None:
-    """Members of an ensemble run on threads, which build what a method needs from the graph of one model."""
+    """Members of an ensemble run on threads, which add nodes to the graph of one model."""
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     try:
@@ -266,7 +266,7 @@ def test_threads_that_build_at_once_share_nodes() -> None:
 
 @pytest.mark.parametrize("seed", range(30))
 def test_a_product_has_the_rank_of_its_thinner_factor(seed: int) -> None:
-    """A B of n x r and r x m random polynomials has the rank min(n, m, r)."""
+    """The product A B of n x r and r x m matrices of random polynomials has the rank min(n, m, r)."""
     rng, graph = np.random.default_rng(seed), Graph()
     n, m, r = (int(count) for count in rng.integers(1, 6, 3))
     symbols = [graph.symbol(f"x{i}", Binding.CONFIGURATION) for i in range(40)]
@@ -303,7 +303,7 @@ AT = {x: -0.3, y: 1.7, l: 2.0}
 
 
 def values_of(*expressions: sp.Expr) -> list[float]:
-    """Return the size of each expression, then its value, at the state above."""
+    """Return the sizes and the values of expressions at the state above."""
     graph = Graph()
     leaves = {name: graph.symbol(str(name), Binding.CONFIGURATION) for name in AT}
     nodes: list[Node] = [Translator(graph, leaves)(one) for one in expressions]
@@ -337,7 +337,7 @@ def test_sizes_add_where_terms_add_and_multiply_where_factors_do(stated: sp.Expr
 
 
 def test_a_term_with_a_sine_counts_at_every_angle() -> None:
-    """Where the sine is zero as well: the size of a linkage is that of its links."""
+    """A term with a sine counts also at angles where the sine is zero."""
     (found, *_) = values_of(l * sp.sin(x - sp.Rational(-3, 10)))
     assert found == 2.0
 

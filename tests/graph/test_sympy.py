@@ -1,4 +1,4 @@
-"""SymPy in and out: the same value by way of the graph, the same node on the way back, refusals in words."""
+"""Conversion from and to SymPy: equal values, equal nodes after a round trip, and refusals."""
 
 from __future__ import annotations
 
@@ -401,7 +401,7 @@ def program_of(outputs: list[Node], state: list[Node]) -> Program:
 
 @pytest.fixture(autouse=True)
 def shallow() -> None:
-    """The limit must be far below what is walked, or this file tests nothing."""
+    """Set a recursion limit far below the depth of the expressions in these tests."""
     assert sys.getrecursionlimit() < 5_000 / 4
 
 
@@ -431,7 +431,7 @@ def test_a_sum_of_many_terms_through_sympy(terms: int, factors: int) -> None:
 
 
 def nest(graph: Graph, x: Node, depth: int) -> Node:
-    """Return sin(... sin(sin(x) + x) ... + x): one function inside the other."""
+    """Return the nested expression sin(... sin(sin(x) + x) ... + x)."""
     node = x
     for _ in range(depth):
         node = graph.call("sin", node) + x

@@ -1,4 +1,4 @@
-"""Random expressions in three forms at once: graph nodes, SymPy, and plain mpmath; and a plain evaluator of nodes."""
+"""Random expressions in three forms (graph nodes, SymPy and mpmath), and a simple evaluator of nodes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BINDINGS = {"m": Binding.PARAMETER, "x": Binding.CONFIGURATION, "y": Binding.CON
 
 @dataclass(frozen=True)
 class Forms:
-    """One expression: how to build it as a node or in SymPy, and how to compute it."""
+    """One expression, as functions that build it as a node or in SymPy, or compute it."""
 
     node: Callable[[Graph, Mapping[str, Node]], Node]
     sympy: Callable[[], Any]
@@ -28,7 +28,7 @@ class Forms:
 
 @dataclass(frozen=True)
 class Operation:
-    """One way to combine expressions, in the three forms."""
+    """One operation on expressions, in the three forms."""
 
     arity: int
     node: Callable[..., Node]
@@ -169,7 +169,7 @@ def new_graph() -> tuple[Graph, dict[str, Node]]:
 
 
 def evaluate(node: Node, at: Mapping[Node, Any]) -> Any:
-    """Return the value of a node by mpmath, given those of the symbols; branches not taken are not read."""
+    """Return the value of a node by mpmath from values of the symbols. Other branches are not evaluated."""
     table: dict[Node, Any] = dict(at)
     for step in reachable([node]):
         if step not in table:

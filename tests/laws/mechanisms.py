@@ -75,7 +75,7 @@ class Mechanism:
 
     @property
     def state(self) -> Vector:
-        """Return (q, v)."""
+        """The state (q, v)."""
         return np.concatenate([self.q, self.v])
 
     def compile(self, target: str = "numpy", **changed: Any) -> Model:
@@ -85,7 +85,7 @@ class Mechanism:
 
     @cached_property
     def model(self) -> Model:
-        """Return the compiled model."""
+        """The compiled model."""
         return self.compile()
 
     def at(self, expression: Any) -> float:
@@ -97,7 +97,7 @@ class Mechanism:
 
     @cached_property
     def gradient(self) -> Vector:
-        """Return the rows of G, by SymPy."""
+        """The rows of G, by SymPy."""
         return np.array([[self.at(one) for one in row] for row in map(gradient_of, self.constraints.values())])
 
     def accelerations(self, model: Model | None = None) -> Vector:

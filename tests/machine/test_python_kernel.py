@@ -342,7 +342,7 @@ def test_values_in_columns_of_every_width_and_alone(target: str, op: str) -> Non
 
 
 def same(a: Any, b: Any) -> Any:
-    """Assert equality up to round-off; NaN equals NaN, and infinities have equal signs."""
+    """Return a mask of equality up to round-off; NaN equals NaN, and infinities have equal signs."""
     close = np.abs(a - b) <= 1e-14 * np.abs(b) + 1e-300
     return (np.isnan(a) & np.isnan(b)) | (a == b) | close
 

@@ -1,7 +1,7 @@
-"""Motions stated without constraints or multipliers: by reduced coordinates, by Kane's method, by hand.
+"""Motions formulated without constraints or multipliers: in reduced coordinates, by Kane's method, or by hand.
 
-A formulation has a state z of its own, the slope dz/dt, and the coordinates q(z, t) and velocities v(z, t) that a scene
-with constraints has there. Its accelerations are dv/dt along the slope.
+A formulation has its own state z, its slope dz/dt, and the coordinates q(z, t) and velocities v(z, t) of the scene with
+constraints. Accelerations are dv/dt along the slope.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ Slope = Callable[[Vector, float], Vector]
 
 @dataclass(frozen=True, eq=False)
 class Formulation:
-    """One motion: `state` are the symbols of z, `places` q and `rates` v in them; `start` is z at the scene's start.
+    """One motion. `state` are the symbols of z; `places` and `rates` are q and v in terms of them.
 
-    `slope` is dz/dt as a function of (z, t), or its expressions. Random states are `start` with normal deviates of the
-    size `spread`.
+    `slope` is dz/dt, as a function of (z, t) or as expressions. `start` is z at the start of the scene. Random states
+    are `start` plus normal deviates of the size `spread`.
     """
 
     values: Mapping[Any, float]
@@ -40,17 +40,17 @@ class Formulation:
 
     @cached_property
     def rate(self) -> Slope:
-        """Return dz/dt as a function of (z, t)."""
+        """The slope dz/dt as a function of (z, t)."""
         return self.slope if callable(self.slope) else self.numbers(self.slope)
 
     @cached_property
     def first(self) -> Vector:
-        """Return z at the start of the scene."""
+        """The state z at the start of the scene."""
         return np.array([float(sympy.sympify(one).subs(self.values)) for one in self.start])
 
     @cached_property
     def lift(self) -> Slope:
-        """Return (q, v) as a function of (z, t)."""
+        """Coordinates and velocities (q, v) as a function of (z, t)."""
         return self.numbers([*self.places, *self.rates])
 
     @cached_property
@@ -71,12 +71,12 @@ class Formulation:
         return found
 
     def draws(self, count: int) -> list[Vector]:
-        """Return random states."""
+        """Return some random states."""
         random = np.random.default_rng(5)
         return [self.first + self.spread * random.normal(size=len(self.state)) for _ in range(count)]
 
     def states(self, times: Vector) -> Vector:
-        """Return (q, v) at some times, (2n, K), by DOP853 at the edge of round-off."""
+        """Return (q, v) at some times, (2n, K), by DOP853 with errors near round-off."""
         found = solve_ivp(
             lambda time, z: self.rate(z, time),
             (0.0, times[-1]),
@@ -92,7 +92,10 @@ class Formulation:
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """Points with masses and angles with moments of inertia, in reduced coordinates; `force` is in those."""
+    """Points with masses and angles with moments of inertia, in reduced coordinates.
+
+    `force` is the generalized force.
+    """
 
     masses: Sequence[tuple[Any, Sequence[Any]]] = ()
     spins: Sequence[tuple[Any, Any]] = ()

@@ -17,9 +17,10 @@ GRAVITY = 9.81
 
 
 def four_bar_ladder(loops: int) -> Statement:
-    """Return the ladder as the scene four-bar-ladder has it, which is that of two loops.
+    """Return the ladder of N loops, stated like the scene four-bar-ladder, which has two loops.
 
-    The coordinates are those of the pins B0 to BN; N + 1 rods stand on the ground, N couplers join the pins.
+    Its coordinates are those of the pins B0 to BN. N + 1 rods connect them to the ground, and N couplers connect the
+    pins.
     """
     m, l, g = lg.parameters("m l g")
     pins = [lg.coordinates(f"x{i} y{i}") for i in range(loops + 1)]
@@ -51,7 +52,7 @@ def four_bar_ladder(loops: int) -> Statement:
 
 
 def parallelogram_acceleration(loops: int, angle: float) -> float:
-    """Return the angular acceleration of the rods, all at one angle to the ground: the couplers stay level.
+    """Return the angular acceleration of the rods, which are parallel, at an angle to the ground.
 
     T = ((N + 1)/3 + N) w^2/2 and V = g ((N + 1)/2 + N) sin(angle).
     """

@@ -1,4 +1,4 @@
-"""Mechanisms drawn at random: rods in the plane with masses that couple, a pivot that may move, a knife edge."""
+"""Random mechanisms in a plane: rods with coupled masses, a pivot that may move, and a knife edge."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SEEDS = range(6)
 
 @cache
 def mechanism(seed: int) -> lg.System:
-    """Return a mechanism: every second one has a moving pivot, and every third a skate that pulls at a spring."""
+    """Return a mechanism. Every second one has a moving pivot, and every third a skate on a spring."""
     rng = np.random.default_rng(seed)
     points = [lg.coordinates(f"x{i} y{i}") for i in range(1 + seed % 3)]
     pivot: Any = (sp.sin(2 * lg.t) / 10, 0) if seed % 2 else (0, 0)
@@ -64,5 +64,5 @@ def compiled(seed: int, target: str = "llvm") -> Model:
 
 
 def initial_state(seed: int) -> FloatArray:
-    """Return the initial state of a mechanism, which is on its constraints."""
+    """Return the initial state of a mechanism, which satisfies its constraints."""
     return np.array(compiled(seed).statement.initial, dtype=float)

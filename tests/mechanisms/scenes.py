@@ -15,17 +15,17 @@ from tests.models import loaded
 
 
 def symbol(name: str) -> Any:
-    """Return a parameter as a scene has it."""
+    """Return the symbol of a scene's parameter."""
     return sympy.Symbol(name, real=True)
 
 
 def known(names: str) -> list[Any]:
-    """Return parameters by their names."""
+    """Return the symbols of parameters by their names."""
     return [symbol(name) for name in names.split()]
 
 
 def of(scene: str) -> dict[Any, float]:
-    """Return the values of a scene's parameters."""
+    """Return the values of some of a scene's parameters."""
     return dict(loaded(scene).defaults)
 
 
@@ -39,14 +39,14 @@ def direction(angle: Any) -> Matrix:
 
 
 def cartesian_pendulum() -> Formulation:
-    """The angle from straight down."""
+    """Formulate by the angle from the vertical."""
     x, y = l * sin(z0), -l * cos(z0)
     rates = [l * cos(z0) * z1, l * sin(z0) * z1]
     return Formulation(of("cartesian-pendulum"), [z0, z1], [x, y], rates, [z1, -g / l * sin(z0)], [2, 0])
 
 
 def cartesian_double_pendulum() -> Formulation:
-    """The two angles from straight down."""
+    """Formulate by the two angles from the vertical."""
     first = l1 * Matrix([sin(z0), -cos(z0)])
     second = first + l2 * Matrix([sin(z1), -cos(z1)])
     potential = m1 * g * first[1] + m2 * g * second[1]
@@ -55,7 +55,7 @@ def cartesian_double_pendulum() -> Formulation:
 
 
 def slider_crank() -> Formulation:
-    """The angle of the crank; the rod follows by the law of sines."""
+    """Formulate by the angle of the crank; the rod follows by the law of sines."""
     J1, J2, rest, F = known("J1 J2 rest F")
     p = -sympy.asin(a * sin(z0))
     x = cos(p) + a * cos(z0)
@@ -71,7 +71,7 @@ def slider_crank() -> Formulation:
 
 
 def four_bar() -> Formulation:
-    """The angle of the crank; coupler and rocker by the law of cosines in the triangle that the diagonal cuts off."""
+    """Formulate by the angle of the crank; coupler and rocker follow by the law of cosines."""
     crank = l1 * direction(z0)
     along = Matrix([d, 0]) - crank
     diagonal = sqrt(along.dot(along))
@@ -86,7 +86,7 @@ def four_bar() -> Formulation:
 
 
 def four_bar_change_point() -> Formulation:
-    """The angle of the crank: the coupler stays level."""
+    """Formulate by the angle of the crank; the coupler stays parallel to the ground."""
     inertia_ = (m1 / 3 + m2 + m3 / 3) * l1**2
     slope = [z1, -g * l1 * cos(z0) * (m1 / 2 + m2 + m3 / 2) / inertia_]
     values = of("four-bar-change-point")
@@ -94,7 +94,7 @@ def four_bar_change_point() -> Formulation:
 
 
 def four_bar_ladder() -> Formulation:
-    """The angle of the rods: every coupler stays level."""
+    """Formulate by the angle of the rods; all couplers stay parallel to the ground."""
     loops = 2
     pins = [Matrix([i * l, 0]) + l * direction(z0) for i in range(loops + 1)]
     inertia_ = (Rational(loops + 1, 3) + loops) * l**2
@@ -105,7 +105,7 @@ def four_bar_ladder() -> Formulation:
 
 
 def bead_on_wire() -> Formulation:
-    """The distance from the axis, in the frame that turns with the wire."""
+    """Formulate by the distance from the axis in the frame of the rotating wire."""
     Omega = symbol("Omega")
     places = [z0 * cos(Omega * t), z0 * sin(Omega * t), k * z0**2]
     rates = [sympy.diff(x, z0) * z1 + sympy.diff(x, t) for x in places]
@@ -114,7 +114,7 @@ def bead_on_wire() -> Formulation:
 
 
 def atwood_machine() -> Formulation:
-    """How far the first weight hangs down."""
+    """Formulate by the depth of the first weight."""
     h = symbol("h")
     turn = (z0 - h) / r
     slope = [z1, (m1 - m2) * g / (m1 + m2 + J / r**2)]
@@ -122,7 +122,7 @@ def atwood_machine() -> Formulation:
 
 
 def swinging_atwood_machine() -> Formulation:
-    """Polar coordinates of the weight that swings."""
+    """Formulate by polar coordinates of the swinging weight."""
     M = symbol("M")
     places = [z0 * sin(z1), -z0 * cos(z1), l - z0]
     rates = [sympy.diff(x, z0) * z2 + sympy.diff(x, z1) * z3 for x in places]
@@ -133,7 +133,7 @@ def swinging_atwood_machine() -> Formulation:
 
 
 def kane_of_the_disc() -> Any:
-    """Return u1', u2', u3' of a rolling disc by Kane's method, in (q1, q2, q3, u1, u2, u3), as SymPy's test has it."""
+    """Return u1', u2', u3' of a rolling disc by Kane's method, in (q1, q2, q3, u1, u2, u3), as in SymPy's test."""
     q1, q2, q3, u1, u2, u3 = dynamicsymbols("q1 q2 q3 u1 u2 u3")
     plane = ReferenceFrame("N")
     yaw = plane.orientnew("Y", "Axis", [q1, plane.z])
@@ -155,7 +155,7 @@ def kane_of_the_disc() -> Any:
 
 
 def rolling_disc() -> Formulation:
-    """Kane's method: u1, u2, u3 are the angular velocity along the axis of lean, the axle, and across both."""
+    """Formulate by Kane's method: u1, u2, u3 are the rates about the axis of lean, the axle and their normal."""
     angles = [z7 / cos(z1), z5, z6 - z7 * tan(z1)]
     rates = [*angles, r * angles[2] * cos(z0), r * angles[2] * sin(z0)]
     start = [0, Rational(3, 10), 0, 0, 0, 0, 1, 0]
@@ -164,7 +164,7 @@ def rolling_disc() -> Formulation:
 
 
 def chaplygin_sleigh() -> Formulation:
-    """The speed along the blade and the rate of turning (Chaplygin's equations)."""
+    """Formulate by the speed along the blade and the rate of turning (Chaplygin's equations)."""
     rates = [z3 * cos(z2), z3 * sin(z2), z4]
     slope = [*rates, a * z4**2, -m * a * z3 * z4 / (J + m * a**2)]
     start = [0, 0, 0, -1, Rational(1, 10)]
@@ -172,14 +172,14 @@ def chaplygin_sleigh() -> Formulation:
 
 
 def knife_edge() -> Formulation:
-    """The speed along the edge; it turns evenly."""
+    """Formulate by the speed along the edge; the rate of turning is constant."""
     rates = [z3 * cos(z2), z3 * sin(z2), z4]
     slope = [*rates, g * sin(symbol("slope")) * cos(z2), 0]
     return Formulation(of("knife-edge"), [z0, z1, z2, z3, z4], [z0, z1, z2], rates, slope, [0, 0, 0, 0, 1])
 
 
 def differential_drive() -> Formulation:
-    """The speed of the axle and the rate of turning: Newton's and Euler's laws about the middle of the axle."""
+    """Formulate by the speed of the axle and the rate of turning, with Newton's and Euler's laws about its middle."""
     torques = known("torque_right torque_left")
     wheels = [(z5 + b * z6) / r, (z5 - b * z6) / r]
     pushes = [(torque - c * wheel) / r for torque, wheel in zip(torques, wheels, strict=True)]
@@ -192,7 +192,7 @@ def differential_drive() -> Formulation:
 
 
 def turned(quaternion: Sequence[Any], spin: Sequence[Any]) -> list[Any]:
-    """Return the rate of a quaternion, half its product with the angular velocity in the body."""
+    """Return the rate of a quaternion: half its product with the angular velocity in the body."""
     w, x, y, z = quaternion
     p, q, s = spin
     return [
@@ -204,7 +204,7 @@ def turned(quaternion: Sequence[Any], spin: Sequence[Any]) -> list[Any]:
 
 
 def rigid_body(scene: str, inertias: Sequence[Any], weight: Any, start: Sequence[Any]) -> Formulation:
-    """Euler's equations; `weight` is m g l of a body that is fixed at a point of its third axis."""
+    """Formulate by Euler's equations. `weight` is m g l of a body that is fixed at a point of its third axis."""
     raw, spin = [z0, z1, z2, z3], [z4, z5, z6]
     size = sqrt(sum(one**2 for one in raw))
     w, x, y, z = unit = [one / size for one in raw]
@@ -223,19 +223,19 @@ def rigid_body(scene: str, inertias: Sequence[Any], weight: Any, start: Sequence
 
 
 def free_flip() -> Formulation:
-    """Euler's equations without a torque."""
+    """Formulate by Euler's equations without a torque."""
     start = [1, 0, 0, 0, Rational(1, 10), 5, 0]
     return rigid_body("free-flip", known("I1 I2 I3"), sympy.Integer(0), start)
 
 
 def spinning_top() -> Formulation:
-    """Euler's equations about the fixed point."""
+    """Formulate by Euler's equations about the fixed point."""
     A, C = known("A C")
     return rigid_body("spinning-top", [A, A, C], m * g * l, [cos(pi / 12), sin(pi / 12), 0, 0, 0, 0, 60])
 
 
 def hanging_chain() -> Formulation:
-    """The angles of the first two links; the other two meet where circles about their ends do."""
+    """Formulate by the angles of the first two links; the joint of the others is at the intersection of two circles."""
     one = l * direction(z0)
     two = one + l * direction(z1)
     away = Matrix([d, symbol("h")]) - two
@@ -249,14 +249,14 @@ def hanging_chain() -> Formulation:
 
 
 def ladder() -> Formulation:
-    """The angle to the floor: the middle moves on a circle about the corner."""
+    """Formulate by the angle to the floor; the middle moves on a circle about the corner."""
     places = [l / 2 * cos(z0), l / 2 * sin(z0), z0]
     rates = [sympy.diff(x, z0) * z1 for x in places]
     return Formulation(of("ladder"), [z0, z1], places, rates, [z1, -3 * g / (2 * l) * cos(z0)], [Rational(7, 5), 0])
 
 
 def particle_on_sphere() -> Formulation:
-    """Spherical angles from the top."""
+    """Formulate by spherical angles from the top."""
     R = symbol("R")
     places = [R * sin(z0) * cos(z1), R * sin(z0) * sin(z1), R * cos(z0)]
     rates = [sympy.diff(x, z0) * z2 + sympy.diff(x, z1) * z3 for x in places]
@@ -266,7 +266,7 @@ def particle_on_sphere() -> Formulation:
 
 
 def two_point_vortices() -> Formulation:
-    """Each moves with the flow of the other (Kirchhoff's equations)."""
+    """Formulate by Kirchhoff's equations: each vortex moves with the flow of the other."""
     Gamma1, Gamma2 = known("Gamma1 Gamma2")
     across, along = z0 - z2, z1 - z3
     turn = 2 * pi * (across**2 + along**2)

@@ -1,4 +1,4 @@
-"""Every scene with constraints moves as an independent formulation of it says: Kane, Lagrange, Newton and Euler."""
+"""All scenes with constraints have the motion of an independent formulation: Kane, Lagrange, Newton or Euler."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_the_run_is_that_of_the_formulation(name: str) -> None:
 @pytest.mark.parametrize("method", ["dopri5", "dop853", "radau5"])
 @pytest.mark.parametrize("name", FORMULATIONS)
 def test_other_methods_run_to_the_same_end(name: str, method: str) -> None:
-    """At 1e-9 they err by 5e-6 at most, in the scene that flips; the others by 1e-6 and less."""
+    """At the tolerance 1e-9 the largest error is 5e-6, in the scene with flips; that of the others is 1e-6."""
     times, right = expected_states(name)
     run: Any = flow(model(name), method=method, rtol=1e-9, atol=1e-12)
     found = run(np.array(loaded(name).initial), 0.0, times[-1])
@@ -83,7 +83,7 @@ def test_other_methods_run_to_the_same_end(name: str, method: str) -> None:
 
 
 def test_two_vortices_turn_evenly_about_their_centre() -> None:
-    """By (Gamma1 + Gamma2)/(2 pi d^2) times t about (Gamma1 r1 + Gamma2 r2)/(Gamma1 + Gamma2)."""
+    """The rate is (Gamma1 + Gamma2)/(2 pi d^2), about the centre (Gamma1 r1 + Gamma2 r2)/(Gamma1 + Gamma2)."""
     start = np.array(loaded("two-point-vortices").initial)
     run: Any = flow(model("two-point-vortices"), rtol=1e-13, atol=1e-15)
     for time in (3.0, 20.0):

@@ -1,4 +1,4 @@
-"""Multipliers are forces: tensions, contact forces and joint forces, with the signs that mechanics gives them."""
+"""Multipliers are tensions, contact forces and joint forces with the right signs."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def pendulum(constraint: Any) -> Model:
 @pytest.mark.parametrize("angle", [-3.0, -1.1, 0.0, 0.4, 1.5707963267948966, 2.6])
 @pytest.mark.parametrize("turn", [-4.0, 0.0, 1.3])
 def test_the_tension_of_a_rod(angle: float, turn: float) -> None:
-    """m (g cos theta + l theta_dot^2) pulls the bob inwards: against the gradient of the length."""
+    """The tension m (g cos theta + l theta_dot^2) pulls the bob inwards, against the gradient of the length."""
     mass, gravity, length = 1.7, 9.81, 0.8
     q = length * np.array([np.sin(angle), -np.cos(angle)])
     v = length * turn * np.array([np.cos(angle), np.sin(angle)])
@@ -63,7 +63,7 @@ def test_the_tension_of_a_rod(angle: float, turn: float) -> None:
 
 
 def test_the_rods_of_a_double_pendulum_carry_what_hangs_on_them() -> None:
-    """At rest, straight down, and with different masses: the upper rod carries both, the lower one the second."""
+    """At rest the upper rod carries both masses, and the lower rod the second mass."""
     m1, m2 = lg.parameters("m1 m2")
     x1, y1, x2, y2 = lg.coordinates("x1 y1 x2 y2")
     statement = declare(
@@ -83,7 +83,7 @@ def test_the_rods_of_a_double_pendulum_carry_what_hangs_on_them() -> None:
 
 
 def test_the_two_sides_of_a_heavy_wheel_pull_differently() -> None:
-    """Tensions m1 (g - a) and m2 (g + a), against the weights."""
+    """The tensions are m1 (g - a) and m2 (g + a)."""
     m1, m2, J, r, gravity = (value("atwood-machine", name) for name in ("m1", "m2", "J", "r", "g"))
     a = (m1 - m2) * gravity / (m1 + m2 + J / r**2)
     start = np.array(loaded("atwood-machine").initial)
@@ -95,7 +95,7 @@ def test_the_two_sides_of_a_heavy_wheel_pull_differently() -> None:
 @pytest.mark.parametrize("angle", [0.3, 0.9, 1.4])
 @pytest.mark.parametrize("turn", [-1.0, 0.0, 0.6])
 def test_wall_and_floor_push_a_ladder(angle: float, turn: float) -> None:
-    """Newton's laws of its middle: m x'' = N_wall and m y'' = N_floor - m g."""
+    """By Newton's law for its middle, m x'' = N_wall and m y'' = N_floor - m g."""
     mass, length, gravity = (value("ladder", name) for name in ("m", "l", "g"))
     q = np.array([length / 2 * np.cos(angle), length / 2 * np.sin(angle), angle])
     v = turn * np.array([-q[1], q[0], 1.0])
@@ -137,9 +137,9 @@ def test_a_particle_leaves_a_sphere_at_two_thirds_of_its_height() -> None:
 
 
 def virtual_work(name: str, q: Any, v: Any, freed: int) -> float:
-    """Return the force that a constraint exerts, by virtual work: M a - h along a displacement that it alone resists.
+    """Return the force of a constraint by virtual work: M a - h along a displacement.
 
-    That displacement satisfies the other constraints, and moves the freed one by one.
+    The displacement satisfies the other constraints, and changes this one at the rate one.
     """
     of = model(name)
     forces = of.mass_matrix(q) @ of.accelerations(q, v) - of.evaluate("bias", q, v)
@@ -151,7 +151,7 @@ def virtual_work(name: str, q: Any, v: Any, freed: int) -> float:
 
 
 def differences(name: str, q: Any) -> Any:
-    """Return the gradient of the constraints by central differences of what the scene states."""
+    """Return the gradient of the constraints by central differences of the stated expressions."""
     of, n, h = model(name), model(name).dimension, 1e-5
     m_ = len(loaded(name).constraints)
     columns = []
@@ -270,7 +270,7 @@ def test_the_slider_crank_ends_as_published() -> None:
 
 
 def test_the_ladder_of_four_bars_starts_as_its_reduction_says() -> None:
-    """One degree of freedom: all rods that turn are parallel."""
+    """The ladder has one degree of freedom, since all rods are parallel."""
     model, start = compiled("four-bar-ladder"), np.array(loaded("four-bar-ladder").initial)
     for angle in (1.2, 0.7, 0.3):
         sine, cosine = np.sin(angle), np.cos(angle)
@@ -283,7 +283,7 @@ def test_the_ladder_of_four_bars_starts_as_its_reduction_says() -> None:
 
 
 def test_the_ladder_of_two_loops_is_the_scene() -> None:
-    """The generator for any number of loops, at two, gives the scene of the library."""
+    """For two loops the ladder equals the scene of the library."""
     made, scene = model_of(four_bar_ladder(2), machine("llvm")), compiled("four-bar-ladder")
     start = np.array(loaded("four-bar-ladder").initial)
     assert np.array(made.statement.initial) == pytest.approx(start)
@@ -295,7 +295,7 @@ def test_the_ladder_of_two_loops_is_the_scene() -> None:
 
 @pytest.mark.parametrize(("method", "rtol"), [("taylor", 1e-8), ("dop853", 1e-9)])
 def test_the_ladder_passes_where_its_rods_lie_in_one_line_as_published(method: str, rtol: float) -> None:
-    """B0 at t = 10, after several passages: EXUDYN with steps of 1.25e-4, and its one degree of freedom by DOP853."""
+    """The position of B0 at t = 10 is compared with EXUDYN (steps of 1.25e-4) and with the reduced motion."""
     run: Any = flow(compiled("four-bar-ladder"), method=method, rtol=rtol)
     found = run(np.array(loaded("four-bar-ladder").initial), 0.0, 10.0)
     x, y, x_rate, y_rate = found[[0, 1, 6, 7]]
@@ -337,7 +337,7 @@ def elliptic(times: Any, inertias: Any, spin: Any) -> Any:
 
 
 def test_a_hundred_flips_are_elliptic_functions() -> None:
-    """A rounding at a flip grows by some e^5 until the next; what is conserved keeps errors to their phase."""
+    """Rounding grows by e^5 from flip to flip. Conserved quantities keep the error to the phase."""
     scene = shared_scene("free-flip")
     values = {symbol.name: number for symbol, number in scene.statement.defaults.items()}
     inertias = np.array([values["I1"], values["I2"], values["I3"]])

@@ -60,7 +60,7 @@ def test_kanes_method_gives_what_sympy_publishes() -> None:
 
 @pytest.mark.parametrize("given", STATES)
 def test_the_multipliers_are_the_friction_at_the_contact(given: tuple[float, ...]) -> None:
-    """They push the centre: m times its horizontal acceleration, by differences along the motion, which err by h^2."""
+    """The multipliers are m times the horizontal acceleration of the centre, by differences with an error of h^2."""
     z = state(*given)
     points = sympy.Matrix([*loaded("rolling-disc").positions["centre"]])
     plain = loaded("rolling-disc").plain

@@ -1,4 +1,4 @@
-"""Faults that one member of an ensemble can have while its neighbours run on."""
+"""Faults of single members of an ensemble whose other members are healthy."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ Values = np.ndarray[Any, np.dtype[np.float64]]
 
 @dataclass(frozen=True)
 class Faulty:
-    """A model, the key that varies, its value for the faulty member, and the range of the healthy ones.
+    """A model, the varied key, its value for the faulty member, and its range for the healthy ones.
 
-    `held` are entries of all starts, and `follows` returns those that depend on the values of the key.
+    `held` are the entries that all starts share. `follows` returns the entries that depend on the key.
     """
 
     name: str
@@ -43,12 +43,12 @@ class Faulty:
     follows: Callable[[Any], Mapping[str, Any]] | None = None
 
     def starts(self, *places: int, count: int = HEALTHY) -> dict[str, Any]:
-        """Return the starts, or parameters, of so many healthy members, with a faulty one put before those places."""
+        """Return the starts or parameters of healthy members, with a faulty member inserted at some indices."""
         values = np.insert(np.linspace(*self.healthy, count), places, self.fault)
         return self.given(values)
 
     def given(self, values: Any) -> dict[str, Any]:
-        """Return values as an ensemble or a run takes them."""
+        """Return values in the form that an ensemble or a run accepts."""
         own = {self.key: values}
         initial = {**self.held, **(self.follows(values) if self.follows else {})}
         if self.key in {p.name for p in self.model().statement.parameters}:
@@ -58,7 +58,7 @@ class Faulty:
 
 @cache
 def forced(force: Any, **initial: float) -> Model:
-    """A unit mass on a line under a force with parameters c and onset."""
+    """Return the model of a unit mass on a line under a force with parameters c and onset."""
     return lg.System(
         kinetic=x.dot**2 / 2,
         forces={x: force},
@@ -71,7 +71,7 @@ def forced(force: Any, **initial: float) -> Model:
 
 @cache
 def weighed() -> Model:
-    """A body whose mass is a parameter."""
+    """Return the model of a body whose mass is a parameter."""
     return lg.System(
         kinetic=c * x.dot**2 / 2, potential=x**2 / 2, parameters={c: 1.0}, initial={x: 1.0}, name="weighed body"
     ).compile()

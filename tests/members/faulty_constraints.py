@@ -1,4 +1,4 @@
-"""Faults of constraints that one member of an ensemble can have while its neighbours run on."""
+"""Faults of constraints of single members of an ensemble whose other members are healthy."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DEEP = np.sqrt(0.75)
 
 @cache
 def held(*constraints: Any, **initial: float) -> Model:
-    """A unit mass in a plane under unit gravity, held by constraints with a parameter c."""
+    """Return the model of a unit mass in a plane under unit gravity, with constraints that contain a parameter c."""
     return lg.System(
         kinetic=(x.dot**2 + y.dot**2) / 2,
         potential=y,
@@ -35,7 +35,7 @@ def held(*constraints: Any, **initial: float) -> Model:
 
 @cache
 def weighed_bob() -> Model:
-    """A bob on a rod, whose mass is a parameter."""
+    """Return the model of a bob on a rod whose mass is a parameter."""
     return lg.System(
         kinetic=c * (x.dot**2 + y.dot**2) / 2,
         potential=c * y,
@@ -48,17 +48,17 @@ def weighed_bob() -> Model:
 
 
 def root(values: Values) -> Values:
-    """Return the roots, of a negative value 0."""
+    """Return square roots, 0 for negative values."""
     return np.sqrt(np.maximum(values, 0.0))
 
 
 def drawn(speed: Values) -> dict[str, Any]:
-    """The joint of two rods whose ends are 1 apart and are drawn away at a speed."""
+    """Return the model of the joint of two rods, whose other ends are 1 apart and are pulled apart at a speed."""
     return {"x": 0.5, "y": -DEEP, "x_dot": speed / 2, "y_dot": speed / (4 * DEEP)}
 
 
 def rod() -> Model:
-    """A bob on a rod of unit length."""
+    """Return the model of a bob on a rod of unit length."""
     return held(ROD, x=0.6, y=-0.8)
 
 

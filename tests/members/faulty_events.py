@@ -1,4 +1,4 @@
-"""Faults of events that one member of an ensemble can have while its neighbours run on."""
+"""Faults of events of single members of an ensemble whose other members are healthy."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ENDLESS = (Status.STEP_TOO_SMALL,)
 
 @cache
 def falling(force: Any = -2) -> Model:
-    """A unit mass on a line under a force, with a parameter c that only events contain."""
+    """Return the model of a unit mass on a line under a force, with a parameter c that only events contain."""
     return lg.System(
         kinetic=x.dot**2 / 2, forces={x: force + 0 * c}, initial={x: 1.0}, parameters={c: 0.5}, name="falling body"
     ).compile()
@@ -31,7 +31,7 @@ def falling(force: Any = -2) -> Model:
 
 @cache
 def bob() -> Model:
-    """A bob on a rod, with a parameter c that only events contain."""
+    """Return the model of a bob on a rod, with a parameter c that only events contain."""
     return lg.System(
         kinetic=(place.dot**2 + height.dot**2) / 2,
         potential=height,
@@ -48,7 +48,7 @@ kick = Piecewise((1.0, c > 0.9), (c * height.dot, True))
 
 
 def floor(share: Any) -> dict[str, Any]:
-    """A floor that leaves a share of the speed."""
+    """Return the event of an impact on a floor that keeps a fraction of the speed."""
     return {"events": [lg.event(x, direction=-1, reset={x.dot: -share * x.dot})]}
 
 

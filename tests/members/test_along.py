@@ -1,4 +1,4 @@
-"""What members keep along their runs: states at output times, extremes and means, side by side as in runs alone."""
+"""Results along the runs of members: states at output times, extremes and means, in lanes and in single runs."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def pendulum() -> lg.System:
 
 @cache
 def oscillator() -> lg.System:
-    """An oscillator with mass 1 and frequency 2: x = a cos 2t."""
+    """Return an oscillator with mass 1 and angular frequency 2: x = a cos 2t."""
     x, k = lg.coordinate("x"), lg.parameters("k")
     return lg.System(kinetic=x.dot**2 / 2, potential=k * x**2 / 2, parameters={k: 4.0})
 
 
 def one_after_the_other(monkeypatch: pytest.MonkeyPatch, *args: Any, **options: Any) -> lg.Ensemble:
-    """Return the ensemble without machine code for several members."""
+    """Return the ensemble without lanes: its members run one after the other."""
     with monkeypatch.context() as changed:
         changed.setattr(job, "lane_engine", lambda *_, **__: None)
         return lg.ensemble(*args, workers=1, **options)
@@ -51,9 +51,9 @@ def one_after_the_other(monkeypatch: pytest.MonkeyPatch, *args: Any, **options: 
 @pytest.mark.few(1)
 @pytest.mark.parametrize("method", list(METHODS))
 def test_states_at_output_times_are_those_of_a_run(method: str, backward: bool) -> None:
-    """Times at the ends, twice at once, several in a step, and steps without one.
+    """Output times are at both ends, repeated, several in a step, and none in some steps.
 
-    Machine code for one state adds some terms in another order: the pendulum keeps such differences small.
+    Machine code for one state adds some terms in another order, so results differ by rounding.
     """
     times = np.array([0.0, 0.3, 0.3, 1.2, 1.2001, 1.2002, 2.9, 3.0])
     span, times = (-3.0, -times) if backward else (3.0, times)
@@ -70,10 +70,10 @@ def test_states_at_output_times_are_those_of_a_run(method: str, backward: bool) 
 @pytest.mark.few(1)
 @pytest.mark.parametrize("method", list(METHODS))
 def test_extremes_and_means_of_an_oscillator_have_closed_forms(method: str) -> None:
-    """x = a cos 2t over t = 5: three periods and a part.
+    """The motion is x = a cos 2t until t = 5.
 
-    The path errs by 1e-9 of its size at most where the error is controlled. The steps of rk4 and forest-ruth4 err by
-    (2h)**4 t / 60 and some ten times as much. The points, the rule and the search add only round-off to that.
+    Methods with error control have a relative error of at most 1e-9. rk4 and forest-ruth4 have errors of
+    (2h)**4 t / 60 and ten times this. Sampling, quadrature and search add only round-off.
     """
     (x,) = oscillator().coordinates
     keep = ("end", ("max", x), ("min", x), ("max", x.dot), ("mean", x**2), ("min", sympy.Abs(x)))
@@ -92,7 +92,7 @@ def test_extremes_and_means_of_an_oscillator_have_closed_forms(method: str) -> N
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["taylor", *(pytest.param(name, marks=pytest.mark.slow) for name in [*METHODS][1:])])
 def test_a_member_alone_keeps_the_same(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same points, rule and search: what differs is round-off of the path, some units of 2**-52."""
+    """A single run uses the same sample points, quadrature and search, so results differ by some units of 2**-52."""
     (theta,) = pendulum().coordinates
     expressions = [theta, sympy.cos(3 * theta), theta.dot**2 - theta]
     keep = ("end", *((how, one) for how in ("max", "min", "mean") for one in expressions))
@@ -107,7 +107,7 @@ def test_a_member_alone_keeps_the_same(method: str, monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.parametrize("method", ["taylor", "rk4"])
 def test_the_drift_is_that_to_the_time_of_the_end(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The potential of a driven oscillator depends on time, and a limit of steps ends its runs on the way."""
+    """The potential of a driven oscillator depends on time, and its runs end early by a limit of steps."""
     x = lg.coordinate("x")
     driven = lg.System(kinetic=x.dot**2 / 2, potential=x**2 / 2 - x * sympy.sin(3 * lg.t), initial={x: 1.0})
     given: dict[str, Any] = {"keep": ("drift",), "max_steps": 5, "method": method, **METHODS[method]}
@@ -120,9 +120,9 @@ def test_the_drift_is_that_to_the_time_of_the_end(method: str, monkeypatch: pyte
 
 @pytest.mark.slow
 def test_a_rejected_taylor_step_leaves_no_trace(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A motion without forces meets a bump that its series do not show: steps that end beyond it are rejected.
+    """A free motion meets a bump that its series do not show, so that steps beyond the bump are rejected.
 
-    What they pass lies behind the bump, also where the motion turns back before it: it must not count.
+    States on rejected steps, beyond the bump, must not count as extremes.
     """
     x = lg.coordinate("x")
     bump = lg.System(kinetic=x.dot**2 / 2, potential=sympy.exp(-1000 * (x - 1) ** 2) / 5, initial={x: 0.0})
@@ -159,7 +159,7 @@ def test_the_rule_is_exact_to_degree_15() -> None:
 def test_the_search_finds_the_largest_value_of_any_shape(
     shape: Callable[[float], float], peak: float, middle: float, allowed: float
 ) -> None:
-    """A parabola, a sine, a kink, a flat top and an end: the last place tried is two resolutions from it at most."""
+    """The shapes are a parabola, a sine, a kink, a flat top and an end. The error is at most two resolutions."""
     search, none, places = called(largest_between.form()), np.empty(0), (0.2, middle, 0.8)
     step = (lambda u, *_: shape(u)), 0.0, 0.0, 0.0, 0, none, none, 0
     best = search(*step, 1.0, *places, *map(shape, places), -math.inf)

@@ -1,4 +1,4 @@
-"""What cannot be meant gets a sentence: starts, grids, samples, executors and stores."""
+"""Wrong starts, grids, samples, executors and stores are refused with messages."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def refused(make: Any, *texts: str, error: type[Exception] = lg.StatementError) 
 
 
 class Columns:
-    """An array of another package, as a Series of pandas is one."""
+    """An array of another package, such as a pandas Series."""
 
     ndim = 1
 
@@ -115,7 +115,7 @@ def test_an_axis_without_values(axis: Any, text: str) -> None:
 
 
 class Distribution:
-    """One whose quantiles are what a function says."""
+    """A probability distribution whose quantiles are given by a function."""
 
     def __init__(self, quantile: Any) -> None:
         self.ppf = quantile
@@ -157,7 +157,7 @@ def test_a_sample_of_no_number(options: dict[str, Any], text: str) -> None:
 
 
 class Giving:
-    """An executor that returns one thing whatever it is given, or raises it."""
+    """An executor that always returns one given object, or raises it."""
 
     def __init__(self, given: Any) -> None:
         self.given = given

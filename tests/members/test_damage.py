@@ -1,4 +1,4 @@
-"""Files of a store that are missing or changed: the same call runs their members again, or says what is wrong."""
+"""Missing or changed files of a store: the same call runs their members again, or reports the damage."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def damage(folder: Path, file: str, change: str) -> None:
 
 
 def is_right_or_refused(make: Callable[[], dict[str, Any]], right: dict[str, Any]) -> bool:
-    """Return whether all results are right. A refusal has a sentence; a member without results counts as not run."""
+    """Return True if all results are right, or if the store is refused. A member without results counts as not run."""
     caught = Caught()
     with caught:
         found = make()
@@ -86,7 +86,7 @@ def is_right_or_refused(make: Callable[[], dict[str, Any]], right: dict[str, Any
 
 @pytest.mark.slow
 def test_every_file_of_a_store_that_is_damaged_in_every_way(tmp_path: Path, whole: Path, everything: bool) -> None:
-    """The files of one block are healed, and those that describe the store may be refused."""
+    """Damaged files of a block are written again. Damaged files that describe the store may be refused."""
     right = columns(run(whole))
     files = [str(one.relative_to(whole)) for one in sorted(whole.rglob("*")) if one.is_file()]
     kinds = ("checksum/", "status/", "t/", "x/", "x_end/", "x_start/", "steps/", "zarr.json")

@@ -1,4 +1,4 @@
-"""A disk that fills up at any write: the call says so, and the next one goes on with what is whole."""
+"""A disk that is full at some write: the call reports it, and the next call continues with the complete blocks."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def model() -> Any:
 
 
 def run(target: Path) -> lg.Ensemble:
-    """Three blocks of members, some of which leave."""
+    """Run three blocks of members, some of which diverge."""
     return lg.ensemble(model(), 15.0, {"x": [0.05 * k for k in range(24)]}, store=target)
 
 
 class Filling:
-    """Writing to files, until the disk is full: of the write that fails a part may be there."""
+    """A replacement for writing to files that fails at some write, perhaps after a part of it."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.room, self.writes = 10**9, 0
@@ -56,7 +56,7 @@ class Filling:
 
 
 def goes_on_after(room: int, disk: Filling, target: Path, whole: dict[str, bytes]) -> None:
-    """Run until a write fails, and again when there is room."""
+    """Run until a write fails, and then again with free space."""
     disk.room, disk.writes = room, 0
     with pytest.raises(lg.RunError, match="No space left on device") as error:
         run(target)
@@ -107,7 +107,7 @@ def mount(*options: str) -> None:
 
 @contextmanager
 def small_disk(folder: Path, options: str) -> Iterator[Path]:
-    """A file system in memory with little room."""
+    """A small file system in memory."""
     folder.mkdir()
     mount("-t", "tmpfs", "-o", options, "tmpfs", str(folder))
     try:
@@ -119,9 +119,9 @@ def small_disk(folder: Path, options: str) -> Iterator[Path]:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["size", "nr_inodes"])
 def test_a_disk_of_every_size(tmp_path: Path, kind: str, whole: dict[str, bytes]) -> None:
-    """It has one more page, or room for one more file, each time, until a call is through from the start.
+    """The disk has one more page or file each time, until a call succeeds at once.
 
-    Each call that fails is made again when there is room.
+    A call that fails is repeated with free space.
     """
     unit, plenty = (PAGE, 64 * 2**20) if kind == "size" else (1, 10_000)
     fails = 0

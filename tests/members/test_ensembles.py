@@ -1,4 +1,4 @@
-"""Ensembles: each member gives what a run of its own gives, whatever its neighbours do and however they are divided."""
+"""Ensembles: each member equals its single run, whatever the other members do and however they are divided."""
 
 from __future__ import annotations
 
@@ -41,8 +41,7 @@ def starts(name: str) -> dict[str, Any]:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["pendulum", "henon-heiles", "double-pendulum"])
 def test_a_member_ends_where_a_run_of_its_own_ends(name: str, method: str) -> None:
-    """Rounding differs: a machine computes the entries of one state in another order, which Lyapunov growth over t = 3
-    multiplies by less than 100."""
+    """Lanes and single runs differ by rounding, which grows by less than a factor of 100 until t = 3."""
     if (name, method) == ("double-pendulum", "verlet"):
         pytest.skip("its mass matrix changes along the motion")
     initial, settings = starts(name), METHODS[method]
@@ -87,7 +86,7 @@ DIVIDED = [
 def test_how_members_are_divided_does_not_change_a_bit(
     end: float, options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Threads, chunks, order and neighbours: some of these starts escape, and their lanes run on."""
+    """Threads, chunks, order and other members have no effect. Some members diverge while their lanes continue."""
     henon = system("henon-heiles")
     initial = lg.grid({"x": (-1.0, 1.0, 9), "y": [-0.2, 0.1, 0.9]})
     whole = lg.ensemble(henon, end, initial, workers=1, **options)
@@ -267,7 +266,7 @@ def rod() -> lg.System:
 
 @cache
 def pole() -> lg.System:
-    """Return motions towards a wall, which the faster ones reach."""
+    """Return motions towards a wall; only the faster ones reach it."""
     x = lg.coordinate("x")
     return lg.System(kinetic=x.dot**2 / 2, potential=-1 / (2 - x), initial={x: 0.0, x.dot: 0.1})
 

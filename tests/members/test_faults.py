@@ -1,6 +1,6 @@
-"""A member with a fault beside healthy ones: these do not notice, and it ends as its run alone ends, in the same words.
+"""A member with a fault beside healthy ones: it ends as its single run does, with the same message.
 
-A lane that is stuck, or full of NaN, shares every instruction with its neighbours, and takes members after it.
+A lane that is stuck or full of NaN executes the same instructions as its neighbours, and then takes other members.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def run(fault: Faulty, method: str, *places: int, count: int) -> lg.Ensemble:
 
 
 def alone(fault: Faulty, method: str, value: float) -> Trajectory | str:
-    """Return the run of one member, or its refusal."""
+    """Return the single run of a member, or the message of its refusal."""
     given, asked = fault.given(np.float64(value)), options(fault, method)
     chosen = RunOptions(asked.pop("method"), parameters=given.get("parameters"), **asked)
     try:
@@ -49,7 +49,7 @@ def alone(fault: Faulty, method: str, value: float) -> Trajectory | str:
 
 
 def check_member(runs: lg.Ensemble, i: int, own: Trajectory | str) -> None:
-    """Check that a member ended as its run alone, in its words, and that it has no number where it was refused."""
+    """Assert that a member ended as its single run, with the same message, and has no numbers if it was refused."""
     if isinstance(own, str):
         assert (runs.status[i], runs.messages[i], runs.t[i]) == (Status.NON_FINITE, own, 0.0)
         assert np.isnan(runs.y[:, i]).all()
@@ -93,7 +93,7 @@ def test_a_fault_beside_healthy_members(fault: Faulty, method: str) -> None:
 
 @pytest.mark.slow
 def test_the_faults_run_in_lanes(everything: bool) -> None:
-    """But for those with switching surfaces, which Taylor's method watches."""
+    """Faults run in lanes, except those with switching surfaces."""
     faults = FAULTY if everything else FAULTY[:2]
     for fault in faults:
         for method in ("dop853", "rk4"):

@@ -1,4 +1,4 @@
-"""Events of members side by side: their first occurrences, and the runs that they end, are those of runs alone."""
+"""Events of members in lanes: first occurrences and ends of runs equal those of single runs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FIRST = [pytest.param(name, marks=[pytest.mark.slow] * (k > 0)) for k, name in e
 
 @cache
 def ball() -> lg.System:
-    """A ball thrown upwards, y'' = -10."""
+    """Return a ball that is thrown upwards, with y'' = -10."""
     y = lg.coordinate("y")
     return lg.System(kinetic=y.dot**2 / 2, potential=10 * y, initial={y: 1.0, y.dot: 3.0})
 
@@ -46,7 +46,7 @@ def without_lanes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @contextmanager
 def runs_alone(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
-    """Count the members that a lane has left to runs of their own."""
+    """Count the members that lanes leave to single runs."""
     numbers: list[int] = []
     known = RunEngine.again
 
@@ -60,9 +60,9 @@ def runs_alone(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
 
 
 def agree(one: lg.Ensemble, other: lg.Ensemble, tolerance: float = 1e-12, method: str = "taylor") -> None:
-    """Compare all columns: what is missing in one is missing in the other.
+    """Assert that all columns of two results agree, including missing entries.
 
-    A run alone may take explicit steps behind an event that ends it, in vain, and counts what they cost.
+    A single run may take steps beyond the event that ends it, and counts them.
     """
     assert one.status.tolist() == other.status.tolist()
     vain = ("evaluations",) if method == "taylor" else ("evaluations", "rejected")
@@ -73,7 +73,7 @@ def agree(one: lg.Ensemble, other: lg.Ensemble, tolerance: float = 1e-12, method
 
 
 def test_times_of_a_thrown_ball_have_closed_forms(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The motion is a polynomial: times and states are right to round-off. One ball is still in the air."""
+    """The motion is a polynomial, so times and states are right to round-off. One ball has not landed yet."""
     (y,) = ball().coordinates
     speeds = np.append(np.linspace(0.5, 9.0, 20), 40.0)
     events = [lg.event(y, terminal=True), lg.event(y.dot, direction=-1)]
@@ -114,7 +114,10 @@ that is as right as the tolerance of 1e-10 makes it."""
 def test_events_of_a_member_are_those_of_its_run(
     case: str, end: float, method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also what a lane leaves to the run. Lyapunov growth over t = 20 multiplies round-off by less than 100."""
+    """Events equal those of single runs, also for members that lanes leave to them.
+
+    Round-off grows by less than 100.
+    """
     henon = lg.scene("henon-heiles")
     x, y = henon.coordinates
     given: dict[str, Any] = {"events": HENON[case](x, y), "method": method, **METHODS[method]}
@@ -160,7 +163,7 @@ def random_ensemble(rng: np.random.Generator) -> tuple[lg.System, dict[str, Any]
 def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
     method: str, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Steps are of the same bytes then; a short run would seek events on arrays, which sum in another order."""
+    """With equal steps the bits are the same. A short run would search events on arrays, which add in another order."""
     system, starts, given = random_ensemble(np.random.default_rng(seed))
     given |= {"method": method, **EQUAL_STEPS[method]}
     monkeypatch.setattr(event_loop, "WORTH_COMPILING", 0)
@@ -177,7 +180,7 @@ def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
 @pytest.mark.slow
 @pytest.mark.parametrize("method", FIRST)
 def test_events_at_both_ends_of_a_run(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Zeros from which a motion begins are no events; some that lie at its very end are, as in a run."""
+    """As in a run, zeros at the start are no events, and zeros at the end are."""
     (y,) = ball().coordinates
     for event in (lg.event(y, terminal=True), y, lg.event(y.dot + 5.0)):
         for start in ({"y": np.array([0.0, 0.5, 1.0]), "y_dot": 5.0}, {"y": 0.0, "y_dot": np.array([-5.0, 5.0, 5.5])}):
@@ -191,7 +194,7 @@ def test_events_at_both_ends_of_a_run(method: str, monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.slow
 def test_a_root_in_the_forces_is_watched_in_lanes_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """sqrt(1 + x) has no value from x = -1 on: a run ends there, and says so, whoever runs beside it."""
+    """sqrt(1 + x) has no value beyond x = -1. A member ends there with a message, whatever the others do."""
     x = lg.coordinate("x")
     cliff = lg.System(kinetic=x.dot**2 / 2, potential=-4 * (1 + x) ** sympy.Rational(3, 2) / 3, initial={x: 0.0})
     starts = {"x_dot": np.linspace(-2.5, 1.0, 11)}
@@ -206,7 +209,7 @@ def test_a_root_in_the_forces_is_watched_in_lanes_too(monkeypatch: pytest.Monkey
 def test_an_event_between_two_explicit_steps_ends_the_run_at_the_accepted_state(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """v = 3 - 10 t is zero at t = 0.3 for all: there a step of 0.1 ends, and what was kept of the run with it."""
+    """v = 3 - 10 t is zero at t = 0.3 for all members, exactly at the end of a step of 0.1."""
     (y,) = ball().coordinates
     given: dict[str, Any] = {"method": "rk4", "step": 0.1, "t_eval": [0.1, 0.25, 0.3, 0.35]}
     given |= {
@@ -246,7 +249,7 @@ CHANGES: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("method", ["taylor", "radau5"])
 @pytest.mark.parametrize("listed", [list, iter])
 def test_last_states_alone_are_those_after_events(change: str, method: str, listed: Any) -> None:
-    """Members whose last states alone are kept run by a flow, which has no events."""
+    """Without events, members whose last states alone are kept run by a flow."""
     x = lg.coordinate("x")
     spring = lg.System(kinetic=x.dot**2 / 2, potential=K * x**2 / 2, parameters={K: 1.0})
     event = lg.event(x, direction=-1, **CHANGES[change])
@@ -263,7 +266,7 @@ def test_last_states_alone_are_those_after_events(change: str, method: str, list
 
 
 def chain(links: int) -> lg.System:
-    """Return pendulums below one another: the mass matrix moves, and is full."""
+    """Return a chain of pendulums: its mass matrix is full and depends on the angles."""
     angles = [lg.coordinate(f"theta{i}") for i in range(links)]
     x = y = kinetic = potential = 0
     for angle in angles:
@@ -273,7 +276,7 @@ def chain(links: int) -> lg.System:
 
 
 def bodies() -> lg.System:
-    """Return three bodies in the plane, which attract each other: constant masses, squares and powers."""
+    """Return three bodies in a plane that attract each other: a constant mass matrix, squares and powers."""
     places = [lg.coordinates(f"x{i} y{i}") for i in range(3)]
     pairs = [(a, b) for i, a in enumerate(places) for b in places[:i]]
     return lg.System(
@@ -285,7 +288,7 @@ def bodies() -> lg.System:
 
 @pytest.fixture
 def by_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compute the smallest series in a loop over orders."""
+    """Compute even the smallest series in a loop over orders."""
     monkeypatch.setattr(lanes, "MOST_WRITTEN_OUT", 0)
 
 

@@ -1,4 +1,4 @@
-"""Names of what is kept: two things never share one, in memory, in a data set and in a store."""
+"""Names of stored quantities are unique, in memory, in a data set and in a store."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One ensemble in twenty partitions: what a member gives does not depend on them, to the last bit."""
+"""One ensemble in twenty partitions: the bits of a member do not depend on the partition."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def model() -> Any:
 
 
 def run(which: Any = slice(None), **options: Any) -> Columns:
-    """Return what some members give."""
+    """Return the results of some members."""
     starts = {"x": VALUES[which], "y": 0.3 * VALUES[::-1][which]}
     x, y = model().statement.coordinates
     keep = ("end", "counts", "drift", ("max", x), ("min", x**2 - y), ("mean", y))
@@ -46,12 +46,12 @@ def whole(method: str) -> Columns:
 
 
 def ordered(order: Any, **options: Any) -> Columns:
-    """Run members in another order, and return them in their own."""
+    """Run members in another order, and return their results in the original order."""
     return {name: rows[np.argsort(order)] for name, rows in run(order, **options).items()}
 
 
 def in_parts(parts: list[Any], **options: Any) -> Columns:
-    """Run members in ensembles of their own."""
+    """Run members in several smaller ensembles."""
     found = {name: np.empty_like(rows) for name, rows in whole(options["method"]).items()}
     for part in parts:
         for name, rows in run(part, **options).items():
@@ -168,7 +168,7 @@ def peak(*arguments: str) -> int:
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells the memory of a program alone")
 def test_memory_is_bounded(tmp_path: Path) -> None:
-    """A million members take less than 500 MB beside their results, and a store no more with five times the members."""
+    """A million members need less than 500 MB beside their results, a store with five times as many no more."""
     pytest.importorskip("zarr")
     assert peak("1000000") < 500e6
     few, many = (peak(str(count), str(tmp_path / f"{count}.zarr")) for count in (400_000, 2_000_000))

@@ -1,4 +1,4 @@
-"""Stores and executors: the same bytes wherever members run and however often the call was stopped."""
+"""Stores and executors: the same bytes wherever members run, and however often a call is stopped and repeated."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_xarray_opens_a_store(tmp_path: Path, whole: lg.Ensemble) -> None:
 def test_a_call_goes_on_where_another_one_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, everything: bool
 ) -> None:
-    """What was written is not run again, and the files are the same."""
+    """Stored members do not run again, and the files are the same."""
     run(store=tmp_path / "whole.zarr")
     blocks = -(-len(GRID) // 37)
     written: list[int] = []

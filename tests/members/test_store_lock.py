@@ -1,4 +1,4 @@
-"""One call at a time writes to a store; a call that was killed keeps nobody out."""
+"""Only one call at a time writes to a store. A killed call does not block later ones."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_a_call_that_fails_lets_the_next_one_write(tmp_path: Path, monkeypatch: 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 def test_a_child_of_a_killed_process_keeps_no_lock(tmp_path: Path) -> None:
-    """Workers that a pool forks may outlive the program that was killed."""
+    """Workers of a process pool may outlive the killed program."""
     forking = HOLDER.replace(
         "print(", "import os, time\nif os.fork() == 0:\n    time.sleep(60)\n    os._exit(0)\nprint("
     )

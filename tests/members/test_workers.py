@@ -1,4 +1,4 @@
-"""Workers that are not as this machine is: they run members as they can, and the result says that digits may differ."""
+"""Workers on other hardware: they run members by other code, and the result says that digits may differ."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ STARTS = {"x": np.linspace(-0.3, 0.3, 13)}
 
 
 def without_llvmlite() -> None:
-    """Make the compiler a package that is not installed."""
+    """Make imports of llvmlite fail, as if it were not installed."""
     gone: Any = None
     sys.modules.update({"llvmlite": gone, "llvmlite.binding": gone})
 
 
 def on_a_smaller_processor() -> None:
-    """Have code compiled for vectors of four."""
+    """Compile code for vectors of four numbers."""
     llvm: Any = pytest.importorskip("llvmlite.binding")
     features = llvm.get_host_cpu_features()
     features.update({name: False for name in features if name.startswith("avx512")})

@@ -1,4 +1,4 @@
-"""Chromium without a window, driven through two pipes in its DevTools protocol: no other package is needed."""
+"""Headless Chromium, controlled by its DevTools protocol over two pipes, without other packages."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ COMPLAINTS = ("Runtime.exceptionThrown", "Log.entryAdded", "Runtime.consoleAPICa
 
 
 def program() -> str | None:
-    """Return the browser, None where none is installed."""
+    """Return the path of the browser, or None if none is installed."""
     return next(filter(None, map(shutil.which, NAMES)), None)
 
 
 class Browser:
-    """A browser with a profile of its own."""
+    """A browser process with a new profile."""
 
     def __init__(self) -> None:
         self.folder = tempfile.mkdtemp(prefix="browser-")
@@ -72,7 +72,7 @@ class Browser:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def call(self, method: str, session: str | None = None, **given: Any) -> Any:
-        """Send a command and return its result; what happens meanwhile is kept in `events`."""
+        """Send a command and return its result. Events that arrive meanwhile are stored in `events`."""
         number = next(self._count)
         message = {"id": number, "method": method, "params": given} | ({"sessionId": session} if session else {})
         os.write(self._commands, json.dumps(message).encode() + b"\0")
@@ -96,12 +96,12 @@ class Browser:
         return found
 
     def open(self, path: Path, width: int = 1280, height: int = 800, *, dark: bool = False) -> Tab:
-        """Open a file in a tab of a size; a narrow one is a phone."""
+        """Open a file in a tab of a given size. A narrow tab emulates a phone."""
         return Tab(self, path, width, height, dark=dark)
 
 
 class Tab:
-    """A page that is open."""
+    """An open page."""
 
     def __init__(self, browser: Browser, path: Path, width: int, height: int, *, dark: bool) -> None:
         self.browser, self.path, self._first = browser, path, len(browser.events)
@@ -128,13 +128,13 @@ class Tab:
         return self.browser.call(method, self._session, **given)
 
     def value(self, script: str) -> Any:
-        """Return what a script gives, as JSON has it."""
+        """Return the value of a script as JSON data."""
         found = self.call("Runtime.evaluate", expression=script, **ASKED)
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
     def wait(self, script: str) -> None:
-        """Wait until a script gives what is true. Fails where the page has failed, or where it takes too long."""
+        """Wait until a script returns a true value. Fails after an error of the page, or after a time limit."""
         until = time.monotonic() + PATIENCE
         while not self.value(script):
             failed = [one for one in self.complaints() if "exceptionDetails" in one]
@@ -142,7 +142,7 @@ class Tab:
             time.sleep(0.01)
 
     def text(self, selector: str) -> str:
-        """Return the text of an element, when what was done before has been drawn."""
+        """Return the text of an element after the next frame is drawn."""
         self.value("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         return str(self.value(f"document.querySelector({json.dumps(selector)}).textContent"))
 
@@ -151,7 +151,7 @@ class Tab:
         self.value(f"for (let k = 0; k < {times}; k++) document.querySelector({json.dumps(selector)}).click()")
 
     def type(self, selector: str, value: float, event: str = "change") -> None:
-        """Give an input a value, as a person does who types it (change) or drags it (input)."""
+        """Set the value of an input, as a person does by typing (change) or dragging (input)."""
         found = f"document.querySelector({json.dumps(selector)})"
         self.value(f"{found}.value = {value!r}; {found}.dispatchEvent(new Event('{event}', {{ bubbles: true }}))")
 
@@ -164,7 +164,7 @@ class Tab:
             )
 
     def complaints(self) -> list[str]:
-        """Return errors and warnings of the console, and requests for anything but the page itself."""
+        """Return errors and warnings of the console, and requests for other files than the page."""
         found = []
         for event in self.browser.events[self._first :]:
             given = event.get("params", {})

@@ -1,4 +1,4 @@
-"""The page in Chromium: it moves as our runs do, obeys sliders, keys and fingers, and runs nothing but its own code."""
+"""The page in Chromium: it moves like our runs, reacts to sliders, keys and touch, and runs only its own code."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def browser() -> Iterator[Browser]:
 
 
 def moves_as_ours(tab: Tab, system: lg.System, times: Sequence[float], found: Any = None) -> bool:
-    """Whether the states of a page, at its values, are ours but for rounding: those `found`, or its trajectory."""
+    """Return True if the states of a page, `found` or its trajectory, equal ours up to rounding."""
     values = tab.value("lagrange.values()")
     names = [*system.statement.names, *(f"{name}_dot" for name in system.statement.names)]
     run = system.run(
@@ -61,7 +61,7 @@ def moves_as_ours(tab: Tab, system: lg.System, times: Sequence[float], found: An
 
 
 def set_start(tab: Tab, system: lg.System) -> None:
-    """Move the slider of the first initial value that can move: a constraint may hold some."""
+    """Move the slider of the first initial value that no constraint fixes."""
     count, first = len(system.statement.names), len(system.statement.parameters)
     for k in range(2 * count):
         value = slide(tab, first + k)
@@ -73,7 +73,7 @@ def set_start(tab: Tab, system: lg.System) -> None:
 
 
 def slide(tab: Tab, place: int) -> float:
-    """Move a slider by some of its length, and return where to."""
+    """Move a slider by a part of its range, and return its new value."""
     low, high, value = (
         float(tab.value(f"document.querySelector('#slider{place}').{of}")) for of in ("min", "max", "value")
     )
@@ -88,7 +88,7 @@ TURNING = [name for name in lg.scenes() if "rotations" in stated_in(name)]
 @pytest.mark.few(2)
 @pytest.mark.parametrize("scene", TURNING)
 def test_a_scene_with_rotations_follows_the_sliders_of_its_rates(scene: str, browser: Browser, tmp_path: Path) -> None:
-    """Their values are the rates of the start, about the axes of the body; constraints may move others."""
+    """The sliders are the initial rates about the axes of the body. Constraints may change other values."""
     system = shared_scene(scene)
     page = system.to_page(tmp_path / "page.html")
     kinds = [slider["kind"] for slider in data(page)["sliders"]]
@@ -181,7 +181,7 @@ def test_nothing_else_runs_and_nothing_is_fetched(tried: str, browser: Browser, 
 
 
 def collapsing() -> lg.System:
-    """Return a mass that falls into a centre of attraction, at t = pi/(2 sqrt(2))."""
+    """Return a mass that falls into a centre of attraction at t = pi/(2 sqrt(2))."""
     x = lg.coordinate("x")
     m, k = lg.parameters("m k")
     return lg.System(

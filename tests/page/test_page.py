@@ -1,4 +1,4 @@
-"""The page as a file: what is in it, what it may do, and what is refused."""
+"""The page as a file: its contents, its permissions, and refusals."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def parts(page: Path) -> tuple[list[str], list[str]]:
 
 
 def data(page: Path) -> dict[str, Any]:
-    """Return what the scripts know of the system."""
+    """Return the data about the system in a page."""
     return data_of(page.read_text("utf-8"))
 
 
 def data_of(text: str) -> dict[str, Any]:
-    """Return what the scripts of a page know of the system, from its text."""
+    """Return the data about the system in the text of a page."""
     found: dict[str, Any] = json.loads(text.partition('id="data">')[2].partition("</script>")[0])
     return found
 
@@ -173,7 +173,7 @@ def test_formulas_that_are_too_long_are_left_out(tmp_path: Path, monkeypatch: py
 
 
 def test_formulas_that_are_surely_too_long_are_not_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The energies of 50 particles were written for half a minute, and then left out."""
+    """The energies of 50 particles took half a minute to print before they were left out."""
     x = lg.coordinate("x")
     monkeypatch.setattr("lagrange.page.web_page.LONGEST_SECTION", 600)
     system = lg.System(kinetic=x.dot**2 / 2, potential=sum(sin(k * x) for k in range(1, 20)), coordinates=[x])

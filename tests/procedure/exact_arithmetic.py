@@ -1,7 +1,7 @@
-"""Run a rewritten function on numbers, with the arithmetic of the form, in place of building a procedure.
+"""Execution of a rewritten function on numbers, with the arithmetic of the form, instead of building a procedure.
 
-Operations never raise, as in a processor (1/0 is infinite). A sum over an `each` is added in the order that `form.Fold`
-defines. With a seed, the iterations of an `each` run in a shuffled order.
+Operations never raise errors, as in a processor (1/0 is infinite). A sum over an `each` is added in the order that
+`form.Fold` defines. With a seed, the iterations of an `each` run in a shuffled order.
 """
 
 from __future__ import annotations
@@ -31,7 +31,10 @@ class Returned(Exception):
 
 
 class Exact:
-    """The receiver that computes. With a `seed`, the iterations of each `each` run in a shuffled order."""
+    """The receiver of a rewritten function that computes.
+
+    With a `seed`, iterations of `each` run in a shuffled order.
+    """
 
     Ended = Returned
 
@@ -162,7 +165,7 @@ class Exact:
 
 
 class Ways:
-    """A branch or loop that runs: the values to loop over, or the flag of the branch."""
+    """A branch or loop: the values of the loop, or the condition of the branch."""
 
     def __init__(self, values: Any) -> None:
         self.source = values

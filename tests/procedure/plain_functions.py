@@ -37,7 +37,7 @@ OutBlocks = Annotated[Writable[float], Array(REAL, room=4)]
 
 @record
 class Counter:
-    """A counter."""
+    """A record with a counter."""
 
     total: float
     count: int
@@ -50,7 +50,7 @@ class Status(IntEnum):
 
 @dataclass(frozen=True)
 class Pair:
-    """Two arrays that belong together, of a length."""
+    """Two arrays of the same length."""
 
     source: InBlocks
     target: OutBlocks
@@ -59,7 +59,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Weights:
-    """What is known when a procedure is built."""
+    """Static values, known when a procedure is built."""
 
     numbers: tuple[float, ...]
 
@@ -73,7 +73,7 @@ class Weights:
 
 @procedure
 def signs(n: int, a: In, out: Out) -> Status:
-    """Write the sign of each element, and stop at one that is not a number."""
+    """Write the sign of each element, up to the first NaN."""
     for i in range(n):
         x = a[i]
         if unlikely(x != x) and not likely(x <= 0.0):
@@ -108,7 +108,7 @@ def gathered(n: int, pair: Pair, counter: Counter) -> tuple[float, float, float]
 
 @procedure
 def several(n: int, a: In, out: Out) -> tuple[float, int]:
-    """Return sums of every third power, from a tuple that a loop and a branch set again."""
+    """Return sums from a tuple that a loop and a branch assign again."""
     sums: tuple[float, ...] = (a[0], 0.5, -1.0)
     last = 0.0, 0
     for i in range(1, n):
@@ -128,7 +128,7 @@ def several(n: int, a: In, out: Out) -> tuple[float, int]:
 
 @procedure
 def guarded(n: int, a: In, out: Out) -> int:
-    """Return the first place of a negative element; no element beyond n is read."""
+    """Return the index of the first negative element; no element beyond n is read."""
     i = 0
     while i < n and not a[i] < 0.0:
         i += 1
@@ -162,7 +162,7 @@ def alternate(n: int) -> Iterator[int]:
 
 @procedure
 def spliced(n: int, x: float, a: Out, *, weights: Weights, twice: bool = False) -> float:
-    """Use functions that are written into this one."""
+    """Use inlined functions."""
     total = 0.0
     for i in alternate(n):
         a[i] = clipped(a[i], 1.5)
@@ -182,7 +182,7 @@ def spliced(n: int, x: float, a: Out, *, weights: Weights, twice: bool = False) 
 
 @procedure
 def by_name(x: float, pair: Pair, *, ops: tuple[str, ...]) -> float:
-    """Apply operations by their names, to a bundle with another field, and read values by key."""
+    """Apply operations by name, replace a field of a bundle, and read values by key."""
     later = replace(pair, source=pair.source[1:])
     values = dict(zip(ops, [operation(op, x, later.source[k]) for k, op in enumerate(ops)], strict=True))
     total: float = operation("neg", 1.0)
@@ -193,13 +193,13 @@ def by_name(x: float, pair: Pair, *, ops: tuple[str, ...]) -> float:
 
 @procedure
 def arithmetic(k: int, m: int, x: float) -> tuple[int, int, int, int, float]:
-    """Return what the operators give."""
+    """Return the results of the operators."""
     return k // m, k % m, quotient(k, m), int(x), max(min(float(k), x), -x) ** 2
 
 
 @procedure
 def scratch(n: int, a: In, out: Out) -> int:
-    """Use local arrays and a local record, which is cleared."""
+    """Use local arrays and a local record, which is set to zero."""
     work, places, kept = reals(4), wholes(4), Counter()
     kept.count = n
     clear(kept)
@@ -218,7 +218,7 @@ def scratch(n: int, a: In, out: Out) -> int:
 
 @procedure(work=lambda size: Array(REAL, size, room=4), tail=lambda with_tail: Array(REAL) if with_tail else None)
 def sized(work: Out, tail: Out | None, x: float, *, size: int, with_tail: bool) -> float:
-    """Have parameters whose types depend on what is known."""
+    """Take parameters whose types depend on static values."""
     for i in each(size, width=4, spill=False):
         work[i] = x
     if tail is not None:
@@ -228,7 +228,7 @@ def sized(work: Out, tail: Out | None, x: float, *, size: int, with_tail: bool) 
 
 @procedure
 def applied(function: Callable[[float, In], float], x: float, a: In) -> float:
-    """Call a function that is given."""
+    """Call a function parameter."""
     y = function(x, a)
     return function(y, a[1:]) if likely(y > 0.0) else y
 

@@ -1,4 +1,4 @@
-"""Random plain procedures as Python text: every way in which branches, loops and reductions set names."""
+"""Random plain procedures as Python text, in which branches, loops and reductions assign names in all ways."""
 
 from __future__ import annotations
 
@@ -80,14 +80,14 @@ TABLE = DATA[::-1]
 
 
 def bits(value: Any) -> Any:
-    """Tell zeros apart; all NaN are one, for the form says nothing of their signs."""
+    """Return the bits of a number, so that -0 differs from 0. All NaN are equal."""
     if isinstance(value, float):
         return "nan" if math.isnan(value) else struct.pack("<d", value)
     return value
 
 
 class RandomFunction:
-    """Writes one function from a seed. Names are known in all ways, or they are not read.
+    """Writes one function from a seed. A name is read only if all paths assign it.
 
     Without `fused` there is no `fma`.
     """
@@ -110,7 +110,7 @@ class RandomFunction:
         self.lines.append("    " * depth + line)
 
     def fresh(self, names: list[str]) -> str:
-        """Return a new name, or one that is known already."""
+        """Return a new name, or one that is assigned already."""
         fixed = ("x", "y", "n", "option")
         if self.random.random() < 0.4 and (old := [name for name in names if name not in fixed and name[0] != "i"]):
             return self.random.choice(old)
@@ -217,7 +217,7 @@ class RandomFunction:
         return [list(self.reals), list(self.wholes), list(self.flags)]
 
     def forget(self, known: list[list[str]]) -> None:
-        """Names that were first set inside a block are not read behind it."""
+        """Forget names that were first assigned inside a block."""
         self.reals[:], self.wholes[:], self.flags[:] = known
 
     def branch(self, depth: int, loops: int) -> None:
@@ -282,7 +282,7 @@ class RandomFunction:
 
 
 def example(seed: int, folder: Path, *, fused: bool = True) -> Any:
-    """Return the random function of a seed, from a file of its own."""
+    """Return the random function of a seed, imported from its own file."""
     path = folder / f"random_{seed}.py"
     path.write_text(RandomFunction(seed, fused=fused).text())
     spec = importlib.util.spec_from_file_location(path.stem, path)

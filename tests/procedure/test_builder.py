@@ -1,4 +1,4 @@
-"""What the builder makes, and what it and the check refuse."""
+"""Procedures made by the builder, and refusals of the builder and the verifier."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_an_algorithm_reads_as_in_the_book() -> None:
 
 
 def broken(build: Callable[[Builder], Any]) -> str:
-    """Return what is said of a procedure."""
+    """Return the message that refuses a procedure."""
 
     def whole() -> None:
         p = Builder("broken", "A malformed procedure.")
@@ -281,7 +281,7 @@ def view(values: Any) -> memoryview:
 
 
 def jet(program: SeriesProgram, form: str) -> tuple[Any, SeriesNumbers, Any]:
-    """Return a series as a function of Python, and where its numbers and its rows stand."""
+    """Return a series as a Python function, with the sizes of its numbers and its rows."""
     numbers = SeriesNumbers(program, program.constants.parameters)
     made: LoopedJet | ByOrderJet | WrittenJet
     if form == "looped":
@@ -294,7 +294,7 @@ def jet(program: SeriesProgram, form: str) -> tuple[Any, SeriesNumbers, Any]:
 
 
 def rows_of(program: SeriesProgram, form: str, order: int, t: float, state: Any, scale: float, parameters: Any) -> Any:
-    """Return the coefficients of the state, by the procedure."""
+    """Return the Taylor coefficients of the state by the procedure."""
     series, numbers, layout = jet(program, form)
     prepared = view([*parameters, *([math.nan] * (numbers.size + 1))])
     assert not loaded(numbers.prepare())(prepared)
@@ -305,7 +305,7 @@ def rows_of(program: SeriesProgram, form: str, order: int, t: float, state: Any,
 
 
 def assert_same_rows(statement: Statement, program: SeriesProgram, form: str, order: int) -> None:
-    """Sums in another order and an inverted matrix: some 1e-15 a term, more by what cancels."""
+    """Assert equality up to the rounding of sums in another order and an inverted matrix."""
     rng = np.random.default_rng(order)
     state = np.array(statement.initial) + rng.uniform(-0.1, 0.1, len(statement.initial))
     parameters = np.array([statement.defaults[p] for p in statement.parameters])
@@ -341,7 +341,7 @@ def test_series_of_random_systems_are_those_of_the_machines(kinetic: Any, potent
 
 @cache
 def exported(scene: str) -> tuple[System, Procedure, Procedure, int]:
-    """Return a scene, what prepares its numbers, its integrator, and how many numbers there are."""
+    """Return a scene, the procedure that prepares its numbers, its integrator, and the count of numbers."""
     system = lg.scene(scene)
     asked = ExportContents(("rhs",), (), main=False, taylor=True)
     module = module_of(system.compile(), asked, ())
@@ -351,7 +351,7 @@ def exported(scene: str) -> tuple[System, Procedure, Procedure, int]:
 def taken(
     scene: str, rtol: float, t_end: float, most: int, runs: Any = loaded
 ) -> tuple[Outcome, float, np.ndarray[Any, Any]]:
-    """Return how a run by the procedure ended, when, and its last state."""
+    """Return the outcome of a run by the procedure, its end time and its last state."""
     system, prepare, integrate, size = exported(scene)
     model = system.compile()
     p, y, t = view(np.zeros(size)), view(system.statement.initial), view([0.0])
@@ -361,7 +361,7 @@ def taken(
 
 
 def followed(system: System, t_end: float, rtol: float) -> Any:
-    """Return the run of our own driver."""
+    """Return the run by the package's driver."""
     model = system.compile()
     names = (*model.statement.names, *(f"{name}_dot" for name in model.statement.names))
     start = dict(zip(names, model.statement.initial, strict=True))
@@ -372,7 +372,7 @@ def followed(system: System, t_end: float, rtol: float) -> Any:
 @pytest.mark.parametrize("rtol", [1e-6, 1e-15])
 @pytest.mark.parametrize("scene", RUNS)
 def test_runs_are_those_of_our_driver(scene: str, rtol: float) -> None:
-    """As many steps, to the same end but for rounding, which other steps would not reach: see the tolerances."""
+    """Both runs take the same number of steps to the same end up to rounding."""
     system = exported(scene)[0]
     t_end = 0.25 if scene == "pleiades" else 1.0 if system.statement.constraints else 3.0
     ours = followed(system, t_end, rtol)

@@ -1,4 +1,4 @@
-"""Rewritten functions that are stored beside byte code: used by the next process, unless anything differs."""
+"""Rewritten functions stored beside byte code: the next process uses them, unless a source has changed."""
 
 import importlib.util
 import linecache
@@ -22,7 +22,7 @@ def doubled(x: float) -> float:
 
 @pytest.fixture
 def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A module in a package of its own, for which functions are stored."""
+    """Write a module in a new package, for which functions are stored."""
     monkeypatch.setattr(code_cache, "PACKAGE", tmp_path)
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     monkeypatch.setattr(sys, "pycache_prefix", None)
@@ -32,7 +32,7 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def doubled(source: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """Return the function of a module as a new process would have it."""
+    """Return the function of a module, imported as in a new process."""
     monkeypatch.setattr(code_cache, "_STORED", {})
     linecache.clearcache()
     code_cache._module.cache_clear()

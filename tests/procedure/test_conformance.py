@@ -1,4 +1,4 @@
-"""What printers and the interpreter agree on beside random functions: sums of products, kernels, the projection."""
+"""Printers and the interpreter agree, beside random functions, on sums of products, kernels and projection."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from lagrange.program.program import Instruction, Program, ProgramBlock
 
 @pytest.mark.parametrize("count", [1, 3, 8, 11, None])
 def test_products_that_are_added_up_are_rounded_once(count: int | None) -> None:
-    """What is left of products that cancel is what rounding them takes, in vectors of four and one by one."""
+    """The remainder of products that cancel is the rounding of one fused operation, in vectors and one by one."""
     p = Builder("scalar_product", "The sum of products.")
     n, a, b = p.given("n", WHOLE), p.array("a", room=4, read=True), p.array("b", room=4, read=True)
     with p.each(n if count is None else count) as i:
@@ -54,7 +54,7 @@ NAMES = ("rhs", "jacobian", "energy", "mass_matrix", "momenta")
 
 
 def evaluated(programs: list[Program], t: float, y: np.ndarray, parameters: np.ndarray) -> list[np.ndarray | None]:
-    """Return the results of programs by their procedures, None where a matrix is singular."""
+    """Return the results of programs by their procedures, None for a singular matrix."""
     prepared = PreparedLayout.of(programs)
     p = memoryview(array("d", [0.0] * max(prepared.size, 1)))
     assert not loaded(prepare(prepared, "Prepare."))(parameters.data, p)
@@ -144,7 +144,7 @@ Found = tuple[list[float], float, float]
 def projected(
     answers: list[Found | None], state: list[float], lost: list[float] | None = None
 ) -> tuple[Outcome, bool, list[float], list[float], int]:
-    """Run the loop on a state with corrections that are given; return what it says, the state, what is lost, calls."""
+    """Run the projection with given corrections. Return its result, the state, the rounding errors, and the calls."""
     asked = 0
 
     def corrections(_: float, __: Any, ___: Any, out: Any) -> bool:
@@ -166,7 +166,7 @@ def test_a_state_whose_violation_is_round_off_stays_as_it_is() -> None:
 
 
 def test_the_state_and_what_rounding_took_from_it_move_as_one_number() -> None:
-    """Not a bit is lost: neither of the correction, which is below the spacing of the state, nor of what was lost."""
+    """State and rounding errors together lose no bit of a correction below the spacing of the state."""
     state, lost, move = [1.0, -3.0], [2.0**-55, -(2.0**-54)], [2.0**-54 + 2.0**-80, 0.3]
     outcome, moved, after, low, asked = projected([(move, 1e-9, 0.0)], state, lost)
     assert (outcome, moved, asked) == (Outcome.DONE, True, 1)
@@ -188,7 +188,7 @@ def test_corrections_are_repeated_until_what_they_leave_is_round_off() -> None:
 
 @pytest.mark.parametrize(("violation", "outcome"), [(RESOLVED, Outcome.DONE), (2 * RESOLVED, Outcome.UNPROJECTED)])
 def test_a_correction_that_leaves_more_than_half_is_not_made(violation: float, outcome: Outcome) -> None:
-    """A small violation stays as it is, a large one makes the step fail."""
+    """If a correction does not halve the violation, a small violation stays, and a large one makes the step fail."""
     assert projected([([5.0], violation, 0.6 * violation)], [1.0]) == (outcome, False, [1.0], [0.0], 1)
 
 
@@ -203,5 +203,5 @@ def test_a_violation_that_is_no_number_is_no_success(answer: Found) -> None:
 
 
 def test_a_state_where_the_matrix_is_singular_stays_as_it_is() -> None:
-    """The next slope is singular there too, and the run ends with the state and the constraints that are dependent."""
+    """At a singular matrix the state is not changed; the run then ends with its message."""
     assert projected([None], [1.0]) == (Outcome.DONE, False, [1.0], [0.0], 1)

@@ -1,4 +1,4 @@
-"""The lives of plain procedures: as Python, in exact arithmetic, interpreted, printed as Python, compiled."""
+"""All ways to run plain procedures: as Python, in exact arithmetic, interpreted, printed as Python, compiled."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ C_TYPES: dict[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64, FLAG: 
 
 
 def flat(args: Any) -> list[Any]:
-    """Write bundles out, as a procedure takes them."""
+    """Return arguments with bundles replaced by their fields, as a procedure takes them."""
     return [one for arg in args for one in ((arg.source, arg.target, arg.length) if isinstance(arg, Pair) else (arg,))]
 
 
@@ -80,7 +80,7 @@ def machine_code(form: Procedure, *, optimize: bool = True) -> Callable[..., Any
 
 
 def seen(results: Any, args: list[Any]) -> list[Any]:
-    """Return all numbers that a call leaves; all NaN are one."""
+    """Return all numbers after a call, with all NaN equal."""
     numbers = list(results) if isinstance(results, tuple) else [] if results is None else [results]
     for arg in flat(args):
         if isinstance(arg, np.ndarray):
@@ -168,7 +168,7 @@ def _same(kind: Any, /) -> Any:
 
 
 def refused(function: Any, *words: str, **types: Any) -> None:
-    """Check the message for a function; `types` are those of parameters that Python's checker does not see."""
+    """Assert that a function is refused with a message. `types` are the types of parameters without annotation."""
     given: dict[str, Any] = {name: partial(_same, kind) for name, kind in types.items()}
     declared = Plain(function, apart=False, types=given)
     with pytest.raises(LagrangeError) as caught:
@@ -354,7 +354,7 @@ def exchanged(n: int, a: Out) -> None:
 
 @record
 class Settings:
-    """Numbers of a run."""
+    """A record with numbers of a run."""
 
     rtol: float
     most: int
@@ -445,7 +445,7 @@ INPUTS = [(0.75, -1.5, 2), (math.nan, 1.0, 0), (-math.inf, 0.0, 7), (1e-308, 1e3
 @pytest.mark.parametrize("option", [False, True])
 @pytest.mark.parametrize("seed", range(60))
 def test_a_random_function_does_the_same_in_every_life(seed: int, option: bool, tmp_path: Path) -> None:
-    """Printed Python has no fused product, and half of the functions have none either."""
+    """Half of the functions have no fused operation, which printed Python does not have."""
     fused = seed % 2 == 0
     plain = example(seed, tmp_path, fused=fused)
     kept_record, form = plain.function.__globals__["Kept"].record, plain.form(option=option)
@@ -478,7 +478,7 @@ ANGLES = (0.0, -0.0, 0.7, -2.5, 1e5, 3e7, -1e300, math.inf, math.nan)
 
 
 def pairs(count: int) -> Procedure:
-    """Return a procedure that computes the pair of an angle, and count - 1 others that nothing but a sum reads."""
+    """Return a procedure that computes sine and cosine of an angle, and `count` - 1 other pairs that enter a sum."""
     p = Builder("pairs", "Return the sine and the cosine of x.")
     x = p.given("x", REAL)
     sine, cosine = p.sine_cosine(x)

@@ -1,4 +1,4 @@
-"""Root isolation as a procedure: printers and interpreter agree, on polynomials ordinary and extreme."""
+"""Root isolation as a procedure: printers and interpreter agree, for ordinary and extreme polynomials."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def interpreted(*args: Any) -> Any:
 
 
 def polynomials(seed: int, count: int) -> Iterator[np.ndarray[Any, np.dtype[np.float64]]]:
-    """Coefficients on [0, 1]: any, with roots inside that may be double or close, and those of waves."""
+    """Yield the coefficients of polynomials on [0, 1]: random, with double or close roots, and of waves."""
     rng = np.random.default_rng(seed)
     for i in range(count):
         degree = int(rng.integers(0, MOST_COEFFICIENTS)) if i % 8 == 0 else int(rng.integers(0, 25))
@@ -51,7 +51,7 @@ Case = tuple[Any, ...]
 
 
 def cases(seed: int, count: int) -> Iterator[Case]:
-    """Coefficients, their number, the length of the step, noise, the side before, and whether no step follows."""
+    """Yield cases: coefficients, their number, the step, the noise, the side before, and the flag of a last step."""
     rng = np.random.default_rng(1000 + seed)
     for scaled in polynomials(seed, count):
         h = float(rng.choice((-1, 1)) * rng.choice((1.0, 0.75, 10 ** rng.uniform(-3, 3), 1e-9)))
@@ -73,7 +73,7 @@ def outcome(isolate: Callable[..., Any], case: Case, room: int = MOST_ROOTS) -> 
 @pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(8))
 def test_python_decides_as_machine_code_does(seed: int) -> None:
-    """The places differ by what the rounding of products does to a root."""
+    """Roots differ by the effect of rounded products."""
     for case in cases(seed, 400):
         (sides, places, ways), (others, there, iterations) = outcome(LLVM, case), outcome(PYTHON, case)
         assert (sides, ways) == (others, iterations), case
@@ -113,7 +113,7 @@ MACHINES = [LlvmMachine(), NumpyMachine()]
 
 
 def told(machine: Any, c: Any, s: float, sign: int, noise: float) -> tuple[int, float]:
-    """Return the sign that a series takes on for the only time, 0 for none and 2 for unknown; and the time."""
+    """Return the direction of the only zero of a series (0 for none, 2 for unknown) and its time."""
     order = len(c) - 1
     terms, slopes, sums = np.full(PADDED, math.nan), np.full(PADDED, math.nan), np.empty(len(TERM_SUMS))
     machine.called(event_terms.form())(np.ascontiguousarray(c), 1, order, s, terms, slopes, sums)
@@ -127,7 +127,7 @@ def told(machine: Any, c: Any, s: float, sign: int, noise: float) -> tuple[int, 
 @pytest.mark.parametrize("machine", MACHINES, ids=("llvm", "numpy"))
 @pytest.mark.parametrize("seed", range(2))
 def test_the_only_zero_is_the_one_that_isolation_finds(machine: Any, seed: int) -> None:
-    """Slow and fast series, ends near zero, sides that do not fit, terms out of range: where it tells, it is right."""
+    """The quick decision, if it is made, is right: for slow and fast series, ends near zero, and extreme terms."""
     rng, answers = np.random.default_rng(seed), Counter[int]()
     isolate = LlvmMachine().called(roots.form())
     for _ in range(600):
@@ -168,7 +168,7 @@ PRINTERS: dict[str, Callable[..., Any]] = {"printed as Python": called, "in mach
 
 
 def asked(machine: str, columns: Any, s: float, *, every: bool = False) -> tuple[list[bool], bool]:
-    """Return which of some series, (order + 1, k), are doubtful on a step, and whether any is."""
+    """Return the flags of series (order + 1, k) that may be zero on a step, and True if any is set."""
     order, count = len(columns) - 1, columns.shape[1]
     layout = TaylorLayout(2, 2 + count, count, 2, block=2)
     work, doubtful = np.zeros(layout.size(order)), np.full(count + WIDEST_VECTOR, np.nan)

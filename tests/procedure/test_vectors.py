@@ -39,7 +39,7 @@ UNSAFE = ("quotient", "whole", "two_to")
 
 
 class RandomVectors:
-    """A procedure of random operations on vectors that ends with all of them in memory."""
+    """A procedure of random operations on vectors, which stores all of them."""
 
     def __init__(self, seed: int, *, fused: bool) -> None:
         self.draw = random.Random(seed)
@@ -91,14 +91,14 @@ class RandomVectors:
                 self.made.append(self.p.entrywise(op, *(self.pick(kind, some.vector.width) for kind in kinds)))
 
     def keep(self, some: Entries) -> None:
-        """Add what a variable holds at the end of a loop with a branch."""
+        """Add a variable that is set in a loop with a branch."""
         variable = self.p.variable(some)
         with self.p.loop(0, self.n), self.p.when(self.x < 1.0):
             variable.value = variable.value.permuted(*range(1, some.width), 0)
         self.made.append(variable.value)
 
     def pick(self, kind: Kind, width: int) -> Entries:
-        """Return one of the vectors of a type."""
+        """Return a random vector of a type."""
         return self.draw.choice([one for one in self.made if one.vector == Vector(kind, width)])
 
     def procedure(self) -> Procedure:
@@ -125,7 +125,7 @@ class RandomVectors:
 
 
 def memory() -> list[Any]:
-    """Return the arguments: a number, a place, and four arrays."""
+    """Return the arguments: a number, an index, and four arrays."""
     data = np.array([0.5, -1.25, 0.1, 0.0, -0.0, 1e200, -1e-200, 2.0, 7 / 3, -4.0, math.inf, math.nan] * 2)
     return [0.75, 3, data, np.arange(SIZE)[::-1].copy(), np.zeros(400), np.zeros(400, dtype=np.int64)]
 

@@ -1,4 +1,4 @@
-"""Lowering: the program computes the graph's value, what parameters decide is hoisted, and powers come cheap."""
+"""Lowering: the program has the values of the graph, hoists work on parameters, and needs few products for powers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ POINT = {"m": 1.7, "x": 0.31, "y": -0.83, "u": 1.21}
 
 
 class Bench:
-    """A graph with one of each symbol, and lowering with them in place."""
+    """A graph with one symbol of each kind, and its lowering."""
 
     def __init__(self) -> None:
         self.graph, self.symbols = new_graph()
@@ -273,7 +273,7 @@ def test_every_operation_is_spelled_for_numpy() -> None:
 @pytest.mark.parametrize("lanes", [1, 4])
 @pytest.mark.parametrize("op", sorted(set(ARITY) - LEAVES - SYSTEMS))
 def test_every_operation_is_spelled_for_llvm(op: str, lanes: int) -> None:
-    """On any number of lanes, but for those of the C library: vector routines have names of their own."""
+    """Each operation has a text for any number of lanes, except functions of the C library."""
     e, args = Emitter(), [f"%a{i}" for i in range(ARITY[op] or 0)]
     with pytest.raises(NotImplementedError) if lanes > 1 and op in LIBRARY else nullcontext():
         last = spell(e, op, KINDS[op][0][0], args, lanes)
@@ -288,7 +288,7 @@ STATES = 4
 
 
 def program(*code: Instruction, outputs: tuple[int, ...]) -> Program:
-    """Return a program of one parameter, which is first, and of four states, which follow."""
+    """Return a program with one parameter, then four entries of the state, as inputs."""
     given = (Instruction("parameter"), *(Instruction("state", place=i) for i in range(STATES)))
     size = len(outputs)
     return Program(
@@ -305,7 +305,7 @@ P, U, V, W, X = range(5)
 
 
 def test_what_cancels_is_not_computed() -> None:
-    """p x (u - v) + (p v x + w), as the derivative of an angle between two links gives, is p x u + w."""
+    """p x (u - v) + (p v x + w), as in derivatives of relative angles, becomes p x u + w."""
     given = program(
         Instruction("sub", (U, V)),  # 5
         Instruction("mul", (P, X)),
@@ -324,7 +324,7 @@ def test_what_cancels_is_not_computed() -> None:
 @pytest.mark.parametrize("first", [1, -1])
 @pytest.mark.parametrize("second", ["add", "sub"])
 def test_what_does_not_cancel_stays(first: int, second: str) -> None:
-    """Of four sums of x (u - v) and x v with signs, two are x u or -x u."""
+    """Only two of four signed sums of x (u - v) and x v simplify to x u or -x u."""
     turned = Instruction("neg", (6,)) if first < 0 else Instruction("add", (6, W))
     given = program(
         Instruction("sub", (U, V)),
@@ -344,7 +344,7 @@ def test_what_does_not_cancel_stays(first: int, second: str) -> None:
 @pytest.mark.few
 @pytest.mark.parametrize("seed", range(40))
 def test_random_programs_compute_the_same(seed: int) -> None:
-    """Of operations on earlier results, most of them sums and products of inputs that recur."""
+    """Random programs consist of operations on earlier results, mostly sums and products of repeated inputs."""
     rng = np.random.default_rng(seed)
     code: list[Instruction] = []
     names = {"add": 2, "sub": 2, "mul": 2, "neg": 1, "fma": 3, "div": 2, "abs": 1, "cos": 1, "sin": 1, "max": 2}
@@ -362,7 +362,7 @@ def test_random_programs_compute_the_same(seed: int) -> None:
 
 
 def test_the_double_pendulum_has_no_products_that_cancel() -> None:
-    """27 operations without the sharing, and 20 with it; a chain of five has 206 and 165."""
+    """With this simplification there are 20 operations instead of 27; in a chain of five 165 instead of 206."""
     kernel = lg.scene("double-pendulum").compile(target="numpy").kernel("rhs")
     assert operations(kernel.program) >= 27 and operations(simplified(kernel.program)) <= 20
 

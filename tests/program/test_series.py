@@ -1,4 +1,4 @@
-"""The series program: every rule against the law of motion itself, every form of the equations, and what is refused."""
+"""The series program: all rules and all forms of the equations satisfy the law of motion; refusals."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_functions_whose_series_has_constants_that_are_rounded(function: Any, st
 
 
 def test_one_wrong_coefficient_is_seen() -> None:
-    """The judge of this file: a motion with one coefficient off by 1e-9 is right up to the order before."""
+    """A test of this file's judge: an error of 1e-9 in one coefficient is found at its order."""
     statement = forced(sin(x * y))
     for order in (2, 5, ORDER):
         found = series(statement, ORDER)
@@ -162,7 +162,7 @@ CASES: dict[str, Callable[[], Statement]] = {
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", CASES)
 def test_every_form_gives_the_motion(name: str) -> None:
-    """Momentum form, expanded and by parts, rates whole and apart: one is taken, all must be right."""
+    """All forms are right: momentum form, expanded and by parts, with rates of sums whole or separate."""
     statement = CASES[name]()
     programs = all_forms(euler_lagrange(statement))
     assert len(programs) in (2, 4, 6)
@@ -183,7 +183,7 @@ def test_the_form_that_is_taken_costs_least(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["cart and pole", "friction", "spherical pendulum"])
 def test_watched_values_have_their_series_too(name: str) -> None:
-    """Those of the surfaces come first, then what was asked for: here v0 times the last coordinate."""
+    """The series of surfaces come first, then those of requested functions, here v0 times the last coordinate."""
     statement, equations = CASES[name](), euler_lagrange(CASES[name]())
     program, switched = series_program(equations, (equations.v[0] * equations.q[-1],))
     assert len(program.watched) == len(switched.surfaces) + 1 and program.sides == len(switched.sides)
@@ -204,7 +204,7 @@ def test_watched_values_have_their_series_too(name: str) -> None:
 )
 @pytest.mark.parametrize("sign", [1, -1])
 def test_one_force_on_several_coordinates_whose_momenta_add_up(sign: int, order: Any) -> None:
-    """The momentum of z is the sum of those of x and y, while the force on each of the three is the same."""
+    """The momentum of z is the sum of those of x and y, and the forces on all three are equal."""
     kinetic = exp(t) * (x.dot + z.dot) ** 2 / 2 + exp(2 * t) * (y.dot + z.dot) ** 2 / 2 + z.dot**2 / 2
     statement = stated(lagrangian=kinetic + sign * cos(x + y + z), coordinates=list(order), initial={x: 0.3})
     equations = euler_lagrange(statement)
@@ -236,7 +236,7 @@ def program(name: str) -> tuple[SeriesProgram, Statement]:
 
 
 def start(name: str) -> list[Any]:
-    """Return a state with velocities: from rest the error of every other order is smaller by one more power."""
+    """Return a state with velocities, since from rest every second coefficient is zero."""
     statement = SYSTEMS[name]()
     n = len(statement.coordinates)
     return [NUMBER(x) for x in statement.initial[:n]] + [NUMBER(0.25) + NUMBER(i) / 8 for i in range(n)]
@@ -253,7 +253,7 @@ def step(name: str, time: Any, y: Any, h: Any) -> Any:
 @pytest.mark.few(2)
 @pytest.mark.parametrize("name", NONLINEAR)
 def test_the_error_of_a_step_is_of_the_claimed_order(name: str) -> None:
-    """Against two steps of half the length, each from its own series: c[p+1] h^(p+1) (1 + O(h)), O(h) some 0.01."""
+    """A step differs from two half steps by c[p+1] h^(p+1) (1 + O(h)), where O(h) is about 0.01."""
     time, y = NUMBER(0.25), start(name)
     rows = coefficients(*program(name), HIGH, time, y)
     errors: dict[Any, list[Any]] = {}

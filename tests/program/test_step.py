@@ -1,4 +1,4 @@
-"""Steps as programs: what a step function does is traced exactly, and what is no combination is refused."""
+"""Steps as programs: the operations of a step function are recorded exactly, and others are refused."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def number(step: StepProgram, node: Node, t: float, h: float) -> float:
 
 
 def replay(step: StepProgram, f: Callable[..., Any], t: float, states: list[Any], h: float) -> list[Any]:
-    """Run the traced program by its definition: calls in order, then results and errors."""
+    """Run a recorded program: its calls in order, then results and errors."""
     vectors = list(states)
 
     def combined(combination: Any) -> Any:
@@ -231,7 +231,7 @@ TIME = 0.3
 
 
 def corrections(model: Model, y: FloatArray, t: float = 0.0) -> tuple[FloatArray, float, float]:
-    """Return [dq, dv], the violation, and what is left of it."""
+    """Return [dq, dv], the violation before, and the violation after."""
     found = model.law("projection")(t, y, model.parameter_array())
     return found[:-2], float(found[-2]), float(found[-1])
 
@@ -271,7 +271,7 @@ def test_what_is_left_is_the_square_of_the_violation(seed: int, target: str) -> 
 @pytest.mark.few
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_corrections_are_normal_to_the_constraints_in_the_metric_of_the_mass_matrix(seed: int) -> None:
-    """No admissible velocity u, G u = 0, has a part of M dq or M dv: the change is the least one."""
+    """Corrections are the smallest ones: u . M dq = u . M dv = 0 for all admissible velocities u, G u = 0."""
     model, y = compiled(seed), displaced(seed, 1e-3)
     n = model.dimension
     parameters = model.parameter_array()
@@ -308,7 +308,7 @@ def test_the_violation_is_that_of_the_constraints_relative_to_the_sizes_of_their
 
 
 class Place:
-    """A graph with two coordinates, a velocity, time and a parameter, and expressions on them."""
+    """A graph with two coordinates, a velocity, time and a parameter, and expressions of them."""
 
     def __init__(self) -> None:
         self.graph = Graph()
@@ -321,12 +321,12 @@ class Place:
         return self.graph.call(name, *(self.graph.node(arg) for arg in args))
 
     def values(self, nodes: list[Node], state: Any, sides: list[Node], at: list[float]) -> list[float]:
-        """Return the nodes' values at x, y, v, w, t, c and the sides."""
+        """Return the values of nodes at x, y, v, w, t, c and the signs of surfaces."""
         program = lower("values", {"out": nodes}, {"y": (self.x, self.y, self.v, self.w)}, self.t, (self.c, *sides))
         return [float(value) for value in FLOATS.evaluate(program, state[4], state[:4], [state[5], *at])]
 
     def check(self, node: Node, surfaces: int) -> Switched:
-        """Hold a node against its smooth form on all sides, on every combination of some values."""
+        """Return the smooth form of a node, after a check that both are equal at all combinations of some values."""
         found = switch(self.graph, [node])
         assert len(found.surfaces) == len(found.sides) == surfaces
         assert all(side.binding is Binding.PARAMETER for side in found.sides)
@@ -341,7 +341,7 @@ class Place:
 
 
 def moving_switch(node: Node) -> bool:
-    """Whether a node switches by what is not a parameter; conditions about sides may stay."""
+    """Return True if a node has a switch that does not depend on parameters alone. Conditions on sides do not count."""
     return node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > Binding.PARAMETER for a in node.args)
 
 
@@ -382,7 +382,7 @@ def test_a_surface_and_its_negative_are_one() -> None:
 
 
 def test_the_cut_of_an_angle_is_a_surface() -> None:
-    """At order 0 on y = 0 it has the limit from the side; an x that is a positive number has no cut."""
+    """On y = 0 the angle has the limit from its side. With a positive number x there is no cut."""
     p = Place()
     angle = p.call("atan2", p.y, p.x)
     found = p.check(angle + p.call("sign", angle), 2)
@@ -397,7 +397,7 @@ def test_the_cut_of_an_angle_is_a_surface() -> None:
 
 
 def test_the_angle_of_an_event_has_a_surface() -> None:
-    """It is that of the equations, if they have the angle too; a switch adds one for its sign."""
+    """The angle in an event has the surface of the same angle in the equations; a switch adds one for its sign."""
     p = Place()
     angle = p.call("atan2", p.y, p.x)
     assert switch(p.graph, [p.v], [angle - 3]).surfaces == (p.y,)
@@ -407,7 +407,7 @@ def test_the_angle_of_an_event_has_a_surface() -> None:
 
 
 def test_a_whole_turn_within_a_period_needs_no_surface() -> None:
-    """cos(3 a) is smooth where a jumps by 2 pi; cos(a / 2), cos(c a) and an angle beside it are not."""
+    """cos(3 a) is smooth at a jump of a by 2 pi; cos(a / 2), cos(c a) and a sum with the angle are not."""
     p = Place()
     angle = p.call("atan2", p.y, p.x)
     for name, smooth in itertools.product(("sin", "cos", "tan"), (3 * angle, angle, p.t - 2 * angle + 1, -angle)):

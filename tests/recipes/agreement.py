@@ -1,4 +1,4 @@
-"""Systems and states at which recipes are compared with the model, and how far they may be apart."""
+"""Systems and states for the comparison of recipes with the model, and the allowed differences."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def named(name: str) -> Model:
 
 
 def states(of: Model, count: int = 3) -> Iterator[tuple[float, Array]]:
-    """Return times and states around the initial one, which is the first."""
+    """Yield times and states around the initial one, which is the first."""
     draw, start = np.random.default_rng(5), np.array(of.statement.initial)
     for k in range(count):
         yield 0.37 * k, start + 0.1 * k * draw.normal(size=len(start))
 
 
 def sensitivity(of: Model, quantity: str, t: float, y: Array) -> float:
-    """Return how far a quantity moves where each entry of the state and each parameter moves by one rounding error."""
+    """Return the change of a quantity if each entry of the state and each parameter changes by one rounding error."""
     draw, p, n = np.random.default_rng(6), of.parameter_array(), len(y)
     kernel, found = of.interpreted(quantity), []
     for _ in range(4):
@@ -51,10 +51,10 @@ def sensitivity(of: Model, quantity: str, t: float, y: Array) -> float:
 
 
 def apart(of: Model, quantity: str, t: float, y: Array, found: Any) -> float:
-    """Return the distance of a result from the model's, where 1 is what rounding may do.
+    """Return the difference of a result from the model's, in units of the allowed rounding error.
 
-    That is 4 roundings of the largest entry, and 4 times what one rounding of the inputs does: elimination in another
-    order is as good as that, and no better.
+    This is 4 roundings of the largest entry plus 4 times the effect of one rounding of the inputs, the error of
+    elimination in another order.
     """
     exact = of.interpreted(quantity)(t, y, of.parameter_array())
     bound = 4 * EPS * np.abs(exact).max() + 4 * sensitivity(of, quantity, t, y)
@@ -63,14 +63,14 @@ def apart(of: Model, quantity: str, t: float, y: Array, found: Any) -> float:
 
 
 def singular(n: int, target: str = "numpy") -> Model:
-    """Return a system of n coupled coordinates whose mass matrix is singular where two of them are zero."""
+    """Return a system of n coupled coordinates whose mass matrix is singular when two of them are zero."""
     xs = [coordinate(f"x{i}") for i in range(n)]
     kinetic = sum((q.dot for q in xs), start=0) ** 2 / 2 + sum(q**2 * q.dot**2 for q in xs) / 2
     return build(target, kinetic=kinetic, potential=sum(xs), coordinates=xs, initial=dict.fromkeys(xs, 1.0))
 
 
 def unbounded(n: int) -> Model:
-    """Return a system of n coupled coordinates whose first inertia is infinite where x0 is zero, NaN below."""
+    """Return a system of n coupled coordinates whose first inertia is infinite at x0 = 0, and NaN below."""
     xs = [coordinate(f"x{i}") for i in range(n)]
     kinetic = sum((q.dot for q in xs), start=0) ** 2 / 2 + sum(q.dot**2 for q in xs) + xs[0].dot ** 2 * xs[0] ** -1.5
     return build("numpy", kinetic=kinetic, potential=sum(xs), coordinates=xs, initial=dict.fromkeys(xs, 1.0))

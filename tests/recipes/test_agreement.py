@@ -1,4 +1,4 @@
-"""Every recipe computes what the model computes: all scenes, and systems drawn at random."""
+"""Every recipe gives the results of the model, for all scenes and random systems."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def ready(package: str) -> None:
 
 
 def by(package: str, model: Model, quantity: str = "rhs") -> Function:
-    """Return a quantity as the recipe of a package computes it."""
+    """Return a quantity, computed by the recipe of a package."""
     ready(package)
     if package == JAX:
         import jax
@@ -64,7 +64,7 @@ def test_casadi_and_sympy_compute_what_the_model_does(package: str, name: str) -
 
 
 def every_system(*quick: str) -> list[Any]:
-    """Return all systems as parameters: JAX compiles each operation, and a default run takes few."""
+    """Return all systems as test parameters; a default run takes few, because JAX compiles each operation."""
     return [pytest.param(name, marks=[pytest.mark.slow] * (name not in quick)) for name in [*SCENES, *OWN]]
 
 
@@ -98,9 +98,9 @@ def test_other_quantities_have_their_shapes(quantity: str) -> None:
 
 
 def derivative_apart(model: Model, time: float, state: Any, found: Any) -> float:
-    """Return how far a derivative is from the Jacobian of the model, where 1 is what rounding may do.
+    """Return the difference of a derivative from the model's Jacobian, in units of the allowed rounding error.
 
-    A derivative by another rule, of an elimination instead of a solution, has some ten times the operations.
+    A derivative of the elimination has about ten times the operations of ours.
     """
     exact = model.jacobian(time, state)
     bound = 40 * EPS * np.abs(exact).max() + 40 * sensitivity(model, "jacobian", time, state)
@@ -141,7 +141,7 @@ def test_random_systems(kinetic: Any, potential: Any, state: Any) -> None:
 
 
 def told(package: str, model: Model, *states: Any, **options: Any) -> list[tuple[Any, bool]]:
-    """Return the accelerations at states, and whether the recipe tells that the matrix is singular there."""
+    """Return the accelerations at states, and True if the recipe reports a singular matrix."""
     ready(package)
     p = model.parameter_array()
     if package == CASADI:
@@ -160,7 +160,7 @@ def told(package: str, model: Model, *states: Any, **options: Any) -> list[tuple
 )
 @pytest.mark.parametrize("n", [2, 6])
 def test_a_singular_mass_matrix_is_nan_throughout_and_told(n: int, package: str, options: Any) -> None:
-    """Check a matrix that is written out, and one for LAPACK."""
+    """A singular mass matrix gives NaN in all entries, for an unrolled matrix and for one solved by LAPACK."""
     of = singular(n)
     regular, degenerate = np.ones(2 * n), np.array([0.0, 0.0, *[1.0] * (2 * n - 2)])
     with pytest.raises(RunError, match="mass matrix"):

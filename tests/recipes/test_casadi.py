@@ -1,4 +1,4 @@
-"""The functions for CasADi: names, symbols of either kind, singular matrices, what has no value."""
+"""The functions for CasADi: names, both kinds of symbols, singular matrices, undefined values."""
 
 from __future__ import annotations
 

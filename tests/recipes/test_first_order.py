@@ -1,4 +1,4 @@
-"""States of first order, whose velocities follow from the coordinates, wherever a motion starts from zeros."""
+"""States of first order, whose velocities follow from the coordinates, started with velocities of zero."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ J, L, R, u = lg.parameters("J L R u")
 
 
 def lowpass(**given: Any) -> lg.System:
-    """Return e' = 1 - e, which rises to 1 from zero."""
+    """Return the system e' = 1 - e, which rises from 0 to 1."""
     return lg.System(kinetic=0, forces={e: 1 - e}, dissipation=e.dot**2 / 2, name="lowpass", **given)
 
 
@@ -42,7 +42,7 @@ MOTOR_UNITS = {J: "kg*m**2", L: "H", R: "ohm", k: "N*m/A", u: "V", i: "A"}
 
 
 def test_terms_of_first_order_need_no_unit_of_energy() -> None:
-    """The equation of a current is one of voltages, that of a filter one of rates; their terms must agree."""
+    """The equation of a current has voltages as terms, that of a filter rates."""
     stated = motor().statement
     forces = dict(zip(stated.coordinates, stated.forces, strict=True))
 
@@ -60,7 +60,7 @@ def test_terms_of_first_order_need_no_unit_of_energy() -> None:
 
 
 def rabbits() -> lg.System:
-    """Return Lotka's and Volterra's equations, which go round (1, 1)."""
+    """Return the equations of Lotka and Volterra, with orbits around (1, 1)."""
     forces = {x: x * (1 - y), y: y * (x - 1)}
     return lg.System(kinetic=0, coordinates=[x, y], forces=forces, dissipation=(x.dot**2 + y.dot**2) / 2)
 
@@ -68,7 +68,7 @@ def rabbits() -> lg.System:
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("unit", [1e-18, 1e18])
 def test_a_state_has_any_unit(unit: float, target: str) -> None:
-    """The series took an equation of coefficients below 1e-14 for one without a solution."""
+    """An equation with coefficients below 1e-14 counted as unsolvable."""
     scaled = lg.System(
         kinetic=0, forces={e: -R * e}, dissipation=L * e.dot**2 / 2, parameters={R: unit, L: unit}, initial={e: 1}
     )
@@ -84,7 +84,7 @@ def test_scipy_starts_with_the_velocities_that_follow() -> None:
 
 @pytest.mark.parametrize("target", ["numpy", "llvm"])
 def test_the_motion_does_not_depend_on_velocities_that_follow(target: str) -> None:
-    """A torque that depends on the rate of the current, from zeros and from other wrong rates."""
+    """A torque depends on the rate of the current. The run starts with wrong rates, such as zero."""
     system = lg.System(
         kinetic=J * phi.dot**2 / 2,
         coordinates=[phi, i],
@@ -109,7 +109,7 @@ def test_the_motion_does_not_depend_on_velocities_that_follow(target: str) -> No
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5", "bs3", "verner9"])
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_a_voltage_that_jumps_is_passed(method: str, target: str) -> None:
-    """The rate of the current jumps with the voltage at t = 1, and enters a torque."""
+    """The rate of the current, which a torque contains, jumps with the voltage at t = 1."""
     switched = lg.System(
         kinetic=phi.dot**2 / 2,
         coordinates=[phi, i],
@@ -147,7 +147,7 @@ int main(void) {
 
 @pytest.mark.parametrize("target", ["numpy", "llvm"])
 def test_a_velocity_of_zero_that_contradicts_a_nonlinear_equation_is_refused(target: str) -> None:
-    """The equation 1 - e = e.dot + e.dot**3 is not solved for the velocity."""
+    """The equation 1 - e = e.dot + e.dot**3 is nonlinear in the velocity."""
     cubic = lg.System(kinetic=0, forces={e: 1 - e}, dissipation=e.dot**2 / 2 + e.dot**4 / 4)
     model = cubic.compile(target, check=False)
     with pytest.raises(StatementError, match=r"e has no inertia, and its velocity in y is 0, which contradicts"):

@@ -1,4 +1,4 @@
-"""The functions for JAX: transformations, shapes, singular matrices, precision, what has no value."""
+"""The functions for JAX: transformations, shapes, singular matrices, precision, undefined values."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_the_gradient_of_the_energy_by_reverse_sweep() -> None:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_units_do_not_make_a_matrix_singular(n: int) -> None:
-    """Check masses of 1e-120 and 1e120 that are coupled, by determinants, by exchanges and by LAPACK."""
+    """Coupled masses of 1e-120 and 1e120 are solved by determinants, by exchanges and by LAPACK."""
     xs = [coordinate(f"x{i}") for i in range(n)]
     units = [10.0 ** (120 * (-1) ** i) for i in range(n)]
     kinetic = sum((u * q.dot for u, q in zip(units, xs, strict=True)), start=0) ** 2
@@ -153,7 +153,7 @@ def test_a_singular_mass_matrix_is_nan_and_a_status() -> None:
 
 
 def test_a_singular_constant_matrix_is_nan() -> None:
-    """Check a system that is solved once for the parameters."""
+    """The constant matrix of this system is solved once for the parameters."""
     of = build("llvm", kinetic=m * (x.dot**2 + y.dot**2) / 2 + c * x.dot * y.dot, potential=x, coordinates=[x, y])
     made, values = of.as_numba(), of.parameter_array({m: 1.0, c: 1.0})
     with pytest.raises(RunError, match="mass matrix"):

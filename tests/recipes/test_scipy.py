@@ -104,7 +104,7 @@ def test_a_given_table_is_not_left() -> None:
 
 
 def test_a_state_of_first_order_follows_a_jump_of_its_input() -> None:
-    """A filter y' = u - y whose input jumps from 0 to 1 at t = 0, where the velocity in the state is 0."""
+    """The input of the filter y' = u - y jumps from 0 to 1 at t = 0, while the velocity in the state is 0."""
     u, x = lg.given("u"), lg.coordinate("x")
     filtered = lg.System(x.dot**2 / 2, coordinates=[x, y], forces={x: y, y: u - y}, dissipation=y.dot**2 / 2)
     problem = filtered.compile().as_scipy(inputs={u: lambda time: 1.0, u.dot: lambda time: 0.0})

@@ -1,4 +1,4 @@
-"""Runs to animate, and what a page of HTML says about its frames."""
+"""Runs for tests of animations, and functions that read the data of an animation's HTML."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.show.examples import solved
 
 
 def double_pendulum(times: Any = (0.0, 1.0), **more: Any) -> Solution:
-    """Return a double pendulum whose angles are t and -2 t, a spring between its bobs."""
+    """Return a double pendulum whose angles are t and -2 t, with a spring between its bobs."""
     a, b = coordinates("a b")
     first = (sin(a), -cos(a))
     second = (sin(a) + sin(b), -cos(a) - cos(b))
@@ -60,14 +60,14 @@ def in_page(page: str) -> dict[str, Any]:
 
 
 def unpacked(page: str) -> list[str]:
-    """Return the packed style and scripts of a player."""
+    """Return the unpacked style and scripts of a player."""
     packed = re.search(r'id="packed">(.*?) (.*?) ', page)
     assert packed
     return [zlib.decompress(base64.b64decode(text)).decode() for text in packed.groups()]
 
 
 def in_pixels(animation: Animation) -> np.ndarray[Any, Any]:
-    """Return where the named points are in the frames of an animation, in pixels from the upper left, (P, 2, K)."""
+    """Return the positions of named points in all frames, in pixels from the upper left corner, (P, 2, K)."""
     animation.frame(0)
     scene, drawn = animation.film.scene, animation.film._drawn
     assert scene is not None

@@ -1,7 +1,7 @@
-"""A program for tests: stop a change of files at each of its operations in turn, and print what was left as JSON.
+"""A program for tests that stops a change of files at each operation in turn, and prints the remaining files as JSON.
 
-Its arguments are an empty folder, what is written (together, single), and one or more things that happen: kill, full,
-SIGINT. Each has a folder of its own.
+Its arguments are an empty folder, the kind of change (together, single), and one or more causes: kill, full, SIGINT.
+Each cause gets its own folder.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def new(file: BinaryIO) -> None:
 
 
 def stop(how: str, folder: Path, number: int) -> Callable[[], None]:
-    """Let the operation of that number in the folder, counted from 0, be stopped; return what counts one."""
+    """Stop operation number `number` in the folder, counted from 0. Return the function that counts an operation."""
     count = 0
 
     def operation() -> None:
@@ -56,7 +56,7 @@ def stop(how: str, folder: Path, number: int) -> Callable[[], None]:
 
 
 def leave(code: int) -> None:
-    """End this process at once: a copy of a process has nothing to clear away."""
+    """End this process at once, without cleaning up."""
     sys.stderr.flush()
     os._exit(code)
 
@@ -69,7 +69,7 @@ def write(what: str, folder: Path) -> None:
 
 
 def child(how: str, what: str, folder: Path, number: int) -> None:
-    """Write, stopped at an operation; end with 0 if that never came."""
+    """Write files, stopped at an operation; end with the exit code 0 if there was no such operation."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     over = stop(how, folder, number)
     try:
@@ -83,12 +83,12 @@ def child(how: str, what: str, folder: Path, number: int) -> None:
 
 
 def state(folder: Path) -> dict[str, str]:
-    """Return the texts of the files of the folder, hidden ones as their names."""
+    """Return the texts of the files in the folder, and the names of hidden files."""
     return {path.name: "" if path.name.startswith(".") else path.read_text() for path in sorted(folder.iterdir())}
 
 
 def main(folder: Path, how: str, what: str) -> list[dict[str, Any]]:
-    """Return for each operation what was left, and what is there after the next one who writes."""
+    """Return, for each stopped operation, the remaining files, and the files after the next write."""
     found = []
     for number in range(200):
         for name in (*NAMES, "mine.txt"):
@@ -108,7 +108,7 @@ def main(folder: Path, how: str, what: str) -> list[dict[str, Any]]:
 
 
 def all_of(folder: Path, what: str, ways: list[str]) -> dict[str, list[dict[str, Any]]]:
-    """Return what was left for each thing that happens."""
+    """Return the remaining files for each cause."""
     for how in ways:
         (folder / how).mkdir()
     return {how: main(folder / how, how, what) for how in ways}

@@ -1,4 +1,4 @@
-"""Systems with known motions, as solutions: the model is the real one on the numpy machine, the run is exact."""
+"""Solutions with known motions: a model on the numpy machine, with an exact trajectory."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def solved(statement: Any, t: Any, path: Any, status: Status = Status.SUCCESS, m
 
 
 def oscillator(times: Any = None, status: Status = Status.SUCCESS, message: str = "done", **more: Any) -> Solution:
-    """Return x = cos(2 t), m = 1, k = 4, over [0, 5] unless told otherwise."""
+    """Return the solution x = cos(2 t) with m = 1 and k = 4, by default over [0, 5]."""
     statement = declare(
         kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={m: 1, k: 4}, name="oscillator", **more
     )
@@ -36,7 +36,7 @@ def oscillator(times: Any = None, status: Status = Status.SUCCESS, message: str 
 
 
 def moving(*parts: Any, **more: Any) -> Solution:
-    """Return a point p whose coordinates are functions of a = t and b = t^2, or numbers, over [0, 2]."""
+    """Return a solution over [0, 2] with a point p whose coordinates are functions of a = t and b = t^2, or numbers."""
     a, b = coordinates("a b")
     place = [part(a, b) if callable(part) else Float(part) for part in parts]
     statement = declare(kinetic=a.dot**2 + b.dot**2, positions={"p": place}, name="s", **more)

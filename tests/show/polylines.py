@@ -1,4 +1,4 @@
-"""How far curves are from polylines, by a computation of its own."""
+"""Distance of curves from polylines, computed independently of the package."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ _NEIGHBOURS = 12
 
 
 def farthest(t: FloatArray, points: FloatArray, times: FloatArray, corners: FloatArray) -> float:
-    """Return the largest distance from points (2, K) at times t (K,) to the polyline of corners (2, C) at times (C,).
+    """Return the largest distance from points (2, K) at times t (K,) to a polyline with corners (2, C) at times (C,).
 
-    Chords are looked at near the time of a point only, so that it may be too large but is never too small.
+    Only chords near the time of a point count, so the result may be too large, but never too small.
     """
     forward = 1.0 if times[-1] >= times[0] else -1.0
     place = np.searchsorted(forward * times, forward * t) - 1

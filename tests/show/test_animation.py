@@ -1,4 +1,4 @@
-"""Animations: what is at each frame, how long it lasts, what is drawn, and every refusal."""
+"""Animations: the content and duration of frames, drawn objects, and all refusals."""
 
 from __future__ import annotations
 

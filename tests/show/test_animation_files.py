@@ -1,4 +1,4 @@
-"""Files of animations: pages that play themselves, GIF, MP4; whole or not at all."""
+"""Files of animations (HTML, GIF, MP4) are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_the_ending_of_the_name_says_what_is_written(name: str, tmp_path: Path) 
 
 
 def frames_of(path: Path) -> list[tuple[int, Any]]:
-    """Return the milliseconds and the pixels (height, width, 3) of each frame of a GIF."""
+    """Return the duration in milliseconds and the pixels (height, width, 3) of each frame of a GIF."""
     with Image.open(path) as image:
         return [
             (one.info["duration"], np.asarray(one.convert("RGB"), dtype=int)) for one in ImageSequence.Iterator(image)

@@ -1,4 +1,4 @@
-"""Polylines are within a pixel of the curve that they draw: on functions that are known, and on runs."""
+"""Polylines are within a pixel of the curve that they draw, for known functions and for runs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PIXELS = Pixels(700.0, 300.0)
 
 
 def off(values: Callable[[FloatArray], FloatArray], start: FloatArray, exact: FloatArray) -> float:
-    """Return the distance in pixels from one row of values at the exact times to its line."""
+    """Return the distance in pixels of the exact values of one row from its drawn line."""
     ((t, row),) = over_time(lambda t: values(t)[None], start, PIXELS)
     shown = values(exact)
     scale = np.array([[PIXELS.width / np.ptp(exact)], [PIXELS.height / np.ptp(shown)]])

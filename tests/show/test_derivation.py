@@ -1,4 +1,4 @@
-"""Derivations on paper: golden pages, and what must not get into them."""
+"""Derivations on paper: stored pages, and texts that must not occur in them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures and cards of dynamics: what is drawn is what was computed, on axes of the user's too, light and dark."""
+"""Pictures and cards of dynamics show the computed results, also in a user's axes, light and dark."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ RECORDS: dict[str, Callable[[], Any]] = {
 
 @cache
 def recorded(kind: str) -> Any:
-    """Return a record of a kind."""
+    """Return a result of a kind, such as a phase portrait."""
     return RECORDS[kind]()
 
 
@@ -82,7 +82,7 @@ def lines_of(axis: Axes, colour: str) -> list[Any]:
 
 
 def test_orbits_are_drawn_within_a_pixel_and_wrapped() -> None:
-    """Against the level of the energy, which knows nothing of samples: a pixel is window/WIDTH by window/HEIGHT."""
+    """Orbits are compared with the level curve of the energy. A pixel is window/WIDTH by window/HEIGHT."""
     found = lg.phase_portrait(pendulum(), starts=[{theta: 2.5}, {theta.dot: 2.5}])
     (axis,) = found.plot().axes
     drawn = lines_of(axis, "#0b6e99")
@@ -107,7 +107,7 @@ def test_orbits_are_drawn_within_a_pixel_and_wrapped() -> None:
 
 @pytest.mark.slow
 def test_an_orbit_of_many_turns_in_few_steps_is_round() -> None:
-    """x = e^(-c t) cos(w t) + ..., twenty times around the middle of the picture, against its closed form."""
+    """The orbit is a damped spiral with twenty turns, compared with its closed form."""
     c = 0.01
     slow = lg.System(kinetic=x.dot**2 / 2, potential=(1 + c**2) * x**2 / 2, forces={x: -2 * c * x.dot})
     found = lg.phase_portrait(slow, {x: (-1.2, 1.2), x.dot: (-1.2, 1.2)}, starts=[{x: 1.0}], t_end=100.0)

@@ -1,4 +1,4 @@
-"""Pictures of ensembles: what is drawn is what the runs gave."""
+"""Pictures of ensembles show the results of the runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files are written whole or not at all, and every failure is said in words."""
+"""Files are written completely or not at all, and failures have messages."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ WAYS = ("kill", "full", "SIGINT")
 
 @cache
 def all_stopped(what: str) -> dict[str, list[dict[str, Any]]]:
-    """Return what each operation leaves behind when it is stopped in some ways; see broken_writes.py."""
+    """Return the files that remain after each operation is stopped by some causes; see broken_writes.py."""
     program = Path(__file__).with_name("broken_writes.py")
     with TemporaryDirectory() as folder:
         command = [sys.executable, str(program), folder, what, *WAYS]
@@ -268,7 +268,7 @@ def never(*_: Any, **__: Any) -> Any:
 
 @pytest.fixture
 def lazy(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let everything that takes long fail."""
+    """Make every slow function fail."""
     for name in ("plot", "card"):
         monkeypatch.setattr(Solution, name, never)
     monkeypatch.setattr(animation, "recording_of", never)

@@ -222,7 +222,7 @@ def test_long_sums_are_broken_and_lines_are_bounded() -> None:
 
 
 def test_an_energy_that_is_merged_to_the_same_text_is_printed_once() -> None:
-    """SymPy may merge (R - a)**2 to (a - R)**2, which is printed with the sign that was stated."""
+    """SymPy may change (R - a)**2 to (a - R)**2, which is printed with the stated sign."""
     stated, turned, another = (R - a) ** 2, (a - R) ** 2, R**2
     for second, count in ((turned, 1), (another, 2)):
         assert len(LineWriter(STATED, UnicodeNotation).formula(Formula((ShownQuantity("V"), stated, second)))) == count

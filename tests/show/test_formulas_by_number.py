@@ -1,4 +1,4 @@
-"""Every formula of every scene's page: each side by number against the compiled model, and read back as printed."""
+"""All formulas of all scenes' pages: both sides are evaluated and compared with the compiled model, and read back."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ AGREEMENT = 1e-7
 
 
 class Motion:
-    """A state of a scene near its initial one, on its constraints, and what the compiled model says there."""
+    """A state of a scene that satisfies its constraints, near the initial one, and values of the model there."""
 
     def __init__(self, system: lg.System, seed: int) -> None:
         self.system, self.statement = system, system.statement
@@ -76,7 +76,7 @@ class Motion:
         self.functions: dict[Any, Callable[..., Any]] = {}
 
     def value(self, expression: Any, moved: Any = None) -> Any:
-        """The value of an expression at the state, in many digits."""
+        """Return the value of an expression at the state, in multiple precision."""
         if expression not in self.functions:
             plain = expression.xreplace(self.statement.plain)
             assert plain.free_symbols <= set(self.point), expression
@@ -90,7 +90,7 @@ class Motion:
         return float(value)
 
     def slope(self, expression: Any, by: Any, moved: Any = None) -> Any:
-        """dE/dx of a stated expression by central differences."""
+        """Return the derivative of a stated expression by central differences."""
         at = {**self.point, **(moved or {})}
         symbol = by.xreplace(self.statement.plain)
         with mpmath.workdps(DIGITS):
@@ -99,7 +99,7 @@ class Motion:
             return (ends[0] - ends[1]) / (2 * h)
 
     def rate(self, value: Callable[[Any], Any]) -> float:
-        """The time derivative along the motion of what is computed at a state."""
+        """Return the time derivative along the motion of a function of the state."""
         plain = list(self.statement.plain.values())
         ends = []
         with mpmath.workdps(DIGITS):
@@ -201,7 +201,7 @@ def test_each_side_is_what_the_compiled_model_gives(name: str) -> None:
 
 
 def size(motion: Motion, side: Any) -> float:
-    """The largest term of a side, against which its rounding is measured."""
+    """Return the largest term of a side, the scale of its rounding errors."""
     if isinstance(side, SignedTerms):
         return max((float(np.max(np.abs(motion.side(term)))) for _, term in side.terms), default=0.0)
     if isinstance(side, sympy.Expr):
@@ -213,12 +213,12 @@ SIGNS = {"\N{MINUS SIGN}": "-", "·": "*", "×": "*", "\N{FUNCTION APPLICATION}"
 
 
 def strict(symbol: Any) -> str:
-    """The name of a symbol as it is typed: lambda_wire for lambda[wire]."""
+    """Return the name of a symbol as people type it: lambda_wire for lambda[wire]."""
     return str(symbol.name).replace("[", "_").removesuffix("]")
 
 
 def typed(setter: Typesetter, text: str) -> str:
-    """MathML as it is typed."""
+    """Return MathML as people type the formula."""
     for symbol, letter in sorted(setter.letters.items(), key=lambda pair: -len(pair[1])):
         text = text.replace(letter, f"<s>{strict(symbol)}</s>")
     return _typed(ElementTree.fromstring(f"<mrow>{text}</mrow>"))
@@ -239,8 +239,7 @@ def _typed(node: ElementTree.Element) -> str:
 
 
 def printed(row: Formula, lines: list[FormulaLine]) -> Iterator[tuple[sympy.Expr, str]]:
-    """The expressions of a formula with their texts: the last side, the one before it if it has its own lines, or the
-    left side if nothing stands before it."""
+    """Yield the expressions of a formula with their texts: the last side, and the side before it if there is one."""
     starts = [place for place, line in enumerate(lines) if not line.goes_on]
     texts = [" ".join(line.right for line in lines[a:b]) for a, b in pairwise([*starts, len(lines)])]
     sides = row.sides[-len(texts) :]

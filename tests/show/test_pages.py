@@ -1,4 +1,4 @@
-"""Whole pages: golden ones as somebody would hand them in, and the structure of LaTeX and HTML of every scene."""
+"""Whole derivation pages: stored ones, and the structure of the LaTeX and HTML of all scenes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The panel of paths and the phase plane: names and numbers, room around marks, and motions small for their place."""
+"""The panel of paths and the phase plane: labels, space around marks, and small motions far from the origin."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ a, b, x, y, z = coordinates("a b x y z")
 
 
 def moving(*place: Any, size: float = 1.0, **more: Any) -> Solution:
-    """Return a point at a place that depends on a = size sin(t) and b = size sin(2 t)."""
+    """Return a solution with a point whose position depends on a = size sin(t) and b = size sin(2 t)."""
     stated: dict[str, Any] = {"positions": {"p": place}, "parameters": {m: 1}, "name": "s"} | more
     return solved(
         declare(kinetic=m * (a.dot**2 + b.dot**2) / 2, **stated),
@@ -102,7 +102,7 @@ POLE = 2.0
 
 
 def growing(status: Status = Status.STEP_TOO_SMALL, *, forward: bool = True, space: bool = False) -> Solution:
-    """Return x = 1/(2 - t), with oscillations beside it, almost up to its pole."""
+    """Return a solution with x = 1/(2 - t), almost up to its pole, and oscillations."""
     t = POLE - np.geomspace(POLE, 1e-9, 60)
 
     def path(t: Any) -> Any:
@@ -121,7 +121,7 @@ def growing(status: Status = Status.STEP_TOO_SMALL, *, forward: bool = True, spa
 
 
 def data(line: Any) -> Any:
-    """Return what a line is drawn through, (2, K)."""
+    """Return the points (2, K) through which a line is drawn."""
     return np.array([line.get_xdata(), line.get_ydata()], dtype=float)
 
 

@@ -1,4 +1,4 @@
-"""Laws of all pictures: curves within a pixel, labels that do not overlap, no offsets, lines that are told apart."""
+"""Laws of all pictures: curves within a pixel, labels without overlap, no offsets, distinguishable lines."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ SCENES = (
 
 
 def drawn(figure: Any, dpi: int = DPI) -> Any:
-    """Return the figure after it was drawn; warnings are errors here."""
+    """Return the figure after it is drawn. Warnings count as errors."""
     figure.set_dpi(dpi)
     figure.savefig(io.BytesIO(), format="png", dpi=dpi)
     return figure
 
 
 def off(exact: FloatArray, lines: list[FloatArray]) -> float:
-    """Return the largest distance from points (2, K) to polylines (2, C), with points at 0.25 of a pixel on these."""
+    """Return the largest distance in pixels from points (2, K) to polylines (2, C)."""
     placed = []
     for line in lines:
         begin, along = line[:, :-1], np.diff(line)
@@ -53,12 +53,12 @@ def off(exact: FloatArray, lines: list[FloatArray]) -> float:
 
 
 def seen(axis: Any, points: FloatArray) -> FloatArray:
-    """Return points (2, K) of a panel in pixels."""
+    """Return points (2, K) of a panel, converted to pixels."""
     return np.asarray(axis.transData.transform(points.T).T)
 
 
 def curves_are_exact(run: Solution) -> None:
-    """Hold every coordinate and every path of a picture against states at 50 times as many times."""
+    """Assert that all curves of a picture are within a pixel of states at 50 times as many times."""
     figure = drawn(run.plot())
     first = first_times(run.trajectory)
     fine = np.linspace(run.t[0], run.t[-1], min(50 * len(first), 200_000))
@@ -89,7 +89,7 @@ def test_curves_are_within_a_pixel_of_the_exact_ones(name: str, end: float | Non
 
 
 def driven() -> Any:
-    """Return an oscillator that is driven off its own frequency, which takes long steps."""
+    """Return the run of a driven oscillator, which takes long steps."""
     return lg.System(
         kinetic=m * x.dot**2 / 2,
         potential=k * x**2 / 2,
@@ -196,7 +196,7 @@ def contrast(one: str, other: str) -> float:
 
 @pytest.mark.parametrize("style", [LIGHT, DARK], ids=lambda style: style.name)
 def test_text_and_lines_have_contrast_with_their_paper(style: Any) -> None:
-    """WCAG 2.1 wants 4.5 for small letters, better 7, and 3 for lines."""
+    """WCAG 2.1 demands a contrast of 4.5 for small letters, better 7, and 3 for lines."""
     assert contrast(style.ink, style.paper) > 7.0
     assert contrast(style.quiet, style.paper) > 4.5
     assert min(contrast(colour, style.paper) for colour in style.colours) > 3.0

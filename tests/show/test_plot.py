@@ -1,4 +1,4 @@
-"""Pictures: the right panels with the right curves, for few and many coordinates, in the plane and in space."""
+"""Plots: the right panels with the right curves, for few and many coordinates, in a plane and in space."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LINKED = [("origin", "p")]
 
 
 def drawn(solution: Solution, **asked: Any) -> Any:
-    """Return the figure after it was really drawn; warnings are errors here."""
+    """Return the figure after it is drawn. Warnings count as errors."""
     figure = solution.plot(**asked)
     figure.savefig(io.BytesIO(), format="png", dpi=60)
     return figure
@@ -180,7 +180,7 @@ def test_a_coordinate_at_rest_is_a_level_line() -> None:
 
 
 def test_values_near_the_largest_double_have_limits() -> None:
-    """The sum of two of them overflows."""
+    """The sum of two such values overflows."""
     figure = oscillator(np.linspace(0, 1, 3)).plot(what=1e308)
     assert np.isfinite(figure.axes[0].get_ylim()).all()
 

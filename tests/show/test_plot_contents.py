@@ -1,4 +1,4 @@
-"""What a plot can be asked for: the right rows in the right panels, into a user's axes, and refusals in words."""
+"""Arguments of a plot: the right rows in the right panels, a user's axes, and refusals."""
 
 from __future__ import annotations
 

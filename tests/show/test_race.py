@@ -1,4 +1,4 @@
-"""A race on paper: the table, records, files and the picture, from numbers that are made up."""
+"""Output of a race: the table, records, files and the picture, from invented numbers."""
 
 from __future__ import annotations
 

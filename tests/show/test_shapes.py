@@ -1,4 +1,4 @@
-"""Bodies that are drawn: corners turn with the rotation, edges join them, and no picture marks a corner."""
+"""Drawn bodies: corners turn with the rotation, edges connect them, and corners have no marks."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Texts that no scene may turn into an expression: code, escapes, bombs, look-alikes and plain nonsense.
+"""Texts that must not become expressions: code, escapes, huge expressions, look-alike characters, nonsense.
 
-CANARY stands for the path of a file that must not come into being.
+CANARY is replaced by the path of a file that must not be created.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ DROP = object()
 
 
 def toml(value: Any) -> str:
-    """A value as TOML; a text becomes a basic string, in which every odd character is escaped."""
+    """Return a value as TOML. A text becomes a basic string with escaped special characters."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{toml(key)} = {toml(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, list):
@@ -39,7 +39,7 @@ def toml(value: Any) -> str:
 
 
 def write(folder: Path, base: Mapping[str, Any] = FIELDS, **fields: Any) -> Path:
-    """Write a scene of one line per field, in the order of the base, and return its path."""
+    """Write a scene with one line for each field, and return its path."""
     path = folder / "scene.toml"
     lines = [f"{key} = {toml(value)}" for key, value in {**base, **fields}.items() if value is not DROP]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""From what a user passes to a checked statement."""
+"""The checks that turn a user's arguments into a statement."""
 
 from __future__ import annotations
 

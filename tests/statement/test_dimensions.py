@@ -1,4 +1,4 @@
-"""Dimensions: right statements pass, and of wrong ones the wrong term is named."""
+"""Dimensions: right statements pass, and for wrong ones the message names the wrong term."""
 
 from __future__ import annotations
 
@@ -234,7 +234,7 @@ def test_sizes_stay_with_a_system_that_is_copied_or_rewritten() -> None:
 
 
 def test_a_force_on_a_held_coordinate_without_inertia_has_its_dimension() -> None:
-    """The equation of y has a multiplier, so that the force on it is one: energy over a length."""
+    """The equation of y has a multiplier, so its terms are forces: energy divided by length."""
     force = lg.parameters("F")
     stated: dict[str, Any] = {"kinetic": m * x.dot**2 / 2, "forces": {y: force}, "constraints": {"rod": x - y}}
     lg.System(**stated, dimensions={m: "kg", x: "m", force: "N"})

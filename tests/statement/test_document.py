@@ -1,4 +1,4 @@
-"""Files that cannot be scenes: each refused with its name, and where possible line and column."""
+"""Files that are no scenes are refused; messages have the file name and, if possible, line and column."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The records of elementary functions: derivative, symmetry, exact and precise values, each against the function."""
+"""The records of elementary functions: derivatives, symmetries, exact and precise values are right."""
 
 from __future__ import annotations
 

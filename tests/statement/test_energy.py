@@ -1,4 +1,4 @@
-"""Energies of common parts."""
+"""Energies of standard parts, such as springs and rods."""
 
 from __future__ import annotations
 

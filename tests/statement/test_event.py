@@ -1,4 +1,4 @@
-"""Events as they are stated: what is accepted in which form, and every refusal in words."""
+"""Statements of events: accepted forms, and all refusals."""
 
 from __future__ import annotations
 

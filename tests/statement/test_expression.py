@@ -1,4 +1,4 @@
-"""The gate to SymPy: what becomes an expression, and what is refused before SymPy sees it."""
+"""The conversion to SymPy expressions, and values that are refused before SymPy reads them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Given functions of time: open, as an expression, as a table; and what is asked of a function that nobody declared."""
+"""Given functions of time: open, as an expression, as a table; messages about undeclared functions."""
 
 from __future__ import annotations
 

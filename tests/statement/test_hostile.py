@@ -38,14 +38,14 @@ FIELDS: dict[str, Callable[[str], dict[str, Any]]] = {
 
 @pytest.fixture(autouse=True)
 def still() -> Iterator[None]:
-    """Keep the garbage of other tests out of the times."""
+    """Collect garbage first, so that it does not count in measured times."""
     gc.disable()
     yield
     gc.enable()
 
 
 def refusal_of(path: Path) -> tuple[SceneError | None, float]:
-    """The refusal of a scene, None if there is none, and the processor time it took."""
+    """Return the refusal of a scene, or None, and the processor time."""
     start = time.process_time()
     try:
         read_scene(path)

@@ -1,4 +1,4 @@
-"""The scene library: every scene loads, names its source, and moves as derived by hand."""
+"""The scene library: each scene loads, names its source, and has accelerations derived by hand."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def chain(p: Mapping[str, float], q: list[float], v: list[float], time: float) -
 
 
 def gravity(masses: list[float], positions: Any) -> Any:
-    """Newton's accelerations times 1/G, (bodies, axes)."""
+    """Return Newton's gravitational accelerations divided by G, (bodies, axes)."""
     return np.array(
         [
             sum(m * (b - a) / np.linalg.norm(b - a) ** 3 for m, b in zip(masses, positions, strict=True) if b is not a)

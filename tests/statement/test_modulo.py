@@ -18,7 +18,7 @@ SAW: Any = x % 2 - 1
 
 
 def rolling() -> lg.System:
-    """Return a mass in a potential of period 2: springs from odd places, each to the middle between two of these."""
+    """Return a mass in a potential of period 2: a parabola about each even integer."""
     return lg.System(
         m * x.dot**2 / 2, k * SAW**2 / 2, parameters={m: 1, k: 3}, initial={x: 0.3, x.dot: 2.5}, name="rolling"
     )
@@ -82,7 +82,7 @@ def thrown(force: Any) -> lg.System:
 
 
 def check_there_and_back(run: lg.Solution, close: float) -> None:
-    """Check rows on each jump, the energy of the staircase of potentials, and the return to the start, backwards."""
+    """Assert a row at each jump, the right energy steps, and the return to the start in a run backwards."""
     assert run.status is lg.Status.SUCCESS
     v = run[x.dot]
     upwards = v > 0

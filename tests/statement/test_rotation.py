@@ -1,4 +1,4 @@
-"""Statements with rotations: what they contain, what starts and torques mean, what is refused."""
+"""Statements with rotations: their terms, starts and torques, and refusals."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_a_new_start_keeps_the_rates_about_the_axes_of_the_body() -> None:
 
 
 def test_rates_are_kept_whatever_the_length_of_the_quaternion() -> None:
-    """A state of a long run has a length that differs from one by rounding; here by a hundredth."""
+    """In a long run the length of the quaternion differs from one by rounding; here by a hundredth."""
     values = dict(zip(R.quaternion, (1.01, 0, 0, 0), strict=True))
     values |= {q.dot: rate for q, rate in zip(R.quaternion, (0, 0.2, 0.4, -0.3), strict=True)}
     found = in_coordinates({R: lg.turn((1, 1, 1), 0.7)}, values)
@@ -77,7 +77,7 @@ def test_rates_are_kept_whatever_the_length_of_the_quaternion() -> None:
 
 
 def test_a_torque_changes_the_angular_momentum() -> None:
-    """About an axis of space by itself; about an axis of the body by itself turned by R."""
+    """A torque about an axis of space changes the angular momentum there; one about a body axis is turned by R."""
     for forces, expected in (({R.space: (1, 2, -1)}, [0.1, 0.2, -0.1]), ({R.body: (0, 0, 2)}, [0, 0, 0.2])):
         system = lg.System(R.body.dot(R.body) / 2, forces=forces)
         assert np.allclose(system.run(0.1, rtol=1e-12)[R.space][:, -1], expected, rtol=0, atol=1e-13)
@@ -172,7 +172,7 @@ REWRITTEN: dict[str, Callable[[lg.System], lg.System]] = {
     "change", ["substitute", *(pytest.param(name, marks=pytest.mark.slow) for name in ("transform", "routhian"))]
 )
 def test_a_rewritten_statement_is_read_in_rates(change: str) -> None:
-    """A belt joins a sleeve and the axis of the body. `linearize` compares the reading with the compiled model."""
+    """A belt connects a sleeve and the axis of the body. `linearize` compares its formulas with the compiled model."""
     kinetic, values = KINETIC + m * (x.dot + R.body[2] / 20) ** 2 / 2, {m: 1.0, J1: 0.02, J3: 0.03}
     made = REWRITTEN[change](lg.System(kinetic, m * R[2, 2], parameters=values, forces={R.space: (0, 0, m)}))
     assert made.linearize({R.body: (0, 0, 3)}).A.rows == 2 * len(made.coordinates) - 2
@@ -212,7 +212,7 @@ def test_a_notebook_shows_the_start_about_the_axes_of_the_body() -> None:
 
 
 def anything(value: Any) -> Any:
-    """Return a value of a type that a function does not take."""
+    """Return a value of a type that a function does not accept."""
     return value
 
 
@@ -345,7 +345,7 @@ def test_an_energy_that_is_not_quadratic_in_the_rates_has_no_moments_to_judge() 
 
 
 def test_a_rate_coupled_to_another_velocity_is_no_moment_of_the_body() -> None:
-    """A ball of moment 0.1 carries a mass of 5 by a belt: about y the energy has 5.1, as of no body alone."""
+    """A ball of moment 0.1 drives a mass of 5 by a belt, so the energy about y has the coefficient 5.1."""
     kinetic = R.body.dot(R.body) / 20 + 5 * (x.dot + R.space[1]) ** 2 / 2
     run = lg.System(kinetic + x.dot**2 / 2, initial={R.space: (0, 1, 0)}).run(1.0)
     # Momenta are conserved: x.dot = 0 and R.space[1] = 1 stay.
@@ -353,7 +353,7 @@ def test_a_rate_coupled_to_another_velocity_is_no_moment_of_the_body() -> None:
 
 
 def test_a_scene_of_constraints_on_rotations_is_written_as_typed(tmp_path: Path) -> None:
-    """Entries and rates of rotations stay by name; the derivation of the file is that of the system."""
+    """Entries and rates of rotations are written by name. The file has the same derivation as the system."""
     system = lg.System(
         KINETIC + m * x.dot**2 / 2,
         constraints={"joint": x - R[0, 2], "spin": R.body[2] - R.space[2]},
@@ -377,12 +377,12 @@ def test_a_start_names_a_rotation_by_its_text() -> None:
 
 @pytest.mark.parametrize("length", [1e-200, 1e300])
 def test_an_axis_has_any_length(length: float) -> None:
-    """Its square is no double."""
+    """An axis of any length is allowed, even if its square overflows."""
     assert lg.turn((0, length, 0), math.pi) == pytest.approx((0, 0, 1, 0), abs=1e-15)
 
 
 def test_a_rotation_turns_a_matrix() -> None:
-    """R J R^T is the inertia in the axes of space: w . (R J R^T) w = W . J W with w = R W."""
+    """R J R^T is the inertia in axes of space: w . (R J R^T) w = W . J W with w = R W."""
     inertia = diag(1, 2, 2.5)
     run = top(initial={R: lg.turn((1, 2, 3), 0.4), R.body: (1, 2, 3)}).run(0.1)
     for given in (inertia, np.diag([1, 2, 2.5])):
@@ -391,7 +391,7 @@ def test_a_rotation_turns_a_matrix() -> None:
 
 
 def test_an_event_sets_rates_and_attitude() -> None:
-    """A free body whose rates change their sign turns back the way it came."""
+    """An event reverses the rates of a free body, which then turns back."""
     free = lg.System(R.body.dot(diag(1, 2, 2.5) * R.body) / 2, initial={R: lg.turn((1, 2, 3), 0.4), R.body: (1, 3, 2)})
     back = free.run(2.0, events=[lg.event(lg.t - 1, reset={R.body: -R.body})], rtol=1e-13)
     assert np.abs(back[R][-1] - back[R][0]).max() < 1e-12

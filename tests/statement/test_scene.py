@@ -1,4 +1,4 @@
-"""Scene files: what they state, and how each refusal reads."""
+"""Scene files: their contents, and all refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Statements as scene files: what is written reads back symbol for symbol, and what no scene holds is refused."""
+"""Statements as scene files: written files read back equal, and statements that do not fit are refused."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_a_scene_reads_back_as_the_same_statement(name: str, tmp_path: Path) -> 
 
 
 def rich() -> lg.System:
-    """Return a system with all that a run may need."""
+    """Return a system with all sections that a run may use."""
     X, Y = lg.given("X", sin(w * lg.t)), lg.given("Y", TABLE)
     choice = Piecewise((x**3, (x > 0) & (x < 2)), (Abs(x) * sympy.pi, (x < -1) | (y > 3)), (k * x, True))
     friction = -sympy.Symbol("mu") * lg.multiplier("line") * x.dot
@@ -67,7 +67,7 @@ def rich() -> lg.System:
 
 
 def signs() -> lg.System:
-    """Return a system whose parameters have all kinds of signs, and some no value."""
+    """Return a system with parameters of all signs, some without a value."""
     n, z = sympy.Symbol("n", integer=True, zero=False), sympy.Symbol("z")
     nonnegative = sympy.Symbol("s", nonnegative=True)
     stiffness = sqrt(k**2 * n**2) + sqrt(z**2) + sqrt(nonnegative**2) + sympy.Symbol("r", real=True)
@@ -83,7 +83,7 @@ def opened() -> lg.System:
 
 
 def unknown() -> lg.System:
-    """Return a system with functions that are not written out."""
+    """Return a system with undefined functions."""
     return lg.System(FREE + m * y.dot**2 / 2, Function("U")(sqrt(x**2 + y**2)) + Function("W")(x, y))
 
 
@@ -108,7 +108,7 @@ def test_a_stored_system_runs_bit_for_bit(tmp_path: Path) -> None:
 
 
 def test_links_in_relative_angles_share_their_parts() -> None:
-    """The kinetic energy of 12 links has 25,000 characters where each sine is written out."""
+    """Without shared parts, the kinetic energy of 12 links has 25,000 characters."""
     angles = lg.coordinates(" ".join(f"a{i}" for i in range(1, 13)))
     turned = across = up = kinetic = Integer(0)
     for angle in angles:

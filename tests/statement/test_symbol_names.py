@@ -1,4 +1,4 @@
-"""One rule for the names of coordinates and parameters: what a scene refuses Python refuses, and vice versa."""
+"""One rule for names of coordinates and parameters: scenes and Python accept the same names."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ NAMED = dict(zip("mgl", (m, g, l), strict=True))
 
 
 def own(name: str) -> Callable[[str], Any]:
-    """Return what gives a parameter of a scene itself."""
+    """Return the function that gives a scene's parameter."""
     table = {p.name: p for p in shared_scene(name).statement.parameters}
     assert not set(table.values()) & {m, g, l}
     return lambda letter: table[letter]

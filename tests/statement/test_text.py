@@ -1,4 +1,4 @@
-"""Expressions from text: what they mean."""
+"""The meaning of expressions given as text."""
 
 from __future__ import annotations
 

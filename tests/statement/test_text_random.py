@@ -32,7 +32,7 @@ TOKENS = [
 
 
 def outcome(text: str) -> tuple[Any, SceneError | None]:
-    """The expression, or its refusal."""
+    """Return the expression of a text, or its refusal."""
     try:
         return read_expression(text, NAMES), None
     except SceneError as refused:
@@ -84,7 +84,7 @@ def larger(inner: st.SearchStrategy[Pair]) -> st.SearchStrategy[Pair]:
 
 
 def assert_same(found: Any, value: Any) -> None:
-    """Equal; or, where SymPy multiplies 2*(x + y) out for one grouping and not for another, of equal values."""
+    """Assert that two expressions are equal, or have equal values if SymPy expands one of them."""
     difference = found.xreplace({new: old for old, new in STAND_FOR.items()}) - value
     for shift in (0.3, 0.7) if difference != 0 else ():
         point = {symbol: sympy.Float(shift + 0.1 * i, 30) for i, symbol in enumerate(REAL.values())}

@@ -1,4 +1,4 @@
-"""Expressions that are refused: where, and in which words."""
+"""Refused expressions: the position and the words of each message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Units: terms in units that do not fit together are refused, wherever they stand."""
+"""Units: terms with different units are refused in all fields."""
 
 from __future__ import annotations
 

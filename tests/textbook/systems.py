@@ -1,4 +1,4 @@
-"""Textbook systems that are no scenes; `tests/statement/test_library.py` holds those of the library against books."""
+"""Textbook systems that are no scenes. `tests/statement/test_library.py` compares scenes with textbooks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ VALUES = dict(zip(SYMBOLS, NUMBERS, strict=True))
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A system, where to evaluate it, and, where there is one, its book's solved equations."""
+    """A system, points for its evaluation, and the solved equations of its textbook, if any."""
 
     name: str
     arguments: Mapping[str, Any]
@@ -56,7 +56,7 @@ class Case:
         return {symbol: value for symbol, value in VALUES.items() if symbol in used}
 
     def points(self, count: int = 3, seed: int = 20240607) -> list[tuple[np.ndarray, np.ndarray, float]]:
-        """Return (q, v, t) at random points, then at the special configurations."""
+        """Return (q, v, t) at random points, then at special configurations."""
         random = np.random.default_rng(seed)
         statement = self.statement()
         centre = np.array([self.away.get(q, 0.0) for q in statement.coordinates])
@@ -85,7 +85,7 @@ def _function(expression: Any, arguments: tuple[Any, ...]) -> Callable[..., Any]
 
 
 def value(expression: Any, statement: Statement, q: Any, v: Any, time: float, acceleration: Any = ()) -> Any:
-    """Return the expression at a point in mpmath's precision, by SymPy and mpmath alone."""
+    """Return the value of an expression at a point, by SymPy and mpmath."""
     table: dict[Any, Any] = {t: time}
     table.update(zip(statement.coordinates, q, strict=True))
     table.update(zip(statement.velocities, v, strict=True))
@@ -95,7 +95,7 @@ def value(expression: Any, statement: Statement, q: Any, v: Any, time: float, ac
 
 
 def pendulum_chain(masses: list[Any], lengths: list[Any], angles: list[Any]) -> tuple[Any, Any]:
-    """Return T and V of point masses on rods, stated in Cartesian positions."""
+    """Return T and V of a chain of point masses on rods, stated by Cartesian positions."""
     point = (Integer(0), Integer(0))
     kinetic = potential = Integer(0)
     for mass, length, angle in zip(masses, lengths, angles, strict=True):
