@@ -42,7 +42,7 @@ def _stored_cell(cell: dict[str, Any]) -> dict[str, Any]:
 
 
 def digest(paths: Sequence[Path]) -> str:
-    """Return what is another text for other files."""
+    """Return a hash of the contents of files."""
     made = hashlib.sha256()
     for path in paths:
         if path.suffix not in (".pyc", ".pyo"):
@@ -51,13 +51,13 @@ def digest(paths: Sequence[Path]) -> str:
 
 
 def kept(path: Path) -> Path:
-    """Return where the outputs of a notebook are kept, for its cells as they are and the package as it is."""
+    """Return the path of a notebook's stored outputs for the present cells and the present package."""
     known = digest([path, *sorted((ROOT / "lagrange").rglob("*.*"))])
     return ROOT / "build" / "notebooks" / f"{path.stem}-{known[:16]}.ipynb"
 
 
 def keep(path: Path, text: str) -> None:
-    """Keep a notebook with its outputs, for the site, and what it gave before no longer."""
+    """Store a notebook with its outputs for the site, in place of earlier ones."""
     place = kept(path)
     place.parent.mkdir(parents=True, exist_ok=True)
     for old in place.parent.glob(f"{path.stem}-*.ipynb"):

@@ -1,8 +1,8 @@
-"""Write what the pages show of the package: the tables of scenes and methods, and the pictures.
+"""Write the tables of scenes and methods, and pictures, for the pages of the documentation.
 
     python docs/tables.py
 
-A test holds the tables against what is registered.
+A test compares the tables with the registered scenes and methods.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ TABLES = {
     "scenes": ("scenes.md", scene_table),
     "methods": ("choosing-an-integrator.md", method_table),
 }
-"""Each table by the name in its markers: its page, and what makes it."""
+"""Each table by the name in its markers: its page, and the function that makes it."""
 
 
 def filled(page: str, marker: str, table: str) -> str:

@@ -1,6 +1,6 @@
 """The pages of the reference of names: one for each group of functions and for each class, from the docstrings.
 
-What stands in a page is decided here, what is said there by the package. A public name without a place is an error.
+This module decides which names are on a page; the package has their texts. A public name without a page is an error.
 """
 
 from __future__ import annotations

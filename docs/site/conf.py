@@ -1,4 +1,4 @@
-"""What Sphinx is told about the documentation; docs/site/build.py calls it."""
+"""The configuration of Sphinx for the documentation; docs/site/build.py calls it."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ def marked(text: str, links: dict[str, str]) -> str:
 
 
 def code(text: str, links: dict[str, str]) -> str:
-    """Return what stood between backticks as a link where it is the name of something public, else as it is."""
+    """Return a text between backticks as a link if it is a public name, else unchanged."""
     text = " ".join(text.split())
     name = text.removeprefix("lg.").removeprefix("lagrange.").removesuffix("(...)")
     # A zero-width break lets a mark follow a letter, as in `System`s.
@@ -32,7 +32,7 @@ def code(text: str, links: dict[str, str]) -> str:
 
 
 def lines_of(lines: list[str], links: dict[str, str]) -> list[str]:
-    """Return the lines of a docstring; what is indented is a block of code."""
+    """Return the lines of a docstring, with indented lines as blocks of code."""
     made: list[str] = []
     for paragraph in re.split(r"\n\s*\n", textwrap.dedent("\n".join(lines)).strip("\n")):
         if paragraph.startswith("    "):

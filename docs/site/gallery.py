@@ -81,7 +81,7 @@ def page(scene: LibraryScene, system: lg.System, animation: Animation) -> str:
 
 
 def tile(scene: LibraryScene) -> str:
-    """Return what stands for a scene in the gallery."""
+    """Return the entry of a scene in the gallery."""
     return (
         f"::::{{figure}} {scene.name}.svg\n:target: {scene.name}.html\n:figclass: scene\n:alt: {scene.name}\n\n"
         f"{scene.name}\n::::\n"
@@ -89,7 +89,7 @@ def tile(scene: LibraryScene) -> str:
 
 
 def make(scene: LibraryScene, folder: Path, extra: Path) -> str:
-    """Write the page of a scene and what stands in it, and return the group that it is shown in."""
+    """Write the page of a scene with its pictures, and return its group in the gallery."""
     system = lg.scene(scene.name)
     solution = system.run().require()
     animation = solution.animate(extra / f"{scene.name}-player.html")

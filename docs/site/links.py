@@ -1,6 +1,6 @@
-"""The check of the built site: pages fetch nothing from elsewhere, and every link and anchor in them leads somewhere.
+"""The check of the built site: pages load nothing from other hosts, and all links and anchors are valid.
 
-Links to other hosts are held to their form alone, since nothing is asked of the network.
+Of links to other hosts only the form is checked, without network access.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ INLINE = ("data", "mailto")
 
 
 class Page(HTMLParser):
-    """What a page has: anchors, links, and what it fetches."""
+    """The anchors and links of a page, and the files that it loads."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -42,7 +42,7 @@ class Page(HTMLParser):
         self._styled = False
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Note the anchors, links and sources of one element."""
+        """Record the anchors, links and sources of one element."""
         values = {name: value for name, value in attrs if value is not None}
         self.anchors |= {values[name] for name in ("id", "name") if name in values}
         if tag == "a" and "href" in values:
@@ -56,26 +56,26 @@ class Page(HTMLParser):
         self._styled = False
 
     def handle_data(self, data: str) -> None:
-        """Note what a style sheet in the page fetches."""
+        """Record the files that a style sheet in the page loads."""
         if self._styled:
             self.fetched += styled(data)
 
 
 def styled(text: str) -> list[str]:
-    """Return what a style sheet fetches."""
+    """Return the addresses of the files that a style sheet loads."""
     return [first or second for first, second in STYLE.findall(text)]
 
 
 @cache
 def parsed(path: Path) -> Page:
-    """Return what a page has; pages are read once."""
+    """Return the parsed page. Each page is read once."""
     page = Page()
     page.feed(path.read_text("utf-8"))
     return page
 
 
 def faults(folder: Path) -> Iterator[str]:
-    """Yield a sentence for each thing that a page fetches from elsewhere, and each link that leads nowhere."""
+    """Yield a sentence for each file that a page loads from another host, and for each broken link."""
     for path in sorted(folder.rglob("*.html")):
         page, name = parsed(path), path.relative_to(folder).as_posix()
         yield from (f"{name} fetches {url}" for url in page.fetched if elsewhere(url))
@@ -89,13 +89,13 @@ def faults(folder: Path) -> Iterator[str]:
 
 
 def elsewhere(url: str) -> bool:
-    """Return whether a source is on another host."""
+    """Return True if a source is on another host."""
     parts = urlsplit(url)
     return bool(parts.netloc) or (bool(parts.scheme) and parts.scheme not in INLINE)
 
 
 def missing(page: Path, url: str) -> bool:
-    """Return whether a source beside the page is not there."""
+    """Return True if a source on the site does not exist."""
     parts = urlsplit(url)
     return (
         not parts.scheme and not parts.netloc and bool(parts.path) and not (page.parent / unquote(parts.path)).exists()
@@ -103,7 +103,7 @@ def missing(page: Path, url: str) -> bool:
 
 
 def dead(page: Path, url: str) -> str:
-    """Return why a link leads nowhere, "" if it leads somewhere or to another host in good form."""
+    """Return the reason why a link is broken, or "" if it is valid."""
     parts = urlsplit(url)
     if parts.scheme in INLINE:
         return ""

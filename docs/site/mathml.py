@@ -1,7 +1,7 @@
-"""A Sphinx extension: formulas become MathML when a page is built, so that no script and no font is fetched to read it.
+"""A Sphinx extension that converts formulas to MathML when a page is built, so that a page needs no script or font.
 
-Every current browser sets MathML by itself. MathJax would be a megabyte of script and fonts beside each page, or a
-request to another host; pictures of formulas do not follow the size and the colour of the text.
+All current browsers display MathML. MathJax would add a megabyte of script and fonts, or a request to another host.
+Pictures of formulas do not follow the size and the colour of the text.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ SPELLED = {
     r"\end{aligned}": r"\end{split}",
     r"\tfrac": r"\frac",
 }
-"""What the converter does not know, by what it knows."""
+"""Commands that the converter does not know, with replacements that it knows."""
 
 NAMESPACE = "{http://www.w3.org/1998/Math/MathML}"
 TALL = ("mfrac", "mtable", "msqrt")
-"""What is higher than a line."""
+"""Commands whose result is higher than a line."""
 
 FUNCTIONS = "sin|cos|tan|cot|sec|csc|arcsin|arccos|arctan|sinh|cosh|tanh|coth|exp|ln|log|max|min|det|sgn"
 BRACKET = re.compile(r'(rspace=")[^"]*("[^<]*</mo>(?:(?:<m[ni]>[^<]*</m[ni]>)</msup>)?<mo[^>]*>\()')
@@ -55,7 +55,7 @@ def mathml(latex: str, display: str) -> str:
 
 
 def with_brackets(made: str) -> str:
-    """Let brackets about a line of letters be as high as the line: browsers set those that stretch with wide gaps."""
+    """Return MathML with brackets that do not stretch around a line of letters, since browsers put gaps around them."""
     root = ET.fromstring(made)
     for row in root.iter(f"{NAMESPACE}mrow"):
         ends = [row[0], row[-1]] if len(row) > 1 else []

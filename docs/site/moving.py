@@ -1,7 +1,7 @@
-"""Pictures that move: a run as an SVG that a browser plays by itself, without a script, some tens of kilobytes each.
+"""Moving pictures: a run as an SVG of some tens of kilobytes that a browser plays without a script.
 
-Points, rods and springs stand at equally spaced times, and the browser joins them; the trail of a point is its path,
-of which a short piece is shown. Who asks a system for less motion sees the last state and the whole path.
+Points, rods and springs are given at equally spaced times, between which the browser interpolates. The trail of a point
+is a short piece of its path. With the setting for reduced motion the last state and the whole path are shown.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ STYLE = """\
 
 @dataclass(frozen=True)
 class Clip:
-    """What is drawn: places of each point and of its finer path, the links, and the seconds that it lasts."""
+    """The drawn data: positions of each point and of its finer path, the links, and the duration in seconds."""
 
     points: dict[str, Points]
     paths: dict[str, Points]
@@ -55,7 +55,7 @@ class Clip:
 
 
 def clip(solution: Solution) -> Clip:
-    """Return where everything is in the picture of a run."""
+    """Return the positions of all parts in the picture of a run."""
     first, last = float(solution.t[0]), float(solution.t[-1])
     seconds = float(np.clip(last - first, SHORTEST, LONGEST))
     count = round(seconds * RATE)
@@ -99,13 +99,13 @@ def svg(solution: Solution) -> str:
 
 
 def number(value: float) -> str:
-    """Return a place to a tenth of a unit, as short as it can be written."""
+    """Return a coordinate, rounded to a tenth of a unit, as a short text."""
     text = f"{value:.1f}"
     return text.removesuffix(".0") if text != "-0.0" else "0"
 
 
 def place(point: Points, k: int) -> str:
-    """Return the place with index k."""
+    """Return the position with index k."""
     return f"{number(point[0, k])} {number(point[1, k])}"
 
 
@@ -116,7 +116,7 @@ def animated(attribute: str, values: Sequence[str], seconds: float) -> str:
 
 
 def links(made: Clip) -> str:
-    """Return rods, all of them one path, and springs, each a shape that is moved, turned and stretched."""
+    """Return the rods as one path, and each spring as a shape that is moved, turned and stretched."""
     springs = [elastic(made, link) for link in made.links if link.kind == SPRING]
     rods = [link for link in made.links if link.kind != SPRING]
     if not rods:
@@ -131,7 +131,7 @@ def links(made: Clip) -> str:
 
 
 def elastic(made: Clip, link: Link) -> str:
-    """Return a spring: a zigzag of unit length along the first axis, and how it lies at each time."""
+    """Return a spring: a zigzag of unit length along the first axis, with its transformation at each time."""
     start, end = made.points[link.start], made.points[link.end]
     right, down = end - start
     angles = np.degrees(np.unwrap(np.arctan2(down, right)))
@@ -151,14 +151,14 @@ def elastic(made: Clip, link: Link) -> str:
 
 
 def transformed(kind: str, values: Sequence[str], seconds: float) -> str:
-    """Return the element that moves a group; what stays as it is has one value."""
+    """Return the element that moves a group. A constant attribute has one value."""
     listed = ";".join(values if len(set(values)) > 1 else values[:1])
     timing = f'dur="{seconds:g}s" repeatCount="indefinite"'
     return f'<animateTransform attributeName="transform" type="{kind}" values="{listed}" {timing}/>'
 
 
 def trails(made: Clip, moving: Sequence[str]) -> str:
-    """Return the paths of points: a piece that follows each, and the whole for who wants no motion."""
+    """Return the paths of points: a moving piece of each, and the whole path for reduced motion."""
     parts = []
     for k, name in enumerate(moving):
         path = made.paths[name]

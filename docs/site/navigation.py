@@ -1,4 +1,4 @@
-"""The order of the site: which page stands under which heading. Sphinx refuses a page without a place."""
+"""The order of the site: the pages under each heading. Sphinx refuses a page that is not listed."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SECTIONS = {
 """Pages of the sidebar by heading."""
 
 PAGES_WITH_PICTURES = ("tour", "dynamics", "howto/teaching", "howto/ensembles", "howto/research")
-"""Pages whose code draws: what it saves is shown behind it."""
+"""Pages whose code saves pictures, which are shown after the code."""
 
 FOLDERS = ("benchmarks", "export")
 """Folders whose README leads to all pages beside it."""
@@ -52,7 +52,7 @@ def toctree(entries: tuple[str, ...], caption: str = "") -> str:
 
 
 def added(name: str, source: Path) -> str:
-    """Return what the navigation adds to the end of a page of docs/."""
+    """Return the navigation directives that are appended to a page of docs/."""
     if name == "index.md":
         return "".join(toctree(entries, caption) for caption, entries in SECTIONS.items())
     for folder in FOLDERS:

@@ -1,6 +1,6 @@
-"""The pictures that the code on a page saves, shown behind it: the site runs the page and keeps what it drew.
+"""The site runs the code of pages that save pictures, and shows each picture after its code.
 
-A page is run again only when it or the package has changed.
+A page is run again only if it or the package has changed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DOTS = 160
 
 
 def groups(text: str) -> list[list[str]]:
-    """Return the blocks of Python of a page: each that imports the package, with those that go on from it."""
+    """Return the Python blocks of a page: each block that imports the package, with the blocks that continue it."""
     found: list[list[str]] = []
     for body in BLOCK.findall(text):
         if re.search(r"^(import|from) lagrange", body, re.MULTILINE) or not found:
@@ -58,14 +58,14 @@ def run(name: str, folder: Path) -> None:
 
 
 def run_path(script: Path) -> None:
-    """Run a script in a namespace of its own."""
+    """Run a script in a new namespace."""
     import runpy
 
     runpy.run_path(str(script))
 
 
 def with_pictures(name: str, text: str) -> str:
-    """Return the text of a page with each picture behind the code that saves it."""
+    """Return the text of a page with each picture after the code that saves it."""
 
     def shown(found: re.Match[str]) -> str:
         pictures = [f"![{Path(one).stem}]({stem}-{one})" for one in SAVED.findall(found[1])]
@@ -76,7 +76,7 @@ def with_pictures(name: str, text: str) -> str:
 
 
 def write(source: Path) -> None:
-    """Run the pages that draw, and put their pictures into the staged ones."""
+    """Run the pages that save pictures, and add these to the staged pages."""
     package = sorted((ROOT / "lagrange").rglob("*.*"))
     folders = {name: KEPT / STORED["digest"]([DOCS / f"{name}.md", *package])[:16] for name in PAGES_WITH_PICTURES}
     missing = [(name, folder) for name, folder in folders.items() if not folder.exists()]

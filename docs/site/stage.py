@@ -1,4 +1,4 @@
-"""The source of the site: the pages of docs/ as they are, with the links that lead out of docs/ led to their copies."""
+"""The source of the site: the pages of docs/, with links to files outside docs/ changed to their copies."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ ROOT = HERE.parents[1]
 DOCS = ROOT / "docs"
 LINK = re.compile(r"(\]\()([^)\s#:]+)(#[^)\s]*)?(\))")
 OUTSIDE = {"CHANGELOG.md": "changes.md", "README.md": "index.md", "examples": "tutorials/index.md"}
-"""What a page outside docs/ is called on the site."""
+"""Names on the site of pages outside docs/."""
 COPIED = ("howto", "dev", *FOLDERS)
 MADE = ("commands.md",)
 
 
 def write_changed(path: Path, text: str) -> None:
-    """Write a file unless it has that text: Sphinx reads again what is newer."""
+    """Write a file if its text has changed, because Sphinx reads newer files again."""
     if not path.exists() or path.read_text("utf-8") != text:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, "utf-8")
 
 
 def place_on_site(path: Path) -> str:
-    """Return where a file or folder of the tree is on the site; ValueError for one that is not there."""
+    """Return the path on the site of a file or folder of the tree. Raises ValueError if it is not on the site."""
     inside = path.relative_to(ROOT)
     if inside.as_posix() in OUTSIDE:
         return OUTSIDE[inside.as_posix()]
@@ -39,7 +39,7 @@ def place_on_site(path: Path) -> str:
 
 
 def target_on_site(page: Path, target: str) -> str:
-    """Return what a link of a page becomes."""
+    """Return the target on the site of a link in a page."""
     if not target:
         return target
     start = Path(place_on_site(page)).parent
@@ -47,7 +47,7 @@ def target_on_site(page: Path, target: str) -> str:
 
 
 def with_links(page: Path, text: str) -> str:
-    """Return text of a page with its links as they are on the site, code as it is."""
+    """Return the text of a page with its links changed to those of the site. Code is not changed."""
 
     def changed(found: re.Match[str]) -> str:
         return f"{found[1]}{target_on_site(page, found[2])}{found[3] or ''}{found[4]}"
@@ -57,7 +57,7 @@ def with_links(page: Path, text: str) -> str:
 
 
 def stage(source: Path) -> None:
-    """Copy the pages and pictures of docs/, and the list of changes; a page that is gone there goes here too."""
+    """Copy the pages and pictures of docs/ and the list of changes, and remove pages that no longer exist."""
     kept = {source / "changes.md"}
     for path in sorted(DOCS.rglob("*")):
         place = source / path.relative_to(DOCS)

@@ -1,7 +1,7 @@
-"""The tutorials: the notebooks of examples/ with what they print and draw, and the scripts beside them.
+"""The tutorials: the notebooks of examples/ with their outputs, and the scripts of examples/.
 
-A notebook is run once for each state of its cells and of the package: the tests that run the notebooks leave what they
-gave where this looks for it.
+A notebook is run once for each version of its cells and of the package. Tests of notebooks store the outputs for this
+module.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from stage import ROOT, with_links, write_changed
 
 EXAMPLES = ROOT / "examples"
 STORED = runpy.run_path(str(ROOT / "docs" / "notebooks.py"))
-"""How notebooks are stored, and where what they gave is kept."""
+"""The format of notebooks, and the folder of executed ones."""
 
 INTRODUCTION = """\
 # Tutorials
@@ -28,7 +28,7 @@ Lessons as notebooks, with what they print and draw. Each runs in under a minute
 
 
 def executed(path: Path) -> str:
-    """Return a notebook with its outputs, running it unless that was done; an error in a cell is raised."""
+    """Return a notebook with its outputs, which is run unless they are stored. An error in a cell is raised."""
     place: Path = STORED["kept"](path)
     if not place.exists():
         import nbformat
@@ -43,7 +43,7 @@ def executed(path: Path) -> str:
 
 
 def on_site(path: Path, text: str) -> str:
-    """Return a notebook with the links of its sentences as they are on the site."""
+    """Return a notebook with its links changed to those of the site."""
     notebook = json.loads(text)
     for cell in notebook["cells"]:
         if cell["cell_type"] == "markdown":
@@ -52,7 +52,7 @@ def on_site(path: Path, text: str) -> str:
 
 
 def script_page() -> str:
-    """Return the page of the scripts: what each is about, and all of it."""
+    """Return the page of the scripts: the topic of each, and its source."""
     parts = ["# Scripts\n\nLonger programs that print and draw; each is one file of `examples/`.\n"]
     for path in sorted(EXAMPLES.glob("*.py")):
         text = path.read_text("utf-8")
