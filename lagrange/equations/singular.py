@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,15 +139,15 @@ def _kernel(rows: FloatArray) -> FloatArray:
 
 
 def matrices_at(
-    provider: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray
+    provider: Provider, equations: Equations, t: Any, y: FloatArray, parameters: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return M (n, n) and G (m, n) at a state (2n,)."""
+    """Return M (n, n) and G (m, n) at a state (2n,); M (n, n, k) and G (m, n, k) at times (k,) and states (2n, k)."""
     constraints, n = equations.constraints, len(equations.q)
     entries = tuple(entry for row in constraints.gradient for entry in row)
     with np.errstate(all="ignore"):
         mass = provider.interpreted("mass_matrix")(t, y, parameters)
-        gradient = provider.function("gradient", entries)(t, y, parameters) if entries else np.empty(0)
-    return mass, gradient.reshape(len(constraints), n)
+        gradient = provider.function("gradient", entries)(t, y, parameters) if entries else np.empty((0, *y.shape[1:]))
+    return mass, gradient.reshape(len(constraints), n, *y.shape[1:])
 
 
 def singular_sentence(provider: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray) -> str:
