@@ -16,10 +16,10 @@ import numpy as np
 from lagrange.errors import RunError
 from lagrange.evidence.laws import Numbers
 from lagrange.evidence.precise import OutsideDomain
-from lagrange.evidence.sample import SamplePoint
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.statement.progress import ShownAsPage, text_table
+from lagrange.statement.sampling import SamplePoint
 from lagrange.statement.statement import Statement
 
 
@@ -33,13 +33,13 @@ class ReportRow:
     """
 
     quantity: str
-    error: float
-    entry: str
-    point: int
-    points: int
-    compiled: float
-    reference: float
-    holds: bool
+    error: float = -1.0
+    entry: str = "-"
+    point: int = 0
+    points: int = 0
+    compiled: float = 0.0
+    reference: float = 0.0
+    holds: bool = False
 
     def cells(self) -> tuple[str, str, str, str, str, str]:
         """Return the texts of the six cells of this row in the printed table."""
@@ -193,18 +193,6 @@ LANES = 11
 """Number of states in a batch that is compared with single evaluations: more than a vector's width, and odd."""
 
 
-@dataclass
-class _Tally:
-    """Largest error of one quantity so far, and the entry and point where it occurred; -1 before any comparison."""
-
-    error: float = -1.0
-    entry: str = "-"
-    point: int = 0
-    points: int = 0
-    compiled: float = 0.0
-    reference: float = 0.0
-
-
 class Comparison:
     """Collects the comparisons of a check: the largest error of each row of the report, and failures.
 
@@ -214,7 +202,7 @@ class Comparison:
     def __init__(self, names: Sequence[str], rows: Sequence[str]) -> None:
         self.names = names
         self.unexplained: list[str] = []
-        self._tallies = {row: _Tally() for row in rows}
+        self._rows = {row: ReportRow(row) for row in rows}
         self._seen: dict[str, set[int]] = {row: set() for row in rows}
         self._said: set[str] = set()
         self._place = ""
@@ -232,25 +220,30 @@ class Comparison:
 
         `labels` are the names of the entries.
         """
-        tally = self._tallies[row]
         self._seen[row].add(self._number)
-        tally.points = len(self._seen[row])
+        error = self._rows[row].error
         compiled, near, rest = np.asarray(values, dtype=float), *part.doubles
         with np.errstate(all="ignore"):
             relative = relative_error(np.abs((near - compiled) + rest), *part.allowance)
         finite = np.isfinite(compiled), np.isfinite(near)
         for i in map(int, np.flatnonzero(finite[0] != finite[1])):
-            tally.error = math.inf
+            error = math.inf
             if row not in self._said:
                 self._said.add(row)
                 sentence = f"entry {labels[i]}: the statement has a value, the compiled code gives {values[i]}"
                 self.report_unexplained(f"{row}, {sentence}")
         relative[~(finite[0] & finite[1])] = -1.0
+        self._rows[row] = replace(self._rows[row], error=error, points=len(self._seen[row]))
         worst = int(np.argmax(relative)) if relative.size else -1
-        if worst >= 0 and relative[worst] > tally.error:
-            tally.error = float(relative[worst])
-            tally.entry, tally.point = labels[worst], self._number
-            tally.compiled, tally.reference = float(values[worst]), float(part.value[worst])
+        if worst >= 0 and relative[worst] > error:
+            self._rows[row] = replace(
+                self._rows[row],
+                error=float(relative[worst]),
+                entry=labels[worst],
+                point=self._number,
+                compiled=float(values[worst]),
+                reference=float(part.value[worst]),
+            )
 
     def report_unexplained(self, sentence: str) -> None:
         """Record a failure at the present sample point; `sentence` describes it."""
@@ -258,19 +251,7 @@ class Comparison:
 
     def rows(self) -> tuple[ReportRow, ...]:
         """Return the rows of the report, one for each compared quantity."""
-        return tuple(
-            ReportRow(
-                quantity=row,
-                error=tally.error,
-                entry=tally.entry,
-                point=tally.point,
-                points=tally.points,
-                compiled=tally.compiled,
-                reference=tally.reference,
-                holds=0.0 <= tally.error <= LIMIT,
-            )
-            for row, tally in self._tallies.items()
-        )
+        return tuple(replace(row, holds=0.0 <= row.error <= LIMIT) for row in self._rows.values())
 
 
 def relative_error(off: Any, size: Any, uncertainty: Any) -> Any:
