@@ -21,7 +21,7 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t as time_symbol
 from lagrange.statement.event import Event, declare_events
-from lagrange.statement.expression import MOST_NUMBERS, expression, real_number, whole_number
+from lagrange.statement.expression import MOST_NUMBERS, expression, positive_number, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status, Trajectory
 
@@ -280,10 +280,8 @@ def section_of(definition: Any, model: Model, parameters: FloatArray) -> Event |
         by_name = (
             {p: values[q] for p in definition.free_symbols for q in values if p.name == q.name} if constant else {}
         )
-        period = real_number(definition.xreplace(by_name) if constant else definition, "the period of the section")
-        if period <= 0:
-            raise StatementError(f"the period of the section is {period:g}: give a positive time.")
-        return period
+        period = definition.xreplace(by_name) if constant else definition
+        return positive_number(period, "the period of the section", "give a positive time")
     return declare_events([definition], model.statement)[0]
 
 
@@ -308,9 +306,8 @@ def section(
     """
     model = runs.model
     count, dropped = point_counts(crossings, skip, "crossings", 1)
-    wait = None if longest is None else real_number(longest, "longest, the time to wait for a crossing,")
-    if wait is not None and wait <= 0:
-        raise StatementError(f"longest, the time to wait for a crossing, is {wait:g}: give a positive time.")
+    remedy = "give a positive time to wait for a crossing"
+    wait = None if longest is None else positive_number(longest, "longest", remedy)
     passed = section_of(definition, model, runs.parameters)
     event = passed if isinstance(passed, Event) else None
     states = starts_of(model, starts, initial_of(model, None))

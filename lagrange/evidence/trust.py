@@ -13,7 +13,7 @@ from lagrange.errors import RunError, StatementError, shown
 from lagrange.evidence.precise_run import precise_run
 from lagrange.machine.model import Model, Stated
 from lagrange.statement.contact import check_without_contacts
-from lagrange.statement.expression import flag, real_array, real_number
+from lagrange.statement.expression import flag, positive_number, real_array, real_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.methods.registry import find
@@ -304,9 +304,8 @@ def trust_horizon(
     """
     model = compiled(system, "double-pendulum")
     check_without_contacts(model.statement.contacts, "the horizon of trust")
-    allowed, relative = real_number(error, "error"), flag(relative, "relative")
-    if allowed <= 0:
-        raise StatementError(f"error = {allowed:g}: give a positive one, such as 1e-3.")
+    allowed = positive_number(error, "error", "give a positive one, such as 1e-3")
+    relative = flag(relative, "relative")
     t0, t1 = span_or_end(span)
     if t0 == t1:
         raise StatementError(f"the span from {t0:g} to {t1:g} is empty: give an end such as span={t0 + 10:g}.")

@@ -13,7 +13,7 @@ import numpy as np
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown
 from lagrange.evidence.trust import ReferenceSolution, Sensitivity, digits_of, reference_solution, sensitivity
 from lagrange.machine.model import Model
-from lagrange.statement.expression import entries, flag, real_number, whole_number
+from lagrange.statement.expression import entries, flag, positive_number, real_number, whole_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import Integrator, Problem, RunOptions, run_by
 from lagrange.trajectory.methods.registry import find, names
@@ -270,9 +270,6 @@ def race_settings(
     t0, t1 = float(span[0]), float(span[1])
     if t0 == t1:
         raise StatementError(f"a race from t = {t0:g} to t = {t1:g} has no length: give t_end=.")
-    seconds = real_number(max_wall, "max_wall")
-    if seconds <= 0:
-        raise StatementError(f"max_wall = {shown(max_wall)}: give a positive number of seconds.")
     count = 1 if outputs is None else whole_number(outputs, "outputs", 1, MOST_OUTPUTS)
     times = [t0 + (t1 - t0) * k / count for k in range(1, count)]
     return RaceSettings(
@@ -280,7 +277,7 @@ def race_settings(
         tolerances=_sizes("tolerances", tolerances),
         steps=None if steps is None else _sizes("steps", steps),
         repeats=whole_number(repeats, "repeats", 1, MOST_REPEATS),
-        max_wall=seconds,
+        max_wall=positive_number(max_wall, "max_wall", "give a positive number of seconds"),
         relative=flag(relative, "relative"),
         digits=None if digits is None else digits_of(digits),
     )

@@ -31,7 +31,7 @@ from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.notebook.page_writer import ExpressionTuple
 from lagrange.statement.contact import check_without_contacts
-from lagrange.statement.expression import flag, flag_or_word, real_number, whole_number
+from lagrange.statement.expression import flag, flag_or_word, positive_number, real_number, whole_number
 from lagrange.statement.progress import LINES, counter, text_table
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrator import RunOptions
@@ -262,7 +262,7 @@ def phase_portrait(
     """
     limit = ORBIT_STEPS if max_steps is None and step is None else max_steps
     _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress, limit)
-    reach = None if t_end is None else _positive(t_end, "t_end, the time for which orbits are followed,")
+    reach = None if t_end is None else positive_number(t_end, "t_end", "give a positive time to follow orbits")
     total, noun = (CELLS_OF_PLANE**2, "cell") if starts is None else (_length(starts), "orbit")
     with counter(total, noun, enabled=progress) as report:
         data = portrait(runs, window, at, starts, time=real_number(t, "t"), reach=reach, progress=report)
@@ -391,13 +391,6 @@ def _runs(
     if max_steps is not None:
         whole_number(max_steps, "max_steps", 1)
     return model, Runs(model, model.parameter_array(parameters), options)
-
-
-def _positive(value: Any, what: str) -> float:
-    number = real_number(value, what)
-    if number <= 0:
-        raise StatementError(f"{what} is {number:g}: give a positive number.")
-    return number
 
 
 def _length(starts: Any) -> int:

@@ -24,7 +24,7 @@ from lagrange.show.files.atomic_file import write_atomically, write_rows, write_
 from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.statement.contact import check_without_contacts
-from lagrange.statement.expression import real_number
+from lagrange.statement.expression import positive_number, real_number
 from lagrange.statement.progress import text_table
 from lagrange.trajectory.run import compiled
 
@@ -225,11 +225,7 @@ class Race:
 
         Raises StatementError for an error that is not positive.
         """
-        goal = real_number(error, "the error")
-        if goal <= 0:
-            raise StatementError(
-                f"fastest() takes the largest allowed error, and {goal:g} is not positive: give one such as 1e-6."
-            )
+        goal = positive_number(error, "error", "give the largest allowed error, a positive number such as 1e-6")
         within = [entry for entry in self if entry.complete and entry.error <= goal]
         return min(within, key=lambda entry: entry.time, default=None)
 

@@ -60,6 +60,14 @@ def real_number(value: Any, what: str) -> float:
     return number
 
 
+def positive_number(value: Any, what: str, remedy: str) -> float:
+    """Return a positive finite float from a number. `what` names the value in the refusal, which ends with `remedy`."""
+    number = real_number(value, what)
+    if number <= 0:
+        raise StatementError(f"{what} = {number:g}: {remedy}.")
+    return number
+
+
 def flag(value: Any, what: str) -> bool:
     """Return a bool. Raises StatementError for values of other types, which Python would treat as true or false."""
     if not isinstance(value, (bool, np.bool_)):

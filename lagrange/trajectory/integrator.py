@@ -18,7 +18,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.parameters import ordered
 from lagrange.machine.state import DriverState
 from lagrange.statement.event import Event
-from lagrange.statement.expression import flag, real_array, real_number, whole_number
+from lagrange.statement.expression import flag, positive_number, real_array, whole_number
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 FLOOR_SHARE = 1e-3
@@ -97,7 +97,8 @@ class RunOptions:
 
         Raises StatementError if it is not a positive number.
         """
-        return _positive(self.max_wall, "max_wall", "seconds")
+        remedy = "give a positive number of seconds"
+        return None if self.max_wall is None else positive_number(self.max_wall, "max_wall", remedy)
 
     @property
     def memory_limit(self) -> float | None:
@@ -105,20 +106,12 @@ class RunOptions:
 
         Raises StatementError if it is not a positive number.
         """
-        return _positive(self.max_memory, "max_memory", "bytes")
+        remedy = "give a positive number of bytes"
+        return None if self.max_memory is None else positive_number(self.max_memory, "max_memory", remedy)
 
 
 DEFAULT_OPTIONS = RunOptions()
 """Options in which the user chose nothing."""
-
-
-def _positive(limit: float | None, name: str, unit: str) -> float | None:
-    if limit is None:
-        return None
-    number = real_number(limit, name)
-    if number <= 0:
-        raise StatementError(f"{name} = {limit}: give a positive number of {unit}.")
-    return number
 
 
 @dataclass(frozen=True)

@@ -215,7 +215,7 @@ def test_a_portrait_pickles() -> None:
         (pendulum, {"starts": 4}, "starts is 4: give a list of dicts"),
         (pendulum, {"starts": np.zeros((2, 3))}, "starts has shape \\(2, 3\\): give \\(m, 2\\).*theta theta_dot"),
         (pendulum, {"starts": [[np.nan, 0.0]]}, "starts has entries that are not finite"),
-        (pendulum, {"t_end": -1.0}, "t_end, the time for which orbits are followed, is -1: give a positive number"),
+        (pendulum, {"t_end": -1.0}, "t_end = -1: give a positive time to follow orbits"),
         (duffing, {"parameters": {"f": 1}}, "'f' is not a parameter of this system"),
     ],
 )

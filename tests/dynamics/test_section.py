@@ -146,8 +146,8 @@ def test_ctrl_c_keeps_the_orbits_that_are_there(monkeypatch: pytest.MonkeyPatch)
         (star, x, {"starts": [{"z": 1}]}, "start 0: initial names 'z'"),
         (star, "x", {}, "the event is 'x', a text"),
         (star, theta, {}, "contains theta"),
-        (duffing, 0.0, {}, "the period of the section is 0: give a positive time"),
-        (duffing, -w, {}, "the period of the section is -1.2"),
+        (duffing, 0.0, {}, "the period of the section = 0: give a positive time"),
+        (duffing, -w, {}, "the period of the section = -1.2"),
         (duffing, cos(lg.parameters("q")), {}, "the period of the section is cos\\(q\\), an expression with symbols"),
     ],
 )

@@ -91,7 +91,7 @@ def test_the_fastest_within_an_error() -> None:
     assert race.fastest(5e-7) is ENTRIES[2]
     assert race.fastest(4e-10) is ENTRIES[1]
     assert race.fastest(1e-30) is None
-    with pytest.raises(StatementError, match="is not positive: give one"):
+    with pytest.raises(StatementError, match="error = 0: give the largest allowed error"):
         race.fastest(0.0)
 
 

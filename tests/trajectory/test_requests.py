@@ -74,7 +74,7 @@ def coupled() -> lg.System:
         ({"max_steps": 1.5}, "max_steps = 1.5: give a whole number of at least 1"),
         ({"max_memory": 0}, "max_memory = 0: give a positive number of bytes"),
         ({"max_memory": "1"}, "'1'"),
-        ({"max_wall": -1.0}, "max_wall = -1.0: give a positive number of seconds"),
+        ({"max_wall": -1.0}, "max_wall = -1: give a positive number of seconds"),
         (
             {"parameters": {"mm": 2.0}},
             "'mm' is not a parameter of this system; its parameters are m,",

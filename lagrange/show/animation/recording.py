@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.show.states_between_outputs import known_alone, states_for_pictures
 from lagrange.show.units import energy_letter
-from lagrange.statement.expression import real_number
+from lagrange.statement.expression import positive_number, real_number
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.measures.sampling import points_at
 from lagrange.trajectory.solution import Solution
@@ -65,10 +65,8 @@ def timing(span: tuple[float, float], fps: float, speed: float | None = None) ->
             "show no more."
         )
     whole = abs(span[1] - span[0])
-    if speed is None:
-        pace = _fitting(whole, fps)
-    elif (pace := real_number(speed, "speed")) <= 0:
-        raise StatementError(f"speed = {pace:g}: give a positive number; 1 is real time, 2 twice as fast.")
+    remedy = "give a positive number; 1 is real time, 2 twice as fast"
+    pace = _fitting(whole, fps) if speed is None else positive_number(speed, "speed", remedy)
     if whole == 0:
         return Timing(np.array([span[0]]), 1.0 / fps, pace)
     seconds = whole / pace

@@ -15,7 +15,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.declare import ORIGIN
-from lagrange.statement.expression import real_array, real_number
+from lagrange.statement.expression import positive_number, real_array
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -59,9 +59,7 @@ def times_at(run: Trajectory, rate: Any) -> FloatArray:
 
     Raises StatementError for a rate that is not positive or gives too many times.
     """
-    rate = real_number(rate, "rate")
-    if rate <= 0:
-        raise StatementError(f"rate = {rate:g}: give a positive number of lines per unit of time, such as 100.")
+    rate = positive_number(rate, "rate", "give a positive number of lines per unit of time, such as 100")
     if not len(run.t):
         return run.t
     first, last = float(run.t[0]), float(run.t[-1])

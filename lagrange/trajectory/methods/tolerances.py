@@ -11,7 +11,7 @@ import numpy as np
 from lagrange.algorithm.step.constants import LEAST_FLOOR
 from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
-from lagrange.statement.expression import real_number
+from lagrange.statement.expression import positive_number, real_number
 from lagrange.trajectory.integrator import FLOOR_SHARE, LEAST_ATOL, LEAST_SHARE, Problem, Tolerances
 
 RTOL = 1e-9
@@ -35,10 +35,7 @@ LEAST_RTOL = 100 * 2.0**-52
 
 def step_size(value: Any) -> float:
     """Return the user's step size as a float. Raises StatementError if it is not a positive number."""
-    size = real_number(value, "step")
-    if size <= 0:
-        raise StatementError(f"step = {size:g}: give a positive size; the direction follows from the time span.")
-    return size
+    return positive_number(value, "step", "give a positive size; the direction follows from the time span")
 
 
 def check_options(step: Any = None, rtol: Any = None, atol: Any = None) -> None:
