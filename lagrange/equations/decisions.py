@@ -10,9 +10,10 @@ undecided. The degrees of T, or of L, in the velocities decide whether the energ
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import Any
 
 import sympy
@@ -25,6 +26,7 @@ from lagrange.equations.textbook_algebra import StatedAlgebra, canonical, is_ide
 from lagrange.graph.evaluate import precise, values
 from lagrange.graph.node import Node
 from lagrange.statement.coordinate import t
+from lagrange.statement.sampling import SamplePoint, onto_constraints, random_points
 from lagrange.statement.statement import Statement
 
 SECOND = 2
@@ -142,7 +144,6 @@ LAW_SAMPLES = 3  # Number of states at which laws are evaluated
 LAW_DRAWS = 24  # Largest number of states that are drawn for the samples: at some an expression has no value
 MOST_HELD = 16
 """Largest number of constraints for which a state that satisfies them is searched: for 16 it takes a second."""
-LAW_CORRECTIONS = 40  # Most Newton steps onto the constraints; each doubles the digits near them
 Verdict = bool | None  # True if proven, False if disproven, None if undecided
 
 Values = dict[Node, Any]
@@ -322,29 +323,14 @@ class Decisions:
     @cached_property
     def _points(self) -> list[Values]:
         """Up to `LAW_SAMPLES` random states, times and parameters at which the Lagrangian has a value."""
-        points: list[Values] = []
-        for point in self._drawn():
-            if len(points) == LAW_SAMPLES:
-                break
-            if values([self.laws.lagrangian], point, CONTEXT) is not None:
-                points.append(point)
-        return points
+        points = map(self._numbers, random_points(self.statement, 1, LAW_DRAWS))
+        valued = (point for point in points if values([self.laws.lagrangian], point, CONTEXT) is not None)
+        return [*islice(valued, LAW_SAMPLES)]
 
-    def _drawn(self) -> Iterator[Values]:
-        """Yield random points, alternately of order one, and near the initial state and the default parameters."""
-        statement, laws, draw = self.statement, self.laws, random.Random(1)
-        state = (*laws.q, *laws.v)
-        for k in range(LAW_DRAWS):
-            size = 2.0 ** -(k // 4)
-            near = bool(k % 2)
-            point = {x: size * draw.uniform(-1.5, 1.5) for x in state}
-            if near:
-                point = {x: s + (abs(s) or 1.0) * 0.3 * point[x] for x, s in zip(state, statement.initial, strict=True)}
-            point[laws.time] = draw.uniform(0.2, 1.7)
-            for node, symbol in zip(laws.parameters, statement.parameters, strict=True):
-                usual = statement.defaults.get(symbol, 1.0) if near else 1.0
-                point[node] = (usual or (0.0 if near else 1.0)) * draw.uniform(0.6, 1.6)
-            yield {node: CONTEXT.mpf(value) for node, value in point.items()}
+    def _numbers(self, point: SamplePoint) -> Values:
+        laws = self.laws
+        entries = (*point.q, *point.v, point.t, *point.parameters.values())
+        return dict(zip((*laws.q, *laws.v, laws.time, *laws.parameters), map(CONTEXT.mpf, entries), strict=True))
 
     def _rate(self, node: Node, point: Values) -> tuple[Any, Any] | None:
         """Return the partial time derivative of a node at a point, and the scale for deciding whether it is zero.
@@ -367,45 +353,34 @@ class Decisions:
         return bool(abs(CONTEXT.fsum([*terms, -slope[0]])) > ZERO_SHARE * max(forces[1], slope[1], *map(abs, terms)))
 
     def _held(self, point: Values) -> Values | None:
-        """Return `point` moved onto the constraints by Newton's method, or None if that fails.
-
-        First the coordinates are corrected, then the velocities.
-        """
+        """Return `point` moved onto the constraints, or None if that fails."""
         laws, constraints = self.laws, self.laws.constraints
-        holonomic = [i for i, phi in enumerate(constraints.positions) if phi is not None]
-        for rows, symbols, nodes in (
-            (holonomic, laws.q, constraints.positions),
-            (range(len(constraints)), laws.v, constraints.velocities),
-        ):
-            moved = self._corrected(point, rows, symbols, [nodes[i] for i in rows if nodes[i] is not None])
-            if moved is None:
-                return None
-            point = moved
-        return point
+        every = range(len(constraints))
+        holonomic = [i for i in every if constraints.positions[i] is not None]
+        levels = [(holonomic, constraints.positions), (every, constraints.velocities)]
+        outputs: list[list[Any]] = [
+            [*(zeros[i] for i in rows), *(entry for i in rows for entry in constraints.gradient[i])]
+            for rows, zeros in levels
+        ]
 
-    def _corrected(self, point: Values, rows: Sequence[int], symbols: Sequence[Node], zeros: Any) -> Values | None:
-        """Return the point with `symbols` corrected by Newton's method until `zeros` vanish; None if that fails.
+        def moved(q: list[Any], v: list[Any]) -> Values:
+            return point | dict(zip((*laws.q, *laws.v), (*q, *v), strict=True))
 
-        `rows` are the indices of the constraints whose rows of G are the derivatives of `zeros` with respect to
-        `symbols`.
-        """
-        gradient = [entry for i in rows for entry in self.laws.constraints.gradient[i]]
-        for _ in range(LAW_CORRECTIONS if zeros else 0):
-            evaluated = values([*zeros, *gradient], point, CONTEXT)
+        def at(level: int, q: list[Any], v: list[Any]) -> tuple[list[Any], list[list[Any]]]:
+            evaluated = values(outputs[level], moved(q, v), CONTEXT)
             if evaluated is None:
-                return None
-            value = CONTEXT.matrix(evaluated[0][: len(zeros)])
-            if CONTEXT.norm(value) <= CONTEXT.mpf(10) ** (5 - CONTEXT.dps) * evaluated[1]:
-                return point
-            matrix = CONTEXT.matrix(len(zeros), len(symbols))
-            for k, entry in enumerate(evaluated[0][len(zeros) :]):
-                matrix[k // len(symbols), k % len(symbols)] = entry
-            try:
-                step = matrix.T * CONTEXT.lu_solve(matrix * matrix.T, value)
-            except ZeroDivisionError:
-                return None
-            point = {**point, **{x: point[x] - step[i] for i, x in enumerate(symbols)}}
-        return None if zeros else point
+                raise ZeroDivisionError
+            count, n = len(levels[level][0]), len(q)
+            rest = evaluated[0][count:]
+            return evaluated[0][:count], [rest[k : k + n] for k in range(0, len(rest), n)]
+
+        try:
+            state = onto_constraints(
+                [point[x] for x in laws.q], [point[x] for x in laws.v], at, CONTEXT.lu_solve, ZERO_SHARE
+            )
+        except ZeroDivisionError:
+            return None
+        return None if state is None else moved(*state)
 
     # --- proofs -----------------------------------------------------------------------------------------------
 

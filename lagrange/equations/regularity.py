@@ -7,7 +7,7 @@ velocity, the constraints must be independent, and every motion that they allow 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,7 @@ from lagrange.graph.node import Node, reachable, substitute
 from lagrange.graph.term_size import term_sizes
 from lagrange.statement.coordinate import check_multipliers, constraint_of, multiplier
 from lagrange.statement.given.function import with_values
+from lagrange.statement.sampling import SAMPLE_KINDS, Sampler
 from lagrange.statement.statement import REFUSE, Statement
 
 MOST_WRITTEN_OPERATIONS = 20_000_000
@@ -123,7 +124,10 @@ def _multipliers(equations: Equations, system_name: str, constraint_names: Seque
 
 
 RANDOM_STATES = 8
-"""Number of random states at which the rank is tested, beside the initial state. One regular state is enough."""
+"""Number of random states at which the rank is tested, and of states near the initial one. One regular state is enough.
+"""
+
+NEAR_ATTEMPT = 4  # Attempt of the sampler whose points are 3 % away from the initial state
 
 Reach = Callable[[Statement, Equations, FloatArray, FloatArray], list[FloatArray]]
 """Projection onto the constraints: takes statement, equations, states (2n, k) and parameters.
@@ -161,26 +165,26 @@ def allowed_equations(statement: Statement, reach: Reach) -> Equations:
     return equations if len(kept) == len(statement.constraints) else euler_lagrange(statement, kept)
 
 
-def check_regularity(equations: Equations, statement: Statement | None = None, reach: Reach | None = None) -> None:
+def check_regularity(equations: Equations, statement: Statement, reach: Reach) -> None:
     """Raise StatementError if the accelerations are undetermined at all states and parameters tried.
 
-    States and parameters are random; with `statement` also its initial state and default parameters are tried. The
-    message names the constraints, or the combination of velocities that has no inertia. With `reach`, which finds
-    states on the constraints, it also says whether dependent constraints contradict each other.
+    States and parameters are random; the initial state and the default parameters are tried as well. The message names
+    the constraints, or the combination of velocities that has no inertia. `reach` finds states on the constraints, so
+    that the message also says whether dependent constraints contradict each other.
     """
     if len(equations.constraints):
         _check_constraints(Tried(equations, statement), reach)
     else:
-        _check_mass_matrix(Tried(equations, statement))
+        _check_mass_matrix(equations, statement)
 
 
-def _check_mass_matrix(tried: Tried) -> None:
+def _check_mass_matrix(equations: Equations, statement: Statement) -> None:
     """Raise StatementError if the mass matrix is singular at all states and parameters tried."""
-    names = tried.equations.structure.names
-    coupled = [block for block in tried.equations.structure.blocks if len(block) > 1]
+    names = equations.structure.names
+    coupled = [block for block in equations.structure.blocks if len(block) > 1]
     if not coupled:
         return
-    n = len(names)
+    tried, n = Tried(equations, statement), len(names)
     matrices = tried.values(tried.mass_entries()).reshape(n, n, -1)
     for block in coupled:
         null = _common_null_vector(matrices[np.ix_(block, block)])
@@ -188,7 +192,7 @@ def _check_mass_matrix(tried: Tried) -> None:
             raise StatementError(_no_inertia_along([names[i] for i in block], null))
 
 
-def _check_constraints(tried: Tried, reach: Reach | None) -> None:
+def _check_constraints(tried: Tried, reach: Reach) -> None:
     """Raise StatementError for constraints that are empty, dependent, or leave a motion without inertia."""
     equations, constraints = tried.equations, tried.equations.constraints
     entries = [entry for row in constraints.gradient for entry in row]
@@ -219,17 +223,16 @@ def _independent_constraints(statement: Statement, equations: Equations, reach: 
     `reach` finds the states on the constraints at which this is tested. Raises StatementError if it finds none.
     """
     tried, count = Tried(equations, statement), len(statement.constraints)
-    states, parameters = tried.starts(), tried.some_parameters(statement)
     gradient = [entry for row in equations.stated.gradient for entry in row]
-    reached = reach(statement, equations, states, parameters)
+    reached, parameters = tried.reached(reach)
     if not reached:
         names = listing(repr(constraint.name) for constraint in statement.constraints)
         raise StatementError(
             f"no state was found that satisfies the constraints {names} together, so it is not known which of them "
             "follow from others. Give an initial state that satisfies them, and the values of all parameters."
         )
-    points = (tried.point(0.0, state[:, None], parameters) for state in reached)
-    return max((independent_rows(doubles(gradient, point, 1).reshape(count, -1)) for point in points), key=len)
+    values = tried.values(gradient, [(*state, *parameters, 0.0) for state in reached]).T
+    return max((independent_rows(rows.reshape(count, -1)) for rows in values), key=len)
 
 
 def independent_rows(rows: FloatArray) -> tuple[int, ...]:
@@ -251,7 +254,7 @@ def independent_rows(rows: FloatArray) -> tuple[int, ...]:
     return tuple(sorted(chosen))
 
 
-def _dependent(tried: Tried, singular: Singular, reach: Reach | None) -> str:
+def _dependent(tried: Tried, singular: Singular, reach: Reach) -> str:
     """Return the error message for constraints that are dependent at every state tried.
 
     It says that they contradict each other if `reach` finds no state on them. `singular` has the dependent rows of G.
@@ -260,58 +263,35 @@ def _dependent(tried: Tried, singular: Singular, reach: Reach | None) -> str:
     names = equations.constraints.names
     # Without values for its parameters no state says whether constraints contradict one another.
     only_stated = all(row < len(equations.stated) for row, _ in singular.rows)
-    if reach is None or statement is None or not only_stated or len(statement.defaults) < len(statement.parameters):
+    if not only_stated or len(statement.defaults) < len(statement.parameters) or tried.reached(reach)[0]:
         return dependent_everywhere(names, singular)
-    reached = reach(statement, equations, tried.starts(), tried.some_parameters(statement))
-    return dependent_everywhere(names, singular) if reached else contradiction(names, singular)
+    return contradiction(names, singular)
 
 
-@dataclass(frozen=True, eq=False)
 class Tried:
-    """Random states and parameters at which regularity is tested."""
+    """Points at which regularity is tested: random ones of order one, the initial state, and points near it."""
 
-    equations: Equations
-    statement: Statement | None
+    def __init__(self, equations: Equations, statement: Statement) -> None:
+        self.equations, self.statement, sampler = equations, statement, Sampler(statement, 7)
+        near, order_one = SAMPLE_KINDS[:2]
+        self._random = [sampler.point(order_one) for _ in range(RANDOM_STATES)]
+        self._initial = sampler.initial()
+        self._near = [sampler.point(near, NEAR_ATTEMPT) for _ in range(RANDOM_STATES)]
 
-    def random_states(self) -> FloatArray:
-        """Return random states, (2n, RANDOM_STATES)."""
-        return np.random.default_rng(7).uniform(0.2, 1.2, (self.equations.layout.size, RANDOM_STATES))
+    def reached(self, reach: Reach) -> tuple[list[FloatArray], FloatArray]:
+        """Return states (2n,) on the constraints and the parameters (k,); `reach` starts at states of the sample."""
+        states = np.array([(*point.q, *point.v) for point in (self._initial, *self._random)]).T
+        parameters = np.array([*self._initial.parameters.values()])
+        return reach(self.statement, self.equations, states, parameters), parameters
 
-    def starts(self) -> FloatArray:
-        """Return the initial state of the statement, followed by the random states, (2n, 1 + RANDOM_STATES)."""
-        random = self.random_states()
-        return random if self.statement is None else np.array([self.statement.initial, *random.T]).T
-
-    def some_parameters(self, statement: Statement | None) -> FloatArray:
-        """Return values of the parameters (k,): a statement's defaults, and random values where no default exists."""
-        some = np.random.default_rng(9).uniform(0.5, 2.0, len(self.equations.parameters))
-        if statement is None:
-            return some
-        return np.array([statement.defaults.get(p, x) for p, x in zip(statement.parameters, some, strict=True)])
-
-    def point(self, t: FloatArray | float, states: FloatArray, parameters: FloatArray) -> dict[Node, FloatArray]:
-        """Return {symbol: values (k,)} for all symbols of the equations, at k times and k states (2n, k).
-
-        The time may be one number. `parameters` are the same at all k points.
-        """
-        e, count = self.equations, states.shape[1]
-        symbols = (*e.q, *e.v, *e.parameters, e.time)
-        rows = (*states, *(np.full(count, p) for p in parameters), np.broadcast_to(t, (count,)))
-        return dict(zip(symbols, rows, strict=True))
-
-    def values(self, nodes: Sequence[Node]) -> FloatArray:
-        """Return the values of nodes at every state tried, (nodes, states)."""
-        statement, state = self.statement, self.random_states()
-        random = np.random.default_rng(8)
-        some = self.some_parameters(None)
-        blocks = [doubles(nodes, self.point(random.uniform(0.2, 1.2, RANDOM_STATES), state, some), RANDOM_STATES)]
-        if statement is not None:
-            stated = self.some_parameters(statement)
-            initial = np.array(statement.initial)[:, None]
-            around = initial + (1e-2 * np.abs(initial) + 1e-3) * random.uniform(-1.0, 1.0, state.shape)
-            states = np.concatenate([initial, around], axis=1)
-            blocks.append(doubles(nodes, self.point(0.0, states, stated), 1 + RANDOM_STATES))
-        return np.concatenate(blocks, axis=1)
+    def values(self, nodes: Sequence[Node], points: Sequence[tuple[float, ...]] | None = None) -> FloatArray:
+        """Return the values of nodes, (nodes, points). A point is (*q, *v, *parameters, t); by default all points."""
+        if points is None:
+            sampled = (*self._random, self._initial, *self._near)
+            points = [(*point.q, *point.v, *point.parameters.values(), point.t) for point in sampled]
+        e = self.equations
+        rows = zip((*e.q, *e.v, *e.parameters, e.time), np.array(points).T, strict=True)
+        return doubles(nodes, dict(rows), len(points))
 
     def mass_entries(self) -> list[Node]:
         """Return the entries of the mass matrix, row by row."""

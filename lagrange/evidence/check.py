@@ -30,12 +30,13 @@ from lagrange.evidence.report import (
     entry_labels,
     is_finite,
 )
-from lagrange.evidence.sample import DRAWS_PER_KIND, SAMPLE_KINDS, SamplePoint, Sampler, solved_statement
+from lagrange.evidence.sample import solved_statement
 from lagrange.machine.backend import MissingTargetError
 from lagrange.machine.model import Model, Stated
 from lagrange.statement.coordinate import acceleration_of, multiplier, t
 from lagrange.statement.expression import in_full, whole_number
 from lagrange.statement.rotation import of_quaternions
+from lagrange.statement.sampling import DRAWS_PER_KIND, SAMPLE_KINDS, SamplePoint, Sampler
 from lagrange.statement.statement import Statement
 
 __all__ = ["check", "quick_check", "textbook_tape"]

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import sympy
 
-from lagrange.evidence.precise import OutsideDomain, Precise, children
+from lagrange.evidence.precise import OutsideDomain, Precise
+from lagrange.statement.sampling import children, onto_constraints
 from lagrange.statement.statement import Statement
 
 Numbers = list[Any]
@@ -541,9 +542,6 @@ def bordered(mass: Sequence[Row], gradient: Sequence[Numbers]) -> list[Row]:
 CONSTRAINT_DIGITS = 60
 """Decimal digits of the evaluations: first differences with steps of 1e-20 keep two thirds of them."""
 
-PRECISE_CORRECTIONS = 30
-"""Largest number of Newton corrections of a state towards the constraints."""
-
 
 class ConstraintSurface:
     """The states (q, v) that satisfy the constraints on positions and on velocities."""
@@ -559,7 +557,7 @@ class ConstraintSurface:
     ) -> tuple[Numbers, Numbers]:
         """Return q and v moved along the rows of G until the constraints hold. Raises OutsideDomain if that fails."""
         values = {p: self.number(x) for p, x in parameters.items()}
-        position, rates, t = list(map(self.number, q)), list(map(self.number, v)), self.number(t)
+        t = self.number(t)
 
         def zero(q: Sequence[Any], v: Sequence[Any], t: Any) -> Numbers:
             return self.tape(q, v, t, values)
@@ -567,29 +565,18 @@ class ConstraintSurface:
         stated = StatedConstraints.alike(zero, self.holonomic)
         rows = [i for i, is_holonomic in enumerate(self.holonomic) if is_holonomic]
 
-        def steps(q: Numbers, v: Numbers) -> DifferenceSteps:
-            return DifferenceSteps.at(q, v, t, self.step, timed=self.tape.uses_time)
+        def at(level: int, q: Numbers, v: Numbers) -> tuple[Numbers, list[Numbers]]:
+            steps = DifferenceSteps.at(q, v, t, self.step, timed=self.tape.uses_time)
+            slopes = gradient(stated, q, v, t, steps)
+            if level:
+                return velocity_level(stated, q, v, t, steps), slopes
+            residuals = zero(q, v, t)
+            return [residuals[i] for i in rows], [slopes[i] for i in rows]
 
-        def on_positions(q: Numbers) -> tuple[Numbers, list[Numbers]]:
-            residual, slopes = zero(q, rates, t), gradient(stated, q, rates, t, steps(q, rates))
-            return [residual[i] for i in rows], [slopes[i] for i in rows]
+        def solve(matrix: Sequence[Numbers], right: Numbers) -> Numbers:
+            return solve_dense(matrix, right, self.step)
 
-        def on_velocities(v: Numbers) -> tuple[Numbers, list[Numbers]]:
-            new_steps = steps(position, v)
-            return velocity_level(stated, position, v, t, new_steps), gradient(stated, position, v, t, new_steps)
-
-        if rows:
-            position = self._corrected(position, on_positions)
-        return position, self._corrected(rates, on_velocities)
-
-    def _corrected(self, x: Numbers, at: Callable[[Numbers], tuple[Numbers, list[Numbers]]]) -> Numbers:
-        """Return x after Newton corrections -G^T z with G G^T z = residual; `at(x)` returns residual and rows of G."""
-        for _ in range(PRECISE_CORRECTIONS):
-            residual, rows = at(x)
-            square = [[sum(a * b for a, b in zip(row, other, strict=True)) for other in rows] for row in rows]
-            z = solve_dense(square, residual, self.step)
-            change = [sum(row[j] * by for row, by in zip(rows, z, strict=True)) for j in range(len(x))]
-            x = [a - b for a, b in zip(x, change, strict=True)]
-            if all(abs(b) <= self.step * (1 + abs(a)) for a, b in zip(x, change, strict=True)):
-                return x
-        raise OutsideDomain("no state nearby satisfies the constraints")
+        moved = onto_constraints(list(map(self.number, q)), list(map(self.number, v)), at, solve, self.step)
+        if moved is None:
+            raise OutsideDomain("no state nearby satisfies the constraints")
+        return moved

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import sympy
 from mpmath import MPContext, libmp
-from sympy.core.function import AppliedUndef
 
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.run_settings import check_time
+from lagrange.statement.sampling import children
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
@@ -432,15 +432,6 @@ _ALWAYS = 1 << 100_000
 
 _CONDITIONS = (sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, sympy.GreaterThan)
 _SWITCHES = (*_CONDITIONS, sympy.Abs, sympy.sign, sympy.Heaviside, sympy.Min, sympy.Max)
-
-
-def children(node: Any) -> tuple[Any, ...]:
-    """Return the operands of a node: none for leaves; values and conditions alternate for a Piecewise."""
-    if isinstance(node, (AppliedUndef, sympy.Derivative, sympy.Symbol)):
-        return ()
-    if isinstance(node, sympy.Piecewise):
-        return tuple(part for pair in node.args for part in (pair.expr, pair.cond))
-    return tuple(node.args)
 
 
 _NAMED: dict[Any, Callable[[int], Any]] = {

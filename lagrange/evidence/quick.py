@@ -25,12 +25,13 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import FAULT, RunError
-from lagrange.evidence.laws import DifferenceSteps, StatedConstraints, acceleration_level, along
+from lagrange.evidence.laws import DifferenceSteps, StatedConstraints, acceleration_level, along, central
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.report import LIMIT, TINY_ERROR, relative_error
-from lagrange.evidence.sample import SamplePoint, Sampler, holds, random_points, sampled_statement
+from lagrange.evidence.sample import sampled_statement
 from lagrange.machine.model import Model
+from lagrange.statement.sampling import SamplePoint, Sampler, holds, random_points
 from lagrange.statement.statement import Statement
 
 DIGITS_OF_TEST = 50
@@ -213,16 +214,12 @@ class _Probe:
         t, step, ahead = self.number(point.t), self.number(DIFFERENCE_STEP), self._steps(point, q, v).motion
 
         def slope(tape: Precise, at_q: Any, at_v: Any, at_t: Any, dq: Any, dv: Any) -> Any:
-            upper = tape(along(at_q, dq, step), along(at_v, dv, step), at_t, parameters)[0]
-            lower = tape(along(at_q, dq, -step), along(at_v, dv, -step), at_t, parameters)[0]
-            return (upper - lower) / (2 * step)
+            return central(lambda s: tape(along(at_q, dq, s), along(at_v, dv, s), at_t, parameters), step)[0]
 
         still = [0] * len(q)
 
-        def momentum(s: Any) -> Any:
-            return slope(for_rate, along(q, v, s), along(v, a, s), t + s, still, w)
-
-        terms = [(momentum(ahead) - momentum(-ahead)) / (2 * ahead), -slope(for_force, q, v, t, w, still)]
+        rates = central(lambda s: [slope(for_rate, along(q, v, s), along(v, a, s), t + s, still, w)], ahead)
+        terms = [*rates, -slope(for_force, q, v, t, w, still)]
         if self.forces is not None:
             loads = self.forces(q, v, t, parameters)
             terms += [-x * force for x, force in zip(w, loads, strict=True)]

@@ -33,7 +33,7 @@ from lagrange.evidence.laws import (
 )
 from lagrange.evidence.precise import BeyondDoubles, Precise
 from lagrange.evidence.report import ReferenceEntries
-from lagrange.evidence.sample import SamplePoint
+from lagrange.statement.sampling import SamplePoint
 from lagrange.statement.statement import Statement
 
 REFERENCE_DIGITS = 90

@@ -11,11 +11,11 @@ from typing import NamedTuple
 from lagrange.algorithm.outcome import Outcome
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.precise_run import NoValue, evaluate
-from lagrange.evidence.sample import SampleKind, Sampler
 from lagrange.export.module import Check, ExportedIntegrator, StepCheck
 from lagrange.machine.python_source import loaded
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
+from lagrange.statement.sampling import SampleKind, Sampler
 from lagrange.statement.statement import Statement
 
 STATES = 6  # Number of states of each test, the initial state among them if the quantity has values there

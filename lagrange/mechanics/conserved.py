@@ -14,7 +14,6 @@ from sympy import Abs, Float, Matrix, Rational, S, sqrt
 from lagrange.equations.terms import MonomialSum, TooLargeError, differentiable, printable
 from lagrange.equations.textbook_algebra import StatedAlgebra, TextbookAlgebra, canonical
 from lagrange.errors import FAULT, RunError, StatementError, formula, listing, shown, suggestion
-from lagrange.evidence.sample import SamplePoint, random_points, usable
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters, some_of
 from lagrange.mechanics.symmetries import (
@@ -35,6 +34,7 @@ from lagrange.statement.expression import ByName, check_once, expression, in_ful
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
 from lagrange.statement.progress import ShownAsPage
 from lagrange.statement.rotation import AXES
+from lagrange.statement.sampling import SamplePoint, random_points, usable
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.trajectory import FloatArray

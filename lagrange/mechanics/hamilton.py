@@ -12,7 +12,7 @@ import sympy
 
 from lagrange.equations.solve_plan import coupled_blocks
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.sample import LARGEST_ERROR, SamplePoint, compared, holds, random_points
+from lagrange.evidence.sample import LARGEST_ERROR, compared
 from lagrange.machine.model import Model
 from lagrange.mechanics.plain_form import (
     FORMULA_DIGITS,
@@ -31,6 +31,7 @@ from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.expression import refusing_deep
 from lagrange.statement.parameters import Survey, in_own_parameters
 from lagrange.statement.progress import ShownAsPage
+from lagrange.statement.sampling import SamplePoint, holds, random_points
 from lagrange.statement.statement import Statement
 
 LARGEST_COUPLED_BLOCK = 4

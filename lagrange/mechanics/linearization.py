@@ -13,7 +13,7 @@ import sympy
 
 from lagrange.equations.regularity import known_statement
 from lagrange.errors import FAULT, RunError, StatementError, formula, listing
-from lagrange.evidence.sample import SamplePoint, agrees, compared
+from lagrange.evidence.sample import agrees, compared
 from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.expansion import INPUT_REMEDY, StatedPoint, stated_point, with_inputs_as_parameters
 from lagrange.mechanics.plain_form import Shortener, in_decimals, numeric, simplest, vanishes_in_symbols
@@ -21,6 +21,7 @@ from lagrange.mechanics.small_changes import SmallChanges, small_changes
 from lagrange.statement.coordinate import t
 from lagrange.statement.given.function import require_values
 from lagrange.statement.progress import ShownAsPage, announced
+from lagrange.statement.sampling import SamplePoint
 from lagrange.statement.statement import Statement
 
 

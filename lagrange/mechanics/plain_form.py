@@ -15,9 +15,9 @@ from sympy.core.function import AppliedUndef
 
 from lagrange.equations.terms import Algebra, TooLargeError, differentiable, printable
 from lagrange.errors import StatementError
-from lagrange.evidence.sample import ALL_KINDS, MOST_DRAWS, SampleKind, SamplePoint, holds, random_points
 from lagrange.statement.coordinate import acceleration_of, t
 from lagrange.statement.given.motion import motion_of
+from lagrange.statement.sampling import ALL_KINDS, MOST_DRAWS, SampleKind, SamplePoint, holds, random_points
 from lagrange.statement.statement import Statement
 
 LONGEST_FACTORED = 400

@@ -11,7 +11,6 @@ import sympy
 
 from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
-from lagrange.evidence.sample import NEAR_INITIAL
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, simplest, vanishes
 from lagrange.statement.contact import contact
 from lagrange.statement.coordinate import name_of, t, velocity_of
@@ -21,6 +20,7 @@ from lagrange.statement.given.function import given as given_function
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.parameters import Survey, coordinate_name, in_own_parameters, label_of
 from lagrange.statement.rotation import rotation_of
+from lagrange.statement.sampling import NEAR_INITIAL
 from lagrange.statement.statement import Constraint, Statement
 
 
@@ -94,7 +94,6 @@ def with_origin(derived: Statement, statement: Statement) -> Statement:
     return replace(derived, about=statement.about, source=statement.source, run=run, dimensions=sizes)
 
 
-@refusing_deep
 def substituted(statement: Statement, replacements: Mapping[Any, Any]) -> Statement:
     """Return the statement with expressions in place of some parameters; keys are symbols or names.
 

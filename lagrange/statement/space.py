@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence, Sized
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -173,8 +173,7 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
 
     Raises StatementError, with the deviation, for a value that is not a rotation.
     """
-    # An array of a long sequence, such as range(10**9), would not fit into the memory.
-    array = np.array([] if isinstance(value, Sized) and len(value) > 9 else value, dtype=object)
+    array = np.array(value, dtype=object)
     try:
         numbers = array.astype(float)
     except (TypeError, ValueError, OverflowError):

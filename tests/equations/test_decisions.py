@@ -135,17 +135,20 @@ EARTH = cos(Rational(729, 10**7) * t) + sin(Rational(1991, 10**10) * t)
 
 
 def test_a_proof_has_a_bound_of_work() -> None:
-    # The power of these forces disappears in 50 digits beside 1e20, so that only algebra could decide.
-    structure = found(kinetic=x.dot**2 / 2, potential=-(10**20) / sqrt(x**2 + 10**22) + x * EARTH, coordinates=[x])
+    # The power of these forces disappears in 50 digits beside cos(x), so that only algebra could decide.
+    structure = found(kinetic=x.dot**2 / 2, potential=cos(x) + x * EARTH / 10**26, coordinates=[x])
     assert structure.energy_kept is None
     assert found(kinetic=x.dot**2 / 2, potential=x * EARTH, coordinates=[x]).energy_kept is False
+    # Samples have the size of the lengths in the formula, here 1e11.
+    far = -(10**20) / sqrt(x**2 + 10**22) + x * EARTH
+    assert found(kinetic=x.dot**2 / 2, potential=far, coordinates=[x]).energy_kept is False
     twelve = sin(12 * t) - 2 * sin(6 * t) * cos(6 * t)
     assert found(kinetic=x.dot**2 / 2, potential=x * twelve, coordinates=[x]).energy_kept
 
 
 def test_a_run_that_keeps_its_energy_asks_for_no_proof(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(decisions, "StatedAlgebra", None)
-    system = lg.System(x.dot**2 / 2, -(10**20) / sqrt(x**2 + 10**22) + x * EARTH)
+    system = lg.System(x.dot**2 / 2, cos(x) + x * EARTH / 10**26)
     assert system.run(1.0, {x: 1.0}, target="numpy").status is lg.Status.SUCCESS
 
 

@@ -12,14 +12,15 @@ from hypothesis import strategies as st
 from sympy import cos, sin
 
 from lagrange.compiler import machine, model_of, reached
-from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.equations.regularity import check_regularity
 from lagrange.equations.solve_plan import SolvePlan, elimination_order, plan_of
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 from lagrange.program.elimination import block_eliminations, elimination
 from lagrange.program.lower import lower
-from tests.models import SYSTEMS, M, g, k, laws, m, stated, theta, x, y, z
+from lagrange.statement.statement import Statement
+from tests.models import SYSTEMS, M, g, k, m, stated, statement_of, theta, x, y, z
 from tests.series_systems import HELD, ladder, quaternion, rods
 
 
@@ -226,13 +227,13 @@ def test_the_order_of_the_statement_does_not_matter() -> None:
 # --- A mass matrix without an inverse is refused, with the motion without inertia ---
 
 
-def checked(equations: Equations) -> None:
-    check_regularity(equations, reach=reached)
+def checked(statement: Statement) -> None:
+    check_regularity(euler_lagrange(statement), statement, reached)
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_every_sound_system_passes(name: str) -> None:
-    checked(laws(name))
+    checked(statement_of(name))
 
 
 NO_TERM = "the Lagrangian has no term of second order in {0}.dot, so {0} has no inertia"
@@ -262,7 +263,7 @@ SLIDING, STRING = m * (x.dot - y.dot) ** 2 / 2, m * (x.dot + y.dot) ** 2 / 2 + m
 )
 def test_a_motion_without_inertia_is_named(given: dict[str, Any], coordinates: list[Any], words: list[str]) -> None:
     with pytest.raises(StatementError) as raised:
-        checked(euler_lagrange(stated(**given, coordinates=coordinates)))
+        checked(stated(**given, coordinates=coordinates))
     assert all(word in str(raised.value) for word in words)
     assert len(coordinates) < 4 or not {"z.dot", "theta.dot"} & set(str(raised.value).split())
 
@@ -280,4 +281,4 @@ def test_a_motion_without_inertia_is_named(given: dict[str, Any], coordinates: l
     ],
 )
 def test_singular_somewhere_and_units_that_differ_are_no_reason_to_refuse(kinetic: Any) -> None:
-    checked(euler_lagrange(stated(kinetic=kinetic, coordinates=[x, y])))
+    checked(stated(kinetic=kinetic, coordinates=[x, y]))

@@ -10,10 +10,10 @@ import sympy as sp
 from lagrange.errors import RunError
 from lagrange.evidence.quick import quick_check
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import SamplePoint
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinate
 from lagrange.statement.declare import declare
+from lagrange.statement.sampling import SamplePoint
 from lagrange.statement.statement import Statement
 from tests.evidence import statements
 from tests.evidence.stand_in import Refusing, StandIn

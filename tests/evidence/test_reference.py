@@ -18,9 +18,9 @@ from lagrange.evidence import laws
 from lagrange.evidence.laws import LOCAL_FROM, Estimate, central, central_mixed, extrapolated, local_terms
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import SAMPLE_KINDS, SamplePoint, Sampler
 from lagrange.statement.coordinate import coordinate, t
 from lagrange.statement.declare import declare
+from lagrange.statement.sampling import SAMPLE_KINDS, SamplePoint, Sampler
 from lagrange.statement.statement import Statement
 from tests.evidence import statements
 from tests.evidence.stand_in import StandIn

@@ -18,7 +18,6 @@ from lagrange.equations.derivation import Derivation, derive
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
-from lagrange.evidence.sample import SamplePoint, Sampler
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
 from lagrange.mechanics.grading.rounded_numbers import with_exact_numbers, with_parameters
 from lagrange.mechanics.grading.student_equations import (
@@ -34,6 +33,7 @@ from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, UNNAMED, 
 from lagrange.mechanics.grading.wrong_term import WrongTerm, slip_of, wrong_term
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name
 from lagrange.statement.progress import ShownAsPage
+from lagrange.statement.sampling import SamplePoint, Sampler
 from lagrange.statement.statement import Statement
 
 DRAWS = 1000  # Random points drawn to reach other branches; most of them cost one evaluation of the switches

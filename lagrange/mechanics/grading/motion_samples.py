@@ -15,8 +15,8 @@ from lagrange.errors import StatementError
 from lagrange.evidence.laws import ConstraintSurface, solve_dense
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import SAMPLE_KINDS, SamplePoint, Sampler, usable
 from lagrange.mechanics.plain_form import PlainForm
+from lagrange.statement.sampling import SAMPLE_KINDS, SamplePoint, Sampler, usable
 from lagrange.statement.statement import Statement
 
 DIGITS = 60  # Decimal digits of the velocities: more than the accelerations have

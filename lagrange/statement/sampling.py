@@ -1,0 +1,404 @@
+"""Random states, times and parameters at which terms rarely vanish or dominate, and the way onto constraints."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import islice
+from typing import Any, TypeVar
+
+import sympy
+from sympy.core.function import AppliedUndef
+
+from lagrange.statement.statement import Statement
+
+ORDINARY = math.log(300.0)
+"""Logarithm of the largest size that counts as 1: samples of order one suit sizes from 1/300 to 300."""
+
+EXTREME = math.log(1e100)
+"""Logarithm of the largest size. Sizes stay within 1e-100 and 1e100, so that their squares are doubles."""
+
+Form = dict[Any, float]
+"""A monomial as a dict: the power of each symbol, and under `UNIT` the logarithm of the coefficient."""
+
+UNIT = sympy.S.One
+
+
+@dataclass(frozen=True)
+class _Row:
+    """An equation which says that a product of powers of magnitudes is 1.
+
+    `unknowns` has the powers of the unknown magnitudes by index, and `known` the powers of other symbols. `unit` is
+    the logarithm of the coefficient.
+    """
+
+    unknowns: dict[int, float]
+    known: tuple[tuple[Any, float], ...]
+    unit: float
+
+
+class Scales:
+    """Typical magnitudes of the coordinates and velocities of a statement, for any values of its parameters.
+
+    Assumption: terms of a sum have equal magnitudes, and arguments of functions have magnitude 1. This gives linear
+    equations for the logarithms of the magnitudes.
+    """
+
+    def __init__(self, statement: Statement) -> None:
+        unknowns = (*statement.coordinates, *statement.velocities)
+        self._index = {unknown: k for k, unknown in enumerate(unknowns)}
+        self._forms: dict[Any, Form] = {}
+        self._monomials: list[Form] = []
+        stated = (statement.lagrangian, *statement.forces, statement.dissipation)
+        for expression in (*stated, *(constraint.expression for constraint in statement.constraints)):
+            self._read(expression)
+        self._rows = [self._row(form) for form in self._monomials if any(symbol in self._index for symbol in form)]
+
+    def sizes(self, parameters: Mapping[Any, float], start: Sequence[float] = ()) -> tuple[float, ...]:
+        """Return typical magnitudes (2n,) of coordinates and velocities, for these values of the parameters.
+
+        Magnitudes between 1/300 and 300 are returned as 1. Magnitudes that the equations do not determine are those
+        of the entries of the state `start`, or 1.
+        """
+        logarithms = {p: math.log(abs(x)) for p, x in parameters.items() if x and math.isfinite(x)}
+        rows: list[tuple[dict[int, float], float]] = []
+        for row in self._rows:
+            # A row is left out if one of its symbols has no size.
+            unit = row.unit + sum(power * logarithms.get(symbol, math.nan) for symbol, power in row.known)
+            if math.isfinite(unit):
+                rows.append((row.unknowns, unit))
+        solution = _Solution(rows)
+        for k, value in enumerate(start):
+            if value:
+                solution.settle(k, math.log(abs(value)))
+        for k in self._index.values():
+            solution.settle(k, 0.0)
+        bounded = (max(-EXTREME, min(EXTREME, solution.sizes[k])) for k in self._index.values())
+        return tuple(1.0 if abs(size) <= ORDINARY else math.exp(size) for size in bounded)
+
+    def _row(self, form: Form) -> _Row:
+        unknowns = {self._index[symbol]: power for symbol, power in form.items() if symbol in self._index}
+        others = tuple((s, power) for s, power in form.items() if s is not UNIT and s not in self._index)
+        return _Row(unknowns, others, form.get(UNIT, 0.0))
+
+    def _read(self, expression: Any) -> None:
+        """Add the equations for magnitudes that follow from an expression; its subexpressions are read first."""
+        stack = [(expression, False)]
+        while stack:
+            node, ready = stack.pop()
+            if node in self._forms:
+                continue
+            if ready or not children(node):
+                self._forms[node] = self._form(node)
+            else:
+                stack += [(node, True), *((child, False) for child in children(node))]
+
+    def _form(self, node: Any) -> Form:
+        parts = [self._forms[child] for child in children(node)]
+        if not parts:
+            if not node.is_number:
+                return {node: 1.0}
+            size = abs(float(node)) if node.is_finite and node.is_real else 0.0
+            return {UNIT: math.log(size)} if size else {UNIT: -math.inf}
+        if isinstance(node, sympy.Mul):
+            return _product(parts)
+        if isinstance(node, sympy.Pow) and node.exp.is_number:
+            return {symbol: power * float(node.exp) for symbol, power in parts[0].items()}
+        if isinstance(node, (sympy.Abs, sympy.Max, sympy.Min, sympy.Add, *RELATIONS)):
+            # All terms get the size of the first one, preferably of one without unknowns.
+            parts.sort(key=lambda part: any(symbol in self._index for symbol in part))
+            self._monomials += [_product([part, {s: -power for s, power in parts[0].items()}]) for part in parts[1:]]
+            return parts[0]
+        if isinstance(node, sympy.Function) and not isinstance(node, (sympy.Piecewise, sympy.sign)):
+            self._monomials += parts
+        return {UNIT: 0.0} if not isinstance(node, sympy.Piecewise) else parts[0]
+
+
+def children(node: Any) -> tuple[Any, ...]:
+    """Return the operands of a node: none for leaves; values and conditions alternate for a Piecewise."""
+    if isinstance(node, (AppliedUndef, sympy.Derivative, sympy.Symbol)):
+        return ()
+    if isinstance(node, sympy.Piecewise):
+        return tuple(part for pair in node.args for part in (pair.expr, pair.cond))
+    return tuple(node.args)
+
+
+RELATIONS = (sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, sympy.GreaterThan)
+
+
+def _product(parts: Sequence[Form]) -> Form:
+    product: Form = {}
+    for part in parts:
+        for symbol, power in part.items():
+            product[symbol] = product.get(symbol, 0.0) + power
+    return {symbol: power for symbol, power in product.items() if power or symbol is UNIT}
+
+
+class _Solution:
+    """Solves linear equations for the logarithms of magnitudes, one unknown after another.
+
+    An equation has the powers of its unknowns, by index, and its constant term. `sizes` has the known logarithms. An
+    equation gives its last unknown as soon as all others are known.
+    """
+
+    def __init__(self, rows: Sequence[tuple[Mapping[int, float], float]]) -> None:
+        self.sizes: dict[int, float] = {}
+        self._rows = rows
+        self._waiting: dict[int, list[int]] = {}
+        for k, (powers, _) in enumerate(rows):
+            for unknown in powers:
+                self._waiting.setdefault(unknown, []).append(k)
+        self._left = [len(powers) for powers, _ in rows]
+        for powers, unit in rows:
+            if len(powers) == 1:
+                for unknown, power in powers.items():
+                    self.settle(unknown, -unit / power)
+
+    def settle(self, unknown: int, size: float) -> None:
+        """Set the logarithm `size` of an unknown, unless it is known, and compute the unknowns that follow from it."""
+        if unknown in self.sizes:
+            return
+        self.sizes[unknown] = size
+        fresh = deque([unknown])
+        while fresh:
+            for k in self._waiting.get(fresh.popleft(), ()):
+                self._left[k] -= 1
+                if self._left[k] == 1:
+                    fresh += self._last(k)
+
+    def _last(self, k: int) -> list[int]:
+        """Compute the last unknown of equation `k`. Return [its index], or [] if it was already known."""
+        powers, unit = self._rows[k]
+        last = [unknown for unknown in powers if unknown not in self.sizes]
+        for unknown in last:
+            total = sum(power * self.sizes[other] for other, power in powers.items() if other in self.sizes)
+            self.sizes[unknown] = -(unit + total) / powers[unknown]
+        return last
+
+
+@dataclass(frozen=True)
+class SamplePoint:
+    """A state, a time and a value for every parameter; `kind` is a phrase that says how they were chosen."""
+
+    q: tuple[float, ...]
+    v: tuple[float, ...]
+    t: float
+    parameters: Mapping[Any, float]
+    kind: str
+
+    def describe(self, names: Sequence[str], digits: int = 17) -> str:
+        """Return the point as ``theta = 0.3, theta_dot = -1.2, t = 0.5, m = 1`` in the user's symbols."""
+        pairs = [*zip(names, self.q, strict=True), *((f"{a}_dot", x) for a, x in zip(names, self.v, strict=True))]
+        pairs += [("t", self.t), *((p.name, x) for p, x in self.parameters.items())]
+        return ", ".join(f"{name} = {float(value):.{digits}g}" for name, value in pairs)
+
+
+@dataclass(frozen=True)
+class SampleKind:
+    """Rule for random points. `state` is "initial", for states near the initial one, or "order one".
+
+    `parameters` is "default", "near default" or "order one".
+    """
+
+    name: str
+    state: str
+    parameters: str
+
+
+SAMPLE_KINDS = (
+    SampleKind("near the initial state", "initial", "default"),
+    SampleKind("everything of order one", "order one", "order one"),
+    SampleKind("of order one, parameters near their defaults", "order one", "near default"),
+    SampleKind("near the initial state, parameters near their defaults", "initial", "near default"),
+    SampleKind("everything of order one", "order one", "order one"),
+)
+"""Kinds of points, used in turn.
+
+Numbers near the initial state are those of actual runs. With everything of order one, no term is 20 orders of magnitude
+smaller than another, as a planet's is beside the sun's in SI units. Parameters away from their defaults distinguish m1
+from m2 if both are 1, and show terms with a parameter c = 0.
+"""
+
+DRAWS_PER_KIND = 40
+"""Number of draws of one kind of point before the next kind is tried."""
+
+
+Move = tuple[float, float, float]
+"""(x, r, s): an entry x of a state is moved to x + s r, with a random number r and a size s."""
+
+
+_scales_of = lru_cache(maxsize=4)(Scales)
+"""Typical magnitudes of a statement, from a cache, because an analysis creates hundreds of samplers."""
+
+
+class Sampler:
+    """Random points of a statement, the same for the same seed."""
+
+    def __init__(self, statement: Statement, seed: int) -> None:
+        self.statement = statement
+        self._draw = random.Random(seed)
+        scales = _scales_of(statement)
+        # Points with the default parameters share their sizes.
+        self._sizes = lru_cache(maxsize=2)(
+            lambda values, start: scales.sizes(dict(zip(statement.parameters, values, strict=True)), start)
+        )
+        n = len(statement.coordinates)
+        self._initial = (statement.initial[:n], statement.initial[n:])
+
+    def point(self, kind: SampleKind, attempt: int = 0) -> SamplePoint:
+        """Return a random point of a kind. Points near the initial state approach it as `attempt` grows."""
+        near = kind.state == "initial"
+        if near:
+            spread = 0.3 * 0.1 ** (attempt // 4)
+            moves = [self._near(values, spread) for values in self._initial]
+        else:
+            moves = [[(0.0, self._of_order_one(), 1.0) for _ in values] for values in self._initial]
+        t = self._draw.uniform(0.1, 2.0) * (max(0.1, self.statement.run.t_end / 2) if near else 1.0)
+        parameters = self._parameters(kind.parameters)
+        q, v = self._placed(moves, self._sizes(tuple(parameters.values()), self.statement.initial if near else ()))
+        return SamplePoint(q, v, self._within(t), parameters, kind.name)
+
+    def initial(self) -> SamplePoint:
+        """Return the initial state itself, at t = 0 with the default parameters."""
+        q, v = self._initial
+        return SamplePoint(q, v, self._within(0.0), self._parameters("default"), "the initial state")
+
+    def far(self) -> SamplePoint:
+        """Return a point with numbers of very different magnitudes, to reach branches that are rarely taken."""
+        moves = [
+            [(x if self._draw.random() < 0.5 else 0.0, self._of_order_one() * self._magnitude(), 1.0) for x in values]
+            for values in self._initial
+        ]
+        t = abs(self._of_order_one()) * self._magnitude()
+        parameters = self._parameters(self._draw.choice(("default", "near default", "order one")))
+        q, v = self._placed(moves, self._sizes(tuple(parameters.values()), ()))
+        return SamplePoint(q, v, self._within(t), parameters, "far and wide")
+
+    def _placed(
+        self, moves: Sequence[Sequence[Move]], scales: Sequence[float]
+    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return q and v of a random state. An entry with the move (x, r, s) is x + s r.
+
+        x is an entry of a state, r a random number, and s a size. `moves` has the moves of q and those of v. An entry
+        of `scales` (2n,) that is not 1 replaces s.
+        """
+        every = zip([*moves[0], *moves[1]], scales, strict=True)
+        state = tuple(entry + (size if scale == 1.0 else scale) * x for (entry, x, size), scale in every)
+        return state[: len(moves[0])], state[len(moves[0]) :]
+
+    def _within(self, t: float) -> float:
+        """Return t if the given functions of time are defined there, else a time within their span."""
+        first, last = self.statement.span
+        return t if first <= t <= last else first + (last - first) * (0.2 + 0.6 * t / (1.0 + t))
+
+    def _near(self, values: Sequence[float], spread: float) -> list[Move]:
+        largest = max(1.0, *map(abs, values))
+        # An entry that is zero gets a random size between 1 and the largest entry.
+        sizes = [abs(x) or 10.0 ** self._draw.uniform(0.0, math.log10(largest)) for x in values]
+        moves = [spread * self._of_order_one() for _ in values]
+        return [
+            (x + size * move, 0.0, 1.0) if x else (0.0, move, size)
+            for x, move, size in zip(values, moves, sizes, strict=True)
+        ]
+
+    def _parameters(self, how: str) -> dict[Any, float]:
+        values = {}
+        for symbol in self.statement.parameters:
+            default = self.statement.defaults.get(symbol)
+            if default is not None and how == "default":
+                values[symbol] = default
+            elif default and how == "near default":
+                values[symbol] = default * self._draw.uniform(0.7, 1.4)
+            else:
+                size = self._draw.uniform(0.4, 1.8)
+                values[symbol] = -size if self._negative(symbol, default) else size
+        return values
+
+    def _negative(self, symbol: Any, default: float | None) -> bool:
+        if symbol.is_positive:
+            return False
+        return default < 0 if default else self._draw.random() < 0.5
+
+    def _of_order_one(self) -> float:
+        return self._draw.uniform(0.2, 1.7) * (1.0 if self._draw.random() < 0.5 else -1.0)
+
+    def _magnitude(self) -> float:
+        return math.pow(10.0, self._draw.uniform(-3.0, 3.0))
+
+
+MOST_DRAWS = 16
+"""Largest number of random states tried, since a formula may have no value at some."""
+
+ALL_KINDS = (*SAMPLE_KINDS[1:4], SAMPLE_KINDS[0])
+"""Kinds of random states, used in turn: those of order one come first."""
+
+NEAR_INITIAL = (SAMPLE_KINDS[3],)
+"""States near the initial one, where a formula may hold that holds on one branch alone."""
+
+Place = TypeVar("Place")
+Value = TypeVar("Value")
+
+
+def random_points(
+    statement: Statement, seed: int, draws: int = MOST_DRAWS, kinds: Sequence[SampleKind] = ALL_KINDS
+) -> Iterator[SamplePoint]:
+    """Yield `draws` random points: states with times and parameters, of each kind in turn.
+
+    The same `seed` gives the same points.
+    """
+    sampler = Sampler(statement, seed)
+    return (sampler.point(kinds[attempt % len(kinds)], attempt) for attempt in range(draws))
+
+
+def usable(samples: Iterable[Place], value: Callable[[Place], Value | None]) -> Iterator[Value]:
+    """Yield the values of a function at samples; a sample where the value is None is skipped."""
+    return (result for result in map(value, samples) if result is not None)
+
+
+def holds(samples: Iterable[Place], judge: Callable[[Place], bool | None], count: int) -> bool | None:
+    """Return True if `judge` is true at `count` samples, False after a False, None if too few samples have a value."""
+    count_so_far = 0
+    for verdict in islice(usable(samples, judge), count):
+        if not verdict:
+            return False
+        count_so_far += 1
+    return True if count_so_far == count else None
+
+
+CORRECTIONS = 40
+"""Largest number of Newton corrections of a state towards the constraints. Each doubles the number of right digits."""
+
+Numbers = list[Any]
+
+
+def onto_constraints(
+    q: Numbers,
+    v: Numbers,
+    at: Callable[[int, Numbers, Numbers], tuple[Numbers, Sequence[Numbers]]],
+    solve: Callable[[Any, Numbers], Iterable[Any]],
+    small: Any,
+) -> tuple[Numbers, Numbers] | None:
+    """Return q and v moved onto the constraints by the shortest Newton corrections; None if they do not converge.
+
+    `at(level, q, v)` returns residuals (m,) and the rows of their gradient (m, n). At level 0 the residuals are those
+    of the coordinates, which are moved first, and at level 1 those of the velocities. `solve` solves m linear
+    equations. The last correction is at most `small`, relative to 1 or to the entries.
+    """
+    state = [q, v]
+    for level in (0, 1):
+        for _ in range(CORRECTIONS):
+            residuals, rows = at(level, *state)
+            square = [[sum(a * b for a, b in zip(row, other, strict=True)) for other in rows] for row in rows]
+            weights = list(solve(square, residuals)) if rows else []
+            x = state[level]
+            change = [sum(row[j] * weight for row, weight in zip(rows, weights, strict=True)) for j in range(len(x))]
+            x = state[level] = [a - b for a, b in zip(x, change, strict=True)]
+            if all(abs(b) <= small * (1 + abs(a)) for a, b in zip(x, change, strict=True)):
+                break
+        else:
+            return None
+    return state[0], state[1]
