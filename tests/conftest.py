@@ -201,6 +201,5 @@ def pytest_collection_finish() -> None:
     Tests share models and graphs, which stay too: it looks at them less often than a program without them is used to.
     """
     gc.enable()
-    gc.collect()
     gc.freeze()
     gc.set_threshold(50_000, 20, 20)

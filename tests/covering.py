@@ -80,15 +80,11 @@ def most_of(item: pytest.Item) -> int:
 
 def thinned(items: Sequence[pytest.Item]) -> tuple[list[pytest.Item], list[pytest.Item]]:
     """Return the cases that a default run takes, in their order, and the others."""
-    tests: dict[str, list[pytest.Item]] = {}
     kept: set[pytest.Item] = set()
-    for item in items:
-        if item.get_closest_marker("slow") is None:
-            if many(item):
-                tests.setdefault(item.nodeid.partition("[")[0], []).append(item)
-            else:
-                kept.add(item)
-    for cases in tests.values():
-        cases.sort(key=lambda item: zlib.crc32(item.nodeid.encode()))
-        kept.update(cases[k] for k in covering([case_of(item) for item in cases], most_of(cases[0])))
+    for _, group in itertools.groupby(items, key=lambda item: item.nodeid.partition("[")[0]):
+        cases = [item for item in group if item.get_closest_marker("slow") is None]
+        if cases and many(cases[0]):
+            cases.sort(key=lambda item: zlib.crc32(item.nodeid.encode()))
+            cases = [cases[k] for k in covering([case_of(item) for item in cases], most_of(cases[0]))]
+        kept.update(cases)
     return [item for item in items if item in kept], [item for item in items if item not in kept]

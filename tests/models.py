@@ -15,12 +15,15 @@ from sympy import cos, exp, sin, sqrt
 from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.recipes.model import Model
+from lagrange.show.notebook.page_writer import scenes
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.statement.scene.library import library_path, load
 from lagrange.statement.statement import Statement
 from lagrange.system import System, scene
 
+SCENE_NAMES = tuple(scenes())
+"""The scenes of the library: their names are read once for all files."""
 TARGETS = ("numpy", "llvm")
 LLVM_FIRST = (pytest.param("numpy", marks=pytest.mark.slow), "llvm")
 """The same where an interpreted run takes long: a default run takes the compiled one."""

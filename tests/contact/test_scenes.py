@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from tests.models import shared_scene, stated_in
+from tests.models import SCENE_NAMES, shared_scene, stated_in
 
-NAMES = [name for name in lg.scenes() if "contacts" in stated_in(name)]
+NAMES = [name for name in SCENE_NAMES if "contacts" in stated_in(name)]
 DRIVEN = ("ball-on-table", "belt")
 """Scenes in which a moving surface does work."""
 

@@ -27,7 +27,7 @@ from lagrange.trajectory.methods.splitting import Splitting
 from lagrange.trajectory.tableaux import explicit as tableaux
 from lagrange.trajectory.tableaux.butcher import ButcherTableau, ErrorEstimate, row
 from lagrange.trajectory.tableaux.explicit import dop853, dopri5
-from tests.models import shared_scene, stated_in
+from tests.models import SCENE_NAMES, shared_scene, stated_in
 
 BOGACKI_SHAMPINE = ButcherTableau(
     name="bogacki-shampine",
@@ -140,7 +140,7 @@ def test_backwards_and_with_output_times_too() -> None:
 
 
 @pytest.mark.parametrize("method", EXPLICIT, ids=NAMES)
-@pytest.mark.parametrize("scene", [name for name in lg.scenes() if "contacts" not in stated_in(name)])
+@pytest.mark.parametrize("scene", [name for name in SCENE_NAMES if "contacts" not in stated_in(name)])
 def test_no_scene_of_the_library_is_called_stiff(scene: str, method: Any) -> None:
     system = shared_scene(scene)
     for rtol in (1e-4, 1e-6, 1e-9) if isinstance(method, str) else (1e-4, 1e-6):

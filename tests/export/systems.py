@@ -10,11 +10,12 @@ import pytest
 from sympy import cos
 
 import lagrange as lg
+from tests.models import SCENE_NAMES
 
 
 def every_scene(*few: str) -> list[Any]:
-    """Return the names of all scenes as test parameters; a run without --conformance takes a few of them."""
-    return [pytest.param(name, marks=[pytest.mark.conformance] * (name not in few)) for name in lg.scenes()]
+    """Return the names of all scenes as parameters, of which a run without --conformance takes few."""
+    return [pytest.param(name, marks=[pytest.mark.conformance] * (name not in few)) for name in SCENE_NAMES]
 
 
 def held(system: lg.System) -> list[str]:

@@ -19,10 +19,10 @@ from lagrange.machine.model import Model
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import FloatArray
-from tests.models import build, model, shared_scene, stated_in, x, y
+from tests.models import SCENE_NAMES, build, model, shared_scene, stated_in, x, y
 
 HELD = {"constraints", "contacts", "rotations"}
-SCENES = tuple(name for name in lg.scenes() if name != "two-point-vortices" and HELD.isdisjoint(stated_in(name)))
+SCENES = tuple(name for name in SCENE_NAMES if name != "two-point-vortices" and HELD.isdisjoint(stated_in(name)))
 """States are moved one entry at a time, which those of the other scenes may not be."""
 
 MODELS = ("Henon-Heiles", "coupled masses", "8 carried masses", "cart and pole", "chain of 7")

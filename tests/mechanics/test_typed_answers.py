@@ -18,10 +18,10 @@ from lagrange.show.derivation_page import NO_HEADING, PAGES, render
 from lagrange.show.notation.sections import sections
 from tests.covering import Share
 from tests.mechanics.answered_systems import answered, oscillator, pulley
-from tests.models import shared_scene, stated_in
+from tests.models import SCENE_NAMES, shared_scene, stated_in
 
-LONG = [name for name in lg.scenes() if stated_in(name) >= {"rotations", "constraints"}]
-SCENES = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in lg.scenes()]
+LONG = [name for name in SCENE_NAMES if stated_in(name) >= {"rotations", "constraints"}]
+SCENES = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in SCENE_NAMES]
 
 
 @pytest.mark.few

@@ -17,7 +17,7 @@ from lagrange.page.document import TOLERANCE
 from lagrange.page.web_page import rates_at
 from lagrange.show.figures.curve import around
 from lagrange.show.figures.paths import Box
-from tests.models import shared_scene, stated_in
+from tests.models import SCENE_NAMES, shared_scene, stated_in
 from tests.page.browser import Browser, Tab, program
 from tests.page.test_page import data
 from tests.systems import pendulum
@@ -82,7 +82,7 @@ def slide(tab: Tab, place: int) -> float:
     return moved
 
 
-TURNING = [name for name in lg.scenes() if "rotations" in stated_in(name)]
+TURNING = [name for name in SCENE_NAMES if "rotations" in stated_in(name)]
 
 
 @pytest.mark.few(2)
@@ -105,7 +105,7 @@ def test_a_scene_with_rotations_follows_the_sliders_of_its_rates(scene: str, bro
         assert moves_as_ours(tab, system, [0.0, 0.1])
 
 
-SHOWN = [name for name in lg.scenes() if stated_in(name).isdisjoint({"contacts", "rotations"})]
+SHOWN = [name for name in SCENE_NAMES if stated_in(name).isdisjoint({"contacts", "rotations"})]
 """A page has no contacts. Those with rotations have sliders of rates, see below."""
 
 

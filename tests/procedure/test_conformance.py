@@ -26,6 +26,7 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE
 from lagrange.procedure.interpreter import run
 from lagrange.program.program import Instruction, Program, ProgramBlock
+from tests.models import SCENE_NAMES
 
 
 @pytest.mark.parametrize("count", [1, 3, 8, 11, None])
@@ -67,7 +68,7 @@ def evaluated(programs: list[Program], t: float, y: np.ndarray, parameters: np.n
 
 
 @pytest.mark.few(2)
-@pytest.mark.parametrize("scene", lg.scenes())
+@pytest.mark.parametrize("scene", SCENE_NAMES)
 def test_every_scene(scene: str) -> None:
     system = lg.scene(scene)
     model: Model = system.compile("numpy")

@@ -23,15 +23,21 @@ from lagrange.statement.coordinate import coordinate
 from tests.models import build, c, l, m, model, x, y
 from tests.recipes.agreement import named, singular, states
 
-jax: Any = pytest.importorskip("jax", reason="jax is not installed")
+
+@pytest.fixture
+def jax() -> Any:
+    """Return JAX with double precision, which no other file of tests loads."""
+    package = pytest.importorskip("jax", reason="jax is not installed")
+    package.config.update("jax_enable_x64", val=True)
+    return package
 
 
-@pytest.fixture(autouse=True)
-def _double_precision() -> None:
-    jax.config.update("jax_enable_x64", val=True)
+@pytest.fixture
+def numba() -> Any:
+    return pytest.importorskip("numba", reason="numba is not installed")
 
 
-def test_a_batch_is_the_states_one_by_one() -> None:
+def test_a_batch_is_the_states_one_by_one(jax: Any) -> None:
     of = named("double-pendulum")
     rhs, p = of.as_jax(), of.parameter_array()
     many = np.array([y for _, y in states(of, 5)])
@@ -39,7 +45,7 @@ def test_a_batch_is_the_states_one_by_one() -> None:
     np.testing.assert_allclose(found, [of.rhs(0.0, y) for y in many], rtol=1e-13, atol=1e-13)
 
 
-def test_gradients_by_parameters_and_by_time_are_differences() -> None:
+def test_gradients_by_parameters_and_by_time_are_differences(jax: Any) -> None:
     of = model("cart and pole", "numpy")
     rhs, (time, y) = of.as_jax(), list(states(of))[1]
     p, h = of.parameter_array(), 1e-6
@@ -53,7 +59,7 @@ def test_gradients_by_parameters_and_by_time_are_differences() -> None:
 
 
 @pytest.mark.slow
-def test_the_gradient_of_the_energy_by_reverse_sweep() -> None:
+def test_the_gradient_of_the_energy_by_reverse_sweep(jax: Any) -> None:
     of = model("8 carried masses", "numpy")
     rhs, energy, (time, y) = of.as_jax(), of.as_jax("energy"), list(states(of))[1]
     p = of.parameter_array()
@@ -65,8 +71,8 @@ def test_the_gradient_of_the_energy_by_reverse_sweep() -> None:
 
 @pytest.mark.few(1)
 @pytest.mark.parametrize("n", [2, 3, 5])
-def test_units_do_not_make_a_matrix_singular(n: int) -> None:
-    """Coupled masses of 1e-120 and 1e120 are solved by determinants, by exchanges and by LAPACK."""
+def test_units_do_not_make_a_matrix_singular(n: int, jax: Any) -> None:
+    """Check masses of 1e-120 and 1e120 that are coupled, by determinants, by exchanges and by LAPACK."""
     xs = [coordinate(f"x{i}") for i in range(n)]
     units = [10.0 ** (120 * (-1) ** i) for i in range(n)]
     kinetic = sum((u * q.dot for u, q in zip(units, xs, strict=True)), start=0) ** 2
@@ -77,18 +83,20 @@ def test_units_do_not_make_a_matrix_singular(n: int) -> None:
     np.testing.assert_allclose(found, of.rhs(0.0, np.zeros(2 * n)), rtol=1e-13)
 
 
+@pytest.mark.usefixtures("jax")
 def test_other_shapes_are_refused() -> None:
     rhs = model("pendulum", "numpy").as_jax()
     with pytest.raises(ValueError, match=r"the shapes \(\), \(2, 5\), \(3,\): give \(\), \(2,\), \(3,\)"):
         rhs(0.0, np.zeros((2, 5)), np.ones(3))
 
 
-def test_single_precision_is_refused_with_what_to_say() -> None:
+def test_single_precision_is_refused_with_what_to_say(jax: Any) -> None:
     jax.config.update("jax_enable_x64", val=False)
     with pytest.raises(StatementError, match=r"single precision.*say jax\.config\.update\('jax_enable_x64', True\)"):
         model("pendulum", "numpy").as_jax()
 
 
+@pytest.mark.usefixtures("jax")
 def test_the_source_is_that_of_a_file() -> None:
     pendulum = model("pendulum", "numpy")
     rhs: Any = pendulum.as_jax()
@@ -101,8 +109,6 @@ def test_the_source_is_that_of_a_file() -> None:
 # --- numba ----------------------------------------------------------------------------------------------------
 # The functions for Numba's compiled functions: values, parameters, statuses, refusals, how long the code lives.
 
-numba: Any = pytest.importorskip("numba", reason="numba is not installed")
-
 
 @cache
 def double_pendulum() -> NumbaFunction:
@@ -110,7 +116,7 @@ def double_pendulum() -> NumbaFunction:
 
 
 @pytest.mark.slow
-def test_compiled_loops_call_it_with_any_parameters() -> None:
+def test_compiled_loops_call_it_with_any_parameters(numba: Any) -> None:
     of, made = model("double pendulum"), double_pendulum()
     prepare, rhs = made.prepare, made.function
 
@@ -130,6 +136,7 @@ def test_compiled_loops_call_it_with_any_parameters() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("numba")
 def test_the_digits_are_those_of_the_model_and_shapes_too() -> None:
     of = model("cart and pole")
     p = of.parameter_array()
@@ -144,6 +151,7 @@ def test_the_digits_are_those_of_the_model_and_shapes_too() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("numba")
 def test_a_singular_mass_matrix_is_nan_and_a_status() -> None:
     of = singular(2, "llvm")
     made = of.as_numba()
@@ -152,6 +160,7 @@ def test_a_singular_mass_matrix_is_nan_and_a_status() -> None:
     assert np.isnan(made.function(0.0, y, prepared)).all()
 
 
+@pytest.mark.usefixtures("numba")
 def test_a_singular_constant_matrix_is_nan() -> None:
     """The constant matrix of this system is solved once for the parameters."""
     of = build("llvm", kinetic=m * (x.dot**2 + y.dot**2) / 2 + c * x.dot * y.dot, potential=x, coordinates=[x, y])
@@ -163,6 +172,7 @@ def test_a_singular_constant_matrix_is_nan() -> None:
     assert np.isnan(made.function(0.0, np.ones(4), prepared)).all()
 
 
+@pytest.mark.usefixtures("numba")
 def test_wrong_sizes_and_types_are_refused() -> None:
     of, made = model("double pendulum"), double_pendulum()
     prepared = made.prepare(of.parameter_array())
@@ -176,6 +186,7 @@ def test_wrong_sizes_and_types_are_refused() -> None:
         made.function(0.0, np.ones(4, dtype=int), prepared)
 
 
+@pytest.mark.usefixtures("numba")
 def test_the_numpy_target_is_refused() -> None:
     with pytest.raises(
         StatementError, match=r"has no address: take the machine code of the llvm target, system\.compile\('llvm'\)"
@@ -184,6 +195,7 @@ def test_the_numpy_target_is_refused() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("numba")
 def test_the_code_outlives_the_model() -> None:
     of = build("llvm", kinetic=x.dot**2 / 2, potential=x**2 / 2)
     made, p = of.as_numba(), of.parameter_array()

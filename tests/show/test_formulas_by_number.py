@@ -30,7 +30,7 @@ from lagrange.show.notation.sections import (
 )
 from lagrange.show.notation.text import Notation, UnicodeNotation
 from lagrange.statement.typed.reader import TypedReader
-from tests.models import shared_scene, stated_in
+from tests.models import SCENE_NAMES, shared_scene, stated_in
 
 LONG = (
     *("pleiades", "seven-body-mechanism", "hanging-chain", "spinning-top", "slider-crank", "free-flip"),
@@ -38,7 +38,7 @@ LONG = (
 )
 SCENES = [
     pytest.param(name, marks=[pytest.mark.slow] * (name in LONG))
-    for name in lg.scenes()
+    for name in SCENE_NAMES
     if "rotations" not in stated_in(name)
 ]
 """Equations in rates of rotations are read back by `compare` in tests of typed answers."""

@@ -13,7 +13,7 @@ from matplotlib.mathtext import MathTextParser
 
 import lagrange as lg
 from lagrange.show.notation.text import GREEK
-from tests.models import shared_scene
+from tests.models import SCENE_NAMES, shared_scene
 from tests.systems import chain
 
 PAGES = Path(__file__).parent / "pages"
@@ -31,7 +31,7 @@ COMMANDS = GREEK | frozenset(
 )
 """Commands that LaTeX and its package amsmath have; the preamble aside, a page has no other."""
 QUICK = ("bead-on-hoop", "double-pendulum", "kepler", "ladder", "thrown-ball")
-SCENES = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in lg.scenes()]
+SCENES = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in SCENE_NAMES]
 
 
 @pytest.mark.parametrize("file", GOLDEN)

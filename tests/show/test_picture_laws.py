@@ -19,6 +19,7 @@ from lagrange.show.figures.style import DARK, LIGHT, STYLES, line_styles
 from lagrange.trajectory.measures.sampling import fixed_points
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
+from tests.models import SCENE_NAMES
 from tests.show.examples import k, m, oscillator, x
 
 DPI = 150
@@ -158,7 +159,7 @@ CROWDED = ("pleiades", "sun-earth-moon")
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("name", [*CROWDED, *[name for name in lg.scenes() if name not in CROWDED]])
+@pytest.mark.parametrize("name", [*CROWDED, *[name for name in SCENE_NAMES if name not in CROWDED]])
 def test_no_text_overlaps_another_or_is_cut(name: str) -> None:
     nothing_overlaps(lg.scene(name).run(max_steps=2000).plot())
 
