@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import mpmath
-import numpy as np
 import pytest
 from sympy import Abs, cos
 
@@ -132,14 +131,6 @@ def test_a_bend_of_the_forces_is() -> None:
 def test_the_clock_is_looked_at() -> None:
     with pytest.raises(RunError, match="time limit: it was at t = 0"):
         run(oscillator(), [1.0], max_wall=1e-9)
-
-
-@pytest.mark.slow
-def test_two_settings_agree_to_the_digits_of_the_lesser() -> None:
-    statement = double_pendulum()
-    rough, fine = (run(statement, [3.0], digits=digits)[0] for digits in (18, 26))
-    assert 0 < off(rough, fine) < 1e-17
-    assert np.isfinite([float(value) for value in fine]).all()
 
 
 # --- Systems whose pivots vanish in their order ---

@@ -120,29 +120,6 @@ def test_the_threshold_of_kapitzas_pendulum(method: str) -> None:
     assert threshold == pytest.approx(math.sqrt(2 * g) / omega, rel=0.02)  # a^2 omega^2 = 2 g l, to leading order
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("method", METHODS)
-def test_a_free_body_flips_about_its_middle_axis(method: str) -> None:
-    """The motion is given by Jacobi's functions near the separatrix (Landau and Lifshitz, Mechanics, section 37)."""
-    moments, start = (1.0, 2.0, 3.0), (1.0, math.sqrt((1 + 1e-4) / 3))
-    rates = (
-        phi.dot * sin(theta) * sin(psi) + theta.dot * cos(psi),
-        phi.dot * sin(theta) * cos(psi) - theta.dot * sin(psi),
-        phi.dot * cos(theta) + psi.dot,
-    )
-    body = lg.System(kinetic=lg.rotational_energy(moments, rates), coordinates=[phi, theta, psi], name="body")
-    initial = {theta: math.pi / 2, theta.dot: start[0], psi.dot: start[1]}
-    run = body.run(40.0, initial, method=method, **TIGHT).require()
-    twice = start[0] ** 2 + 3 * start[1] ** 2
-    square = start[0] ** 2 + 9 * start[1] ** 2
-    high, low = 3 * twice - square, square - twice
-    sn, cn, dn, _ = ellipj(math.sqrt(low / 6) * run.t, high / low)
-    expected = np.sqrt([[high / 2], [high / 2], [low / 6]]) * np.array([cn, sn, dn])
-    found = np.array([run.evaluate(rate) for rate in rates])
-    assert sn.min() < -0.9999 and sn.max() > 0.9999
-    assert np.abs(found - expected).max() < 1e-7
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("method", METHODS)
 def test_a_lower_bob_that_weighs_nothing_is_not_felt(method: str) -> None:

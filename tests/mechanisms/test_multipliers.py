@@ -15,7 +15,7 @@ from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
 from lagrange.statement.declare import declare
 from lagrange.trajectory.run import flow
-from tests.mechanisms.ladder import four_bar_ladder, parallelogram_acceleration
+from tests.mechanisms.ladder import four_bar_ladder
 from tests.models import loaded, shared_scene
 
 x, y, theta = lg.coordinates("x y theta")
@@ -105,34 +105,6 @@ def test_wall_and_floor_push_a_ladder(angle: float, turn: float) -> None:
     assert found == pytest.approx([mass * along, mass * (up + gravity)], rel=1e-12, abs=1e-12)
 
 
-def departure(name: str, index: int, end: float) -> Any:
-    """Return the state at which a multiplier of a scene first vanishes, by bisection along its run."""
-    run: Any = flow(model(name), rtol=1e-15, atol=1e-18)
-    start, n = np.array(loaded(name).initial), model(name).dimension
-
-    def push(time: float) -> float:
-        state = run(start, 0.0, time)
-        return float(model(name).multipliers(state[:n], state[n:])[index])
-
-    low, high = 0.0, end
-    assert push(low) > 0 > push(high)
-    for _ in range(52):
-        middle = (low + high) / 2
-        low, high = (middle, high) if push(middle) > 0 else (low, middle)
-    return run(start, 0.0, low)
-
-
-def test_a_ladder_leaves_the_wall_at_two_thirds_of_its_height() -> None:
-    found = departure("ladder", 0, 2.0)
-    height, first = np.sin(found[2]), np.sin(loaded("ladder").initial[2])
-    assert height / first == pytest.approx(2 / 3, abs=1e-10)
-
-
-def test_a_particle_leaves_a_sphere_at_two_thirds_of_its_height() -> None:
-    found = departure("particle-on-sphere", 0, 1.3)
-    assert found[2] / loaded("particle-on-sphere").initial[2] == pytest.approx(2 / 3, abs=1e-10)
-
-
 # --- linkages: virtual work -----------------------------------------------------------------------------------
 
 
@@ -171,38 +143,6 @@ def test_the_multipliers_of_linkages_are_those_of_virtual_work(name: str, time: 
     found = model(name).multipliers(q, v)
     expected = [virtual_work(name, q, v, i) for i in range(len(found))]
     assert found == pytest.approx(expected, rel=1e-7, abs=1e-7 * np.abs(found).max())
-
-
-def test_the_pin_of_a_four_bar_carries_the_rocker() -> None:
-    """The force at the pin turns the rocker: its torque is I theta3'' less that of gravity (an asymmetric linkage)."""
-    m3, l3, gravity = (value("four-bar", name) for name in ("m3", "l3", "g"))
-    run: Any = flow(model("four-bar"), rtol=1e-12)
-    for time in (0.2, 0.9, 3.1):
-        q, v = np.split(run(np.array(loaded("four-bar").initial), 0.0, time), 2)
-        along, up = model("four-bar").multipliers(q, v)
-        turn = model("four-bar").accelerations(q, v)[2]
-        arm = l3 * np.array([np.cos(q[2]), np.sin(q[2])])
-        # the constraint is pin of the coupler less pin of the rocker: on the rocker its force has the other sign
-        torque = -(arm[0] * up - arm[1] * along) - m3 * gravity * arm[0] / 2
-        assert torque == pytest.approx(m3 * l3**2 / 3 * turn, rel=1e-11, abs=1e-10)
-
-
-def test_the_slider_of_a_crank_is_pushed_by_its_rod() -> None:
-    """Newton's law of the slider: m x'' is the outer force, the pull of the spring and damper, and the multiplier."""
-    of, load_ = model("slider-crank"), loaded("slider-crank")
-    run: Any = flow(of, rtol=1e-12)
-    mass, F, k, c, a, rest = (value("slider-crank", name) for name in ("m", "F", "k", "c", "a", "rest"))
-    q, v = np.split(run(np.array(load_.initial), 0.0, 2.0), 2)
-    angle, place, rod = q
-    crank = a / 2 * np.array([np.cos(angle), np.sin(angle)])
-    middle = np.array([place - np.cos(rod) / 2, -np.sin(rod) / 2])
-    apart = middle - crank
-    length = np.hypot(*apart)
-    rates = np.array([v[1] + np.sin(rod) * v[2] / 2, -np.cos(rod) * v[2] / 2])
-    rates -= a / 2 * v[0] * np.array([-np.sin(angle), np.cos(angle)])
-    pull = k * (length - rest) + c * (apart @ rates) / length
-    expected = mass * of.accelerations(q, v)[1] - F + pull * apart[0] / length
-    assert of.multipliers(q, v)[0] == pytest.approx(expected, rel=1e-11)
 
 
 # --- published ------------------------------------------------------------------------------------------------
@@ -267,19 +207,6 @@ def test_the_slider_crank_ends_as_published() -> None:
     """Five digits of idasSlCrank_dns in SUNDIALS, run there at a tolerance of 1e-6."""
     q, x, p = end("slider-crank")[:3]
     assert (q, x, p) == pytest.approx((1.2757, 1.0236, -0.49881), abs=5.1e-5)
-
-
-def test_the_ladder_of_four_bars_starts_as_its_reduction_says() -> None:
-    """The ladder has one degree of freedom, since all rods are parallel."""
-    model, start = compiled("four-bar-ladder"), np.array(loaded("four-bar-ladder").initial)
-    for angle in (1.2, 0.7, 0.3):
-        sine, cosine = np.sin(angle), np.cos(angle)
-        q = np.array([[i + cosine, sine] for i in range(3)]).ravel()
-        v = -1.5 * np.array([[-sine, cosine]] * 3).ravel()
-        turn = parallelogram_acceleration(2, angle)
-        expected = np.array([[-sine * turn - cosine * 2.25, cosine * turn - sine * 2.25]] * 3).ravel()
-        assert model.accelerations(q, v) == pytest.approx(expected, rel=1e-11, abs=1e-11), angle
-    assert start[1] == 1.0
 
 
 def test_the_ladder_of_two_loops_is_the_scene() -> None:

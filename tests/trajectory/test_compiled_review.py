@@ -113,15 +113,6 @@ def test_events_of_random_systems(name: str, seed: int, monkeypatch: pytest.Monk
         alike(one, other, 1e-7)
 
 
-@pytest.mark.parametrize("speed", [-1.0, 1.0])
-def test_a_start_at_zero_is_left_to_arrays(speed: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A ball that starts on the floor bounces at once if it falls, and later if it is thrown upwards."""
-    options: dict[str, Any] = {"events": [floor(0.5, terminal=3), y.dot], "rtol": 1e-9, "atol": 1e-9}
-    one, other = both(monkeypatch, lambda: run(ball(height=0.0, speed=speed), 3.0, "dop853", **options))
-    alike(one, other)
-    assert one.t_events[0][0] == pytest.approx(0.0 if speed < 0 else 2 / G) and len(one.t_events[0]) == 3
-
-
 def test_regular_steps_are_not_sampled_on_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
     """A Poincare section over 1000 time units needs few calls of the search and misses no crossing."""
     of, initial = systems()["Henon-Heiles"]

@@ -164,27 +164,6 @@ def test_a_four_bar_linkage_stays_closed_over_many_turns(name: str) -> None:
     assert off < BOUNDS[name] / 100
 
 
-def test_a_quaternion_keeps_its_norm_over_flips() -> None:
-    """A body that spins about its middle axis flips repeatedly, while |q| - 1 stays at round-off."""
-    q = lg.coordinates("q0 q1 q2 q3")
-    v = [one.dot for one in q]
-    rates = (
-        2 * (q[0] * v[1] - q[1] * v[0] - q[2] * v[3] + q[3] * v[2]),
-        2 * (q[0] * v[2] + q[1] * v[3] - q[2] * v[0] - q[3] * v[1]),
-        2 * (q[0] * v[3] - q[1] * v[2] + q[2] * v[1] - q[3] * v[0]),
-    )
-    body = lg.System(
-        # The norm has no inertia: the constraint alone holds it.
-        kinetic=sum(inertia * rate**2 for inertia, rate in zip((1, 2, 3), rates, strict=True)) / 2,
-        constraints={"unit": sum(one**2 for one in q) - 1},
-        initial={q[0]: 1.0, v[1]: 5e-3, v[2]: 0.5, v[3]: 5e-3},
-    )
-    solution = body.run(150.0, rtol=1e-12)
-    turned = np.array([solution.evaluate(rates[1])])
-    assert np.count_nonzero(np.diff(np.sign(turned))) > 5
-    assert np.abs(np.sqrt(np.sum(solution.y[:4] ** 2, axis=0)) - 1).max() < 1e-14
-
-
 @pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "radau5"])
 def test_outputs_are_the_dense_output_to_the_last_bit(name: str) -> None:
     options: Any = {"step": 0.02} if name in FIXED else {"rtol": 1e-7}

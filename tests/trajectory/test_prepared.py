@@ -372,21 +372,6 @@ def test_a_watched_run_is_that_of_a_model_that_has_kept_nothing(
         )
 
 
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("options", [{"events": [x]}, {"t_eval": [0.5, 1.0]}, {"events": [x], "t_eval": [0.5, 1.0]}])
-@pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "radau5"])
-def test_a_second_watched_run_makes_no_driver(
-    name: str, options: dict[str, Any], target: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    compiled = watched("smooth", target)
-    first = run(compiled, 3.0, name, initial={x: 1.0}, **options)
-    plan = list(compiled.prepared.values())[-1].plan
-    monkeypatch.setattr(type(plan), "driver", None)
-    for made in ("series_watch.EventMemory", "event_loop.WatchedEvents.of"):
-        monkeypatch.setattr(f"lagrange.trajectory.events.{made}", None)
-    assert same_events(run(compiled, 3.0, name, initial={x: 1.0}, **options), first)
-
-
 @pytest.mark.few(2)
 @pytest.mark.parametrize("events", WATCHED)
 @pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2"])

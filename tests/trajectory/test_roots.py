@@ -104,27 +104,6 @@ def alternating(count: int, first: int) -> list[int]:
     return [first if k % 2 == 0 else -first for k in range(count)]
 
 
-def sturm_count(c: FloatArray) -> int:
-    """Return the number of distinct roots in (0, 1] by Sturm's theorem, in exact arithmetic."""
-    p = [Fraction(x) for x in c.tolist()]
-    chain = [p, [k * x for k, x in enumerate(p)][1:]]
-    while any(chain[-1]):
-        rest, divisor = list(chain[-2]), chain[-1]
-        while len(rest) >= len(divisor):
-            factor, shift = rest[-1] / divisor[-1], len(rest) - len(divisor)
-            rest = [x - factor * divisor[k - shift] if k >= shift else x for k, x in enumerate(rest)][:-1]
-        while rest and rest[-1] == 0:
-            rest.pop()
-        size = max(map(abs, rest), default=Fraction(1))
-        chain.append([-x / size for x in rest])
-
-    def changes(at: int) -> int:
-        signs = [value for q in chain if (value := sum(q) if at else (q[0] if q else 0))]
-        return sum((a < 0) != (b < 0) for a, b in pairwise(signs))
-
-    return changes(0) - changes(1)
-
-
 @pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(10))
 def test_every_root_of_a_random_polynomial_is_found_once(seed: int, share: Share) -> None:
@@ -149,20 +128,6 @@ def test_every_root_of_a_random_polynomial_is_found_once(seed: int, share: Share
             # The round-off of the coefficients, of their scaling by h**k and of Horner's rule is below 4 EPSILON.
             # A close neighbour bends g at this distance: the factor 2.
             assert abs(root.time / h - s) <= 2 * 4 * EPSILON * size / slope + 2 * EPSILON
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
-def test_the_count_is_that_of_sturm(seed: int, share: Share) -> None:
-    """The reference is Sturm's theorem for the rounded coefficients, in exact arithmetic."""
-    rng = np.random.default_rng(100 + seed)
-    for _ in range(share(50)):
-        case = random_case(rng)
-        found, _ = roots(case[0], 1.0)
-        if resolved(case):
-            assert len(found) == sturm_count(case[0]) == len(case[1])
-        else:
-            assert len(found) <= max(len(case[1]), 1)
 
 
 @pytest.mark.few

@@ -241,23 +241,6 @@ def test_control_c_keeps_events_and_states_together(name: str) -> None:
     assert len(found.t_events[1]) in (len(found.t_events[0]), len(found.t_events[0]) + 1)
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("seed", range(30))
-def test_random_polynomials_with_known_roots(seed: int) -> None:
-    """The polynomials have up to 7 roots in [0, 2], single, double or triple, at least 0.05 apart."""
-    rng = np.random.default_rng(seed)
-    places = np.sort(rng.choice(np.arange(1, 40), rng.integers(1, 5), replace=False) / 20 + 0.01)
-    powers = rng.integers(1, 3, len(places))
-    expression = sp.Mul(*((x - sp.Float(float(p))) ** int(k) for p, k in zip(places, powers, strict=True)))
-    for name, options in (("rk4", {"step": 0.13}), ("dop853", {}), ("midpoint", {"step": 2.0})):
-        found = go(free(), 2.2, [expression, event(expression, direction=1)], name, **options)
-        # A double root is as uncertain as the square root of round-off.
-        assert found.t_events[0] == pytest.approx(places, abs=3e-6), name
-        turning = np.cumprod(np.where(powers == 1, -1, 1)[::-1])[::-1]
-        rising = [p for p, k, after in zip(places, powers, [*turning[1:], 1], strict=True) if k == 1 and after > 0]
-        assert found.t_events[1] == pytest.approx(rising, abs=1e-9), name
-
-
 @pytest.mark.few(2)
 @pytest.mark.parametrize("seed", range(20))
 def test_random_systems_agree_with_the_taylor_method(seed: int) -> None:
