@@ -14,7 +14,7 @@ from tests.models import SCENE_NAMES
 
 
 def every_scene(*few: str) -> list[Any]:
-    """Return the names of all scenes as parameters, of which a run without --conformance takes few."""
+    """Return the names of all scenes as test parameters; a run without --conformance takes a few of them."""
     return [pytest.param(name, marks=[pytest.mark.conformance] * (name not in few)) for name in SCENE_NAMES]
 
 

@@ -72,7 +72,7 @@ def test_the_gradient_of_the_energy_by_reverse_sweep(jax: Any) -> None:
 @pytest.mark.few(1)
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_units_do_not_make_a_matrix_singular(n: int, jax: Any) -> None:
-    """Check masses of 1e-120 and 1e120 that are coupled, by determinants, by exchanges and by LAPACK."""
+    """Coupled masses of 1e-120 and 1e120 are solved by determinants, by exchanges and by LAPACK."""
     xs = [coordinate(f"x{i}") for i in range(n)]
     units = [10.0 ** (120 * (-1) ** i) for i in range(n)]
     kinetic = sum((u * q.dot for u, q in zip(units, xs, strict=True)), start=0) ** 2
