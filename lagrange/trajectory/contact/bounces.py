@@ -60,6 +60,8 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
     statement = model.statement
     if statement.constraints or any(contact.slip and not contact.friction[0].is_zero for contact in statement.contacts):
         return None
+    if all(contact.restitution.is_zero for contact in statement.contacts):
+        return None
     mass, resets, results = coupling(statement), [], []
     if mass is None:
         return None
@@ -79,8 +81,11 @@ def coupling(statement: Statement) -> Any:
 
     This is so if it depends on velocities, or if it is not diagonal for more than `LARGEST_COUPLED` coordinates.
     """
-    rates = statement.velocities
-    momenta = [statement.lagrangian.diff(rate) for rate in rates]
+    # Derivatives by symbols are a hundred times faster than those by functions of time.
+    symbols = {rate: sympy.Dummy() for rate in statement.velocities}
+    rates = list(symbols.values())
+    lagrangian = statement.lagrangian.xreplace(symbols)
+    momenta = [lagrangian.diff(rate) for rate in rates]
     mass = sympy.Matrix([[p.diff(rate) for rate in rates] for p in momenta])
     return None if mass.has(*rates) or not (mass.is_diagonal() or len(rates) <= LARGEST_COUPLED) else mass
 

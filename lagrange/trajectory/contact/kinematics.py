@@ -45,6 +45,31 @@ SLOW_SHARE = 1e-3
 """Fraction of the largest rates of all contacts that serves as the scale of a contact at rest."""
 
 
+@lru_cache(maxsize=MODELS_KEPT)
+def _coefficients(model: Model, parameters: tuple[float, ...]) -> tuple[list[Any], list[tuple[float, float]]]:
+    """Return for each contact the restitution, an expression in the impact speed, and the coefficients of friction.
+
+    `parameters` (k,) are the values of the model's parameters. Raises StatementError for values out of range.
+    """
+    values = dict(zip(model.statement.parameters, map(Float, parameters), strict=True))
+    restitutions, frictions = [], []
+    for contact in model.statement.contacts:
+        static, kinetic = (float(mu.xreplace(values)) for mu in contact.friction)
+        if kinetic < 0 or kinetic > static:
+            raise StatementError(
+                f"the friction of the contact {contact.name!r} is {static:g} (static) and {kinetic:g} (kinetic): "
+                "give coefficients that are not negative, the static one at least the kinetic one."
+            )
+        e = contact.restitution.xreplace(values)
+        if e.is_number and not 0 <= float(e) <= 1:
+            raise StatementError(
+                f"the restitution of the contact {contact.name!r} is {float(e):g}: give a number between 0 and 1."
+            )
+        restitutions.append(e)
+        frictions.append((static, kinetic))
+    return restitutions, frictions
+
+
 @dataclass(frozen=True, eq=False)
 class Touch:
     """The contacts at a state: the gaps (k,), and the rates (dgap/dt and slips), their derivatives and noise.
@@ -101,7 +126,7 @@ class Kinematics:
     """Evaluates the contacts of a model for the parameters of a run.
 
     `rows` has the row indices of each contact in a `Touch`: first dgap/dt, then its slips. `normals` has the row index
-    of dgap/dt of each contact.
+    of dgap/dt of each contact. `restitutions` are their values, None for those that depend on the impact speed.
     """
 
     def __init__(self, model: Model, parameters: FloatArray) -> None:
@@ -111,27 +136,9 @@ class Kinematics:
         self.rows = [list(range(row, row + size)) for row, size in zip(self.normals, sizes, strict=True)]
         self._places, self._speeds, self._momentum = np.zeros(len(sizes)), np.zeros(sum(sizes)), 0.0
         self._kernel = contact_function(model)
-        values = dict(zip(model.statement.parameters, map(Float, parameters.tolist()), strict=True))
-        self._restitution = [contact.restitution.xreplace(values) for contact in self.contacts]
-        self._friction = [tuple(float(mu.xreplace(values)) for mu in contact.friction) for contact in self.contacts]
-        self._check()
-
-    def _check(self) -> None:
-        for contact, mus, e in zip(self.contacts, self._friction, self._restitution, strict=True):
-            if min(mus) < 0 or mus[1] > mus[0]:
-                raise StatementError(
-                    f"the friction of the contact {contact.name!r} is {mus[0]:g} (static) and {mus[1]:g} (kinetic): "
-                    "give coefficients that are not negative, the static one at least the kinetic one."
-                )
-            if e.is_number and not 0 <= float(e) <= 1:
-                raise StatementError(
-                    f"the restitution of the contact {contact.name!r} is {float(e):g}: give a number between 0 and 1."
-                )
-
-    @property
-    def restitutions(self) -> list[float | None]:
-        """The restitution of each contact, None if it depends on the impact speed."""
-        return [float(e) if e.is_number else None for e in self._restitution]
+        self._restitution, self._friction = _coefficients(model, tuple(parameters.tolist()))
+        self.restitutions = [float(e) if e.is_number else None for e in self._restitution]
+        self._last: tuple[float, FloatArray, Touch] | None = None
 
     def gaps(self, times: FloatArray, states: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the gaps (k, N) at times (N,) and states (2n, N), and the sizes (k,) up to which they are zero."""
@@ -150,11 +157,13 @@ class Kinematics:
         return bool((np.abs(gap) <= near).all() and (np.abs(rate) <= still).all() and (np.abs(slips) <= still).all())
 
     def at(self, t: float, y: FloatArray, before: Touch | None = None) -> Touch:
-        """Return the contacts at a state y (2n,).
+        """Return the contacts at a state y (2n,), an array that is not changed afterwards.
 
         If `before` is given, its `responses` and `still` are reused, which saves time. The caller must make sure that
         the coordinates are those of `before`, up to rounding. Velocities may differ.
         """
+        if before is None and self._last is not None and self._last[0] == t and self._last[1] is y:
+            return self._last[2]
         n, k, rows = self.model.dimension, len(self.normals), len(self._speeds)
         values = np.asarray(self._kernel(t, y, self.parameters))
         gaps, rates, bias, gradient = np.split(values, [k, k + rows, k + 2 * rows])
@@ -167,13 +176,15 @@ class Kinematics:
         noise = STILL * np.maximum(fastest, SLOW_SHARE * self._speeds.max())
         near = np.full(k, TOUCHING * self._places.max())
         if before is not None:
+            self._last = None
             return Touch(gaps, rates, directions, bias, before.responses, near, noise, before.still)
         mass = np.asarray(self.model.kernel("mass_matrix")(t, y, self.parameters)).reshape(n, n)
         inertia = np.sqrt(np.abs(np.diag(mass)))
         self._momentum = max(self._momentum, float((inertia * np.abs(v)).max()))
         still = np.where(inertia > 0, ROUND_OFF * self._momentum / np.where(inertia > 0, inertia, 1.0), 0.0)
         responses = self._responses(mass, self.stated_directions(t, y), directions)
-        return Touch(gaps, rates, directions, bias, responses, near, noise, still)
+        self._last = t, y, Touch(gaps, rates, directions, bias, responses, near, noise, still)
+        return self._last[2]
 
     @staticmethod
     def _responses(mass: FloatArray, held: FloatArray, directions: FloatArray) -> FloatArray:

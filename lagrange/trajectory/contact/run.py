@@ -79,7 +79,8 @@ def run_through_contacts(
     """
     # Transitions depend on the tolerance, which the method may state instead of the run.
     rtol = getattr(integrator, "rtol", None) if problem.rtol is None else real_number(problem.rtol, "rtol")
-    problem = replace(problem, rtol=rtol)
+    if rtol != problem.rtol:
+        problem = replace(problem, rtol=rtol)
     return _ContactRun(problem, partial(run, integrator)).trajectory()
 
 
@@ -127,7 +128,7 @@ class _ContactRun:
         except Undetermined as refusal:
             raise StatementError(f"the motion cannot start at the initial state: {refusal}") from refusal
         self._book(behind)
-        segment = replace(problem, y0=behind.y)
+        segment = problem if behind.y is problem.y0 else replace(problem, y0=behind.y)
         while True:
             mode = self._segment(segment, behind.mode)
             part, last = self.parts[-1], status_at_end(problem, self.parts)
@@ -262,8 +263,12 @@ class _ContactRun:
 
         `mode` is the mode of the segment, by which open contacts are known.
         """
-        times = np.linspace(*part.span, SAMPLES + 1)[1:]
-        gaps, near = self.kinematics.gaps(times, part.dense(times))
+        times, states = part.t, part.y
+        if self.problem.t_eval is not None or len(times) < SAMPLES:
+            times = np.linspace(*part.span, SAMPLES + 1)[1:]
+            states = part.dense(times)
+        every = len(times) // SAMPLES
+        gaps, near = self.kinematics.gaps(times[::-every], states[:, ::-every])
         deepest = max(OVERLAP, ERRORS * (self.problem.rtol or 0.0)) / TOUCHING * near
         overlapping = [i for i, state in enumerate(mode.states) if state == OPEN and gaps[i].min() < -deepest[i]]
         if not overlapping or not part.status.complete:
@@ -308,20 +313,23 @@ class _ContactRun:
         if not inner:
             return True
         times, which, before = times[:inner], which[:inner], before[:inner].T
-        if len(self.contacts) > 1:
+        several = len(self.contacts) > 1
+        if several:
             gaps, near = self.kinematics.gaps(times, before)
             gaps[which, np.arange(len(which))] = np.inf
             if (gaps <= near[:, None]).any():
                 return False
         numbers = np.asarray(written.kernel(times, before, self.kinematics.parameters))
-        impulses, lost, speeds = numbers.reshape(len(self.contacts), 3, -1)[which, :, np.arange(len(which))].T
-        for i, restitution in enumerate(self.kinematics.restitutions):
-            mine = which == i
-            if restitution is None:
+        speeds = np.empty(len(times))
+        for i, results in enumerate(numbers.reshape(len(self.contacts), 3, -1)):
+            mine = which == i if several else slice(None)
+            impulses, lost, speeds[mine] = results[:, mine]
+            if self.kinematics.restitutions[i] is None:
                 for speed in speeds[mine].tolist():
                     self.kinematics.restitution(i, speed)
-            frictionless = np.zeros((int(mine.sum()), len(self.contacts[i].slip)))
-            self.impacts[i].append(np.column_stack([times[mine], impulses[mine], lost[mine], frictionless]))
+            rows = np.zeros((len(impulses), FRICTION + len(self.contacts[i].slip)))
+            rows[:, :FRICTION] = np.array([times[mine], impulses, lost]).T
+            self.impacts[i].append(rows)
         self.bounces.add(times, speeds, [frozenset([i]) for i in which[-FEWEST_FLIGHTS:].tolist()])
         return True
 
@@ -405,6 +413,8 @@ class _ContactRun:
         """Return the start (2n,), with negative gaps closed that are rounding. Raises StatementError inside a body."""
         problem, kin = self.problem, self.kinematics
         touch = kin.at(problem.t0, problem.y0)
+        if (touch.gaps >= 0).all():
+            return problem.y0
         # A gap without a gradient at the start, such as the distance of equal points, has no error either.
         inside = np.flatnonzero(touch.gaps < -np.nan_to_num(touch.near)).tolist()
         if not inside:

@@ -69,7 +69,9 @@ class Transitions:
         self.modes, self.kinematics = modes, kinematics
         self._layout, self._slowest, self._moment = modes.model.layout, 0.0, SHORT * span
         self._slow_share = max(SLOWEST, rtol)
-        self.shared = ""
+        self.shared, count = "", len(modes.contacts)
+        flying = Mode((OPEN,) * count, (None,) * count)
+        self._open = replace(flying, still=modes.leaves_no_freedom(flying))
 
     def behind(
         self,
@@ -100,6 +102,8 @@ class Transitions:
         before = y
         lasting = [i for i in mode.closed if i not in released]
         touching = sorted({*near, *lasting} - set(released))
+        if not touching and not released:
+            return Behind(y, y, self._open)
         closing = [i for i in touching if touch.rates[normals[i]] < -touch.noise[normals[i]] and i not in lasting]
         impacts: tuple[tuple[int, Impact], ...] = ()
         speeds: tuple[float, ...] = ()
