@@ -323,9 +323,8 @@ class System:
         "momenta", "multipliers", "positions", "events"), of explicit methods ("rk4": a step, "dop853": a run with error
         control), "main" (a program that runs the initial state and writes CSV) and, for some targets, "taylor"; the
         default is rhs and energy. `events` are expressions as for a run. `parameters` overlay the default values; both
-        are written into the file.
-        The result has `.files`, and `.commands` that build and run the self-test in that folder. Raises StatementError
-        for quantities that a target cannot express, and for a parameter without a value.
+        are written into the file. The result has `.files`, and `.commands` that build and run the self-test there.
+        Raises StatementError for quantities that a target cannot express, and for a parameter without a value.
         """
         from lagrange.export.contents import export
 
@@ -341,14 +340,15 @@ class System:
     ) -> Path:
         """Write a web page on which the system moves: one HTML file that needs no other file. Returns its path.
 
-        The page computes in JavaScript, with the exported right-hand side and dop853. `parameters` and `initial`
-        overlay the stated values. Every parameter and initial value has a slider. `sliders` maps the quantities of the
-        first sliders to bounds, {l: (0.5, 2), theta.dot: (-3, 3)}. Raises StatementError for names without a slider,
-        for functions that JavaScript lacks, and for a path that cannot be written.
+        It computes in JavaScript, by dop853. `parameters` and `initial` overlay the stated values; each has a slider.
+        `sliders` has bounds of the first sliders, {l: (0.5, 2), theta.dot: (-3, 3)}. With contacts the page plays one
+        run, without sliders. Raises StatementError for names without a slider, functions without JavaScript, bad paths.
         """
-        from lagrange.page.web_page import write_page
+        from lagrange.page.web_page import write_page, write_recorded_page
 
         require_values(self.statement)
+        if self.statement.contacts:
+            return write_recorded_page(self.run(parameters=parameters, initial=initial), path, sliders)
         return write_page(self._model, self.derivation(), path, parameters, initial, sliders)
 
     def to_scene(self, path: str | os.PathLike[str]) -> Path:

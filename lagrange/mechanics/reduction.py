@@ -12,7 +12,6 @@ import sympy
 from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, simplest, vanishes
-from lagrange.statement.contact import contact
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.expression import TYPED_ROUNDING, check_once, expression, refusing_deep
@@ -65,7 +64,7 @@ def rewritten(
         initial=initial,
         positions={label: tuple(map(put, point)) for label, point in statement.positions.items()},
         links=statement.links,
-        contacts={each.name: contact(*each.mapped(put).parts) for each in statement.contacts},
+        contacts={each.name: each.mapped(put) for each in statement.contacts},
         simultaneous=statement.simultaneous or None,
         surfaces={label: tuple(map(put, point)) for label, point in statement.surfaces.items()},
         name=statement.name,

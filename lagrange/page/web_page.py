@@ -17,6 +17,7 @@ from lagrange.dynamics.axes import TURN, angles
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import RunError, StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
+from lagrange.page.animation import animate
 from lagrange.page.document import (
     COMPUTED,
     ENERGIES,
@@ -51,9 +52,13 @@ from lagrange.statement.rotation import quaternion_rows, rotation_of
 from lagrange.statement.space import body_rates
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.consistent import complete_start
+from lagrange.trajectory.solution import Solution
 
 PARAMETER, STATE, RATE = "parameter", "state", "rate"
 """Kinds of sliders: for a parameter, an entry of the initial state, or an initial rate about an axis of a body."""
+
+RECORDED_NOTE = "This page plays a recorded run: it does not compute the motion of a system with contacts."
+"""Note below the player on the page of a system with contacts."""
 
 EXAMPLE = (0.5, 2.0)  # Example of bounds in an error message
 
@@ -359,6 +364,21 @@ def write_page(
     return write_atomically(
         path, lambda file: file.write(page_of(model, derivation, parameters, initial, asked).encode())
     )
+
+
+def write_recorded_page(solution: Solution, path: str | os.PathLike[str], sliders: Any) -> Path:
+    """Write the page that plays a run of a system with contacts, and return its path.
+
+    Raises StatementError for `sliders` that are not None: the page does not compute the motion for other values.
+    """
+    if sliders is not None:
+        raise StatementError(
+            "a page does not compute the motion of a system with contacts: leave sliders out, and the page plays a run "
+            "with the given parameters and initial state."
+        )
+    animation = animate(solution)
+    animation = replace(animation, notes=(RECORDED_NOTE, *animation.notes))
+    return write_atomically(path, lambda file: file.write(animation.to_html().encode()))
 
 
 def page_of(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -41,6 +41,11 @@ class Contact:
     friction: tuple[Any, Any]
     name: str = ""
 
+    def __post_init__(self) -> None:
+        _check_number(self.restitution, 0, 1, "restitution", "between 0 and 1")
+        for coefficient in self.friction:
+            _check_number(coefficient, 0, sympy.oo, "friction", "zero or positive")
+
     def __repr__(self) -> str:
         slip = f", slip {listing(map(formula, self.slip))}" if self.slip else ""
         numbers = f"restitution {formula(self.restitution)}, friction {listing(map(formula, self.friction))}"
@@ -71,16 +76,10 @@ class Contact:
         still = dict.fromkeys(velocities, sympy.S.Zero)
         return any(rate.xreplace(still) != 0 for rate in (self.gap.diff(t), *self.slip))
 
-    @property
-    def parts(self) -> tuple[Any, Any, Any, Any]:
-        """The arguments of `contact` that make this contact: gap, slip, restitution and friction."""
-        return self.gap, self.slip or None, self.restitution, self.friction
-
     def mapped(self, change: Any) -> Contact:
         """Return the contact with the function `change` applied to each of its expressions."""
-        gap, restitution = change(self.gap), change(self.restitution)
-        static, kinetic = map(change, self.friction)
-        return Contact(gap, tuple(map(change, self.slip)), restitution, (static, kinetic), self.name)
+        slip, (static, kinetic) = tuple(map(change, self.slip)), map(change, self.friction)
+        return Contact(change(self.gap), slip, change(self.restitution), (static, kinetic), self.name)
 
 
 def contact(gap: Any, slip: Any = None, restitution: Any = 0, friction: Any = 0) -> Contact:
@@ -110,9 +109,6 @@ def contact(gap: Any, slip: Any = None, restitution: Any = 0, friction: Any = 0)
             f"friction is {shown(friction)} without a slip: give slip=, the relative velocity of the surfaces, such as "
             "x.dot."
         )
-    _check_number(stated.restitution, 0, 1, "restitution", "between 0 and 1")
-    for coefficient in stated.friction:
-        _check_number(coefficient, 0, sympy.oo, "friction", "zero or positive")
     return stated
 
 
@@ -173,9 +169,13 @@ def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints:
     gap without coordinates, a slip that is not linear in velocities, and a name that a constraint or another contact
     has.
     """
-    contacts = tuple(_named(table))
-    taken = [constraint.name for constraint in constraints]
-    for each in contacts:
+    contacts, taken = [], [constraint.name for constraint in constraints]
+    for key, stated in table_of(table, "contacts", "name to lg.contact(...)").items():
+        check_name(key, "contact")
+        if not isinstance(stated, Contact):
+            raise StatementError(f"the contact {key!r} is {shown(stated)}: give lg.contact(gap, ...).")
+        each = replace(stated, name=key)
+        contacts.append(each)
         _check(each, survey)
         for name in (each.name, *each.slip_names):
             if name in taken:
@@ -184,15 +184,7 @@ def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints:
     law = "" if simultaneous is None else str(simultaneous)
     if law:
         one_of(law, LAWS, "simultaneous is {given}: give one of {known}.")
-    return {"contacts": contacts, "simultaneous": law}
-
-
-def _named(table: Any) -> Iterator[Contact]:
-    for name, stated in table_of(table, "contacts", "name to lg.contact(...)").items():
-        check_name(name, "contact")
-        if not isinstance(stated, Contact):
-            raise StatementError(f"the contact {name!r} is {shown(stated)}: give lg.contact(gap, ...).")
-        yield replace(stated, name=name)
+    return {"contacts": tuple(contacts), "simultaneous": law}
 
 
 def _check(stated: Contact, survey: Survey) -> None:
@@ -212,16 +204,15 @@ def _check(stated: Contact, survey: Survey) -> None:
             f"the two components of the slip of the contact {stated.name!r} are multiples of each other: give one, or "
             "two at right angles in the surface."
         )
-    for expressed, part in ((stated.restitution, "restitution"), *((mu, "friction") for mu in stated.friction)):
+    for number, part in ((stated.restitution, "restitution"), *((mu, "friction") for mu in stated.friction)):
+        what, more, plain = f"the {part} of the contact {stated.name!r}", "", number
+        if part == "restitution":
+            more, plain = " and lg.impact_speed", number.xreplace({impact_speed: sympy.S.One})
         leaves = Survey()
-        plain = expressed.xreplace({impact_speed: sympy.S.One}) if part == "restitution" else expressed
-        leaves.add(plain, f"the {part} of the contact {stated.name!r}")
+        leaves.add(plain, what)
         if leaves.coordinates or plain.has(t):
-            raise StatementError(
-                f"the {part} of the contact {stated.name!r} is {formula(expressed, 60)}: give an expression in "
-                "parameters" + (" and lg.impact_speed." if part == "restitution" else ".")
-            )
-        survey.add(plain, f"the {part} of the contact {stated.name!r}")
+            raise StatementError(f"{what} is {formula(number, 60)}: give an expression in parameters{more}.")
+        survey.add(plain, what)
     for expressed in (stated.gap, *stated.slip):
         survey.add(expressed, f"the contact {stated.name!r}")
 
@@ -242,8 +233,7 @@ def _check_slip(component: Any, what: str) -> None:
         )
     rates = [velocity_of(q) for q in leaves.coordinates]
     for rate in rates:
-        slope = component.diff(rate)
-        if any(slope.has(other) for other in rates):
+        if component.diff(rate).has(*rates):
             raise StatementError(f"{what} is not linear in {formula(rate, 40)}: give a relative velocity.")
 
 

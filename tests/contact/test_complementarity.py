@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,15 @@ import pytest
 
 import lagrange as lg
 from lagrange.trajectory.contact import complementarity
-from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING, Friction, lemke, rows_of, solutions
+from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING, Friction, lemke, solutions
+
+
+def rows_of(contacts: Sequence[Friction]) -> Iterator[tuple[int, slice]]:
+    """Yield for each contact the index of its normal row, and the slice of its friction rows."""
+    row = 0
+    for contact in contacts:
+        yield row, slice(row + 1, row + 1 + contact.components)
+        row += 1 + contact.components
 
 
 def problem(seed: int, plane: bool = False) -> tuple[np.ndarray, np.ndarray, list[Friction]]:

@@ -342,3 +342,13 @@ def test_ranges_by_symbol_and_by_keyword_are_taken_together() -> None:
 def test_wrong_options_are_refused_before_anything_is_drawn(wrong: dict[str, Any], words: str) -> None:
     with pytest.raises(StatementError, match=words):
         lg.scene("pendulum").explore(l=(0.5, 2), **wrong)
+
+
+def test_page_of_contacts_plays_a_run(tmp_path: Path) -> None:
+    ball = shared_scene("bouncing-ball")
+    text = ball.to_page(tmp_path / "page.html", initial={"y": 2}).read_text("utf-8")
+    assert "This page plays a recorded run" in text and 'id="data"' in text
+    assert refusal(ball.to_page, tmp_path / "page.html", sliders={"e": (0, 1)}) == (
+        "a page does not compute the motion of a system with contacts: leave sliders out, and the page plays a run "
+        "with the given parameters and initial state."
+    )

@@ -60,19 +60,19 @@ class Friction:
     kinetic: float = 0.0
     way: FloatArray | None = None
 
-    def cases(self) -> list[tuple[str, FloatArray | None]]:
+    def cases(self) -> list[tuple[str, FloatArray]]:
         """Return the possible states of the contact, such as "sliding", each with its direction of sliding.
 
-        The direction is None for the other states, and for sliding in a plane in an unknown direction.
+        Directions have an entry for each row of the contact: zero for the normal row, then those of the slips. All
+        entries are zero in the other states, and for sliding in a plane in an unknown direction.
         """
+        none = np.zeros(1 + self.components)
         if not self.components:
-            return [(OPEN, None), (CLOSED, None)]
+            return [(OPEN, none), (CLOSED, none)]
         if self.way is not None:
-            return [(OPEN, None), (SLIDING, self.way)]
-        slides: list[tuple[str, FloatArray | None]] = [(SLIDING, None)]
-        if self.components == 1:
-            slides = [(SLIDING, np.ones(1)), (SLIDING, -np.ones(1))]
-        return [(OPEN, None), (STICKING, None), *slides]
+            return [(OPEN, none), (SLIDING, np.append(0.0, self.way))]
+        ways = [none] if self.components > 1 else [np.array([0.0, 1.0]), np.array([0.0, -1.0])]
+        return [(OPEN, none), (STICKING, none), *((SLIDING, way) for way in ways)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +98,11 @@ def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
     pivoting finds one solution. Of solutions with the same rates, only the one with the least forces is returned.
     Surfaces at rest stay at rest if they can. The list is empty if there is no solution.
     """
-    count = math.prod(len(contact.cases()) for contact in contacts)
-    if count > MOST_CASES:
-        pivoted = _by_pivoting(matrix, bias, contacts)
-        return [] if pivoted is None else [pivoted]
+    rows, cases = _Rows(contacts), [contact.cases() for contact in contacts]
+    if math.prod(map(len, cases)) > MOST_CASES:
+        return _by_pivoting(matrix, bias, rows)
     balances: list[Balance] = []
-    for balance in _balances(matrix, bias, contacts):
+    for balance in _balances(matrix, bias, rows, cases):
         close = 10 * _noise(matrix, bias, balance.forces)
         same = (i for i, other in enumerate(balances) if (np.abs(balance.rates - other.rates) <= close).all())
         twin = next(same, None)
@@ -113,18 +112,10 @@ def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]
         other = balances[twin]
         size, other_size = (float(np.linalg.norm(solution.forces)) for solution in (balance, other))
         differ = np.abs(balance.forces - other.forces) > SHARED * max(size, other_size)
-        shared = other.shared.union(i for i, (n, along) in enumerate(rows_of(contacts)) if differ[n : along.stop].any())
+        shared = other.shared.union(rows.contact[differ].tolist())
         least = balance.states.count(SLIDING) == other.states.count(SLIDING) and size < (1 - NOISE) * other_size
         balances[twin] = replace(balance if least else other, shared=shared)
-    return [balance for balance in balances if not any(_displaces(other, balance, contacts) for other in balances)]
-
-
-def rows_of(contacts: Sequence[Friction]) -> Iterator[tuple[int, slice]]:
-    """Yield for each contact the index of its normal row, and the slice of its friction rows."""
-    row = 0
-    for contact in contacts:
-        yield row, slice(row + 1, row + 1 + contact.components)
-        row += 1 + contact.components
+    return [balance for balance in balances if not any(_displaces(other, balance, rows) for other in balances)]
 
 
 def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArray:
@@ -135,7 +126,7 @@ def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArr
     return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(bias) + np.abs(bias).max(initial=0.0)))
 
 
-def _displaces(balance: Balance, other: Balance, contacts: Sequence[Friction]) -> bool:
+def _displaces(balance: Balance, other: Balance, rows: _Rows) -> bool:
     """Return True if the solution `balance` excludes the solution `other`.
 
     By Coulomb's law a surface at rest slides only if no force in its friction cone holds it. So `other` is excluded
@@ -143,17 +134,13 @@ def _displaces(balance: Balance, other: Balance, contacts: Sequence[Friction]) -
     `balance`. Any other difference, such as a contact that opens, must follow from the slip: kinetic friction could
     not exert the force that holds the surface.
     """
-    if any(b == STICKING != a for a, b in zip(balance.states, other.states, strict=True)):
+    states, others = np.array(balance.states), np.array(other.states)
+    held = (states == STICKING) & (others == SLIDING)
+    if not held.any() or ((others == STICKING) & (states != STICKING)).any():
         return False
-    pairs = zip(rows_of(contacts), contacts, balance.states, other.states, strict=True)
-    held = [
-        (contact, balance.forces[normal], balance.forces[along])
-        for (normal, along), contact, a, b in pairs
-        if a == STICKING and b == SLIDING
-    ]
-    differences = sum(a != b for a, b in zip(balance.states, other.states, strict=True))
-    by_static = any(np.linalg.norm(f) > (contact.kinetic + NOISE * contact.static) * n for contact, n, f in held)
-    return bool(held) and (differences == len(held) or by_static)
+    friction, push = np.sqrt((balance.forces**2) @ rows.members), balance.forces[rows.normals]
+    by_static = friction > (rows.kinetic + NOISE * rows.static) * push
+    return bool((by_static & held).any() or (states != others).sum() == held.sum())
 
 
 class _Rows:
@@ -161,7 +148,8 @@ class _Rows:
 
     `contact` (rows,) is the index of the contact of each row. `along` (rows,) is True for friction rows. `normals` (k,)
     are the indices of the normal rows. `members` (rows, k) is True for the friction rows of each contact. `static` and
-    `kinetic` (k,) are coefficients of friction. `slides` (k,) is True for contacts that slide already.
+    `kinetic` (k,) are coefficients of friction. `slides` (k,) is True for contacts that slide already, and `ways`
+    (rows,) are the directions in which they do.
     """
 
     def __init__(self, contacts: Sequence[Friction]) -> None:
@@ -173,6 +161,12 @@ class _Rows:
         self.members = (self.contact[:, None] == np.arange(len(contacts))) & self.along[:, None]
         self.static, self.kinetic = np.array([(surface.static, surface.kinetic) for surface in contacts]).T
         self.slides = np.array([surface.way is not None for surface in contacts])
+        ways = [np.zeros(surface.components) if surface.way is None else surface.way for surface in contacts]
+        self.ways = np.concatenate([np.append(0.0, way) for way in ways])
+
+    def moving(self, ways: FloatArray) -> NDArray[np.bool_]:
+        """Return a mask (C, rows) of the rows of contacts whose directions in `ways` (C, rows) are not zero."""
+        return np.asarray(((ways != 0) @ self.members)[:, self.contact])
 
     def directions(self, values: FloatArray) -> FloatArray:
         """Return unit vectors (C, rows) along the friction components of `values` (C, rows), one for each contact.
@@ -184,22 +178,18 @@ class _Rows:
         return np.where(self.along & (sizes > 0), values / np.where(sizes > 0, sizes, 1.0), 0.0)
 
 
-def _balances(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> Iterator[Balance]:
+def _balances(
+    matrix: FloatArray, bias: FloatArray, rows: _Rows, cases: Sequence[Sequence[tuple[str, FloatArray]]]
+) -> Iterator[Balance]:
     """Yield the solutions among all combinations of contact states, in order of the number of sliding contacts.
 
-    `matrix` (rows, rows) is A and `bias` (rows,) is b in the rates A f + b.
+    `matrix` (rows, rows) is A and `bias` (rows,) is b in the rates A f + b. `cases` has the possible states of each
+    contact, with directions of sliding.
     """
-    rows = _Rows(contacts)
-    chosen = list(itertools.product(*(contact.cases() for contact in contacts)))
-    chosen.sort(key=lambda cases: sum(state == SLIDING for state, _ in cases))
-    states = np.array([[state for state, _ in cases] for cases in chosen])
-    ways = np.zeros((len(chosen), len(bias)))
-    searched = np.zeros(ways.shape, dtype=bool)
-    for c, cases in enumerate(chosen):
-        for i, (state, way) in enumerate(cases):
-            if state == SLIDING:
-                ways[c, rows.members[:, i]] = 0.0 if way is None else way
-                searched[c, rows.members[:, i]] = way is None
+    chosen = sorted(itertools.product(*cases), key=lambda pairs: sum(state == SLIDING for state, _ in pairs))
+    states = np.array([[state for state, _ in pairs] for pairs in chosen])
+    ways = np.array([np.concatenate([way for _, way in pairs]) for pairs in chosen])
+    searched = rows.along & (states == SLIDING)[:, rows.contact] & ~rows.moving(ways)
     if searched.any():
         ways = np.where(searched, _first_ways(matrix, bias, rows, states), ways)
     share, change, error = np.ones((len(chosen), 1)), np.full(len(chosen), np.inf), np.zeros(ways.shape)
@@ -243,8 +233,7 @@ def _first_ways(matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArr
     first = np.zeros(len(bias))
     first[rows.normals[np.bincount(rows.contact) > 1] + 1] = 1.0
     ways = -rows.directions(forces)
-    none = ~solved[:, None] | ~((ways != 0) @ rows.members)[:, rows.contact]
-    return np.where(none, first, ways)
+    return np.where(solved[:, None] & rows.moving(ways), ways, first)
 
 
 def _forces(
@@ -296,60 +285,38 @@ def least_solution(square: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq(square, right, rcond=DEPENDENT)[0])
 
 
-def _by_pivoting(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> Balance | None:
-    """Return a solution by Lemke's method, or None.
+def _by_pivoting(matrix: FloatArray, bias: FloatArray, rows: _Rows) -> list[Balance]:
+    """Return a list with a solution by Lemke's method, or an empty list.
 
-    The cone of friction in a plane becomes a pyramid with four sides. A contact that slides in the direction `way`
-    has one unknown: the normal force, to which its friction force is proportional. Another contact has one more
-    unknown for each side of its pyramid, and its sliding speed as a multiplier, as in Stewart and Trinkle.
+    The cone of friction in a plane becomes a pyramid with four sides. A contact that slides already has one unknown:
+    the normal force, to which its friction force is proportional. Another contact has one more unknown for each side
+    of its pyramid, and its sliding speed as a multiplier, as in Stewart and Trinkle.
     """
-    spans, sides, ratios = [], [], []
-    for (normal, along), contact in zip(rows_of(contacts), contacts, strict=True):
-        push = np.zeros(len(bias))
-        push[normal] = 1.0
-        free = contact.components and contact.way is None
-        if contact.way is not None:
-            push[along] = -contact.kinetic * contact.way
-        spans.append((push, np.eye(len(bias))[normal]))
-        for row in range(along.start, along.stop) if free else ():
-            for sign in (1.0, -1.0):
-                sides.append(sign * np.eye(len(bias))[row])
-                ratios.append((len(spans) - 1, contact.static))
-    k, s = len(spans), len(sides)
-    owners = sorted({owner for owner, _ in ratios})
-    pushes = np.array([push for push, _ in spans] + sides).T
-    seen = np.array([row for _, row in spans] + sides)
-    square = np.zeros((k + s + len(owners),) * 2)
-    square[: k + s, : k + s] = seen @ matrix @ pushes
-    for index, (owner, static) in enumerate(ratios):
-        speed = k + s + owners.index(owner)
-        square[k + index, speed], square[speed, k + index], square[speed, owner] = 1.0, -1.0, static
-    right = np.concatenate([seen @ bias, np.zeros(len(owners))])
-    solution = lemke(square, right)
+    units = np.eye(len(bias))
+    normals, free = units[rows.normals], np.repeat(np.flatnonzero(rows.along & ~rows.slides[rows.contact]), 2)
+    sides, owners = units[free], rows.contact[free]
+    sides[1::2] *= -1.0
+    slippery, which = np.unique(owners, return_inverse=True)
+    pushes = np.vstack([normals - rows.kinetic[:, None] * rows.members.T * rows.ways, sides])
+    seen = np.vstack([normals, sides])
+    k, count = len(normals), len(seen)
+    square = np.zeros((count + len(slippery),) * 2)
+    square[:count, :count] = seen @ matrix @ pushes.T
+    side, speed = np.arange(k, count), count + which
+    square[side, speed], square[speed, side], square[speed, owners] = 1.0, -1.0, rows.static[owners]
+    solution = lemke(square, np.concatenate([seen @ bias, np.zeros(len(slippery))]))
     if solution is None:
-        return None
-    forces = pushes @ solution[: k + s]
+        return []
+    forces = solution[:count] @ pushes
     rates = matrix @ forces + bias
-    states, ways = [], []
-    weak, noise = NOISE * float(np.abs(forces).max(initial=0.0)), _noise(matrix, bias, forces)
-    for (normal, along), contact in zip(rows_of(contacts), contacts, strict=True):
-        way, slide = contact.way, float(np.linalg.norm(rates[along]))
-        if forces[normal] <= weak and rates[normal] > noise[normal]:
-            state: str = OPEN
-        elif not contact.components:
-            state = CLOSED
-        else:
-            sticks = way is None and slide <= 10 * float(noise[along].max())
-            state = STICKING if sticks else SLIDING
-            way = rates[along] / slide if way is None and not sticks else way
-        states.append(state)
-        ways.append(way)
-    directions = np.concatenate([np.zeros(1 + surface.components) for surface in contacts])
-    for (_, along), way in zip(rows_of(contacts), ways, strict=True):
-        directions[along] = 0.0 if way is None else way
-    rows = _Rows(contacts)
-    polished, exact, solved = _forces(matrix, bias, rows, np.array([states]), directions)
-    return _balance_of(rows, polished[0], exact[0], states, directions) if solved[0] else None
+    noise, weak = _noise(matrix, bias, forces), NOISE * float(np.abs(forces).max(initial=0.0))
+    slip, errors = np.sqrt((rates**2) @ rows.members), (noise[:, None] * rows.members).max(axis=0)
+    is_open = (forces[rows.normals] <= weak) & (rates[rows.normals] > noise[rows.normals])
+    cases = [is_open, ~rows.members.any(axis=0), ~rows.slides & (slip <= 10 * errors)]
+    states = np.select(cases, [OPEN, CLOSED, STICKING], SLIDING)
+    ways = np.where(rows.slides[rows.contact], rows.ways, rows.directions(rates[None])[0])
+    polished, exact, solved = _forces(matrix, bias, rows, states[None], ways)
+    return [_balance_of(rows, polished[0], exact[0], states.tolist(), ways)] if solved[0] else []
 
 
 def lemke(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
@@ -365,9 +332,8 @@ def lemke(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
     basis, entering, row = list(range(n)), 2 * n, int(np.argmin(right))
     for _ in range(50 * n + 50):
         table[row] /= table[row, entering]
-        for other_row in range(n):
-            if other_row != row:
-                table[other_row] -= table[other_row, entering] * table[row]
+        others = np.arange(n) != row
+        table[others] -= np.outer(table[others, entering], table[row])
         leaving, basis[row] = basis[row], entering
         if leaving == 2 * n:
             solution = np.zeros(2 * n + 1)

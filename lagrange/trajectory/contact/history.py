@@ -21,7 +21,6 @@ from lagrange.statement.expression import ByName
 from lagrange.statement.expression import expression as expression_of
 from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
 from lagrange.trajectory.contact.modes import Mode, modes_of, sliding_friction
-from lagrange.trajectory.contact.transition import Impact
 from lagrange.trajectory.trajectory import FloatArray, Trajectory, segment_numbers
 
 GAUSS_POINTS = 12
@@ -32,6 +31,16 @@ MOST_HALVINGS, AGREEMENT = 8, 1e-13
 
 TIME, LOST, FRICTION = 0, 2, 3
 """Columns of impacts: the time, the energy that is lost, and the first component of the friction impulse."""
+
+
+@dataclass(frozen=True)
+class Impact:
+    """An impact of one contact: time, normal impulse, friction impulse (components,), and the energy that is lost."""
+
+    t: float
+    impulse: float
+    friction_impulse: tuple[float, ...]
+    energy_lost: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,28 +59,18 @@ class ContactHistory:
     rests: tuple[tuple[float, ...], ...]
     rubbed: FloatArray | None = None
 
-    def arrays(self) -> dict[str, Any]:
-        """Return the history as arrays by name, to be stored in a file; `stored_history` reads them."""
-        arrays: dict[str, Any] = {"begins": self.begins}
-        arrays["modes"] = np.array(json.dumps([astuple(mode) for mode in self.modes]))
-        for i, (impacts, rests) in enumerate(zip(self.impacts, self.rests, strict=True)):
-            arrays[f"rests_{i}"], arrays[f"impacts_{i}"] = np.array(rests), impacts
-        return arrays
-
-    def lost_at(self, times: FloatArray) -> FloatArray:
-        """Return the energy (K,) that impacts have dissipated up to times (K,)."""
-        booked = np.concatenate([impacts[:, [TIME, LOST]] for impacts in self.impacts])
-        when, lost = booked[np.argsort(booked[:, 0], kind="stable")].T
-        begins = np.concatenate([self.begins[:1], when])
-        return np.cumsum(np.append(0.0, lost))[segment_numbers(begins, times, forward=True)]
-
 
 def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> ContactHistory:
     """Return the history of contacts from the arrays of a file.
 
     Raises StatementError if the arrays do not fit together, or do not fit the contacts.
     """
-    modes = tuple(_stored_mode(*fields) for fields in json.loads(str(arrays["modes"])))
+    modes = tuple(
+        Mode(tuple(states), tuple(ways), None if kept is None else tuple(kept), tuple(bouncing), *others)
+        for states, ways, kept, bouncing, *others in json.loads(str(arrays["modes"]))
+    )
+    if not {state for mode in modes for state in mode.states} <= {OPEN, CLOSED, SLIDING, STICKING}:
+        raise StatementError("the contact modes in the file have states that are not known.")
     impacts = tuple(np.asarray(arrays[f"impacts_{i}"]) for i in range(len(contacts)))
     matching = {len(mode.states) == len(contacts) == len(mode.ways) for mode in modes}
     wide = [rows.shape[1:] == (FRICTION + len(stated.slip),) for rows, stated in zip(impacts, contacts, strict=True)]
@@ -79,12 +78,6 @@ def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> Co
         raise StatementError("the contact modes in the file do not fit the contacts of its system.")
     rests = tuple(tuple(arrays[f"rests_{i}"].tolist()) for i in range(len(contacts)))
     return ContactHistory(arrays["begins"], modes, impacts, rests, arrays["rubbed"])
-
-
-def _stored_mode(states: Any, ways: Any, kept: Any, bouncing: Any, *others: Any) -> Mode:
-    if not set(states) <= {OPEN, CLOSED, SLIDING, STICKING}:
-        raise StatementError("the contact modes in the file have states that are not known.")
-    return Mode(tuple(states), tuple(ways), None if kept is None else tuple(kept), tuple(bouncing), *others)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,11 +88,6 @@ class ContactRun:
     trajectory: Trajectory
     history: ContactHistory
     parameters: FloatArray
-
-    @property
-    def t(self) -> FloatArray:
-        """The output times (N,)."""
-        return self.trajectory.t
 
     @cached_property
     def by_name(self) -> ByName[ContactResult]:
@@ -117,8 +105,8 @@ class ContactRun:
 
     def labels(self, contact: int) -> NDArray[Any]:
         """Return the state of a contact at the output times, (N,): "open", "closed", "sliding" or "sticking"."""
-        states = np.full(len(self.t), OPEN, dtype="<U8")
-        for mode, where in self._segments(self.t):
+        states = np.full(len(self.trajectory.t), OPEN, dtype="<U8")
+        for mode, where in self._segments(self.trajectory.t):
             states[where] = mode.labels[contact]
         return states
 
@@ -131,9 +119,9 @@ class ContactRun:
         names = [name for symbol in symbols if (name := constraint_of(symbol)) is not None]
         kind = "constraint or contact" if statement.constraints else "contact"
         check_multipliers(names, "the expression", statement.multiplier_names, statement.name, kind)
-        values = np.empty(len(self.t))
-        for mode, where in self._segments(self.t):
-            values[where] = self._in_mode(mode, expression, self.t[where], self.trajectory.y[:, where])
+        values = np.empty(len(self.trajectory.t))
+        for mode, where in self._segments(self.trajectory.t):
+            values[where] = self._in_mode(mode, expression, self.trajectory.t[where], self.trajectory.y[:, where])
         return values
 
     def _in_mode(self, mode: Mode, expression: Any, times: FloatArray, y: FloatArray) -> FloatArray:
@@ -148,12 +136,13 @@ class ContactRun:
     def friction(self, contact: int) -> FloatArray:
         """Return the friction force of a contact along its slip components, at the outputs, (components, N)."""
         stated = self.model.statement.contacts[contact]
-        forces = np.zeros((len(stated.slip), len(self.t)))
-        for mode, where in self._segments(self.t):
+        forces = np.zeros((len(stated.slip), len(self.trajectory.t)))
+        for mode, where in self._segments(self.trajectory.t):
             if mode.labels[contact] in (SLIDING, STICKING):
                 y = self.trajectory.y[:, where]
                 forces[:, where] = [
-                    self._in_mode(mode, force, self.t[where], y) for force in _friction(stated, mode, contact)
+                    self._in_mode(mode, force, self.trajectory.t[where], y)
+                    for force in _friction(stated, mode, contact)
                 ]
         return forces
 
@@ -163,26 +152,35 @@ class ContactRun:
 
         If a time occurs twice, the first state is that before an impact, unless both are equal.
         """
-        lost = self.lost_at(self.t)
+        lost = self.lost_at(self.trajectory.t)
         y = self.trajectory.y
-        same = (self.t[:-1] == self.t[1:]) & (y[:, :-1] == y[:, 1:]).all(axis=0)
+        same = (self.trajectory.t[:-1] == self.trajectory.t[1:]) & (y[:, :-1] == y[:, 1:]).all(axis=0)
         for i in np.flatnonzero(same)[::-1]:
             lost[i] = lost[i + 1]
         return lost
 
     def arrays(self) -> dict[str, Any]:
-        """Return the history of contacts as arrays by name, to be stored in a file."""
-        return self.history.arrays() | {"rubbed": self._rubbed(self.t)}
+        """Return the history as arrays by name, to be stored in a file; `stored_history` reads them."""
+        history = self.history
+        arrays: dict[str, Any] = {"begins": history.begins, "rubbed": self._rubbed(self.trajectory.t)}
+        arrays["modes"] = np.array(json.dumps([astuple(mode) for mode in history.modes]))
+        for i, (impacts, rests) in enumerate(zip(history.impacts, history.rests, strict=True)):
+            arrays[f"rests_{i}"], arrays[f"impacts_{i}"] = np.array(rests), impacts
+        return arrays
 
     def lost_at(self, times: FloatArray) -> FloatArray:
         """Return the energy (K,) that impacts and friction have dissipated up to times (K,)."""
-        return self.history.lost_at(times) + self._rubbed(times)
+        booked = np.concatenate([impacts[:, [TIME, LOST]] for impacts in self.history.impacts])
+        when, lost = booked[np.argsort(booked[:, 0], kind="stable")].T
+        begins = np.concatenate([self.history.begins[:1], when])
+        numbers = segment_numbers(begins, times, forward=True)
+        return np.asarray(np.cumsum(np.append(0.0, lost))[numbers] + self._rubbed(times))
 
     def _rubbed(self, times: FloatArray) -> FloatArray:
         """Return the energy (K,) that sliding friction has dissipated up to times (K,): the integral of its power."""
         begins, modes = self.history.begins, self.history.modes
         if self.history.rubbed is not None:
-            return np.asarray(np.interp(times, self.t, self.history.rubbed))
+            return np.asarray(np.interp(times, self.trajectory.t, self.history.rubbed))
         if not len(times) or not any(SLIDING in mode.states for mode in modes):
             return np.zeros(len(times))
         ends = np.unique(np.concatenate([begins, times, [self.trajectory.span[0]]]))

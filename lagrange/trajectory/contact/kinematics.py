@@ -126,7 +126,8 @@ class Kinematics:
     """Evaluates the contacts of a model for the parameters of a run.
 
     `rows` has the row indices of each contact in a `Touch`: first dgap/dt, then its slips. `normals` has the row index
-    of dgap/dt of each contact. `restitutions` are their values, None for those that depend on the impact speed.
+    of dgap/dt of each contact, and `owners` (rows,) the index of the contact of each row. `restitutions` are the values
+    of the contacts, None for those that depend on the impact speed.
     """
 
     def __init__(self, model: Model, parameters: FloatArray) -> None:
@@ -134,6 +135,7 @@ class Kinematics:
         sizes = [1 + len(contact.slip) for contact in self.contacts]
         self.normals = [sum(sizes[:i]) for i in range(len(sizes))]
         self.rows = [list(range(row, row + size)) for row, size in zip(self.normals, sizes, strict=True)]
+        self.owners = np.repeat(np.arange(len(sizes)), sizes)
         self._places, self._speeds, self._momentum = np.zeros(len(sizes)), np.zeros(sum(sizes)), 0.0
         self._kernel = contact_function(model)
         self._restitution, self._friction = _coefficients(model, tuple(parameters.tolist()))
@@ -172,7 +174,7 @@ class Kinematics:
         lengths = np.abs(directions[self.normals]) @ np.abs(q) + np.abs(gaps)
         speeds = np.abs(directions) @ np.abs(v) + np.abs(rates - directions @ v)
         self._places, self._speeds = np.maximum(self._places, lengths), np.maximum(self._speeds, speeds)
-        fastest = np.concatenate([np.full(len(mine), self._speeds[mine].max()) for mine in self.rows])
+        fastest = np.maximum.reduceat(self._speeds, self.normals)[self.owners]
         noise = STILL * np.maximum(fastest, SLOW_SHARE * self._speeds.max())
         near = np.full(k, TOUCHING * self._places.max())
         if before is not None:
@@ -182,18 +184,14 @@ class Kinematics:
         inertia = np.sqrt(np.abs(np.diag(mass)))
         self._momentum = max(self._momentum, float((inertia * np.abs(v)).max()))
         still = np.where(inertia > 0, ROUND_OFF * self._momentum / np.where(inertia > 0, inertia, 1.0), 0.0)
-        responses = self._responses(mass, self.stated_directions(t, y), directions)
+        if len(held := self.stated_directions(t, y)):
+            whole = np.block([[mass, -held.T], [held, np.zeros((len(held), len(held)))]])
+            right = np.vstack([directions.T, np.zeros((len(held), rows))])
+            responses = np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n]
+        else:
+            responses = np.linalg.solve(mass, directions.T)
         self._last = t, y, Touch(gaps, rates, directions, bias, responses, near, noise, still)
         return self._last[2]
-
-    @staticmethod
-    def _responses(mass: FloatArray, held: FloatArray, directions: FloatArray) -> FloatArray:
-        n, m = len(mass), len(held)
-        if not m:
-            return np.asarray(np.linalg.solve(mass, directions.T))
-        whole = np.block([[mass, -held.T], [held, np.zeros((m, m))]])
-        right = np.vstack([directions.T, np.zeros((m, len(directions)))])
-        return np.asarray(np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n])
 
     def closed(self, y: FloatArray, touch: Touch, contacts: Sequence[int], unchanged: Sequence[int] = ()) -> FloatArray:
         """Return the state y (2n,) changed so that the gaps of `contacts` (indices) are closed, by one Newton step.

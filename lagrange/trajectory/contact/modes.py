@@ -17,10 +17,9 @@ from lagrange.statement.coordinate import multiplier, velocity_of
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.event import Event
 from lagrange.statement.statement import ALLOW, Constraint, Statement
-from lagrange.trajectory.contact.bounces import WrittenImpacts, written_impacts
 from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
-from lagrange.trajectory.contact.friction import WrittenFriction, written_friction
 from lagrange.trajectory.contact.kinematics import MODELS_KEPT, quick_function
+from lagrange.trajectory.contact.resets import WrittenFriction, WrittenImpacts, written_friction, written_impacts
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -176,14 +175,6 @@ class Modes:
             self._prepared[key] = PreparedMode(model, (*stated, *mode_events), ends, friction)
         return self._prepared[key]
 
-    @cached_property
-    def timeless(self) -> bool:
-        """True if the system, with its contacts, does not depend on time explicitly."""
-        stated = self.model.statement
-        relations = (constraint.expression for constraint in stated.constraints)
-        surfaces = (part for contact in self.contacts for part in (contact.gap, *contact.slip))
-        return self.without_time((stated.lagrangian, stated.dissipation, *stated.forces, *relations, *surfaces))
-
     def without_time(self, expressions: Iterable[Any]) -> bool:
         """Return True if expressions depend on time through coordinates and velocities only."""
         stated = self.model.statement
@@ -196,7 +187,7 @@ class Modes:
         The accelerations that an integrator would follow are then only rounding errors.
         """
         count = self.constraint_count(mode) if mode.kept is None else len(mode.kept)
-        if count < self.model.dimension or not self.timeless:
+        if count < self.model.dimension:
             return False
         return self._holds_rest[-1] and all(
             rests for rests, state in zip(self._holds_rest, mode.states, strict=False) if state == STICKING
@@ -207,9 +198,13 @@ class Modes:
         """For each contact, True if its slip is zero when all velocities are zero; this is false on a moving belt.
 
         The list has one more entry, the last. It is True if the constraints stated in velocities also hold when all
-        velocities are zero.
+        velocities are zero. All entries are False if the system or a contact depends on time explicitly.
         """
         stated = self.model.statement
+        relations = (constraint.expression for constraint in stated.constraints)
+        surfaces = (part for contact in self.contacts for part in (contact.gap, *contact.slip))
+        if not self.without_time((stated.lagrangian, stated.dissipation, *stated.forces, *relations, *surfaces)):
+            return [False] * (len(self.contacts) + 1)
         at_rest = dict.fromkeys(stated.velocities, sympy.S.Zero)
         rates = [
             *(contact.slip for contact in self.contacts),

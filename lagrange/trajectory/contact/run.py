@@ -14,14 +14,13 @@ from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, counted, listing
 from lagrange.statement.expression import real_number
-from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces, WrittenImpacts, in_order
+from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces
 from lagrange.trajectory.contact.complementarity import OPEN, SLIDING
-from lagrange.trajectory.contact.friction import SHORT, WrittenFriction
 from lagrange.trajectory.contact.history import FRICTION, ContactHistory
 from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics
 from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, PreparedMode, modes_of
-from lagrange.trajectory.contact.transition import Behind, Transitions
-from lagrange.trajectory.contact.undetermined import Undetermined
+from lagrange.trajectory.contact.resets import SHORT, WrittenFriction, WrittenImpacts, in_order
+from lagrange.trajectory.contact.transition import Behind, Transitions, Undetermined
 from lagrange.trajectory.integrator import Integrator, Problem
 from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.parts import (
@@ -127,7 +126,8 @@ class _ContactRun:
             behind = self.transitions.behind(problem.t0, self._checked_start(), Mode((OPEN,) * n, (None,) * n))
         except Undetermined as refusal:
             raise StatementError(f"the motion cannot start at the initial state: {refusal}") from refusal
-        self._book(behind)
+        for i, row in behind.impacts.items():
+            self.impacts[i].append(row[None])
         segment = problem if behind.y is problem.y0 else replace(problem, y0=behind.y)
         while True:
             mode = self._segment(segment, behind.mode)
@@ -150,7 +150,7 @@ class _ContactRun:
             if stop is not None:
                 self._keep(end, behind.mode, point_of(problem, self.parts[-1], behind.y, *stop))
                 break
-            segment = rest_of(problem, self.parts, end, behind.y, output_at_begin=True)
+            segment = rest_of(segment, self.parts[-1:], end, behind.y, output_at_begin=True)
         run = joined(problem, self.parts, self._note(), both_at_joints=True)
         impacts, rests = tuple(map(np.concatenate, self.impacts)), tuple(map(tuple, self.rests))
         return replace(run, contacts=ContactHistory(np.array(self.begins), tuple(self.kept), impacts, rests))
@@ -385,8 +385,7 @@ class _ContactRun:
         self.freed = [i for i, state in enumerate(behind.mode.states) if state == SLIDING and state != mode.states[i]]
         self.freed += [i for i in ends["stopped"] if behind.mode.states[i] == SLIDING]
         if behind.impacts:
-            contacts = frozenset(i for i, _ in behind.impacts)
-            self.bounces.add(np.array([t]), np.array([max(behind.speeds)]), [contacts])
+            self.bounces.add(np.array([t]), np.array([max(behind.speeds)]), [frozenset(behind.impacts)])
         accumulated = bool(behind.impacts) and self.bounces.end is not None
         plastic = frozenset().union(*self.bounces.contacts) if accumulated else frozenset()
         while behind.unseen - plastic or (accumulated and not plastic & set(behind.mode.closed)):
@@ -401,13 +400,9 @@ class _ContactRun:
                 self.rest_time = rest
             for i in settled:
                 self.rests[i].append(rest)
-        self._book(behind)
+        for i, row in behind.impacts.items():
+            self.impacts[i].append(row[None])
         return behind
-
-    def _book(self, behind: Behind) -> None:
-        for i, impact in behind.impacts:
-            row = [impact.t, impact.impulse, impact.energy_lost, *impact.friction_impulse]
-            self.impacts[i].append(np.array([row]))
 
     def _checked_start(self) -> FloatArray:
         """Return the start (2n,), with negative gaps closed that are rounding. Raises StatementError inside a body."""

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import sympy
 
 from lagrange.equations.regularity import independent_rows
-from lagrange.errors import listing
+from lagrange.errors import RunError, listing
+from lagrange.machine.model import Model
 from lagrange.statement.contact import SEQUENCE
-from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING, Balance, least_solution, solutions
-from lagrange.trajectory.contact.friction import SHORT, SLIGHT
+from lagrange.trajectory.contact.complementarity import (
+    OPEN,
+    SLIDING,
+    STICKING,
+    Balance,
+    Friction,
+    least_solution,
+    solutions,
+)
 from lagrange.trajectory.contact.kinematics import STILL, TOUCHING, Kinematics, Touch
 from lagrange.trajectory.contact.modes import SLOWEST, Mode, Modes
-from lagrange.trajectory.contact.undetermined import Undetermined, undetermined
+from lagrange.trajectory.contact.resets import SHORT, SLIGHT, coupling, response_of
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_IN_SEQUENCE = 500
@@ -32,29 +41,28 @@ closing.
 """
 
 
-@dataclass(frozen=True)
-class Impact:
-    """An impact of one contact: time, normal impulse, friction impulse (components,), and the energy that is lost."""
+LONGEST_REGION = 120
+"""Largest number of characters of the condition of Painleve's paradox in a message."""
 
-    t: float
-    impulse: float
-    friction_impulse: tuple[float, ...]
-    energy_lost: float
+
+class Undetermined(RunError):
+    """Error: the laws of contact allow no consistent next motion, or several."""
 
 
 @dataclass(frozen=True, eq=False)
 class Behind:
     """Result of a transition: the state `y` (2n,) and the mode after it, and the impacts.
 
-    `before` (2n,) is the state before the impacts, in which overlaps of bodies are removed. `impacts` are pairs of
-    the index of a contact and its `Impact`. `speeds` are the impact speeds of the contacts whose gap closed. `unseen`
-    are the indices of contacts that open and would close again while their gap is still within rounding.
+    `before` (2n,) is the state before the impacts, in which overlaps of bodies are removed. `impacts` maps the index
+    of a contact to a row: time, normal impulse, energy lost, friction impulse. `speeds` are the impact speeds of the
+    contacts whose gap closed. `unseen` are the indices of contacts that open and would close again while their gap is
+    still within rounding.
     """
 
     y: FloatArray
     before: FloatArray
     mode: Mode
-    impacts: tuple[tuple[int, Impact], ...] = ()
+    impacts: dict[int, FloatArray] = field(default_factory=dict)
     speeds: tuple[float, ...] = ()
     unseen: frozenset[int] = frozenset()
 
@@ -105,7 +113,7 @@ class Transitions:
         if not touching and not released:
             return Behind(y, y, self._open)
         closing = [i for i in touching if touch.rates[normals[i]] < -touch.noise[normals[i]] and i not in lasting]
-        impacts: tuple[tuple[int, Impact], ...] = ()
+        impacts: dict[int, FloatArray] = {}
         speeds: tuple[float, ...] = ()
         ways = self._freed_ways(t, y, mode, freed) if freed else {}
         if closing:
@@ -153,8 +161,8 @@ class Transitions:
         touching: Sequence[int],
         closing: Sequence[int],
         plastic: Collection[int],
-    ) -> tuple[FloatArray, tuple[tuple[int, Impact], ...], tuple[float, ...]]:
-        """Return the state after an impact, pairs of contact index and impact, and the speeds of `closing` contacts.
+    ) -> tuple[FloatArray, dict[int, FloatArray], tuple[float, ...]]:
+        """Return the state after an impact, the impacts as in `Behind`, and the speeds of `closing` contacts.
 
         `touching` are the indices of all contacts with zero gap, which may exchange impulses. `closing` are those
         whose gap decreases. `plastic` contacts have no restitution. `touch` has the contacts at the state y (2n,)
@@ -183,25 +191,23 @@ class Transitions:
             rounds += 1
         after = y.copy()
         after[v] += touch.responses @ impulses
-        impacts = []
+        impacts = {}
         for i in touching:
-            rows = kin.rows[i]
-            if not impulses[rows[0]]:
-                continue
-            friction = tuple(impulses[rows[1:]].tolist())
-            impacts.append((i, Impact(t, float(impulses[rows[0]]), friction, float(lost[rows].sum()))))
-        return after, tuple(impacts), tuple(float(-touch.rates[kin.normals[i]]) for i in closing)
+            push, *friction = impulses[kin.rows[i]]
+            if push:
+                impacts[i] = np.array([t, push, lost[kin.rows[i]].sum(), *friction])
+        return after, impacts, tuple(float(-touch.rates[kin.normals[i]]) for i in closing)
 
     def _coupled(self, matrix: FloatArray, touching: Sequence[int]) -> bool:
         """Return True if an impulse at one of the contacts `touching` changes the gap rate or the slip of another.
 
         `matrix` (rows, rows) has the change of each of these rates by each unit impulse.
         """
-        others = np.abs(matrix)
-        for rows in self.kinematics.rows:
-            others[np.ix_(rows, rows)] = 0.0
-        rows = [row for i in touching for row in self.kinematics.rows[i]]
-        return bool(others[np.ix_(rows, rows)].max() > UNCOUPLED * np.abs(matrix).max())
+        kin = self.kinematics
+        rows = [row for i in touching for row in kin.rows[i]]
+        others = np.abs(matrix)[np.ix_(rows, rows)]
+        others[np.equal.outer(kin.owners[rows], kin.owners[rows])] = 0.0
+        return bool(others.max() > UNCOUPLED * np.abs(matrix).max())
 
     def _impulses(
         self,
@@ -216,47 +222,44 @@ class Transitions:
         Only the `chosen` contacts have impulses. `touch` has the contacts at the state y (2n,), and `rates` (rows,) are
         their gap rates and slips before the impact. `plastic` contacts have no restitution.
         """
-        kin = self.kinematics
-        laws, rows, shift = [], list[int](), list[float]()
+        kin, laws, bias = self.kinematics, {}, rates.copy()
         for i in chosen:
             normal, *along = kin.rows[i]
             speed = max(-float(rates[normal]), 0.0)
-            e = 0.0 if i in plastic or not speed else kin.restitution(i, speed)
-            law = kin.friction(i, np.zeros(len(along)), np.zeros(1))
+            if speed and i not in plastic:
+                bias[normal] -= kin.restitution(i, speed) * speed
+            laws[i] = kin.friction(i, np.zeros(len(along)), np.zeros(1))
             if along and np.linalg.norm(rates[along]) > touch.noise[along].max():
                 # Kinetic friction stops surfaces that slide into an impact; static friction acts at rest.
-                law = replace(law, static=law.kinetic)
-            laws.append(law)
-            rows += [normal, *along[: law.components]]
-            shift += [-e * speed] + [0.0] * law.components
-        bias = rates[rows] + np.array(shift)
-        balance = self._only(solutions(touch.compliance[np.ix_(rows, rows)], bias, laws), touch, y, chosen, "impact")
+                laws[i] = replace(laws[i], static=laws[i].kinetic)
+        rows, balance = self._balance(y, touch, laws, bias, "impact")
         impulses = np.zeros(len(rates))
         impulses[rows] = balance.forces
         return impulses
 
-    def _only(
-        self, balances: Sequence[Balance], touch: Touch, y: FloatArray, chosen: Sequence[int], what: str
-    ) -> Balance:
-        """Return the only solution in `balances`. Raises `Undetermined` if there are none or several.
+    def _balance(
+        self, y: FloatArray, touch: Touch, laws: dict[int, Friction], bias: FloatArray, what: str
+    ) -> tuple[list[int], Balance]:
+        """Return the forces, or impulses, of contacts at rest in `touch`, and the rows to which they belong.
 
-        The other arguments are for the error message: the `chosen` contacts in `touch` at the state y (2n,), and
-        `what` is undetermined, "motion" or "impact".
+        `laws` has the friction of each of these contacts by its index. `bias` (rows,) are the rates without these
+        forces. Raises `Undetermined` if there is no solution, or more than one: its message names the state y (2n,)
+        and `what` is undetermined, "motion" or "impact".
         """
-        if len(balances) == 1:
-            if balances[0].shared and not self.shared:
-                self.shared = self._told([chosen[i] for i in sorted(balances[0].shared)], touch)
-            return balances[0]
-        raise undetermined(self.kinematics, touch, y, chosen, len(balances), what)
-
-    def _told(self, contacts: Sequence[int], touch: Touch) -> str:
         kin = self.kinematics
-        rows = touch.directions[[row for i in contacts for row in kin.rows[i]]]
-        return (
-            f"The contacts {listing(repr(kin.contacts[i].name) for i in contacts)} depend on each other (rank "
-            f"{len(independent_rows(rows))} of {len(rows)}): of their possible forces, those with the fewest sliding "
-            "contacts are given."
-        )
+        rows = [row for i, law in laws.items() for row in kin.rows[i][: 1 + law.components]]
+        balances = solutions(touch.compliance[np.ix_(rows, rows)], bias[rows], list(laws.values()))
+        if len(balances) != 1:
+            raise _undetermined(kin, touch, y, list(laws), len(balances), what)
+        if balances[0].shared and not self.shared:
+            shared = [list(laws)[i] for i in sorted(balances[0].shared)]
+            directions = touch.directions[[row for i in shared for row in kin.rows[i]]]
+            self.shared = (
+                f"The contacts {listing(repr(kin.contacts[i].name) for i in shared)} depend on each other (rank "
+                f"{len(independent_rows(directions))} of {len(directions)}): of their possible forces, those with the "
+                "fewest sliding contacts are given."
+            )
+        return rows, balances[0]
 
     def _next(
         self,
@@ -278,25 +281,19 @@ class Transitions:
         states, kept_ways = [OPEN] * count, list[int | None]([None] * count)
         slides: dict[int, FloatArray] = {}
         free = np.asarray(kin.model.kernel("rhs")(t, y, kin.parameters))[self._layout.v]
-        pulls, terms = (
-            touch.directions @ free + touch.bias,
-            np.abs(touch.directions) @ np.abs(free) + np.abs(touch.bias),
-        )
+        pulls = touch.directions @ free + touch.bias
+        terms = np.abs(touch.directions) @ np.abs(free) + np.abs(touch.bias)
         if resting:
-            laws, rows = [], list[int]()
+            laws = {}
             for i in resting:
-                normal, *along = kin.rows[i]
+                along = kin.rows[i][1:]
                 slip = np.zeros(len(along)) if i in stopped else touch.rates[along]
-                law = kin.friction(i, slip, np.maximum(touch.noise[along], 0.0) if along else np.zeros(1))
+                laws[i] = kin.friction(i, slip, np.maximum(touch.noise[along], 0.0) if along else np.zeros(1))
                 if i in ways:
-                    law = replace(law, way=ways[i])
-                laws.append(law)
-                rows += [normal, *along[: law.components]]
-            compliance = touch.compliance
-            matrix = compliance[np.ix_(rows, rows)]
-            balance = self._only(solutions(matrix, pulls[rows], laws), touch, y, resting, "motion")
-            pulls = pulls + compliance[:, rows] @ balance.forces
-            terms[rows] += np.abs(matrix) @ np.abs(balance.forces)
+                    laws[i] = replace(laws[i], way=ways[i])
+            rows, balance = self._balance(y, touch, laws, pulls, "motion")
+            pulls = pulls + touch.compliance[:, rows] @ balance.forces
+            terms[rows] += np.abs(touch.compliance[np.ix_(rows, rows)]) @ np.abs(balance.forces)
             for i, state, way in zip(resting, balance.states, balance.ways, strict=True):
                 states[i] = state
                 if state == SLIDING and way is not None:
@@ -378,3 +375,58 @@ class Transitions:
         v[touch.directions[held_rows].any(axis=0) & (np.abs(v) <= touch.still)] = 0.0
         y[self._layout.v] = v
         return y
+
+
+def _undetermined(
+    kin: Kinematics, touch: Touch, y: FloatArray, chosen: Sequence[int], count: int, what: str
+) -> Undetermined:
+    """Return the error for contacts `chosen` at a state y (2n,) at which the laws allow `count` motions.
+
+    `what` is "motion" or "impact". If there are several motions, the cause is contacts that depend on each other.
+    """
+    names = listing(repr(kin.contacts[i].name) for i in chosen)
+    rows = touch.directions[[kin.normals[i] for i in chosen]]
+    if count and (rank := len(independent_rows(rows))) < len(rows):
+        return Undetermined(
+            f"The contacts {names} depend on each other (rank {rank} of {len(rows)}) and have friction, so the motion "
+            "depends on how they share their forces, which the laws do not determine: state fewer contacts, or equal "
+            "friction."
+        )
+    allowed = f"{count} different motions after this {what}" if count else f"no {what}"
+    return Undetermined(
+        f"Coulomb's law allows {allowed} at {names} (Painleve's paradox), {_where(kin, touch, y, chosen)}. Lower "
+        "the friction, or end the run before."
+    )
+
+
+def _where(kin: Kinematics, touch: Touch, y: FloatArray, chosen: Sequence[int]) -> str:
+    """Return where Painleve's paradox occurs at `chosen` contacts: a condition in symbols, or the coordinates."""
+    for i in chosen:
+        normal, *along = kin.rows[i]
+        for way in (1, -1) if len(along) == 1 else ():
+            mu = kin.friction(i, touch.rates[along], touch.noise[along]).kinetic
+            value = touch.compliance[normal, normal] - mu * way * touch.compliance[normal, along[0]]
+            if value <= 0 and way * touch.rates[along[0]] >= -touch.noise[along[0]]:
+                region = _region(kin.model, i, way)
+                if region:
+                    return f"as friction presses {kin.contacts[i].name!r} together where {region} <= 0"
+    layout = kin.model.layout
+    coordinates = zip(layout.coordinates, layout.split(y)[0].tolist(), strict=False)
+    return f"at {listing(f'{name} = {value:.6g}' for name, value in coordinates)}"
+
+
+def _region(model: Model, which: int, way: int) -> str:
+    """Return, as text, the acceleration of a gap due to a unit normal force and the sliding friction that it causes.
+
+    The contact with index `which` slides in the direction `way`, 1 or -1. Where this acceleration is not positive, a
+    normal force does not open the gap. The text is "" if it is too long, or if the system has constraints.
+    """
+    statement, contact = model.statement, model.statement.contacts[which]
+    mass = None if statement.constraints else coupling(statement)
+    if mass is None:
+        return ""
+    normal = sympy.Matrix([contact.gap.diff(q) for q in statement.coordinates])
+    along = sympy.Matrix([contact.slip[0].diff(rate) for rate in statement.velocities])
+    change = normal.dot(response_of(mass, normal - way * contact.friction[1] * along))
+    region = statement.quote(sympy.together(sympy.expand(change)), LONGEST_REGION + 1)
+    return region if len(region) <= LONGEST_REGION else ""

@@ -1,9 +1,13 @@
-"""Friction along a line as resets of events: one model slides both ways and sticks, in one compiled loop over steps.
+"""Impacts and friction along a line as resets of events, so that a compiled loop over steps passes many of them.
 
-The state has one more coordinate, the way w: 1 or -1 while the contact slides, 0 while it sticks. The equations are M a
-= h + W N + D f, with constant M, W = dgap/dq and D = dslip/dv, and W M^-1 D = 0. The normal force then is N = -(W M^-1
-h + d2gap/dt2) / (W M^-1 W^T). The force that holds the slip at zero is F = -(D M^-1 h + dslip/dt) / (D M^-1 D^T). The
-friction force is f = (1 - w^2) F - mu w N.
+An impact is written out if it has no friction. With the direction W = dgap/dq, gap rate u, restitution e and the mass
+matrix M, its impulse is P = -(1 + e) u / (W M^-1 W^T). It changes the velocities by M^-1 W^T P, and dissipates the
+energy (1 - e^2) u^2 / (2 W M^-1 W^T).
+
+Friction is written out for one closed contact. The state has one more coordinate, the way w: 1 or -1 while the contact
+slides, 0 while it sticks. The equations are M a = h + W N + D f, with constant M, D = dslip/dv and W M^-1 D = 0. The
+normal force then is N = -(W M^-1 h + d2gap/dt2) / (W M^-1 W^T). The force that holds the slip at zero is F = -(D M^-1 h
++ dslip/dt) / (D M^-1 D^T). The friction force is f = (1 - w^2) F - mu w N.
 """
 
 from __future__ import annotations
@@ -11,21 +15,29 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import sympy
+from numpy.typing import NDArray
 
-from lagrange.equations.euler_lagrange import StateLayout
+from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
-from lagrange.statement.contact import Contact
+from lagrange.statement.contact import Contact, impact_speed
 from lagrange.statement.coordinate import coordinate_of, velocity_of
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.event import Event
-from lagrange.trajectory.contact.bounces import coupling, in_order, partial_rate, response_of
+from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+LARGEST_COUPLED = 3
+"""Largest number of coordinates coupled by the mass matrix for which impacts are written out as resets."""
+
+LONGEST = 2_000
+"""Largest number of operations of the velocities after an impact that is written out."""
 
 SLIGHT, SHORT = 2.0**-48, 1e-3
 """Initial slip or gap after a change: the first number times the change by the largest acceleration terms, during the
@@ -34,6 +46,89 @@ time so far or a short part (the second number) of the run. It is 16 units of th
 
 UNCOUPLED = 1e-14
 """Two directions are uncoupled if their product is below this fraction of its terms: rounding of the stated numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenImpacts:
+    """Impacts without friction as resets of events: `resets` has one reset for each contact, or None.
+
+    A reset is a dict from symbol to new value. It is None if the restitution is zero, the formulas are too long, or
+    the gap is not a polynomial. `kernel` returns three numbers for each contact at a state: the impulse, the energy
+    lost and the impact speed.
+    """
+
+    resets: tuple[dict[Any, Any] | None, ...]
+    kernel: Kernel
+
+
+def written_impacts(model: Model) -> WrittenImpacts | None:
+    """Return the impacts of a model as formulas; None with constraints, friction or many coupled coordinates."""
+    statement = model.statement
+    if statement.constraints or any(contact.slip and not contact.friction[0].is_zero for contact in statement.contacts):
+        return None
+    if all(contact.restitution.is_zero for contact in statement.contacts):
+        return None
+    mass, resets, results = coupling(statement), [], []
+    if mass is None:
+        return None
+    for contact in statement.contacts:
+        written, impulse, lost, speed = _impact(contact, statement.coordinates, statement.velocities, mass)
+        # A series locates the zero of another gap only to the tolerance of the run, which is not enough.
+        exact = contact.gap.is_polynomial(*statement.coordinates, time)
+        long = sum(int(value.count_ops()) for value in written.values()) > LONGEST
+        resets.append(None if contact.restitution.is_zero or long or not exact else written)
+        results += [impulse, lost, speed]
+    nodes = tuple(map(model.equations.translate, results))
+    return WrittenImpacts(tuple(resets), model.function("impacts", nodes)) if any(resets) else None
+
+
+def coupling(statement: Statement) -> Any:
+    """Return the mass matrix as a SymPy matrix, or None if the impact law cannot use it in symbols.
+
+    This is so if it depends on velocities, or if it is not diagonal for more than `LARGEST_COUPLED` coordinates.
+    """
+    # Derivatives by symbols are a hundred times faster than those by functions of time.
+    symbols = {rate: sympy.Dummy() for rate in statement.velocities}
+    rates = list(symbols.values())
+    lagrangian = statement.lagrangian.xreplace(symbols)
+    momenta = [lagrangian.diff(rate) for rate in rates]
+    mass = sympy.Matrix([[p.diff(rate) for rate in rates] for p in momenta])
+    return None if mass.has(*rates) or not (mass.is_diagonal() or len(rates) <= LARGEST_COUPLED) else mass
+
+
+def response_of(mass: Any, direction: Any) -> Any:
+    """Return the accelerations M^-1 W (n,) due to a unit force along a direction W (n,)."""
+    if mass.is_diagonal():
+        return sympy.Matrix([w / mass[i, i] for i, w in enumerate(direction)])
+    return mass.LUsolve(direction)
+
+
+def _impact(
+    contact: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any
+) -> tuple[dict[Any, Any], Any, Any, Any]:
+    """Return the reset of an impact of a contact, its impulse, its energy loss and its impact speed.
+
+    All are expressions; the reset is a dict from symbol to new value, and also closes the gap exactly. `q` are the
+    coordinates, `rates` the velocities, and `mass` is the mass matrix.
+    """
+    direction = sympy.Matrix([contact.gap.diff(x) for x in q])
+    speed = -sympy.Add(partial_rate(contact.gap, q), *(w * v for w, v in zip(direction, rates, strict=True)))
+    response = response_of(mass, direction)
+    compliance = (direction.T * response)[0]
+    e = contact.restitution.xreplace({impact_speed: speed})
+    impulse = (1 + e) * speed / compliance
+    lost = (1 - e**2) * speed**2 / (2 * compliance)
+    moved = [(x, v, change) for x, v, change in zip(q, rates, response, strict=True) if change != 0]
+    behind = {v: v + change * impulse for _, v, change in moved}
+    # Rounding of the gap would not be small compared with the last flights.
+    behind |= {x: x - change * contact.gap / compliance for x, _, change in moved}
+    return behind, impulse, lost, speed
+
+
+def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
+    """Return the partial derivative of a gap by time at fixed coordinates."""
+    symbols = {x: sympy.Dummy() for x in q}
+    return gap.xreplace(symbols).diff(time).xreplace({dummy: x for x, dummy in symbols.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +160,16 @@ class WrittenFriction:
 
     def plain(self, y: FloatArray) -> FloatArray:
         """Return states of the system, (2n,) or (2n, N), from states of this model, without the way and its rate."""
-        return plain_states(self.model.layout, y)
+        return np.delete(y, [self.model.layout.q.stop - 1, self.model.layout.v.stop - 1], axis=0)
+
+    def plain_at(self, path: Callable[[FloatArray], FloatArray], times: FloatArray) -> FloatArray:
+        """Return the states (2n, K) of the system at times (K,), from the dense output `path` of this model."""
+        return self.plain(path(times))
 
     def plain_run(self, part: Trajectory) -> Trajectory:
         """Return a run of this model as a run of the system: the way is removed from its states."""
         events = tuple(self.plain(states.T).T for states in part.y_events)
-        dense = PlainPath(part.dense, self.model.layout)
-        return replace(part, y=self.plain(part.y), dense=dense, y_events=events)
+        return replace(part, y=self.plain(part.y), dense=partial(self.plain_at, part.dense), y_events=events)
 
     def ways(self, part: Trajectory, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the changes between sliding and sticking in the run `part`, whose last state is `last` (2n + 2,).
@@ -82,26 +180,6 @@ class WrittenFriction:
         first, row = -len(self.events), self.model.layout.q.stop - 1
         times, _, states = in_order(part.t_events[first:], part.y_events[first:])
         return times, states, np.append(states[:, row], last[row])[1:]
-
-
-@dataclass(frozen=True)
-class PlainPath:
-    """Dense output of a system, computed from the dense output `path` of a model with one more coordinate.
-
-    `layout` is the layout of the model's states.
-    """
-
-    path: Callable[[FloatArray], FloatArray]
-    layout: StateLayout
-
-    def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states (2n - 2, K) of the system at times (K,). The states of the model have length 2n."""
-        return plain_states(self.layout, self.path(times))
-
-
-def plain_states(layout: StateLayout, y: FloatArray) -> FloatArray:
-    """Return states without the last coordinate and its velocity."""
-    return np.delete(y, [layout.q.stop - 1, layout.v.stop - 1], axis=0)
 
 
 def written_friction(model: Model, which: int) -> WrittenFriction | None:
@@ -213,3 +291,18 @@ def _behind(statement: Any, forces: _Forces, moment: Any, way: Any, onwards: Any
         if up != 0 or along != 0:
             behind[v] = v - up * errors[1] - along * errors[2]
     return behind
+
+
+def in_order(
+    times: Sequence[FloatArray], states: Sequence[FloatArray]
+) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
+    """Return the occurrences of several events in order of time.
+
+    `times` (k,) and `states` (k, 2n) have one array for each event. The results are the times (N,), the index of the
+    event (N,), and the states (N, 2n) of all occurrences.
+    """
+    if len(times) == 1:
+        return times[0], np.zeros(len(times[0]), dtype=np.intp), states[0]
+    when, which = np.concatenate(times), np.repeat(np.arange(len(times)), list(map(len, times)))
+    order = np.lexsort((which, when))
+    return when[order], which[order], np.concatenate(states)[order]
