@@ -201,6 +201,7 @@ def test_out_that_cannot_be_a_folder(
         refused(capsys, "run", scene, "--out", scene)
         == f"--out {scene}: the folder cannot be made (File exists). Name another folder."
     )
+    assert "the folder cannot be made (embedded null byte)" in refused(capsys, "run", scene, "--out", "a\0b")
     monkeypatch.setattr(os, "access", lambda *_: False)
     folder = str(Path(scene).parent)
     assert (

@@ -158,10 +158,9 @@ def folder(name: str) -> Path:
         )
     try:
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StatementError(
-            f"--out {name}: the folder cannot be made ({error.strerror}). Name another folder."
-        ) from None
+    except (OSError, ValueError) as error:  # ValueError for a name with a null character
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise StatementError(f"--out {name}: the folder cannot be made ({reason}). Name another folder.") from None
     if not os.access(path, os.W_OK | os.X_OK):
         raise StatementError(f"--out {name}: the folder may not be written to. Name another folder.")
     return path

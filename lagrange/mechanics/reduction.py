@@ -93,6 +93,7 @@ def with_origin(derived: Statement, statement: Statement) -> Statement:
     return replace(derived, about=statement.about, source=statement.source, run=run, dimensions=sizes)
 
 
+@refusing_deep
 def substituted(statement: Statement, replacements: Mapping[Any, Any]) -> Statement:
     """Return the statement with expressions in place of some parameters; keys are symbols or names.
 

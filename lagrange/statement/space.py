@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Sized
 from typing import Any
 
 import numpy as np
@@ -173,7 +173,8 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
 
     Raises StatementError, with the deviation, for a value that is not a rotation.
     """
-    array = np.array(value, dtype=object)
+    # An array of a long sequence, such as range(10**9), would not fit into the memory.
+    array = np.array([] if isinstance(value, Sized) and len(value) > 9 else value, dtype=object)
     try:
         numbers = array.astype(float)
     except (TypeError, ValueError, OverflowError):

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from lagrange.algorithm.events.constants import TOGETHER
 from lagrange.equations.singular import Singular, dependent_rows, few, least_regular, matrices_at, motion_along, scales
+from lagrange.errors import RunError
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.statement.given.motion import ranges
@@ -123,28 +125,93 @@ def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> s
     return crossing(problem, nearest, y) if nearest.regularity <= MUCH_NEARER * present.regularity else ""
 
 
-def rank_lost(problem: Problem, y: FloatArray, singular: Singular) -> str:
+NEARLY_DEPENDENT = 1e-2
+"""A run with constraints may end as singular if their least singular value is below this fraction of that at the start.
+"""
+
+SHRUNK, TREND_STEPS = 0.5, 32
+"""Equal steps that fail are followed by a search with step control if the least singular value of the constraints is
+below the first number times that at the start, and has decreased during the second number of steps. During fewer steps
+the direction of a row of the gradient, which changes the value by sqrt(2), may hide this.
+"""
+
+SEARCH_SECONDS, SEARCH_MEMORY = 5.0, 2.0**28
+"""Limits of this search, in seconds and bytes."""
+
+
+def with_singular_state_ahead(problem: Problem, run: Trajectory, follow: Callable[[Problem], Trajectory]) -> Trajectory:
+    """Return a run with equal steps that diverged. Its status becomes SINGULAR if a singular state is the cause.
+
+    For example a mass on a rod that shrinks to a point turns faster and faster, and equal steps fail long before the
+    point. `follow` runs a problem with step control. It runs the motion ahead, for twice the time in which the least
+    singular value of the constraints would decrease to zero at its present rate.
+    """
+    if run.step is None or not run.steps:
+        return run
+    t, elapsed = run.span[1], min(TREND_STEPS, run.steps) * math.copysign(run.step, problem.t1 - problem.t0)
+    try:
+        states = run.dense(np.array([t - elapsed, t]))
+    except RunError:  # The run stored its outputs alone.
+        return run
+    before, present = remaining_regularity(problem, [t - elapsed, t], states)
+    if before is None or present is None or not present.regularity < min(SHRUNK, before.regularity):
+        return run
+    y = np.ascontiguousarray(states[:, 1])
+    reach = 2.0 * elapsed * present.regularity / (before.regularity - present.regularity)
+    ahead = follow(
+        replace(
+            problem,
+            t0=t,
+            t1=t + min(reach, problem.t1 - t, key=abs),
+            y0=y,
+            t_eval=None,
+            step=None,
+            max_wall=min(SEARCH_SECONDS, problem.max_wall or math.inf),
+            max_memory=SEARCH_MEMORY,
+            events=(),
+            progress=None,
+            began=time.perf_counter(),
+        )
+    )
+    end, last = ahead.span[1], np.ascontiguousarray(ahead.y[:, -1])
+    (singular,) = remaining_regularity(problem, [end], last) if ahead.status is Status.SINGULAR else (None,)
+    if singular is None or singular.regularity > NEARLY_DEPENDENT:
+        return run
+    detail = (
+        f"its steps are too long for the motion ahead, which with step control ends at t = {number(end)}: "
+        f"{rank_lost(problem, last, singular, equal_steps=True)}"
+    )
+    return replace(
+        run, status=Status.SINGULAR, message=message(Status.SINGULAR, problem, t, y, run.method, detail=detail)
+    )
+
+
+def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, equal_steps: bool = False) -> str:
     """Return the message for a run that ends at a state (2n,) where constraints or inertia become singular.
 
     `singular` has the dependent constraints, or the motion without inertia, and what their least singular value is
-    divided by that at the start.
+    divided by that at the start. If `equal_steps`, the run has failed with equal steps before this state: then the
+    message advises no such steps, and does not repeat the state.
     """
-    state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
+    state = ""
+    if not equal_steps:
+        names = problem.model.layout.names()
+        state = ", at " + few([f"{name} = {number(x)}" for name, x in zip(names, y, strict=True)])
     share = singular.regularity
     left = f"{share:.2g} times its value at the start"
     if singular.motion is not None:
         return (
             f"the inertia of a motion with {motion_along(problem.model.layout.rates, singular.motion)}, which "
-            f"satisfies the constraints, vanishes there, at {state}: it is {left}. End the run before, or state a "
+            f"satisfies the constraints, vanishes there{state}: it is {left}. End the run before, or state a "
             "Lagrangian whose inertia does not vanish."
         )
     what = f"their least singular value is {left}"
     if len(singular.rows) == 1:
         what = f"these derivatives are {share:.2g} times their values at the start"
+    other = "" if equal_steps else ", or, if the motion is smooth there, pass it with equal steps, such as those of rk4"
     return (
-        f"{dependent_rows(problem.model.equations.constraints.names, singular)} there, at {state}: {what}, and the "
-        "accelerations grow beyond all bounds. End the run before it, or, if the motion is smooth there, pass it with "
-        "equal steps, such as those of rk4."
+        f"{dependent_rows(problem.model.equations.constraints.names, singular)} there{state}: {what}, and the "
+        f"accelerations grow beyond all bounds. End the run before it{other}."
     )
 
 

@@ -14,7 +14,7 @@ from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState
 from lagrange.program.switching import switch
 from lagrange.statement.run_settings import COMPILE_SECONDS
-from lagrange.trajectory.endings import rank_lost, remaining_regularity
+from lagrange.trajectory.endings import NEARLY_DEPENDENT, rank_lost, remaining_regularity
 from lagrange.trajectory.events.actions import rates
 from lagrange.trajectory.events.end_messages import EventResult, sliding
 from lagrange.trajectory.integrator import Problem
@@ -91,10 +91,10 @@ noise. Computing the noise takes 1 to 20 ms; 4,096 steps of a small system take 
 """
 
 
-LONG_APPROACH, NEARLY_DEPENDENT, NEARER = 2**19, 1e-2, 0.75
-"""A slow run with constraints ends as singular after this many trial steps if their least singular value is below this
-fraction of that at the start, and has decreased by this factor since the last test. A run that only passes near a
-singular state needs fewer steps.
+LONG_APPROACH, NEARER = 2**19, 0.75
+"""A slow run with constraints ends as singular after this many trial steps if they are `NEARLY_DEPENDENT`, and their
+least singular value has decreased by this factor since the last test. A run that only passes near a singular state
+needs fewer steps.
 """
 
 

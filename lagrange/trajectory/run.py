@@ -29,7 +29,7 @@ from lagrange.statement.run_settings import DEFAULT_METHOD, PreparationTooLongEr
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
 from lagrange.trajectory.constraints.dependence import check_independent, refuse_dependent
 from lagrange.trajectory.contact.run import run_through_contacts
-from lagrange.trajectory.endings import table_left, with_resolution, with_touching_bodies
+from lagrange.trajectory.endings import table_left, with_resolution, with_singular_state_ahead, with_touching_bodies
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Integrator, Problem, RunOptions, memory_limit, run_by
 from lagrange.trajectory.measures.conservation import energy, verified
@@ -245,6 +245,8 @@ def _run(integrator: Integrator, problem: Problem) -> Trajectory:
     except PreparationTooLongError as late:
         return not_begun(problem, integrator.name, str(late))
     trajectory = run_by(integrator, problem)
+    if trajectory.status is Status.DIVERGED and constrained:
+        trajectory = with_singular_state_ahead(problem, trajectory, partial(run_by, find("dop853")))
     if trajectory.status is Status.SINGULAR and not trajectory.steps and constrained:
         refuse_dependent(model, problem.t0, problem.y0, problem.parameter_array)
     if trajectory.status.complete and constrained and trajectory.y.size:

@@ -246,6 +246,7 @@ def test_what_is_shown_has_no_bound_of_levels(tmp_path: Path) -> None:
         lambda: plane.noether({x: deep}),
         lambda: plane.transform({x: deep}),
         lambda: plane.hamiltonian().poisson(deep, y),
+        lambda: lg.scene("pendulum").substitute({"m": nested(lg.parameters("q"), 350)}),
         lambda: lg.System(x.dot**2 + y.dot**2, constraints=[x - y]).eliminate({y: deep}),
     ):
         with pytest.raises(lg.StatementError, match="nested too deeply for SymPy"):

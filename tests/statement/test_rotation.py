@@ -233,6 +233,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "velocities that stretch": (lambda: top(initial={"R_w_dot": 0.5}), "change the length of the quaternion"),
     "modes of a spin": (lambda: top().modes({R.body: (0, 0, 1)}), "modes and equilibria are those of a body at rest"),
     "a large number": (lambda: top(initial={R: (10**400, 0, 0, 0)}), "the start of R is .*a whole number of about 401"),
+    "a long range": (lambda: top(initial={R: range(10**15)}), r"the start of R is range\(0, 1000000000000000\): give"),
     "a text": (lambda: top(initial={R: "up"}), r"the start of R is 'up': give lagrange.turn\(axis, angle\)"),
     "two rates": (lambda: top(initial={R.body: (1, 2)}), "give its components about the axes x, y and z"),
     "a turn and an entry": (lambda: top(initial={R: (1, 0, 0, 0), "R_w": 1}), "gives both R and R_w: give one"),

@@ -347,3 +347,22 @@ def test_a_rod_that_shrinks_nearly_to_a_point_and_grows_again_is_followed() -> N
     rod = held(x**2 + y**2 - (1 - lg.t) ** 2 - 1e-8, {x: 1.0, x.dot: -1.0}, 9.81 * y)
     run = rod.run(2.0, t_eval=[2.0], method="dop853", check=False)
     assert run.status is lg.Status.SUCCESS and run.trajectory.steps > 10_000
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("method", ["rk4", "heun", "gauss2", "gauss3", "rattle", "lobatto4", "bdf2"])
+def test_equal_steps_into_the_point_of_a_shrinking_rod_name_it(method: str) -> None:
+    """The mass turns faster and faster: equal steps fail where the rod has a tenth of its length."""
+    rod = held(x**2 + y**2 - (1 - lg.t) ** 2, {x: 1.0, x.dot: -1.0}, 9.81 * y)
+    run = rod.run(2.0, method=method, step=0.003, check=False)
+    assert run.status is lg.Status.SINGULAR and 0.9 < run.t[-1] < 1.0
+    assert "its steps are too long for the motion ahead, which with step control ends at t = " in run.message
+    assert "the constraint 'wire' restricts no velocity" in run.message
+    assert run.message.endswith("grow beyond all bounds. End the run before it.") and len(run.message) <= 400
+
+
+def test_equal_steps_that_fail_before_a_shortest_rod_are_not_called_singular() -> None:
+    rod = held(x**2 + y**2 - (1 - lg.t) ** 2 - 1e-4, {x: 1.0, x.dot: -1.0}, 9.81 * y)
+    start = rod.consistent({x: 1.0, x.dot: -1.0}).initial
+    run = rod.run(2.0, start, method="heun", step=0.01, check=False)
+    assert run.status is lg.Status.DIVERGED and "Take a shorter step" in run.message
