@@ -48,7 +48,6 @@ from lagrange.statement.rotation import (
     check_moments,
     check_start,
     explanation,
-    fixed_in_space,
     forces_on_coordinates,
     in_coordinates,
     in_symbols,
@@ -155,8 +154,7 @@ def _with_rotations(
     about = " ".join([*([statement.about] if statement.about else []), *(explanation(name, values) for name in names)])
     start = start_in_turns(names, parts["coordinates"], values)
     read = replace(whole, **parts, about=about, initial=start, positions=MappingProxyType({}), links=())
-    fixed = tuple(name for name in names if fixed_in_space(typed.get("kinetic", typed.get("lagrangian")), name))
-    return replace(whole, reading=read, fixed_inertias=fixed)
+    return replace(whole, reading=read)
 
 
 def _at_rest(coordinates: tuple[Any, ...]) -> tuple[float, ...]:

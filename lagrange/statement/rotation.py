@@ -193,7 +193,7 @@ def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: s
     value that is not a rotation, for rates about the axes of both body and space, and for a rotation given both
     whole and by entries of its quaternion.
     """
-    plain, rates = _on_rates(state, values, table)
+    plain, rates = split_rates(state, values, table)
     check_once([*map(row_label, plain)], table)
     by_entry = {row_label(key): value for key, value in plain.items()}
     starts = {key: plain.pop(key) for key in list(plain) if isinstance(key, Rotation)}
@@ -229,9 +229,8 @@ def reset_of_coordinates(reset: Mapping[Any, Any]) -> dict[Any, Any]:
     for key, value in reset.items():
         rates = isinstance(key, sympy.MatrixBase) or is_shorthand(key)
         (named if rates or isinstance(key, Rotation) else others)[key] = value
-    wholes = [*map(in_full, (key for key in named if not isinstance(key, Rotation)))]
+    wholes = (sympy.Matrix(key.quaternion) if isinstance(key, Rotation) else in_full(key) for key in named)
     functions = {f for whole in wholes for f in whole.atoms(AppliedUndef) if rotation_name(f) is not None}
-    functions |= {q for key in named if isinstance(key, Rotation) for q in key.quaternion}
     state = {symbol: symbol for q in sorted(functions, key=str) for symbol in (q, velocity_of(q))}
     return others | in_coordinates(named, state, "the reset")
 
@@ -251,7 +250,7 @@ def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values:
             states[:, moving] = np.transpose(moved)
 
 
-def _on_rates(
+def split_rates(
     table: Mapping[Any, Any], coordinates: Iterable[Any], label: str, what: str = ""
 ) -> tuple[dict[Any, Any], dict[Any, list[Any]]]:
     """Split a table by keys: return its entries other than rates of rotations, and {vector of rates: three values}.
@@ -375,7 +374,7 @@ def forces_on_coordinates(forces: Any, coordinates: Iterable[Any]) -> Any:
     """
     if not isinstance(forces, Mapping):
         return forces
-    table, torques = _on_rates(forces, coordinates, *TORQUES)
+    table, torques = split_rates(forces, coordinates, *TORQUES)
     for key in table:
         if isinstance(key, Rotation):
             raise StatementError(f"forces names the rotation {key.name}: give torques on {key.name}.body or .space.")
@@ -410,7 +409,7 @@ def reading(
     quaternions = {q for each in turned for q in each.quaternion}
     positions = [q for q in coordinates if q not in quaternions] + [turn for each in turned for turn in each.turns]
     table = dict.fromkeys(positions, sympy.S.Zero)
-    plain, torques = _on_rates(forces or {}, coordinates, *TORQUES)
+    plain, torques = split_rates(forces or {}, coordinates, *TORQUES)
     for key, value in plain.items():
         table |= {q: as_typed(value, "a force") for q in coordinates if key in (q, name_of(q))}
     for each in turned:
@@ -421,9 +420,10 @@ def reading(
     kinetic, *rest = (energy.xreplace(replacements) for energy in energies.values())
     potential = rest[0] if rest else sympy.S.Zero
     drag = as_typed(dissipation, "the dissipation").xreplace(replacements)
-    applied = tuple(force.xreplace(replacements) for force in table.values())
-    zeros_in_turns = tuple(zero.xreplace(replacements) for zero in zeros)
-    if any(part.has(*quaternions) for part in (kinetic, potential, drag, *applied, *zeros_in_turns)):
+    applied, constraints = (tuple(x.xreplace(replacements) for x in part) for part in (table.values(), zeros))
+    for each in turned:
+        _check_smooth_at_rest(each, potential, drag, applied)
+    if any(part.has(*quaternions) for part in (kinetic, potential, drag, *applied, *constraints)):
         return None
     return {
         "kinetic": kinetic,
@@ -432,9 +432,30 @@ def reading(
         "coordinates": tuple(positions),
         "dissipation": drag,
         "forces": applied,
-        "constraints": zeros_in_turns,
+        "constraints": constraints,
         "entries": tuple(tuple(each.matrix) for each in turned),
     }
+
+
+_SINGULAR = (sympy.nan, sympy.zoo, sympy.oo, -sympy.oo, sympy.DiracDelta)
+
+
+def _check_smooth_at_rest(each: Rotation, potential: Any, drag: Any, forces: Iterable[Any]) -> None:
+    """Raise StatementError for V, dissipation or forces that are singular where the rates of a rotation are zero.
+
+    Their expressions are in rates about the axes of body and space, and in entries of the rotation matrix.
+    """
+    plain = {rate: sympy.Dummy(real=True) for rate in (*each.body, *each.space)}
+    rates = tuple(plain.values())
+    potential, drag, *forces = (part.xreplace(plain) for part in (potential, drag, *forces))
+    slopes = [drag.diff(rate) for rate in rates] + [potential.diff(rate, other) for rate in rates for other in rates]
+    at_rest = dict.fromkeys(rates, sympy.S.Zero)
+    for what, parts in (("a force", forces), ("the dissipation or the potential energy", slopes)):
+        if any(part.has(*rates) and part.xreplace(at_rest).has(*_SINGULAR) for part in parts):
+            raise StatementError(
+                f"{what} has a root or a quotient that is singular where {each.name}.body is zero: make it smooth at "
+                f"rest, such as sqrt({each.name}.body.dot({each.name}.body) + e**2) with a small e."
+            )
 
 
 def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> dict[Any, Any]:
@@ -516,7 +537,7 @@ def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[st
     for each in rotations:
         scalar, *inertias = (row[i] for i, row in enumerate(_inertia(kinetic, each)))
         mean = sympy.expand(sum(inertias) / 3)
-        if mean.has(sympy.nan, sympy.zoo, sympy.oo, sympy.DiracDelta):
+        if mean.has(*_SINGULAR):
             raise StatementError(
                 f"the kinetic energy has a root or a quotient that is singular where {each.name}.body is zero, so "
                 f"{each.name} has no inertia there: make it smooth at rest, such as {each.name}.body.dot("
@@ -525,8 +546,7 @@ def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[st
         if mean.is_zero or mean.is_finite is False:
             raise StatementError(without_inertia(each.name))
         if scalar.is_zero:
-            rates = map(velocity_of, each.quaternion)
-            along = sum(q * rate for q, rate in zip(each.quaternion, rates, strict=True))
+            along = sum(q * velocity_of(q) for q in each.quaternion)
             kinetic += mean * along**2 / (2 * sum(q**2 for q in each.quaternion))
     return kinetic, tuple(each.name for each in rotations)
 
@@ -566,16 +586,6 @@ def inertia_in_parameters(kinetic: Any, name: str) -> list[list[Any]] | None:
         return None
     rows = [[entry / 4 for entry in row[1:]] for row in _inertia(kinetic, each, still=False)[1:]]
     return None if any(entry.atoms(AppliedUndef, sympy.Dummy) for row in rows for entry in row) else rows
-
-
-def fixed_in_space(energy: Any, name: str) -> bool:
-    """Return True if `energy` as typed has an inertia of the rotation that is constant about the axes of space.
-
-    A multiple of the identity, as of a ball, is the same about all axes and does not count.
-    """
-    rates = rotation_of(name).space
-    inertia = sympy.Matrix(3, 3, lambda i, j: energy.diff(rates[i], rates[j]))
-    return not inertia.has(AppliedUndef) and inertia != inertia[0, 0] * sympy.eye(3)
 
 
 def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:

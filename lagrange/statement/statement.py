@@ -9,13 +9,14 @@ from math import inf
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from sympy import Expr, Float, Symbol
+from sympy import Expr, Float, Symbol, eye, hessian
+from sympy.core.function import AppliedUndef
 
 from lagrange.errors import abridged, formula, listing
 from lagrange.statement.contact import Contact, along, gap
 from lagrange.statement.coordinate import RATE, acceleration_of, multiplier, name_of, velocity_of
 from lagrange.statement.given.motion import motion_of
-from lagrange.statement.rotation import in_body_rates
+from lagrange.statement.rotation import in_body_rates, rotation_of
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.units.dimension import Dimension
 
@@ -83,7 +84,6 @@ class Statement:
       quaternion and are the last coordinates, and `entries` has the nine functions R_xx(t) to R_zz(t) of each
       rotation.
     - `inferred` are the names of undeclared functions of time in the energies, which were taken for coordinates.
-    - `fixed_inertias` are the names of rotations whose inertia was stated as constant about the axes of space.
     """
 
     coordinates: tuple[Any, ...]
@@ -110,7 +110,6 @@ class Statement:
     prescribed: tuple[tuple[Any, Any], ...] = ()
     inputs: tuple[tuple[Symbol, Symbol | None], ...] = ()
     inferred: tuple[str, ...] = ()
-    fixed_inertias: tuple[str, ...] = ()
     contacts: tuple[Contact, ...] = ()
     simultaneous: str = ""
     surfaces: Mapping[str, tuple[Any, ...]] = field(default_factory=lambda: MappingProxyType({}))
@@ -211,11 +210,15 @@ class Statement:
                 f"{listing(self.inferred)} {taken}, because the energies contain a function of time of this name; "
                 "state a given motion by lg.given(name)."
             )
-        for name in self.fixed_inertias:
-            said.append(
-                f"The inertia of {name} is constant about the axes of space and differs between them: that of a body "
-                f"is constant about its own axes, {name}.body."
-            )
+        typed = self.kinetic if self.reading is None else self.reading.kinetic
+        for name in self.rotations:
+            inertia = hessian(typed, list(rotation_of(name).space))
+            # A multiple of the identity, as of a ball, is the same about all axes.
+            if not inertia.has(AppliedUndef) and inertia != inertia[0, 0] * eye(3):
+                said.append(
+                    f"The inertia of {name} is constant about the axes of space and differs between them: that of a "
+                    f"body is constant about its own axes, {name}.body."
+                )
         if self.contacts:
             names = listing(repr(each.name) for each in self.contacts)
             said.append(

@@ -332,11 +332,33 @@ def test_a_rotation_is_held_with_its_rates() -> None:
     assert kept.moved == 0
 
 
-def test_a_root_of_the_rates_that_is_singular_is_named_by_the_rotation() -> None:
-    rates = R.body.dot(R.body)
-    run = top(forces={R.body: tuple(-rate / sympy.sqrt(rates) for rate in R.body)}).run(1.0)
-    assert "the acceleration of R is nan. Look for a division by zero" in run.message
+def test_a_run_that_divides_by_zero_names_the_rotation() -> None:
+    run = top(forces={R.body: (0, 0, 1 / R[0, 1])}).run(1.0)
+    assert "Look for a division by zero" in run.message and "the acceleration of R " in run.message
     assert "R_w" not in run.message
+
+
+SPEED = sympy.sqrt(R.body.dot(R.body))
+
+
+@pytest.mark.parametrize(
+    ("stated", "what"),
+    [
+        ({"forces": {R.body: tuple(-rate / SPEED for rate in R.body)}}, "a force"),
+        ({"forces": {R.space: tuple(-rate / SPEED for rate in R.space)}}, "a force"),
+        ({"dissipation": SPEED}, "the dissipation"),
+        ({"dissipation": sympy.sqrt(R.space.dot(R.space))}, "the dissipation"),
+        ({"potential": SPEED}, "or the potential energy"),
+    ],
+)
+def test_a_root_of_the_rates_that_is_singular_at_rest_is_refused(stated: dict[str, Any], what: str) -> None:
+    with pytest.raises(lg.StatementError, match=f"{what}.* has a root or a quotient that is singular where R.body is"):
+        lg.System(KINETIC, **stated)
+
+
+def test_roots_of_the_rates_that_are_smooth_at_rest_are_not_refused() -> None:
+    for drag in (SPEED**3, sympy.sqrt(R.body.dot(R.body) + 0.01), abs(R.body[2]), abs(R.space[2]) ** 1.5):
+        lg.System(KINETIC, dissipation=drag, forces={R.body: tuple(-rate * SPEED for rate in R.body)})
 
 
 @pytest.mark.slow
