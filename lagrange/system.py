@@ -513,9 +513,9 @@ class System:
     def equilibria(self, rates: Mapping[Any, Any] | None = None) -> list[Equilibrium]:
         """Return the equilibria, each with `.coordinates`, `.stable`, `.energy` and the `.condition` for it to exist.
 
-        They are found symbolically where factors of the forces allow it, else numerically from many starts, at the
-        values of the parameters. `rates` gives ignorable coordinates constant velocities, as {phi: w}; the others are
-        at rest. Raises StatementError, with the attempts, where none is found.
+        They are found symbolically where factors of the forces allow it, else numerically from many starts. `rates` are
+        constant velocities of ignorable coordinates, as {phi: w}; of a rotation {R.space[2]: w} gives steady turns, and
+        {R: attitude, R.body[2]: w} precessions. Raises StatementError, with the attempts, where none is found.
         """
         from lagrange.mechanics.equilibria import equilibria
         from lagrange.show.notebook.result_pages import ResultList

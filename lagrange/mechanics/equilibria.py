@@ -1,24 +1,33 @@
-"""Equilibria: where the forces vanish at rest, or in a steady motion of ignorable coordinates."""
+"""Equilibria: where the forces vanish at rest, or in a steady motion of ignorable coordinates.
+
+Steady rotations of a body are found in angles about three axes: R = R1(precession) R2(tilt) R3(spin). The first axis is
+one of space. The precession, and for a symmetric body the spin, are ignorable. Such angles are singular at two tilts,
+which are examined in other angles. Source: L. D. Landau, E. M. Lifshitz, Mechanics, 3rd ed., section 35.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import sympy
 
-from lagrange.errors import FAULT, RunError, StatementError, listing, shown
+from lagrange.errors import FAULT, RunError, StatementError, formula, listing, shown
 from lagrange.mechanics.expansion import StatedPoint, stated_point, with_lengths
 from lagrange.mechanics.linearization import linearized_at
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simplest, size_of_terms
+from lagrange.mechanics.reduction import rewritten
 from lagrange.mechanics.roots import STARTS, numeric_roots, solved
 from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
-from lagrange.statement.coordinate import t
+from lagrange.statement.coordinate import coordinate_of, t, velocity_of
+from lagrange.statement.expression import expression
 from lagrange.statement.progress import ShownAsPage
+from lagrange.statement.rotation import AXES, Rotation, rotation_of, split_rates
+from lagrange.statement.space import cross_matrix, matrix_of, product, quaternion_of
 from lagrange.statement.statement import Statement
 
 FORCE_LEFT = 1e-15
@@ -68,23 +77,23 @@ class Equilibrium(ShownAsPage):
 
 
 def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
-    """Return the equilibria of a statement at rest, or at steady `rates` of ignorable coordinates.
+    """Return the equilibria of a statement at rest, or at steady `rates` of ignorable coordinates or of a rotation.
 
     Those known to exist at the values of the parameters come first; both groups are sorted by energy. Raises
     StatementError if none is found.
     """
+    if statement.rotations and isinstance(rates, Mapping):
+        others, turning = split_rates(rates, statement.coordinates, "rates")
+        attitudes = [others.pop(key) for key in list(others) if isinstance(key, Rotation)]
+        if turning or attitudes:
+            return _steady_rotations(statement, others, turning, attitudes)
     problem = _Problem(statement, rates)
-    branches = solved(problem.equations, (*problem.unknowns, *problem.multipliers))
-    if branches is None:
-        solutions = problem.searched()
-        if len(solutions) > MOST_PLACES:
-            raise StatementError(problem.too_many(len(solutions)))
-        records = [problem.record(values, exact=False) for values in solutions]
-    else:
-        records = [problem.record(values, exact=True) for values in branches]
-    if not records:
-        raise StatementError(problem.none_found(symbolic=branches is not None))
-    return sorted(records, key=problem.order)
+    solutions, exact = problem.solutions()
+    if len(solutions) > MOST_PLACES:
+        raise StatementError(problem.too_many(len(solutions)))
+    if not solutions:
+        raise StatementError(problem.none_found(symbolic=exact))
+    return sorted((problem.record(values, exact=exact) for values in solutions), key=problem.order)
 
 
 class _Problem:
@@ -143,6 +152,11 @@ class _Problem:
                 )
         return {form.v[i]: in_fractions(point.q[i]) for i in named}
 
+    def solutions(self) -> tuple[list[dict[Any, Any]], bool]:
+        """Return the solutions {symbol: value}, and True if they are symbolic, False if they were found by a search."""
+        symbolic = solved(self.equations, (*self.unknowns, *self.multipliers))
+        return (self.searched(), False) if symbolic is None else (symbolic, True)
+
     def searched(self) -> list[dict[Any, Any]]:
         """Return numerical equilibria, {symbol: value} each. Raises StatementError if parameters lack values."""
         statement = self.statement
@@ -193,8 +207,11 @@ class _Problem:
             "one place whether it is an equilibrium, modes(...) whether that is stable."
         )
 
-    def record(self, values: Mapping[Any, Any], *, exact: bool) -> Equilibrium:
-        """Return the `Equilibrium` for one solution {symbol: value}; `exact` is true for a symbolic solution."""
+    def record(self, values: Mapping[Any, Any], *, exact: bool, axial: bool = False) -> Equilibrium:
+        """Return the `Equilibrium` for one solution {symbol: value}; `exact` is true for a symbolic solution.
+
+        `axial` is as for `stability_of`.
+        """
         statement, form = self.statement, self.form
         coordinates = {
             q: self.principal(symbol, values[symbol]) if symbol in values else symbol
@@ -216,8 +233,8 @@ class _Problem:
         if exists is not False:
             try:
                 lin = linearized_at(point)
-                decided = stability_of(lin, point)
-                minors = criterion(lin, self.free if not statement.constraints else ())
+                decided = stability_of(lin, point, axial=axial)
+                minors = criterion(lin, self.free if not statement.constraints else (), axial=axial)
             except StatementError as refusal:
                 decided = Verdict(stable=None, reason=str(refusal))
         work = sympy.Add(*(p * v for p, v in zip(form.momenta, form.v, strict=True)))
@@ -274,6 +291,224 @@ class _Problem:
         values = {p: sympy.Rational(x) for p, x in self.statement.defaults.items()}
         energy = number(self.form.read(equilibrium.energy), values)
         return (not equilibrium.exists, round(energy.real, 9) if energy == energy else 0.0)
+
+
+class _Angles:
+    """A statement with three `angles` in place of its rotation: precession, tilt and spin.
+
+    The precession is about the axis `upright` of space, the spin about the axis `last` of the body. `matrix`, `body`
+    and `quaternion` are the rotation, its rates about the axes of the body, and its quaternion, in the angles.
+    `symbols` are the plain symbols of the angles, and `free` the ignorable ones of the angles. `is_free` is true for a
+    body without torques.
+    """
+
+    def __init__(self, statement: Statement, upright: int, last: int) -> None:
+        (self.rotation,) = map(rotation_of, statement.rotations)
+        self.original, self.upright, self.last, read = statement, upright, last, statement.reading or statement
+        axes = (upright, (last + 1) % 3 if last == upright else 3 - last - upright, last)
+        self.angles = [coordinate_of(f"{self.rotation.name}_{name}") for name in ("precession", "tilt", "spin")]
+        matrix, rates = sympy.eye(3), sympy.zeros(3, 1)
+        quaternion: Sequence[Any] = (1, 0, 0, 0)
+        for angle, axis in zip(self.angles, axes, strict=True):
+            unit = sympy.Matrix([int(k == axis) for k in range(3)])
+            cross = cross_matrix(unit)
+            turned = sympy.eye(3) + sympy.sin(angle) * cross + (1 - sympy.cos(angle)) * cross**2
+            matrix, rates = matrix * turned, turned.T * rates + velocity_of(angle) * unit
+            quaternion = product(quaternion, (sympy.cos(angle / 2), *(sympy.sin(angle / 2) * unit)))
+        self.matrix, self.body, self.quaternion = matrix, rates, quaternion
+        table = dict(zip(self.rotation.matrix, matrix, strict=True)) | dict(zip(self.rotation.body, rates, strict=True))
+        table |= dict(zip(self.rotation.space, matrix * rates, strict=True))
+        forces = {q: in_fractions(x.xreplace(table)) for q, x in zip(read.coordinates, read.forces, strict=True)}
+        torques = [forces.pop(turn) for turn in self.rotation.turns]
+        for angle in self.angles:
+            forces[angle] = sum(x * rate.diff(velocity_of(angle)) for x, rate in zip(torques, rates, strict=True))
+        start = dict(zip(read.coordinates, read.initial, strict=False))  # of coordinates, without velocities
+        self.statement = rewritten(
+            replace(read, rotations=(), positions=MappingProxyType({}), surfaces=MappingProxyType({}), links=()),
+            lambda stated: in_fractions(stated.xreplace(table)),
+            coordinates=tuple(forces),
+            forces=forces,
+            initial={q: value for q, value in start.items() if q in forces},
+        )
+        self.is_free = not any(
+            (*forces.values(), read.dissipation, read.lagrangian.has(*self.rotation.matrix, *self.rotation.space))
+        )
+        form = PlainForm(self.statement)
+        self.symbols = [form.plain[angle] for angle in self.angles]
+        self.free = [
+            angle for angle, x in zip(self.angles, self.symbols, strict=True) if form.q.index(x) in ignorable(form)
+        ]
+
+    def written(self, found: Equilibrium) -> Equilibrium:
+        """Return an equilibrium in angles with a quaternion in their place, and the rates about the body axes."""
+        arbitrary = {q: sympy.S.Zero for q, x in found.coordinates.items() if q == x and q in self.angles}
+        values = {q: x.xreplace(arbitrary) for q, x in found.coordinates.items()}
+        values |= {velocity_of(q): found.velocities.get(velocity_of(q), sympy.S.Zero) for q in values}
+        entries = [simplest(x.xreplace(values)) for x in self.quaternion]
+        rates = [simplest(x.xreplace(values)) for x in self.body]
+        coordinates = dict(zip(self.rotation.quaternion, entries, strict=True)) | values
+        velocities = {rate: x for rate, x in zip(self.rotation.body, rates, strict=True) if x != 0}
+        moving = {velocity_of(angle) for angle in self.angles}
+        velocities |= {v: x for v, x in found.velocities.items() if v not in moving}
+        return replace(
+            found,
+            coordinates=MappingProxyType({q: coordinates[q] for q in self.original.coordinates}),
+            velocities=MappingProxyType(velocities),
+            statement=self.original,
+        )
+
+    def key(self, found: Equilibrium, known: Mapping[Any, Any]) -> tuple[str, ...]:
+        """Return a text that is the same for equilibria that differ by turns about the ignorable angles."""
+        q = [found.coordinates[entry] for entry in self.rotation.quaternion]
+        row = matrix_of(q)[self.upright]
+        seen = [row[self.last]] if self.angles[2] in self.free else row
+        others = [x for entry, x in found.coordinates.items() if entry not in self.rotation.quaternion]
+        values = [number(x, known) for x in (*seen, *others)]
+        return tuple(
+            str(simplest(x) if value != value else np.round(value, 9) + 0.0)
+            for x, value in zip((*seen, *others), values, strict=True)
+        )
+
+
+def _steady_rotations(
+    statement: Statement, others: Mapping[Any, Any], turning: Mapping[Any, Sequence[Any]], attitudes: Sequence[Any]
+) -> list[Equilibrium]:
+    """Return the steady turns of a body about an axis of space, or its precessions at an attitude.
+
+    `turning` maps `R.body` or `R.space` to three rates, None where none is given. `others` are constant velocities of
+    other coordinates, and `attitudes` the values that are given for R. Raises StatementError for other combinations.
+    """
+    if len(statement.rotations) > 1 or statement.reading is None:
+        raise StatementError(
+            f"steady rotations are found for one rotation alone: {statement.name} has {listing(statement.rotations)}, "
+            "or an entry of a quaternion in an expression. linearize(at=...) says of one motion whether it is steady."
+        )
+    rotation = rotation_of(statement.rotations[0])
+    rates = [(vector, k, x) for vector, row in turning.items() for k, x in enumerate(row) if x is not None]
+    rates = [rate for rate in rates if rate[2] != 0] or rates[:1]
+    if len(rates) != 1 or bool(attitudes) != (rates[0][0] == rotation.body):
+        name = rotation.name
+        raise StatementError(
+            f"rates gives {name} no steady motion: give {{{name}.space[2]: w}} for turns about the axis z of space, or "
+            f"{{{name}: attitude, {name}.body[2]: w}} for the precessions of a body that is symmetric about its axis z."
+        )
+    ((_, axis, rate),) = rates
+    if attitudes:
+        return _precessions(statement, axis, rate, others, matrix_of(quaternion_of(attitudes[0], rotation.name)))
+    return _turns(statement, axis, rate, others)
+
+
+def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]) -> list[Equilibrium]:
+    """Return the motions of a body that turns steadily about an axis of space.
+
+    They are searched for in angles whose spin is about the axis of symmetry of the body, if it has one. The two tilts
+    at which these angles are singular are examined in other angles.
+    """
+    charts = {last % 3: _Angles(statement, axis, last % 3) for last in (axis, axis + 2, axis + 1)}
+    if charts[axis].angles[0] not in charts[axis].free:
+        raise StatementError(
+            f"{charts[axis].rotation.name} cannot turn steadily about the axis {AXES[axis]} of space: energies, forces "
+            "or constraints change with the angle about this axis."
+        )
+    third = (axis + 2) % 3
+    last = next((k for k, chart in charts.items() if chart.angles[2] in chart.free), third)
+    if last == axis:
+        main, other, singular = charts[last], charts[third], sympy.sin
+        poles = [(sympy.S.Zero, sympy.S.Zero), (sympy.pi, sympy.S.Zero)]
+    else:
+        main, other, singular = charts[last], charts[axis], sympy.cos
+        poles = [(sign * sympy.pi / 2, sympy.S.Zero if last == third else sympy.pi / 2) for sign in (1, -1)]
+    symmetric = main.angles[2] in main.free
+    problem, beside = (_Problem(each.statement, {**others, each.angles[0]: rate}) for each in (main, other))
+    _, tilt, spin = main.symbols
+    solutions, exact = problem.solutions()
+    known = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
+    regular = [values for values in solutions if not _is_small(singular(values.get(tilt, sympy.S.One)), known)]
+    if len(regular) > MOST_PLACES:
+        raise StatementError(problem.too_many(len(regular)))
+    records = [(main, problem.record(values, exact=exact)) for values in regular]
+    for pole in poles:
+        place = dict(zip((tilt, spin), pole, strict=True))
+        unknowns = [x for x in (*beside.unknowns, *beside.multipliers) if x not in place]
+        for values in solved([equation.xreplace(place) for equation in beside.equations], unknowns) or ():
+            records.append((other, beside.record({**place, **values}, exact=True, axial=symmetric)))
+    if not records:
+        raise StatementError(problem.none_found(symbolic=exact))
+    free = main.is_free and len(problem.unknowns) == 2
+    found = [angles.written(_of_free_body(record, known) if free else record) for angles, record in records]
+    distinct = {main.key(each, known): each for each in found}
+    return sorted(distinct.values(), key=problem.order)
+
+
+def _of_free_body(record: Equilibrium, values: Mapping[Any, Any]) -> Equilibrium:
+    """Return the record of a steady turn, which is stable at a maximum of the energy, too.
+
+    The angular momentum of a free body is constant in space, and the energy at a given momentum bounds its motion.
+    """
+    if record.stable is None and len(record.criterion) == 2 and number(record.criterion[1], values).real > 0:
+        reason = "the energy is the largest, or the least, of all attitudes with this angular momentum."
+        return replace(record, stable=True, reason=reason)
+    return record
+
+
+def _precessions(
+    statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any], attitude: Sequence[Sequence[Any]]
+) -> list[Equilibrium]:
+    """Return the precessions, at an attitude, of a body with a constant rate about its `axis` of symmetry.
+
+    They turn about the first of the axes z, y and x of space about which the system is symmetric. Their rates are the
+    roots of the force on the tilt.
+    """
+    for upright in (2, 1, 0):
+        angles = _Angles(statement, upright, axis)
+        precession, tilt, spin = angles.angles
+        if precession in angles.free and spin in angles.free:
+            break
+    else:
+        raise StatementError(
+            f"{angles.rotation.name} has no steady precession, since energies, forces or constraints change when the "
+            f"body turns about its axis {AXES[axis]}, or about each axis of space."
+        )
+    problem = _Problem(angles.statement, others)
+    form, known, unknown = problem.form, dict(statement.defaults), sympy.Dummy("w", real=True)
+    if problem.unknowns != (form.plain[tilt],):
+        raise StatementError(
+            f"the precessions of {statement.name} are found with ignorable coordinates alone beside "
+            f"{angles.rotation.name}: forces or constraints depend on {listing(map(str, problem.unknowns))}."
+        )
+    cosine = angles.matrix[upright, axis]  # of the angle between the axes of body and space
+    entry = min(max(attitude[upright][axis] * (1 if axis == upright else cosine.subs(tilt, sympy.pi / 2)), -1), 1)
+    place = sympy.Float(math.acos(entry) if axis == upright else math.asin(entry))
+    spun = expression(rate, "the rate") - unknown * cosine.subs(tilt, place)
+    rates = {**dict.fromkeys((*form.a, *form.v, *angles.symbols), sympy.S.Zero), **problem.speeds}
+    rates |= {form.plain[velocity_of(precession)]: unknown, form.plain[velocity_of(spin)]: spun}
+    (row,) = problem.rows
+    force = form.residuals[row].xreplace({**rates, form.plain[tilt]: place})
+    force = sympy.expand(force.xreplace(known))
+    if abs(entry) > 1 - 1e-15 or not force.is_polynomial(unknown) or force.free_symbols != {unknown}:
+        raise StatementError(
+            f"the precessions of {statement.name} are the roots of a polynomial with numbers as coefficients, which "
+            f"{formula(force, 80)} is not: give values of all parameters, and an attitude that is not upright."
+        )
+    roots = [root for root in sympy.Poly(force, unknown).nroots(n=30) if abs(sympy.im(root)) < 1e-12 * abs(root)]
+    if not roots:
+        raise StatementError(
+            f"{statement.name} has no steady precession at this attitude: {angles.rotation.name} spins too slowly."
+        )
+    found = []
+    for root in map(sympy.re, roots):
+        moving = {
+            precession: sympy.Float(root, 17),
+            spin: sympy.Float(spun.xreplace({unknown: root}).xreplace(known), 17),
+        }
+        steady = _Problem(angles.statement, {**others, **moving})
+        found.append(angles.written(steady.record({form.plain[tilt]: place}, exact=False)))
+    return sorted(found, key=problem.order)
+
+
+def _is_small(x: Any, values: Mapping[Any, Any]) -> bool:
+    """Return True if an expression is zero, or less than 1e-9 at the `values` of the parameters."""
+    return abs(number(x, values)) < 1e-9 or bool(simplest(x) == 0)
 
 
 def _condition(values: Sequence[Any]) -> Any:

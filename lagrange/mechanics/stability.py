@@ -69,10 +69,11 @@ def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
     return np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
 
 
-def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
+def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False) -> Verdict:
     """Return the stability of an equilibrium.
 
-    It follows from eigenvalues if all parameters have values, else from signs that SymPy can prove.
+    It follows from eigenvalues if all parameters have values, else from signs that SymPy can prove. `axial` is true if
+    the system stays the same when the two coordinates that are not ignorable turn about the equilibrium.
     """
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()
@@ -98,13 +99,13 @@ def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
     if values is None and carried:  # K is not the curvature of an energy
         return Verdict(None, "with these constraints eigenvalues decide, and they need values of the parameters.")
     if values is None:
-        return _symbolic_verdict(lin, form, gone)
+        return _symbolic_verdict(lin, form, gone, axial=axial)
     parts = [numeric(x, values) for x in (lin.M, lin.C, lin.K)]
     if any(np.iscomplexobj(part) or not np.isfinite(part).all() for part in parts):
         return Verdict(None, NO_POINT)
     if np.linalg.matrix_rank(parts[0]) < len(parts[0]):
         return Verdict(stable=None, reason=NO_INERTIA)
-    mass, damping, stiffness = at_fixed_momenta(parts[0], parts[1], parts[2], gone)
+    mass, damping, stiffness = at_fixed_momenta(parts[0], parts[1], parts[2], gone, axial=axial)
     return _numeric_verdict(mass, damping, stiffness, energetic=has_energy(form) and not carried)
 
 
@@ -113,7 +114,7 @@ def has_inertia(lin: Linearization) -> bool:
     return not is_zero(lin.M.det(method="berkowitz"))
 
 
-def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
+def criterion(lin: Linearization, gone: tuple[int, ...], *, axial: bool = False) -> tuple[Any, ...]:
     """Return the leading minors of the stiffness matrix K at fixed momenta; `gone` are the ignorable coordinates.
 
     `gone` has the indices of the coordinates whose momenta are fixed. If all minors are positive, the energy has a
@@ -121,13 +122,13 @@ def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
     """
     if not has_inertia(lin):
         return ()
-    _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, gone)
+    _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, gone, axial=axial)
     return tuple(simplest(stiffness[:k, :k].det(method="berkowitz")) for k in range(1, stiffness.rows + 1))
 
 
-def _symbolic_verdict(lin: Linearization, form: PlainForm, ignorable_rows: tuple[int, ...]) -> Verdict:
+def _symbolic_verdict(lin: Linearization, form: PlainForm, ignorable_rows: tuple[int, ...], *, axial: bool) -> Verdict:
     """Return the verdict on stability for all values of the parameters, from signs that SymPy can prove."""
-    minors = criterion(lin, ignorable_rows)
+    minors = criterion(lin, ignorable_rows, axial=axial)
     if any(minor.is_negative for minor in minors[:-1]):
         return Verdict(None, "the energy has no minimum there, and eigenvalues need values of the parameters.")
     if any(minor.is_nonpositive for minor in minors[:-1]) or (minors and minors[-1].is_zero):
@@ -170,11 +171,15 @@ def ignorable(form: PlainForm) -> tuple[int, ...]:
     )
 
 
-def at_fixed_momenta(mass: Any, damping: Any, stiffness: Any, gone: tuple[int, ...]) -> tuple[Any, Any, Any]:
+def at_fixed_momenta(
+    mass: Any, damping: Any, stiffness: Any, gone: tuple[int, ...], *, axial: bool = False
+) -> tuple[Any, Any, Any]:
     """Return M, C and K of the other coordinates while the ignorable coordinates `gone` keep their momenta.
 
     With I for the ignorable coordinates and R for the others, the momentum M_IR v_R + M_II v_I + C_IR q_R is
-    constant, which gives v_I. The matrices are arrays or SymPy matrices.
+    constant, which gives v_I. The matrices are arrays or SymPy matrices. With `axial` the two others are along axes
+    that turn about the equilibrium at the rate c/2m, where C = c J, M = m and J is the matrix of a quarter turn: then C
+    is zero, and K is larger by c^2/4m.
     """
     if not gone:
         return mass, damping, stiffness
@@ -188,11 +193,12 @@ def at_fixed_momenta(mass: Any, damping: Any, stiffness: Any, gone: tuple[int, .
     inverse = ignored_mass.inv() if symbolic else np.linalg.inv(ignored_mass)
     m_ri, m_ir = part(mass, left, gone), part(mass, gone, left)
     c_ri, c_ir = part(damping, left, gone), part(damping, gone, left)
-    return (
-        part(mass, left, left) - m_ri @ inverse @ m_ir,
-        part(damping, left, left) - m_ri @ inverse @ c_ir - c_ri @ inverse @ m_ir,
-        part(stiffness, left, left) - c_ri @ inverse @ c_ir,
-    )
+    mass = part(mass, left, left) - m_ri @ inverse @ m_ir
+    damping = part(damping, left, left) - m_ri @ inverse @ c_ir - c_ri @ inverse @ m_ir
+    stiffness = part(stiffness, left, left) - c_ri @ inverse @ c_ir
+    if axial:
+        return mass, 0 * damping, stiffness - damping @ damping / (4 * mass[0, 0])
+    return mass, damping, stiffness
 
 
 def has_energy(form: PlainForm) -> bool:

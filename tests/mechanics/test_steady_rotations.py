@@ -1,0 +1,136 @@
+"""Steady rotations of a body: turns about an axis of space, and precessions, against closed forms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from sympy import diag
+
+import lagrange as lg
+
+R = lg.rotation("R")
+m, g, a, J1, J3 = lg.parameters("m g a J1 J3")
+VALUES = {m: 1, g: 9.81, a: 0.1, J1: 0.02, J3: 0.01}
+
+
+def body(moments: Any, potential: Any = 0, **more: Any) -> lg.System:
+    return lg.System(R.body.dot(diag(*moments) * R.body) / 2, potential, **more)
+
+
+def rates(found: Any) -> list[float]:
+    return [float(found.velocities.get(rate, 0)) for rate in R.body]
+
+
+def test_a_free_body_turns_about_its_principal_axes() -> None:
+    """Both ways about each, with the energy J w^2/2; the middle axis alone is unstable."""
+    found = body((1, 2, 3)).equilibria({R.space[2]: 1.5})
+    assert sorted(map(rates, found)) == sorted(
+        [s * 1.5 * (k == i) for i in range(3)] for k in range(3) for s in (1, -1)
+    )
+    for each in found:
+        axis = int(np.argmax(np.abs(rates(each))))
+        assert float(each.energy) == (1 + axis) * 1.5**2 / 2
+        assert each.stable is (axis != 1)
+
+
+def test_a_heavy_top_hangs_stands_or_leans() -> None:
+    """It leans at cos(tilt) = -m g a/((J1 - J3) w^2), and stands if J3^2 w^2 > 4 m g a J1 (Landau, section 35)."""
+    top = body((J1, J1, J3), m * g * a * R[2, 2], parameters=VALUES)
+    hanging, upright, leaning = top.equilibria({R.space[2]: 100})
+    assert [each.stable for each in (hanging, upright, leaning)] == [True] * 3
+    limit = J3**2 * 100**2 / (4 * J1) - m * g * a
+    assert sympy.simplify(upright.criterion[0] - limit) == 0
+    w, x, *_ = leaning.coordinates.values()
+    assert sympy.simplify(w**2 - x**2 + m * g * a / ((J1 - J3) * 100**2)) == 0
+    assert leaning.condition != sympy.true
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("upright", range(3))
+@pytest.mark.parametrize("axis", range(3))
+def test_limit_of_the_sleeping_top_about_any_axes(upright: int, axis: int) -> None:
+    """With m g a = J1 = 1 and J3 = 1/2 the limit is w = 4."""
+    top = body([0.5 if k == axis else 1 for k in range(3)], R[upright, axis])
+    for rate, stable in ((3.9, False), (4.1, True)):
+        _, standing, _ = top.equilibria({R.space[upright]: rate})
+        assert standing.stable is stable
+        assert standing.velocities == {R.body[axis]: sympy.Rational(str(rate))}
+
+
+@pytest.mark.parametrize("axis", [2, 0])
+def test_both_rates_of_precession_at_a_tilt(axis: int) -> None:
+    """They are the roots of J1 cos(tilt) W^2 - J3 w W + m g a, for an axis of symmetry z or x of the body."""
+    attitude, spin = lg.turn((0.3, 0.2, 0.5), 2.5), 10.0
+    top = body([0.5 if k == axis else 1 for k in range(3)], R[2, axis])
+    found = top.equilibria({R: attitude, R.body[axis]: spin})
+    matrix = top.run(0.01, {R: attitude})[R][0]
+    tilt = np.arccos(matrix[2, axis])
+    roots = np.sort(np.abs(np.roots([np.cos(tilt), -0.5 * spin, 1])))
+    across = sorted(np.linalg.norm(np.delete(rates(each), axis)) / np.sin(tilt) for each in found)
+    assert across == pytest.approx(roots, rel=1e-12)
+    for each in found:
+        assert each.stable
+        path = top.run(1.0, each.at, rtol=1e-13)[R][:, 2, axis]
+        assert np.abs(path - np.cos(tilt)).max() < 1e-12
+
+
+def test_a_body_without_symmetry_turns_steadily_where_its_linear_equations_say_so() -> None:
+    hung = body((1, 2, 2.5), R[2, 2] + 0.3 * R[2, 0])
+    at_rest = hung.equilibria({R.space[2]: 0})
+    assert [each.stable for each in at_rest] == [True, False]
+    assert [float(each.energy) for each in at_rest] == pytest.approx([-np.sqrt(1.09), np.sqrt(1.09)], rel=1e-14)
+    turning = hung.equilibria({R.space: (0, 0, 1)})
+    assert [each.stable for each in turning] == [True, False]
+    for each in turning:
+        assert hung.linearize(each.at).note == "About a steady motion."
+
+
+def test_a_body_on_a_spring_turns_with_its_spring_stretched() -> None:
+    """The spring and the pull of the body, x (R z)_z, balance at x = -(R z)_z / 2."""
+    x = lg.coordinate("x")
+    kinetic = R.body.dot(diag(1, 1, 0.25) * R.body) / 2 + x.dot**2 / 2
+    found = lg.System(kinetic, x**2 + x * R[2, 2]).equilibria({R.space[2]: 1})
+    w, i, j, k = (np.array([float(each.coordinates[q]) for each in found]) for q in R.quaternion)
+    assert [float(each.coordinates[x]) for each in found] == pytest.approx(-(w**2 - i**2 - j**2 + k**2) / 2)
+
+
+S, y = lg.rotation("S"), lg.coordinate("y")
+REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
+    "two rates": (lambda: body((1, 2, 3)).equilibria({R.space: (0, 1, 2)}), "no steady motion: give {R.space"),
+    "a spin alone": (lambda: body((1, 2, 3)).equilibria({R.body[2]: 2}), r"or {R: attitude, R.body\[2\]: w}"),
+    "no vertical": (lambda: body((1, 2, 3), R[2, 2]).equilibria({R.space[0]: 1}), "steadily about the axis x of space"),
+    "no symmetry": (
+        lambda: body((1, 2, 3)).equilibria({R: lg.turn(lg.x, 1), R.body[2]: 2}),
+        "no steady precession, since energies, forces or constraints change when the body turns about its axis z",
+    ),
+    "upright": (
+        lambda: body((1, 1, 0.5), R[2, 2]).equilibria({R: lg.turn(lg.z, 1), R.body[2]: 2}),
+        "an attitude that is not upright",
+    ),
+    "too slow": (
+        lambda: body((1, 1, 0.5), R[2, 2]).equilibria({R: lg.turn(lg.x, 0.5), R.body[2]: 2}),
+        "no steady precession at this attitude: R spins too slowly",
+    ),
+    "another unknown": (
+        lambda: lg.System(R.body.dot(diag(1, 1, 2) * R.body) / 2 + y.dot**2, y**2 + R[2, 2]).equilibria(
+            {R: lg.turn(lg.x, 0.5), R.body[2]: 9}
+        ),
+        "depend on",
+    ),
+    "two rotations": (
+        lambda: lg.System(R.body.dot(R.body) + S.body.dot(S.body)).equilibria({R.space[2]: 1}),
+        "steady rotations are found for one rotation alone",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_has_no_steady_motion_is_refused(case: str) -> None:
+    attempt, sentence = REFUSED[case]
+    with pytest.raises(lg.StatementError, match=sentence) as refusal:
+        attempt()
+    assert len(str(refusal.value)) <= 400
