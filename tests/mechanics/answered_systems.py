@@ -157,6 +157,7 @@ twin = k * l**2 * (sin(th1) - sin(th2)) ** 2 / 2 - m * g * l * (cos(th1) + cos(t
 rotor = I1 * (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) / 2 + I3 * (psi.dot + phi.dot * cos(theta)) ** 2 / 2
 turning = half * m * ((x.dot - omega * y) ** 2 + (y.dot + omega * x) ** 2) - k * (x**2 + y**2) / 2
 swinging = half * m * (r.dot**2 + r**2 * theta.dot**2)
+speed = sp.sqrt(x.dot**2 + y.dot**2)
 stretched = lg.spring(k, (r * cos(theta), r * sin(theta)), None, l)
 swaying = a * cos(omega * lg.t) + l * sin(theta), -l * cos(theta)
 
@@ -196,6 +197,7 @@ TYPED: dict[str, Callable[[], lg.System]] = {
     "line": lambda: lg.System(half * m * x.dot**2, lg.spring(k, (x,), rest_length=l)),
     "two": lambda: lg.System(plane, lg.spring(k, (x, 0), (y, 0), l)),
     "friction": lambda: lg.System(half * m * x.dot**2, 0, forces={x: -mu * m * g * sp.sign(x.dot)}),
+    "drag": lambda: lg.System(plane, m * g * y, forces={x: -c * speed * x.dot, y: -c * speed * y.dot}),
     "valued": lambda: lg.System(
         half * m * x.dot**2, k * (x - b) ** 2 / 2 + c * x**4, parameters={k: 30, b: 2, m: 3, c: 0}
     ),

@@ -12,7 +12,7 @@ import sympy as sp
 
 import lagrange as lg
 from lagrange.mechanics import plain_form
-from lagrange.mechanics.grading import one_change, term_difference, wrong_term
+from lagrange.mechanics.grading import one_change, slips, term_difference
 from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.derivation_page import NO_HEADING, PAGES, render
 from lagrange.show.notation.sections import sections
@@ -65,6 +65,7 @@ def test_below_a_heading_of_a_whole_derivation_a_wrong_term_is_named() -> None:
 UNREAD = [
     ("scene:pendulum", "Equations of motion\ntheta_ddot + foo = 0", "'foo' is not a symbol"),
     ("scene:mass-on-spring", "x'' = -a x", "'a' is not a symbol"),
+    ("scene:pendulum", "<!DOCTYPE html><html>theta'' = 0", "the text is an HTML page, which is not read"),
     ("scene:pendulum", "theta_dott = -g/l sin(theta)", "'theta_dott' is not a symbol"),
     ("scene:pendulum", "theta'' = -omega^2 sin theta", "'omega' is not a symbol"),
     ("scene:pendulum", "tehta_dd = -g/l sin(theta)", "'tehta_dd' is not a symbol"),
@@ -175,7 +176,7 @@ def test_nested_functions_are_not_differentiated_to_find_small_motions(monkeypat
     statement = oscillator().statement
     (equation,) = read_equations("m x'' = " + "sin^2 " * 24 + "x", statement)
     monkeypatch.setattr(sp, "diff", lambda *_: pytest.fail("a derivative was taken"))
-    assert wrong_term._small_angles([equation.zero], statement) == ""
+    assert slips._small_angles([equation.zero], statement) == ""
 
 
 def test_a_sum_with_an_exponent_of_many_digits_is_not_factored(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,8 +196,8 @@ def test_a_spent_budget_leaves_the_verdict(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_equations_in_rates_are_as_long_as_in_quaternions(monkeypatch: pytest.MonkeyPatch) -> None:
     """An equation of few rates may have hundreds of terms in quaternions, and trying a slip takes a second."""
-    monkeypatch.setattr(wrong_term, "LONGEST_SLIP", 40)
-    monkeypatch.setattr(wrong_term, "_slips", lambda *_, **__: pytest.fail("slips are tried"))
+    monkeypatch.setattr(slips, "LONGEST_SLIP", 40)
+    monkeypatch.setattr(slips, "_slips", lambda *_, **__: pytest.fail("slips are tried"))
     assert not shared_scene("free-top").compare("J1*R_body_x_dot = -2*(J2 - J3)*R_body_y*R_body_z")
 
 

@@ -20,6 +20,7 @@ from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
 from lagrange.mechanics.grading.rounded_numbers import with_exact_numbers, with_parameters
+from lagrange.mechanics.grading.slips import slip_of, wrong_definition
 from lagrange.mechanics.grading.student_equations import (
     HELD,
     EquationRow,
@@ -30,7 +31,7 @@ from lagrange.mechanics.grading.student_equations import (
     values_at,
 )
 from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, UNNAMED, BudgetSpent, Write, check_size
-from lagrange.mechanics.grading.wrong_term import WrongTerm, slip_of, wrong_term
+from lagrange.mechanics.grading.wrong_term import WrongTerm, wrong_term
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name
 from lagrange.statement.progress import ShownAsPage
 from lagrange.statement.sampling import SamplePoint, Sampler
@@ -234,16 +235,11 @@ def compare_equations(
     further, untried = branch_samples(statement, rows, samples)
     entries = [statement.names.index(name) for name in distances]
     samples += [sample for sample in further if all(sample.point.q[i] > 0 for i in entries)]
-    remark = ""
     doubted = len(rows) < len(likeliest)
-    result, alone = _compared(derivation, rows, samples, untried, written, distances, pulling=pulling, doubted=doubted)
-    with suppress(BudgetSpent):
-        check_size(*(row.zero for row in rows))
-        slip = result.wrong and slip_of(rows, samples, alone=alone)
-        remark = f" {slip}" if slip else ""
+    result = _compared(derivation, rows, samples, untried, written, distances, pulling=pulling, doubted=doubted)
     label = equations[result.wrong[0]].label if result.wrong else ""
     told = [i for i in range(len(equations)) if i in result.wrong or not result.wrong]
-    remark += "".join(f" {equations[i].note}" for i in told if equations[i].note)
+    remark = "".join(f" {equations[i].note}" for i in told if equations[i].note)
     shown = [i for i in told if equations[i].others]
     remark += f" Read as {listing(equations[i].read for i in shown[:MOST_READ])}." if shown else ""
     for multiplier, letter in letters.items():
@@ -315,8 +311,8 @@ def _compared(
     *,
     pulling: bool,
     doubted: bool,
-) -> tuple[EquationsComparison, bool]:
-    """Return the result for one reading of each equation, and True if exactly one term is wrong.
+) -> EquationsComparison:
+    """Return the result for one reading of each equation.
 
     `untried` lists outcomes of switches that no sample has. `distances` are the names of coordinates that are positive
     in all samples. `pulling` is true if multipliers were typed as forces such as T. `doubted` is true if the answer has
@@ -324,46 +320,73 @@ def _compared(
     """
     statement = rows[0].statement
 
-    def choice(chosen: Sequence[MotionSample]) -> tuple[Sequence[MotionSample], tuple[int, ...]]:
-        return chosen, tuple(i for i, row in enumerate(rows) if not row.holds(chosen))
-
-    choices = [choice(chosen) for chosen in with_multiples(rows, samples)]
+    choices = with_multiples(rows, samples)
     turned = [replace(sample, multipliers=tuple(-x for x in sample.multipliers)) for sample in samples]
     count, slopes = len(statement.names), [list(row.slopes.values()) for row in rows]
     free = not any(any(line[:count]) and any(line[count:]) for line in slopes)  # no equation determines their sign
     if statement.constraints and free and not (pulling and _is_negative(turned)):
-        choices.append(choice(turned))
-    right = next((chosen for chosen, wrong in choices if not wrong), None)
+        choices.append(turned)
+    right = next((chosen for chosen in choices if not _wrong(rows, chosen)), None)
     if right is None:
-        numbers = _numbers_in_place(rows, distances)
-        if numbers:
-            named = f"The equations are right for {numbers}, but they are asked for in symbols."
-            return _refuted(rows, choices[0][1], samples, named), True
-        rows, start = with_parameters(rows, [chosen for chosen, _ in choices])
-        choices = [choice(chosen) for chosen, _ in choices]
-        condition = _condition(rows, derivation, write, distances)
-        choices += [choice(turned)] if statement.constraints and choices[-1][0] is not turned else []
-        wrong, term = _blamed(rows, choices, derivation, write, pulling=pulling)
-        start += f"The equations hold only where {condition}. " if condition else ""
-        named = start + term.sentence
-        if len(wrong) > 1:
-            others = listing(rows[i].equation.label for i in wrong[1:])
-            named += f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."
-        return _refuted(rows, wrong, samples, named), term.alone and len(wrong) == 1
+        choices += [turned] if statement.constraints and choices[-1] is not turned else []
+        return _judged_wrong(rows, choices, derivation, write, distances, pulling=pulling)
     missing = _missing(rows, right, doubted=doubted)
     if missing:
         start = "The equation holds" if len(rows) == 1 else "The equations hold"
-        return EquationsComparison(right=False, message=f"{start}, but {missing}"), False
+        return EquationsComparison(right=False, message=f"{start}, but {missing}")
     idle = _idle(rows, samples)
     if idle:
-        return EquationsComparison(right=False, message=idle), False
+        return EquationsComparison(right=False, message=idle)
     where = f" where {listing(f'{name} > 0' for name in distances)}" if distances else ""
     message = f"The equations are right{where}: they are equivalent to those of the system"
     message += f", at the {len(samples)} states tried.{sentence_on_multipliers(right, samples)}"
     if untried:
         more = f", nor for {len(untried) - 1} other branches" if len(untried) > 1 else ""
         message += f" No state was found where {describe_way(*untried[0], statement)}{more}."
-    return EquationsComparison(right=True, message=message), False
+    return EquationsComparison(right=True, message=message)
+
+
+def _wrong(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> tuple[int, ...]:
+    """Return the indices of the equations that do not hold at all samples."""
+    return tuple(i for i, row in enumerate(rows) if not row.holds(samples))
+
+
+def _judged_wrong(
+    rows: Sequence[EquationRow],
+    choices: Sequence[Sequence[MotionSample]],
+    derivation: Derivation,
+    write: Write,
+    distances: Collection[str],
+    *,
+    pulling: bool,
+) -> EquationsComparison:
+    """Return the result for equations that are wrong at all `choices` of samples, which differ in the multipliers.
+
+    The cause is, in this order: numbers in place of parameters, a common slip, a wrong definition, or a wrong term. The
+    term is named beside a slip that explains one term only. For `distances` and `pulling` see `_compared`.
+    """
+    numbers = _numbers_in_place(rows, distances)
+    if numbers:
+        named = f"The equations are right for {numbers}, but they are asked for in symbols."
+        return _refuted(rows, _wrong(rows, choices[0]), choices[0], named)
+    rows, start = with_parameters(rows, choices)
+    condition = _condition(rows, derivation, write, distances)
+    start += f"The equations hold only where {condition}. " if condition else ""
+    common = slip_of(rows, choices, common=True)
+    wrong, term = _blamed(rows, choices, derivation, write, pulling=pulling)
+    alone = term.alone and len(wrong) == 1
+    named = start + term.sentence
+    if len(wrong) > 1:
+        others = listing(rows[i].equation.label for i in wrong[1:])
+        named += f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."
+    definition = "" if common or (alone and term.shorter) else wrong_definition(rows, choices[0], write, alone=alone)
+    slip = common or definition or ("" if alone else slip_of(rows, choices, common=False))
+    if not slip:
+        return _refuted(rows, wrong, choices[0], named)
+    if not (definition or (common and not alone)) and len(slip + named) < LONGEST_MESSAGE:
+        return _refuted(rows, wrong, choices[0], f"{slip} {named}")
+    result = _refuted(rows, wrong, choices[0], start + slip)
+    return replace(result, details=f"{named} {result.details}".rstrip())
 
 
 def _distances(derivation: Derivation) -> list[str]:
@@ -453,7 +476,7 @@ def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
 
 def _blamed(
     rows: Sequence[EquationRow],
-    choices: Sequence[tuple[Sequence[MotionSample], tuple[int, ...]]],
+    choices: Sequence[Sequence[MotionSample]],
     derivation: Derivation,
     write: Write,
     *,
@@ -461,13 +484,13 @@ def _blamed(
 ) -> tuple[tuple[int, ...], WrongTerm]:
     """Return the indices of the wrong equations and the first wrong term, for the likeliest multipliers.
 
-    Each of `choices` is (samples with possible multipliers, indices of the equations that are wrong with them). Choices
-    with the fewest wrong equations are compared, and the one with the cheapest change is taken. If multipliers were
-    typed as forces such as T, which is `pulling`, negative ones are less likely.
+    Of the `choices` of samples, those with the fewest wrong equations are compared, and the one with the cheapest
+    change is taken. If multipliers were typed as forces such as T, which is `pulling`, negative ones are less likely.
     """
-    fewest = min(len(wrong) for _, wrong in choices if wrong)
+    wrong_by_choice = [_wrong(rows, chosen) for chosen in choices]
+    fewest = min(len(wrong) for wrong in wrong_by_choice if wrong)
     ranked = []
-    for index, (chosen, wrong) in enumerate(choices):
+    for index, (chosen, wrong) in enumerate(zip(choices, wrong_by_choice, strict=True)):
         if len(wrong) == fewest:
             row = rows[wrong[0]]
             term = WrongTerm(f"{row.equation.label[0].upper()}{row.equation.label[1:]} does not hold. {UNNAMED}")

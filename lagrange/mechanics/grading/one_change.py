@@ -40,7 +40,6 @@ from lagrange.mechanics.grading.term_difference import (
     scaled_by,
 )
 from lagrange.statement.coordinate import constraint_of
-from lagrange.statement.statement import Statement
 
 MOST_FACTORS = 26  # Largest number of different factors whose powers a change may contain: 6,000 pairs of powers
 MOST_TRIPLED = 12  # Largest number of factors of which products of three are tried: 1,800 products
@@ -130,17 +129,18 @@ def one_change(
     return best
 
 
-def evaluated(expressions: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> list[Numbers]:
+def evaluated(expressions: Sequence[Any], row: EquationRow, samples: Sequence[MotionSample]) -> list[Numbers]:
     """Return the values of expressions at the samples, where accelerations and multipliers have their true values.
 
-    Raises OutsideDomain if an expression has no value, and BudgetSpent if the time is up.
+    `row` is the equation with the definitions that the expressions may contain. Raises OutsideDomain if an expression
+    has no value, and BudgetSpent if the time is up.
     """
     check_budget()
-    unknowns = unknowns_of(statement)
+    unknowns = unknowns_of(row.statement)
     inputs = [sympy.Dummy() for _ in unknowns]
-    stated = {symbol: leaf for leaf, symbol in statement.plain.items()} | dict(zip(unknowns, inputs, strict=True))
-    listed = [expression.xreplace(abbreviations(statement)).xreplace(stated) for expression in expressions]
-    program = Precise(listed, statement, DIGITS, inputs)
+    stated = {symbol: leaf for leaf, symbol in row.statement.plain.items()} | dict(zip(unknowns, inputs, strict=True))
+    listed = [row.in_full(expression).xreplace(stated) for expression in expressions]
+    program = Precise(listed, row.statement, DIGITS, inputs)
     columns = []
     for sample in samples:
         point, number = sample.point, program.context.mpf
@@ -212,11 +212,14 @@ class _Search:
         self.row, self.samples = row, samples
         self.unknowns = unknowns_of(row.statement)
         velocities = list(row.statement.plain.values())[1::3]
-        self.rates = [symbol for symbol, value in abbreviations(row.statement).items() if value.has(*self.unknowns)]
+        shorthands = {**abbreviations(row.statement), **row.equation.meanings}
+        self.rates = [symbol for symbol, value in shorthands.items() if value.has(*self.unknowns)]
         self.rates += [velocities[i] for i in samples[0].first_order]
         self.moving = [*self.unknowns[: len(row.statement.names)], *self.rates]
         derived = [
-            term for p in row.equation.differentiated for term in sympy.Add.make_args(along_motion(p, row.statement))
+            term
+            for p in map(row.in_full, row.equation.differentiated)
+            for term in sympy.Add.make_args(along_motion(p, row.statement))
         ]
         typed = (*row.equation.terms, (), ())[:2]
         self.derived = {*derived, *(-term for term in derived)}.difference(*typed)
@@ -235,7 +238,7 @@ class _Search:
 
     def values(self, expressions: Sequence[Any]) -> list[Numbers]:
         """Return the values of expressions at the samples. Raises OutsideDomain if an expression has no value."""
-        return evaluated(expressions, self.row.statement, self.samples)
+        return evaluated(expressions, self.row, self.samples)
 
     def _bases(self, denominators: Sequence[Any]) -> list[Any]:
         """Return candidates for wrong factors: the bases of the factors of all terms, those of typed terms first.
@@ -305,7 +308,7 @@ class _Search:
     def choices(self) -> Iterator[tuple[float, Sum, Difference]]:
         """Yield (cost, sum, difference) for all changes of one term."""
         for cost, total, difference in self._choices():
-            term = difference.right * total.around
+            term = (difference.right * total.around).xreplace(dict(self.row.equation.meanings))
             signed = term if total.side == self.leading else -term
             if term.count_ops() <= LONGEST_EXPANDED and self.below >= _sums_below(signed):
                 signed = sympy.Add(*expanded(signed))
@@ -370,7 +373,7 @@ class _Search:
             yield LEFT_OUT, Difference("extra", term, sympy.S.Zero)
             return
         for cost, number, factor in self.multiples([x / a for x, a in zip(required, value, strict=True)]):
-            right = _without_float((scaled_by(number, term) if term.is_Add else number * term) * factor)
+            right = _without_float((term if number == 1 else scaled_by(number, term)) * factor)
             if factor == 1:
                 other = DOUBLED if number in (2, sympy.S.Half) else FRACTION + len(str(number)) / 20
                 yield (

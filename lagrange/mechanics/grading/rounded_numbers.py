@@ -41,7 +41,7 @@ def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> Stu
     typed = sorted(decimals_typed, key=_unit)
     try:
         exact = _exact_numbers(row, decimals, samples)
-        corrected = replace(equation, **{side: getattr(equation, side).xreplace(exact) for side in ("zero", "right")})
+        corrected = equation.with_numbers(exact)
         holds = row_of(corrected, row.statement).holds(samples)
     except (OutsideDomain, StatementError):
         return None
@@ -122,8 +122,7 @@ def with_parameters(
     numbers = {abs(number) for row in rows for number in row.zero.atoms(sympy.Number)}
     numbers = {x for x in numbers if float(x) in absent and (x > LARGEST_COUNT or 2 * x % 1 != 0)}
     places = {sign * x: sign * absent[float(x)] for x in numbers for sign in (1, -1)}
-    sides = [{side: getattr(row.equation, side).xreplace(places) for side in ("zero", "right")} for row in rows]
-    changed = [row_of(replace(row.equation, **each), statement) for row, each in zip(rows, sides, strict=True)]
+    changed = [row_of(row.equation.with_numbers(places), statement) for row in rows]
     if not numbers or any(all(row.holds(chosen) for row in changed) for chosen in choices):
         return rows, ""
     return changed, f"Write {listing(sorted(f'{absent[float(x)]} for {float(x):.6g}' for x in numbers))}. "

@@ -59,6 +59,12 @@ class StudentEquation(Reading):
     aside: bool = False
     index: int = 0
 
+    def with_numbers(self, numbers: Mapping[Any, Any]) -> StudentEquation:
+        """Return the equation with other expressions in place of numbers, also in the definitions: {number: other}."""
+        meanings = {symbol: value.xreplace(numbers) for symbol, value in self.meanings.items()}
+        zero, right = self.zero.xreplace(numbers), self.right.xreplace(numbers)
+        return replace(self, zero=zero, right=right, meanings=meanings)
+
 
 def read_equations(answer: Any, statement: Statement) -> list[StudentEquation]:
     """Return the equations in a list, in a dict by coordinate, or in one text, expression or Eq.
@@ -309,8 +315,8 @@ on doubles. A wrong term passes only if it is smaller than this at every state."
 class EquationRow:
     """A typed equation split into coefficients: zero = rest + sum of slopes[z] * z over the unknowns z.
 
-    The unknowns are accelerations and multipliers. `zero` is left minus right side; the rates of rotations in it are
-    written out.
+    The unknowns are accelerations and multipliers. `zero` is left minus right side; the rates of rotations and the
+    definitions of the answer are written out in it.
     """
 
     statement: Statement
@@ -321,7 +327,7 @@ class EquationRow:
 
     @cached_property
     def sides(self) -> tuple[Any, Any]:
-        """The left and the right side as they were typed, with symbols for the rates of rotations."""
+        """The left and the right side as they were typed, with symbols for rates of rotations and for definitions."""
         return self.equation.zero + self.equation.right, self.equation.right
 
     def with_zero(self, zero: Any, right: Any = sympy.S.Zero) -> EquationRow:
@@ -330,7 +336,12 @@ class EquationRow:
         `right` is its right side; the left side is zero + right. Raises StatementError if it is not linear in
         accelerations and multipliers.
         """
-        return row_of(StudentEquation(zero, right, label=self.equation.label), self.statement)
+        equation = StudentEquation(zero, right, label=self.equation.label, meanings=self.equation.meanings)
+        return row_of(equation, self.statement)
+
+    def in_full(self, expression: Any) -> Any:
+        """Return an expression with the definitions of the answer and the rates of rotations written out."""
+        return expression.xreplace(dict(self.equation.meanings)).xreplace(abbreviations(self.statement))
 
     @cached_property
     def _tape(self) -> Precise:
@@ -387,13 +398,14 @@ class EquationRow:
 
         False if there is no such sample.
         """
-        residuals = []
+        tried = False
         for sample in samples:
-            try:
-                residuals.append(self.residual(sample))
-            except OutsideDomain:
-                continue
-        return bool(residuals) and all(abs(left) <= HELD * size for left, size in residuals)
+            with suppress(OutsideDomain):
+                left, size = self.residual(sample)
+                if abs(left) > HELD * size:
+                    return False
+                tried = True
+        return tried
 
 
 def along_motion(expression: Any, statement: Statement) -> Any:
@@ -417,7 +429,7 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
 
     Raises StatementError if it is not linear in accelerations and multipliers.
     """
-    zero = equation.zero.xreplace(abbreviations(statement))
+    zero = equation.zero.xreplace(dict(equation.meanings)).xreplace(abbreviations(statement))
     if zero.has(sympy.DiracDelta):
         raise StatementError(
             f"{equation.label} has the derivative of a jump, such as heaviside, which is not a function."

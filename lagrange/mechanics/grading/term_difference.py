@@ -157,9 +157,14 @@ def limited(seconds: float) -> Iterator[None]:
         _END.reset(token)
 
 
+def is_spent() -> bool:
+    """Return True if the processor time of the enclosing `limited` block is spent."""
+    return time.process_time() >= _END.get()
+
+
 def check_budget() -> None:
     """Raise BudgetSpent if the processor time of the enclosing `limited` block is spent."""
-    if time.process_time() >= _END.get():
+    if is_spent():
         raise BudgetSpent
 
 

@@ -1,9 +1,9 @@
-"""The wrong term of an equation of motion, named in a sentence, or a common slip (a sign, degrees) that explains it."""
+"""The wrong term of an equation of motion, named in a sentence."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -17,15 +17,12 @@ from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain
-from lagrange.mechanics.expansion import small
-from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, motion_samples
+from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample
 from lagrange.mechanics.grading.one_change import Change, evaluated, one_change
 from lagrange.mechanics.grading.student_equations import (
     EquationRow,
-    StudentEquation,
     along_motion,
     rate_symbols,
-    row_of,
     tape,
     values_at,
 )
@@ -40,7 +37,6 @@ from lagrange.mechanics.grading.term_difference import (
 )
 from lagrange.mechanics.plain_form import simplest
 from lagrange.statement.coordinate import constraint_of, t
-from lagrange.statement.statement import Statement
 
 MOST_SHARED = 20  # Largest number of terms of an equation whose partial sums are tried as right terms, too
 
@@ -51,26 +47,20 @@ LONGEST_FACTOR = 12  # Largest number of operations of a factor of a side that a
 LONGEST_FORMULA = 3_000
 LONGEST_RATIO = 60  # Largest number of operations of two terms whose ratio is simplified
 MOST_MATCHED = 60  # Largest number of terms of an equation that are matched one by one with those of a right equation
-# Largest number of operations in all equations together for which slips are tried; each slip costs evaluations
-LONGEST_SLIP = 400
-MOST_SYMBOLS = 12  # Largest number of coordinates and parameters for which slips are tried
-
-_CIRCULAR = (sympy.sin, sympy.cos, sympy.tan)
-
-# A sentence, and the substitution {symbol or function: replacement} that undoes the slip
-Slip = tuple[str, Mapping[Any, Any]]
 
 
 @dataclass(frozen=True)
 class WrongTerm:
     """A sentence on the error of an equation. `alone` is true if exactly one term of the equation is wrong.
 
-    `cost` is the cost of the change of this term, infinite if several are wrong.
+    `cost` is the cost of the change of this term, infinite if several are wrong. `shorter` is true if the right term is
+    not longer than the typed one.
     """
 
     sentence: str
     alone: bool = False
     cost: float = math.inf
+    shorter: bool = False
 
 
 def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> WrongTerm:
@@ -85,10 +75,11 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     constraints = row.statement.constraints
     part = _wrong_momentum(row, derivation, samples, write)
     if part:
-        return WrongTerm(part, alone=True, cost=0.0)
+        return WrongTerm(part, alone=True, cost=0.0, shorter=True)
     change = one_change(row, samples, _right_terms(derivation), _right_denominators(derivation))
     if change is not None:
-        return WrongTerm(_told_change(change, row, samples[0], write), alone=True, cost=change.cost)
+        shorter = change.difference.right.count_ops() <= change.difference.typed.count_ops()
+        return WrongTerm(_told_change(change, row, samples[0], write), alone=True, cost=change.cost, shorter=shorter)
     still = not any(row.slopes.values()) and not any(sample.first_order for sample in samples)
     if still and not constraints:
         example = "{0}'' or {0}_ddot".format(row.statement.names[0])
@@ -108,7 +99,7 @@ def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequenc
 
     The terms are compared with those of each right equation, multiplied by a factor for which at least one term agrees.
     """
-    typed = [(k, term) for k in (0, 1) for term in summands(row.sides[k]) if term != 0]
+    typed = [(k, term) for k in (0, 1) for term in summands(row.in_full(row.sides[k])) if term != 0]
     best: tuple[int, float] = (0, 0.0)
     sentence = ""
     for name, zero in _right_rows(row, derivation):
@@ -116,8 +107,8 @@ def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequenc
         if len(typed) + len(right) > MOST_MATCHED:
             continue
         try:
-            values = evaluated([term if k == 0 else -term for k, term in typed], row.statement, samples)
-            expected = evaluated(right, row.statement, samples)
+            values = evaluated([term if k == 0 else -term for k, term in typed], row, samples)
+            expected = evaluated(right, row, samples)
         except OutsideDomain:
             continue
         anchors = range(1 if row.sides[0] in row.slopes else len(typed))  # the left side of a solved equation is right
@@ -286,7 +277,7 @@ def _told_factor(factor: Any, write: Write) -> str:
 def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
     """Return a sentence if only an expression under a typed d/dt is wrong; else "".
 
-    The right expression is a constant times a momentum.
+    The right expression is a constant times a momentum, or the typed one with another sign or factor of one term.
     """
     statement, momenta = row.statement, list[Any]()
     with suppress(StatementError):
@@ -298,114 +289,25 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
         check_budget()
         if p == 0 or p.count_ops() > LONGEST_SOLVED:
             continue
-        factor = sympy.cancel(typed / p).xreplace(ones)
+        absent = [factor for factor in p.args if p.is_Mul and factor in statement.parameters and not typed.has(factor)]
+        p /= sympy.Mul(*absent) if row.sides[1] == 0 else 1  # The student has divided by these parameters.
+        factor = sympy.cancel(row.in_full(typed) / p).xreplace(ones)
         constants = dict.fromkeys((sympy.Integer(-1 if factor.could_extract_minus_sign() else 1), factor))
         known = [constant for constant in constants if constant.is_finite is not False and constant != 0]
         for constant, side in product(known, (1, -1)):
             expected = sympy.Mul(constant, p) if p.is_Mul else constant * p
-            change = along_motion(expected - typed, statement)
+            change = along_motion(expected - row.in_full(typed), statement)
             if row.with_zero(row.zero + side * change).holds(samples):
                 sentence = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
                 return f"{_place_of(name, row)} {sentence}"
+    # Of several terms under d/dt one with a velocity is the last to be blamed.
+    velocities, ratios = list(statement.plain.values())[1::3], (Fraction(-1), Fraction(2), Fraction(1, 2))
+    for typed in dict.fromkeys(row.equation.differentiated):
+        terms = sorted(typed.args if typed.is_Add else (), key=lambda term: term.has(*velocities))
+        for term, ratio, side in product(terms, ratios, (1, -1)):
+            right = term / sympy.Rational(ratio)
+            change = side * along_motion(row.in_full(right - term), statement)
+            if row.with_zero(row.zero + change).holds(samples):
+                difference = Difference("scaled", term, right, ratio).told(sympy.S.One, write)
+                return f"{_place_of('', row)}, in d/dt({write(typed)}), {difference}"
     return ""
-
-
-def slip_of(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, alone: bool) -> str:
-    """Return a sentence on the single slip whose correction makes all equations right, or "".
-
-    `alone` is true if exactly one term is wrong. The message then names that term, so factors and directions of
-    coordinates are not tried. Raises BudgetSpent if the time is up.
-    """
-    statement, zeros = rows[0].statement, [row.zero for row in rows]
-    if sum(int(zero.count_ops()) for zero in zeros) > LONGEST_SLIP:
-        return ""
-    if len(statement.names) + len(statement.parameters) > MOST_SYMBOLS:
-        return ""
-    for sentence, table in _slips(zeros, statement, alone=alone):
-        check_budget()
-        if _all_hold([zero.xreplace(table) for zero in zeros], statement, samples):
-            return sentence
-    return _small_angles(zeros, statement)
-
-
-def _all_hold(zeros: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> bool:
-    try:
-        return all(row_of(StudentEquation(zero), statement).holds(samples) for zero in zeros)
-    except StatementError:
-        return False
-
-
-def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
-    """Return a sentence if the equations are right after linearization about zero coordinates, else "".
-
-    `zeros` are the equations as expressions that are zero. A system with rotations gives "", because the entries of a
-    quaternion cannot all be zero.
-    """
-    moving = set(statement.plain.values())
-    if statement.rotations or any(
-        part.has(*moving) for zero in zeros for part in zero.atoms(sympy.Function, sympy.Pow)
-    ):
-        return ""
-    pairs = [(x, y) for x in moving for y in moving if x.name <= y.name]
-    if any(sympy.diff(zero, x, y) != 0 for zero in zeros for x, y in pairs):
-        return ""
-    try:
-        linear = small(statement, None, 2)
-        right = _all_hold(zeros, linear, motion_samples(linear, 2))
-    except StatementError:
-        return ""
-    return "These are the equations for small motions: the exact ones are asked for." if right else ""
-
-
-def _has_direction(parameter: Any, statement: Statement) -> bool:
-    """Return True if a parameter has a direction, such as g or a force, unlike a mass, length or stiffness.
-
-    Such a parameter is a factor of forces, or of terms of the potential with either sign. The kinetic energy does not
-    contain it. Coefficients of drag and friction have no direction. A magnetic field, whose forces do no work, has one.
-    """
-    if statement.kinetic.has(parameter):
-        return False
-    slopes = [sympy.diff(term, parameter) for term in (statement.potential, *statement.forces)]
-    if any(slope.has(parameter) for slope in slopes):
-        return False
-    if any(slope != 0 for slope in slopes[1:]):
-        power = sum(slope * v for slope, v in zip(slopes[1:], statement.velocities, strict=True))
-        return sympy.expand(power) == 0 or not any(slope.has(*statement.velocities) for slope in slopes[1:])
-    slope = slopes[0].xreplace(statement.plain)
-    below = sympy.fraction(sympy.together(slope))[1]
-    return not (below.has(*statement.plain.values()) or slope.is_nonnegative or slope.is_nonpositive)
-
-
-def _slips(zeros: Sequence[Any], statement: Statement, *, alone: bool) -> Iterator[Slip]:
-    """Yield slips that the equations may contain, the most common first.
-
-    A slip is a sentence and the substitution that undoes it. `zeros` are the equations as expressions that are zero.
-    With `alone` two kinds of slips are left out: wrong factors, and coordinates with the opposite direction.
-    """
-    used = {symbol for zero in zeros for symbol in zero.free_symbols}
-    parameters = [p for p in statement.parameters if p in used]
-    plain = list(statement.plain.values())
-    coordinates = [tuple(plain[i : i + 3]) for i in range(0, len(plain), 3)]
-    for p in (p for p in parameters if _has_direction(p, statement)):
-        yield f"All is right with -{p} in place of {p}: check the direction in which {p} is counted.", {p: -p}
-    for q, v, a in coordinates if not alone else ():
-        turned = {q: -q, v: -v, a: -a}
-        yield f"All is right for -{q} in place of {q}: check the direction in which {q} is counted.", turned
-    circular = sorted({f for zero in zeros for f in zero.atoms(*_CIRCULAR)}, key=str)
-    if circular:
-        swapped = {f: sympy.cos(f.args[0]) if f.func is sympy.sin else sympy.sin(f.args[0]) for f in circular}
-        yield "All is right with sine and cosine exchanged.", swapped
-        degrees = {f: f.func(f.args[0] * 180 / sympy.pi) for f in circular}
-        yield "All is right with angles in radians: they are in degrees here.", degrees
-        for q, v, a in coordinates:
-            if any(f.has(q) for f in circular):
-                quarter = {q: sympy.pi / 2 - q, v: -v, a: -a}
-                yield f"All is right if {q} is counted from the other axis, as pi/2 - {q}.", quarter
-                yield f"All is right if {q} is counted from the opposite direction, as {q} + pi.", {q: q + sympy.pi}
-    for factor, word in ((2, "2*"), (sympy.Rational(1, 2), "1/2*")):
-        for p in parameters if not alone else ():
-            yield f"All is right with {word}{p} in place of {p}.", {p: factor * p}
-        for q, v, a in coordinates:
-            if alone and not any(f.has(q) for f in circular):
-                continue  # a factor of one linear term is told already
-            yield f"All is right for {word}{q} in place of {q}.", {q: factor * q, v: factor * v, a: factor * a}

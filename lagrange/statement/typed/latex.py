@@ -23,7 +23,10 @@ FRACTIONS = ("frac", "dfrac", "tfrac", "cfrac", "sfrac", "nicefrac")
 # LaTeX commands for derivatives with respect to time, and the order of the derivative
 DERIVATIVES = {"dot": 1, "ddot": 2, "dv": 1, "odv": 1}
 # LaTeX commands whose group is one word
-WORD_GROUPS = ("mathrm", "text", "textrm", "mathit", "operatorname", "mathsf", "mathbf", "boldsymbol", "rm", "mathop")
+WORD_GROUPS = (
+    *("mathrm", "text", "textrm", "mathit", "operatorname", "mathsf"),
+    *("mathbf", "boldsymbol", "rm", "mathop", "vec"),
+)
 # LaTeX commands that change only the appearance of a formula
 SPACES = (
     *(f"{size}{side}" for size in ("big", "Big", "bigg", "Bigg") for side in ("", "l", "r")),

@@ -117,10 +117,12 @@ def _unframed(text: str) -> str:
 def _without_labels(lines: Sequence[str], is_coordinate: Callable[[str], bool]) -> list[str]:
     """Return lines with blanks for bullets, - or *, if every equation has one, and for coordinates such as (r).
 
-    If only some lines begin with bullets, they are operators. A single coordinate may be a factor, so it stays.
+    If only some lines begin with bullets, they are operators, and so is a single minus sign. A single coordinate may be
+    a factor, so it stays.
     """
     stated = [line for line in lines if line.strip() and not line.rstrip().endswith(":")]
-    listed = len(stated) > 1 and all(_BULLET.match(line) and _EQUALITY.search(line) for line in stated)
+    certain = len(stated) > 1 or (stated and stated[0].lstrip().startswith("*"))
+    listed = certain and all(_BULLET.match(line) and _EQUALITY.search(line) for line in stated)
     lines = [_BULLET.sub(lambda match: _spaces(match.group()), line, count=1) if listed else line for line in lines]
     matches = ((line, _COORDINATE.match(line)) for line in lines)
     labels = [(line, label if label and is_coordinate(label.group(1)) else None) for line, label in matches]

@@ -1,4 +1,4 @@
-r"""Vector equations: each row of \begin{pmatrix} ... \end{pmatrix} becomes a separate equation.
+r"""Vectors: each row of \begin{pmatrix} ... \end{pmatrix} becomes a separate equation, and |r| is a length.
 
 A vector equation contains columns, and products of matrices with columns. In the equation of a row, each of them is
 replaced by its entry in this row, in brackets.
@@ -6,15 +6,19 @@ replaced by its entry in this row, in brackets.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import groupby, takewhile
 
 from lagrange.statement.typed.grammar import TypedFault
 from lagrange.statement.typed.latex import CELL, MATRIX, MATRIX_END, ROW
-from lagrange.statement.typed.tokens import Token, bracketed
+from lagrange.statement.typed.names import Names
+from lagrange.statement.typed.tokens import Token, bracketed, closing
 
 MOST_TOKENS = 4_000  # Most tokens of a product of matrices, which repeats their entries
 Matrix = list[list[list[Token]]]  # The tokens of each entry, by rows
+_VECTOR = re.compile(r"([rv])(_?\w{0,8})")  # The name of a position or a velocity
 
 
 def rows_of(equations: Sequence[Sequence[Token]]) -> list[list[Sequence[Token]]]:
@@ -23,17 +27,22 @@ def rows_of(equations: Sequence[Sequence[Token]]) -> list[list[Sequence[Token]]]
     Equations are lists of tokens. An equation between a name and a matrix defines the name for the other equations,
     and has no rows. Raises TypedFault for matrices that do not fit.
     """
-    named: dict[str, Matrix] = {}
+    named: dict[tuple[str, ...], Matrix] = {}
     for tokens in equations:
         if _defines(tokens):
-            named[tokens[0].text] = _matrix(tokens, 2)[0]
+            name = tuple(token.text for token in takewhile(lambda token: not token.is_sign("="), tokens))
+            named[name] = _matrix(tokens, len(name) + 1)[0]
     return [[] if _defines(tokens) else _rows(_with_names(tokens, named)) for tokens in equations]
 
 
 def _defines(tokens: Sequence[Token]) -> bool:
-    """Return True for an equation between a name and one matrix."""
+    """Return True for an equation between one matrix and its name, such as M or M(q)."""
     matrices = [i for i, token in enumerate(tokens) if token.is_sign(MATRIX)]
-    return matrices == [2] and tokens[0].kind == "word" and tokens[1].is_sign("=") and tokens[-1].is_sign(MATRIX_END)
+    if len(matrices) != 1 or not tokens[-1].is_sign(MATRIX_END):
+        return False
+    name, equality = tokens[: matrices[0] - 1], tokens[matrices[0] - 1]
+    bracket = name[1:2] and name[1].is_sign("(") and closing(name, 1) == len(name) - 1
+    return equality.is_sign("=") and bool(name) and name[0].kind == "word" and (len(name) == 1 or bool(bracket))
 
 
 def _matrix(tokens: Sequence[Token], start: int) -> tuple[Matrix, int]:
@@ -53,18 +62,24 @@ def _matrix(tokens: Sequence[Token], start: int) -> tuple[Matrix, int]:
     raise TypedFault("a matrix has no end, or an entry that is empty or a matrix", tokens[start].begin)
 
 
-def _with_names(tokens: Sequence[Token], named: Mapping[str, Matrix]) -> list[Token]:
-    """Return the tokens of an equation with matrices in place of the names in `named`.
+def _with_names(tokens: Sequence[Token], named: Mapping[tuple[str, ...], Matrix]) -> list[Token]:
+    """Return the tokens of an equation with matrices in place of the names in `named`, listed as texts of tokens.
 
     A derivative of a name applies to each entry of its matrix.
     """
     replaced: list[Token] = []
-    for token in tokens:
-        if token.kind != "word" or token.text not in named:
+    after = 0
+    for index, token in enumerate(tokens):
+        if index < after:
+            continue
+        texts = tuple(other.text for other in tokens[index:])
+        name = max((name for name in named if texts[: len(name)] == name), key=len, default=())
+        after = index + len(name)
+        if token.kind != "word" or not name:
             replaced.append(token)
             continue
         order = token.order + token.primes
-        for i, row in enumerate(named[token.text]):
+        for i, row in enumerate(named[name]):
             for j, entry in enumerate(row):
                 mark = CELL if j else ROW if i else MATRIX
                 rate = [Token("rate", str(order), token.begin, token.end)] if order else []
@@ -128,6 +143,61 @@ def _sum(terms: Sequence[list[Token]]) -> list[Token]:
     ends = [["".join(token.text for token in end) for end in (term[:3], term[-3:])] for term in terms]
     kept = [term for term, factors in zip(terms, ends, strict=True) if "(0)" not in factors] or terms[:1]
     return [token for term in kept for token in (_sign("+", term[0]), *term)]
+
+
+def without_bars(equations: Sequence[Sequence[Token]], names: Names) -> list[list[Token]]:
+    """Return equations with the lengths |r|, |v|, |r1 - r2| of vectors written out in Cartesian coordinates.
+
+    |r| is r if an equation defines r or |r|. Else the coordinates must be x and y, also z, with the subscript of r.
+    """
+    defined = {side[0].text for tokens in equations for side in _lone_sides(tokens)}
+    results = []
+    for tokens in equations:
+        written: list[Token] = []
+        index = 0
+        while index < len(tokens):
+            end = next((k for k in range(index + 1, len(tokens)) if tokens[k].is_sign("|")), len(tokens))
+            inside = tokens[index + 1 : end] if tokens[index].is_sign("|") and end < len(tokens) else []
+            unknown = [token for token in inside if token.kind == "word" and not names.readings(token.text)]
+            if len(inside) == len(unknown) == 1 and inside[0].text in defined:
+                length = [*inside]
+            else:
+                length = _length(inside, names) if unknown else []
+            written += length or [tokens[index]]
+            index = end + 1 if length else index + 1
+        results.append(written)
+    return results
+
+
+def _lone_sides(tokens: Sequence[Token]) -> Iterator[list[Token]]:
+    """Yield the sides of an equation that are one word, also between bars, as lists with this word."""
+    for equal, side in groupby(tokens, lambda token: token.is_sign("=")):
+        words = [token for token in side if not token.is_sign("|")]
+        if not equal and len(words) == 1 and words[0].kind == "word" and not (words[0].order or words[0].primes):
+            yield words
+
+
+def _length(vector: Sequence[Token], names: Names) -> list[Token]:
+    """Return the length of a vector, such as r1 - r2, in Cartesian coordinates; [] if it has no coordinates."""
+    squares: list[Token] = []
+    for axis in "xyz":
+        part: list[Token] = []
+        for token in vector:
+            match = _VECTOR.fullmatch(token.text) if token.kind == "word" else None
+            if match is None and not token.is_sign("+", "-"):
+                return []
+            word = axis + match.group(2) if match else token.text
+            if match and not names.readings(word):
+                part = []
+                break
+            velocity = match is not None and match.group(1) == "v"
+            part.append(replace(token, text=word, primes=token.primes + velocity))
+        if part:
+            sign = [_sign("+", part[0])] if squares else []
+            squares += [*sign, *bracketed(part), _sign("^", part[0]), replace(_sign("2", part[0]), kind="number")]
+        elif axis != "z":
+            return []
+    return bracketed([_sign("sqrt", vector[0]), *bracketed(squares)])
 
 
 def _sign(mark: str, token: Token) -> Token:

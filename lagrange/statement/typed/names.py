@@ -85,11 +85,15 @@ class Names:
     def _usual(self, defined: Collection[str]) -> Iterator[tuple[str, str]]:
         """Yield (spelling, strict name) for spellings of textbooks: ell for l, v_x and a_x for the derivatives of x.
 
-        With a parameter v the word vx is a product; with a v among `defined`, the names of the answer, it is not.
+        A Greek coordinate may have a capital letter. With a parameter v the word vx is a product; with a v among
+        `defined`, the names of the answer, it is not.
         """
         for name in self.names:
             if _LENGTH.fullmatch(name) and "ell" not in self.names:
                 yield f"ell{name[1:]}", name
+        for base in self.bases:
+            if base.rstrip("_0123456789") in GREEK.values() and base.capitalize() not in self.names:
+                yield base.capitalize(), base
         for letter, ending in (("v", "_dot"), ("a", "_ddot")):
             if letter not in self.names or letter in defined:
                 pairs = ((letter + base, base + ending) for base in self.bases if _AXIS.fullmatch(base))

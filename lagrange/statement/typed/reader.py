@@ -12,8 +12,9 @@ import unicodedata
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Any
 
 import sympy
@@ -23,12 +24,13 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.scene.expressions import read_expression
 from lagrange.statement.typed.grammar import Choices, Formula, TypedFault, UnknownWord, faults_of, parsed
 from lagrange.statement.typed.lines import equation_spans
-from lagrange.statement.typed.matrices import rows_of
+from lagrange.statement.typed.matrices import rows_of, without_bars
 from lagrange.statement.typed.names import RATES, Names, canonical
 from lagrange.statement.typed.remarks import Clause, Definition, Uses, is_constant
 from lagrange.statement.typed.tokens import Token, bracketed, tokens_of, with_derivatives
 from lagrange.statement.vocabulary.letters import GREEK, WORD
 
+_HTML = re.compile(r"\s*<(?:!doctype|html)\b", re.IGNORECASE)
 LONGEST_TEXT = 8_000  # Most characters of one equation: the longest that the package prints for its scenes has 2,517
 LONGEST_ANSWER = 60_000  # Most characters of a text with equations
 _VALUE = sympy.Dummy("value", real=True)  # A name that is defined, or its square
@@ -67,7 +69,8 @@ class Reading:
 
     `read` is the equation as it was understood, in the strict notation and with both sides. `differentiated` are the
     expressions whose time derivative was typed, as in d/dt(m x'), or as dp/dt with p = m x'. `terms` are the other
-    terms of each side as typed, before SymPy adds like terms; () if nothing was differentiated or added.
+    terms of each side as typed, before SymPy adds like terms; () if nothing was differentiated or added. `meanings`
+    maps the symbols that the answer defines to their values; all other symbols are those of the system.
     """
 
     zero: Any
@@ -75,6 +78,7 @@ class Reading:
     read: str = ""
     differentiated: tuple[Any, ...] = ()
     terms: tuple[tuple[Any, ...], ...] = ()
+    meanings: Mapping[Any, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -95,20 +99,22 @@ class TypedReader:
     """Reads typed equations in the symbols of one system.
 
     `symbols` maps strict names to SymPy expressions: q, q_dot and q_ddot of each coordinate, parameters, given
-    functions and multipliers. `others` maps other spellings of multipliers and rates to strict names. `defined` are
-    the symbols that the answer defines.
+    functions and multipliers. `others` maps other spellings of multipliers and rates to strict names. `meanings` maps
+    the symbols that the answer defines, and their time derivatives, to their values.
     """
 
     def __init__(
-        self, symbols: Mapping[str, Any], others: Mapping[str, str], defined: frozenset[str] = frozenset()
+        self, symbols: Mapping[str, Any], others: Mapping[str, str], meanings: Mapping[Any, Any] = MappingProxyType({})
     ) -> None:
-        self.symbols, self.others, self.defined = dict(symbols), dict(others), defined
-        self.names = Names(self.symbols, self.others, defined)
+        self.meanings = dict(meanings)
+        self.symbols = {**symbols, **{symbol.name: symbol for symbol in meanings}}
+        self.others = dict(others)
+        self.names = Names(self.symbols, self.others, {symbol.name for symbol in meanings})
         pairs = [(base + low, base + high) for base in self.names.bases for low, high in pairwise(RATES)]
         known = {self.symbols[low]: self.symbols[high] for low, high in pairs if {low, high} <= self.symbols.keys()}
         self.rates = {low: high for low, high in known.items() if low.is_Symbol}  # {symbol: its time derivative}
         velocities = self.rates.keys() & self.rates.values()
-        self.momenta = {name for name, x in symbols.items() if not x.is_Symbol and x.free_symbols & velocities}
+        self.momenta = {symbol.name for symbol, x in self.meanings.items() if x.free_symbols & velocities}
 
     def _clauses(self, text: str, what: str) -> tuple[TypedReader, list[Clause]]:
         """Return the equations and remarks of a text as clauses, and a reader that knows the names which it defines.
@@ -119,6 +125,8 @@ class TypedReader:
             raise StatementError(
                 f"the text has {len(text)} characters, and an answer may have {LONGEST_ANSWER}: shorten it."
             )
+        if _HTML.match(text):
+            raise StatementError("the text is an HTML page, which is not read: hand in plain text, Markdown or LaTeX.")
         clean, spans = equation_spans(text, self._is_coordinate)
         for begin, end in spans:
             if end - begin > LONGEST_TEXT:
@@ -130,7 +138,7 @@ class TypedReader:
         lines = [self._clause(clean, *span).without_brackets() for span in spans]
         whole = [clause for line in lines for clause in line.clauses()]
         try:
-            rows = rows_of([clause.tokens for clause in whole])
+            rows = rows_of(without_bars([clause.tokens for clause in whole], self.names))
         except TypedFault as fault:
             raise StatementError(self._refusal(text, [fault], what)) from None
         clauses = [replace(clause, tokens=(*row,)) for clause, each in zip(whole, rows, strict=True) for row in each]
@@ -270,7 +278,7 @@ class TypedReader:
         if not 0 < len(names) <= MOST_FREE or not all(_FREE.fullmatch(name) and names[name] > 1 for name in names):
             return ()
         symbols = {name: sympy.Symbol(name, positive=True) for name in names}
-        reader = TypedReader(self.symbols | symbols, self.others, self.defined)
+        reader = TypedReader(self.symbols | symbols, self.others, self.meanings)
         ones = dict.fromkeys(symbols.values(), sympy.S.One)
         try:
             readings = reader._readings_of(sides, begin)
@@ -282,7 +290,7 @@ class TypedReader:
                 zero, right, *inside = (
                     x.xreplace(ones) for x in (reading.zero, reading.right, *reading.differentiated)
                 )
-                cancelled.append(Reading(zero, right, reading.read, tuple(inside)))
+                cancelled.append(Reading(zero, right, reading.read, tuple(inside), meanings=self.meanings))
         return tuple(cancelled)
 
     def _read_before(self, sides: Sequence[Sequence[Token]], offset: int) -> str:
@@ -315,21 +323,20 @@ class TypedReader:
                 tries += 1
                 known = reader._defined(definition)
                 if known:
-                    reader = TypedReader(reader.symbols | known, self.others, reader.defined | {definition.name})
+                    reader = TypedReader(reader.symbols, self.others, reader.meanings | known)
                     del left[k]
                     left |= {k: definition.constant} if definition.constant else {}
         return reader, [replace(clause, names=reader.names) for _, clause in sorted(left.items())]
 
-    def _defined(self, definition: Definition) -> dict[str, Any]:
-        """Return {name: value} of a definition, {} if no value is found.
+    def _defined(self, definition: Definition) -> dict[Any, Any]:
+        """Return {symbol: value} of a definition, {} if no value is found.
 
-        If the value changes in time, the result also has its first and second time derivatives by name.
+        If the value changes in time, the result also has the symbols of its first and second time derivatives.
         """
-        symbol = sympy.Symbol(definition.name, real=True)
-        defined = self.defined | {definition.name}
-        reader = TypedReader(self.symbols | {definition.name: symbol}, self.others, defined)
+        symbol, first, second = (sympy.Symbol(definition.name + ending, real=True) for ending in RATES)
+        reader = TypedReader(self.symbols, self.others, self.meanings | {symbol: symbol})
         try:
-            zero = reader._readings_of(definition.sides, 0)[0].zero
+            zero = reader._readings_of(definition.sides, 0)[0].zero.xreplace(self.meanings)
         except _Faults:
             return {}
         for power in (1, 2):
@@ -337,11 +344,11 @@ class TypedReader:
             rest = zero.xreplace({symbol**power: sympy.S.Zero})
             if slope == 0 or slope.has(_VALUE, symbol) or rest.has(symbol):
                 continue
-            known = {definition.name: (-rest / slope) ** sympy.Rational(1, power)}
+            known = {symbol: (-rest / slope) ** sympy.Rational(1, power)}
             with suppress(SceneError):
-                for order in (1, 2):
-                    rate = self.differentiated(known[definition.name], order)
-                    known |= {definition.name + RATES[order]: rate} if rate != 0 else {}
+                for order, rate in enumerate((first, second), 1):
+                    value = self.differentiated(known[symbol], order)
+                    known |= {rate: value} if value != 0 else {}
             return known if definition.lone or len(known) > 1 else {}
         return {}
 
@@ -417,7 +424,7 @@ class TypedReader:
                     names[name] = self.differentiated(inside, order)
                     differentiated += [inside] * (order == 1)
                 momenta = (name.removesuffix("_dot") for name in re.findall(r"\w+_dot\b", formula.text))
-                differentiated += [self.symbols[name] for name in momenta if name in self.momenta]
+                differentiated += [self.meanings[self.symbols[name]] for name in momenta if name in self.momenta]
             values = [read_expression(formula.text, names) for formula in formulas]
             pairs = list(zip(formulas, values, strict=True))
             like = any(formula.rates or len(formula.terms) > len(sympy.Add.make_args(x)) for formula, x in pairs)
@@ -428,13 +435,14 @@ class TypedReader:
             raise _Faults([fault]) from None
         left, right = (*values, sympy.S.Zero)[:2]
         shown = " = ".join(formula.shown for formula in formulas)
-        return Reading(left - right, right, shown, tuple(differentiated), terms)
+        return Reading(left - right, right, shown, tuple(differentiated), terms, self.meanings)
 
     def differentiated(self, expression: Any, order: int) -> Any:
         """Return the time derivative of an expression along the motion, of order `order`.
 
         Raises SceneError if a symbol, such as an acceleration, has no derivative in the equations.
         """
+        expression = expression.xreplace({x: value for x, value in self.meanings.items() if x not in self.rates})
         for _ in range(order):
             left = expression.free_symbols - set(self.rates)
             last = [symbol for symbol in left if str(symbol).endswith("_ddot") or str(symbol).startswith("lambda")]

@@ -23,7 +23,7 @@ from lagrange.statement.vocabulary.letters import GREEK
 _ASIDES = "where|with|for|if|when|since|because|as|here|assuming|provided|using|wobei|mit|fur|wenn|falls|weil|da"
 # Words that may stand directly before an equation
 _CONNECTING = re.compile(
-    "so|thus|hence|therefore|then|and|or|are|gives|yields|get|obtain|find|is|that|reads|becomes|follows|which|finally|"
+    "so|thus|hence|therefore|then|and|or|are|gives|yields|get|obtain|find|is|be|that|reads|becomes|follows|which|finally|"
     "answer|solution|result|eom|also|und|oder|somit|daher|damit|dann|folgt|gilt|ist|lautet|ergibt|sich|antwort|"
     "ergebnis|losung"
 )
@@ -37,6 +37,7 @@ _AFTER_COMMA = re.compile(rf"[^=,;.]*[,;.]\s*(?:{_CONNECTING.pattern})\b")
 
 # Words without a meaning of their own, so that they do not make prose out of symbols
 _JOINING = ("and", "or", "und", "oder", "by", "per", "pro", "of")
+_ENDING = (*_JOINING, "is", "be", "we", "ist", "sei", "wir")  # Words with which prose after an equation may begin
 _ARROW = re.compile(rf"=>|//(?=[^\n]*=)|->|(?:[,;]\s*[\w()-]+(?:[ \t][\w()-]+)?\s*)?:|[⇒→⟹⟶∴]|{ARROW}")
 _ASIDE = re.compile(rf"(?<!\\)\b(?:{_ASIDES})\b", re.IGNORECASE)
 _UNIT = r"(?:rad|degrees|deg|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
@@ -224,6 +225,9 @@ class Clause:
         cut = max((i for i, last in enumerate(ends, 1) if last), default=0)
         kinds = [word.kind for word in run[:cut]]
         begin = run[cut - 1].end if cut and kinds.count(WORD) >= kinds.count(SYMBOL) else self.begin
+        comma = self.text.find(",", begin, end)
+        if not moves and comma > 0 and self._is_apart(begin, comma):
+            begin = comma + 1
         last = [word for word in self.words if begin < word.begin < end and self._is_connecting(word)][-1:]
         if last and not self.text[last[0].end : end].strip(_PUNCTUATION):
             end = last[0].begin
@@ -279,12 +283,13 @@ class Clause:
     def _introduction(self, first: int = 0) -> Sequence[Word]:
         """Return consecutive words from word number `first` on, between which there are only blanks and punctuation.
 
-        If `first` is 0, the words must begin the clause.
+        If `first` is 0, the words must begin the clause. A word before a sign of equality is a name.
         """
         offset, run = self.words[first].begin if first else self.begin, list[Word]()
         for word in self.words[first:]:
             negated = self._spelled(word) in _NEGATIONS and not _AFTER_COMMA.match(self.text, word.end, self.end)
-            if negated or word.kind in (FORMULA, NAME) or self.text[offset : word.begin].strip(_PUNCTUATION):
+            named = self.text[word.end : self.end].lstrip().startswith(("=", ":="))
+            if negated or named or word.kind in (FORMULA, NAME) or self.text[offset : word.begin].strip(_PUNCTUATION):
                 break
             run.append(word)
             offset = word.end
@@ -293,14 +298,16 @@ class Clause:
     def _prose(self) -> Iterator[tuple[int, int]]:
         """Yield the spans of prose: three words in a row that are not symbols, or two with a connecting one: "we get".
 
-        The prose precedes an equation, or it ends the clause and begins with "and".
+        The prose precedes an equation, or it ends the clause and begins with a word such as "and" or "is".
         """
         for i in range(1, len(self.words)):
             run = [*takewhile(lambda word: word.kind in (WORD, SHORT), self._introduction(i))]
             plain = [word.kind for word in run].count(WORD)
             if plain > 2 or (len(run) > 1 and any(map(self._is_connecting, run))):
                 rest = self.text[run[-1].end : self.end]
-                if "=" in rest or (not rest.strip(_PUNCTUATION) and self._spelled(run[0]) in _JOINING):
+                value = self.text.rfind("=", self.begin, run[0].begin)
+                ends = not rest.strip(_PUNCTUATION) and not _ASIDE.search(self.text, value, run[0].begin)
+                if "=" in rest or (ends and self._spelled(run[0]) in _ENDING):
                     yield run[0].begin, run[-1].end
 
     def _is_unit(self, begin: int, end: int) -> bool:
@@ -339,7 +346,7 @@ _CONSTANT = (["const"], ["constant"], ["konst"])  # Right sides that state that 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")  # A name that a line may define
 
 # A name of a force such as a tension T1, which two equations may have: one defines it for the other
-_FORCE = re.compile(r"[TNSF](?:_?[0-9A-Za-z])?")
+_FORCE = re.compile(r"[TNSFf](?:_?[0-9A-Za-z])?")
 _LONE = (("",), ("", "2"), ("", "^", "2"))  # Sides that a definition may have: a name, written as "", and its square
 
 
@@ -352,8 +359,8 @@ def is_constant(side: Sequence[Token]) -> bool:
 class Definition:
     """An equation that defines the name `name`: its two sides, of which one may be the name alone.
 
-    `lone` is true if a side is the name or its square, or if the name is a force. If the equation also states that a
-    value is constant, `constant` is a clause with that value; else None.
+    `lone` is true if a side is the name or its square, if the name is a force, or if the equation has no velocities. If
+    the equation also states that a value is constant, `constant` is a clause with that value; else None.
     """
 
     name: str
@@ -365,8 +372,9 @@ class Definition:
     def of(cls, clause: Clause, uses: Uses, names: Names) -> Definition | None:
         """Return the definition that a clause states, or None.
 
-        A definition has one unknown name, which other clauses contain. A name that is not alone on a side is defined
-        only if another clause states its derivative or that it is constant, or if it is a force in another clause.
+        A definition has one unknown name, which other clauses contain. A name that is not alone on a side of an
+        equation with velocities is defined only if another clause states its derivative or that it is constant, or if
+        it is a force in another clause. A word such as Mt = M + m is also a name if it is a product of symbols.
         `uses` are the occurrences of unknown names in the answer.
         """
         sides = clause.sides()
@@ -380,6 +388,7 @@ class Definition:
             rest = [side for side in sides if side not in unknown]
             sides = [used[-1], *rest] if used else sides
         words = [token for side in sides for token in side if token.kind == "word" and not names.readings(token.text)]
+        words = words or sides[0] * (len(sides) == 2 and _renames(sides[0], sides[1], names))
         marked = any(word.order or word.primes for word in words)
         if len(sides) != 2 or not all(sides) or marked or len({word.text for word in words}) != 1:
             return None
@@ -389,18 +398,30 @@ class Definition:
         value = sides[1 - lone[0]] if lone else sides[0]
         changes = uses.changes(canonical(name), clause)
         shared = uses.contain(canonical(name), clause)
-        force = shared and not stated and bool(_FORCE.fullmatch(name))
-        if not (changes or force or (lone and shared)) or not _NAME.fullmatch(name):
-            return None
-        if not (lone or force) and names.order(sides[0] + sides[1]) > 1:
+        constrained = any(known.startswith("lambda_") for known in names.names)  # then f is the force of a constraint
+        force = shared and not stated and bool(_FORCE.fullmatch(name)) and not (name[0] == "f" and constrained)
+        order = names.order(sides[0] + sides[1])
+        alone = bool(lone) or force or (order == 0 and not stated and not _FORCE.fullmatch(name))
+        if not (changes or (alone and shared)) or not _NAME.fullmatch(name) or (order > 1 and not alone):
             return None
         kept = clause.part(value[0].begin, value[-1].end, aside=not stated)
         fixed = stated or (lone == [1] and names.order(value) == 1 and not changes)
-        return cls(name, (sides[0], sides[1]), bool(lone) or force, replace(kept, constant=True) if fixed else None)
+        return cls(name, (sides[0], sides[1]), alone, replace(kept, constant=True) if fixed else None)
+
+
+def _renames(left: Sequence[Token], right: Sequence[Token], names: Names) -> bool:
+    """Return True if the left side is one word that is a product of symbols, and no coordinate is on either side.
+
+    An equation between parameters alone can only define a name.
+    """
+    words = [token for token in (*left, *right) if token.kind == "word"]
+    readings = [names.readings(word.text) for word in words]
+    moving = any(piece.moves and piece.name != "t" for pieces in readings for piece in pieces[0])
+    return len(left) == 1 and len(words) > 1 and words[0] is left[0] and len(readings[0][0]) > 1 and not moving
 
 
 class Uses:
-    """Places at which unknown words occur in an answer, a text of typed equations.
+    """Places at which unknown words and products of symbols occur in an answer, a text of typed equations.
 
     `words` maps each word to the offsets of the clauses (parts of the text) that contain it. `changed` has only the
     clauses that state its derivative, or that it is constant.
@@ -412,7 +433,7 @@ class Uses:
         for clause in clauses:
             constant = is_constant(clause.sides()[-1])
             for before, token in pairwise((None, *clause.tokens)):
-                if token is None or token.kind != "word" or clause.names.readings(token.text):
+                if token is None or token.kind != "word" or len(next(iter(clause.names.readings(token.text)), [])) == 1:
                     continue
                 word = canonical(token.text)
                 self.words.setdefault(word, set()).add(clause.begin)

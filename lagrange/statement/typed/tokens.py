@@ -44,12 +44,14 @@ _LETTER = f"[A-Za-z{''.join(GREEK)}]"
 _PLAIN_INDEX = re.compile(rf"_([0-9]+|{_LETTER}(?:{_LETTER}|[0-9])*)")
 _BRACKETED = re.compile(r"\[([A-Za-z][A-Za-z0-9_]*)\]")
 _RATE = re.compile(r"\.(d{1,2})ot\b|(?:\(t\))?\.diff\(\s*t\s*(?:,\s*([t2])\s*)?\)")
+_OPERAND = re.compile(r"\(|\s[^\W\d_]")  # What follows a word for a derivative: a bracket or a symbol
 _BEFORE_DIGITS = ("sin", "cos", "tan", "cot", "sqrt")  # Functions that end a word before a digit, as in sin2x
 
 SEVERAL = {"Eq", "diff", "Derivative", *(name for name, word in WORDS.items() if word.most != 1)}
 SEVERAL |= {name for name, strict in ALIASES.items() if strict in SEVERAL}
 """Functions of several arguments: a comma between digits in their brackets is not a decimal comma."""
 
+_SMALL_FRACTION = re.compile(r"(?<![\w)\]}̇̈'])([⁰¹²³⁴⁵⁶⁷⁸⁹]+)[⁄∕/]([₀₁₂₃₄₅₆₇₈₉]+)")
 _SUPERSCRIPT = re.compile(r"([⁺⁻]?)([⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
 _SUBSCRIPTS = dict(zip("₀₁₂₃₄₅₆₇₈₉ₐₑₕᵢⱼₖₗₘₙₒₚᵣₛₜᵤᵥₓ", "0123456789aehijklmnoprstuvx", strict=True))
 OPENING = {"(": ")", "[": "]", "{": "}"}  # Opening brackets and their closing brackets
@@ -130,6 +132,9 @@ class _Scanner:
         number = _NUMBER.match(self.text, offset)
         if number:
             return self._add("number", number.group().removesuffix("."), offset, number.end())
+        small = _SMALL_FRACTION.match(self.text, offset)
+        if small:
+            return self._add("number", unicodedata.normalize("NFKC", "/".join(small.groups())), offset, small.end())
         superscript = _SUPERSCRIPT.match(self.text, offset)
         if superscript:
             sign = "-" if superscript.group(1) == "⁻" else ""
@@ -186,7 +191,7 @@ class _Scanner:
         rate = _RATE.match(self.text, offset)
         if rate:
             order, offset = order + (len(rate.group(1)) if rate.group(1) else 1 + bool(rate.group(2))), rate.end()
-        if spelled in latex.DERIVATIVES and self.text.startswith("(", offset):  # ddot(x)
+        if spelled in latex.DERIVATIVES and _OPERAND.match(self.text, offset):  # ddot(x) and ddot x
             return self._add("dots", str(latex.DERIVATIVES[spelled]), begin, offset)
         return self._add("word", spelled, begin, offset, order)
 

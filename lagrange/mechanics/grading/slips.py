@@ -1,0 +1,238 @@
+"""Slips that explain all faults of an answer at once: a sign, degrees, small angles, or a wrong definition."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+import sympy
+
+from lagrange.errors import StatementError
+from lagrange.mechanics.expansion import small
+from lagrange.mechanics.grading.motion_samples import MotionSample, motion_samples
+from lagrange.mechanics.grading.student_equations import (
+    DIGITS,
+    EquationRow,
+    StudentEquation,
+    abbreviations,
+    along_motion,
+    row_of,
+    unknowns_of,
+)
+from lagrange.mechanics.grading.term_difference import BudgetSpent, Write, check_budget, check_size, is_spent
+from lagrange.statement.coordinate import t
+from lagrange.statement.statement import Statement
+from lagrange.statement.typed.names import RATES
+
+# Largest number of operations in all equations together for which slips are tried; each slip costs evaluations
+LONGEST_SLIP = 400
+MOST_SYMBOLS = 12  # Largest number of coordinates and parameters for which slips are tried
+LONGEST_DEFINITION = 40  # Largest number of operations of a definition whose corrections are tried
+CLOSE = 1e-20  # Residual of an equation below which a corrected definition is examined at all samples
+FACTORS = {sympy.Integer(2): "2*", sympy.S.Half: "1/2*"}  # Wrong factors, and their text in a message
+
+_CIRCULAR = (sympy.sin, sympy.cos, sympy.tan)
+
+# A sentence, and the substitution {symbol or function: replacement} that undoes the slip
+Slip = tuple[str, Mapping[Any, Any]]
+
+
+def slip_of(rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample]], *, common: bool) -> str:
+    """Return a sentence on the single slip whose correction makes all equations right, or "".
+
+    They are right if they hold at all samples of one of the `choices`. A slip is `common`, such as a sign or degrees,
+    or else it is a wrong factor or direction, which is told only if several terms are wrong. The result is also "" if
+    the equations are too long, or the time is up.
+    """
+    statement, zeros = rows[0].statement, [row.zero for row in rows]
+    if sum(int(zero.count_ops()) for zero in zeros) > LONGEST_SLIP:
+        return ""
+    if len(statement.names) + len(statement.parameters) > MOST_SYMBOLS:
+        return ""
+    with suppress(BudgetSpent):
+        check_size(*zeros)
+        for sentence, table in _slips(zeros, statement) if common else _factors(zeros, statement):
+            check_budget()
+            changed = [zero.xreplace(table) for zero in zeros]
+            if any(_all_hold(changed, statement, samples) for samples in choices):
+                return sentence
+        return _small_angles(zeros, statement) if common else ""
+    return ""
+
+
+def _all_hold(zeros: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> bool:
+    """Return True if equations, as expressions that are zero, hold at all samples."""
+    try:
+        return all(row_of(StudentEquation(zero), statement).holds(samples) for zero in zeros)
+    except StatementError:
+        return False
+
+
+def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
+    """Return a sentence if the equations are right after linearization about zero coordinates, else "".
+
+    `zeros` are the equations as expressions that are zero. A system with rotations gives "", because the entries of a
+    quaternion cannot all be zero.
+    """
+    moving = set(statement.plain.values())
+    if statement.rotations or any(
+        part.has(*moving) for zero in zeros for part in zero.atoms(sympy.Function, sympy.Pow)
+    ):
+        return ""
+    pairs = [(x, y) for x in moving for y in moving if x.name <= y.name]
+    if any(sympy.diff(zero, x, y) != 0 for zero in zeros for x, y in pairs):
+        return ""
+    try:
+        linear = small(statement, None, 2)
+        right = _all_hold(zeros, linear, motion_samples(linear, 2))
+    except StatementError:
+        return ""
+    return "These are the equations for small motions: the exact ones are asked for." if right else ""
+
+
+def _has_direction(parameter: Any, statement: Statement) -> bool:
+    """Return True if a parameter has a direction, such as g or a force, unlike a mass, length or stiffness.
+
+    Such a parameter is a factor of forces, or of terms of the potential with either sign. The kinetic energy does not
+    contain it. Coefficients of drag and friction have no direction. A magnetic field, whose forces do no work, has one.
+    """
+    if statement.kinetic.has(parameter):
+        return False
+    slopes = [sympy.diff(term, parameter) for term in (statement.potential, *statement.forces)]
+    if any(slope.has(parameter) for slope in slopes):
+        return False
+    if any(slope != 0 for slope in slopes[1:]):
+        power = sum(slope * v for slope, v in zip(slopes[1:], statement.velocities, strict=True))
+        return sympy.expand(power) == 0 or not any(slope.has(*statement.velocities) for slope in slopes[1:])
+    slope = slopes[0].xreplace(statement.plain)
+    below = sympy.fraction(sympy.together(slope))[1]
+    return not (below.has(*statement.plain.values()) or slope.is_nonnegative or slope.is_nonpositive)
+
+
+def _slips(zeros: Sequence[Any], statement: Statement) -> Iterator[Slip]:
+    """Yield common slips that the equations may contain, the most common first.
+
+    `zeros` are the equations as expressions that are zero.
+    """
+    for p in statement.parameters:
+        if any(zero.has(p) for zero in zeros) and _has_direction(p, statement):
+            yield f"All is right with -{p} in place of {p}: check the direction in which {p} is counted.", {p: -p}
+    circular = sorted({f for zero in zeros for f in zero.atoms(*_CIRCULAR)}, key=str)
+    if not circular:
+        return
+    swapped = {f: sympy.cos(f.args[0]) if f.func is sympy.sin else sympy.sin(f.args[0]) for f in circular}
+    yield "All is right with sine and cosine exchanged.", swapped
+    degrees = {f: f.func(f.args[0] * 180 / sympy.pi) for f in circular}
+    yield "All is right with angles in radians: they are in degrees here.", degrees
+    angles = [rates for rates in _coordinates(statement) if any(f.has(rates[0]) for f in circular)]
+    for q, v, a in angles:
+        quarter = {q: sympy.pi / 2 - q, v: -v, a: -a}
+        yield f"All is right if {q} is counted from the other axis, as pi/2 - {q}.", quarter
+        yield f"All is right if {q} is counted from the opposite direction, as {q} + pi.", {q: q + sympy.pi}
+    yield from _multiples(angles)
+
+
+def _factors(zeros: Sequence[Any], statement: Statement) -> Iterator[Slip]:
+    """Yield slips that one wrong term may explain, too: opposite directions of coordinates, and factors 2 and 1/2."""
+    for q, v, a in _coordinates(statement):
+        turned = {q: -q, v: -v, a: -a}
+        yield f"All is right for -{q} in place of {q}: check the direction in which {q} is counted.", turned
+    for factor, word in FACTORS.items():
+        for p in statement.parameters:
+            if any(zero.has(p) for zero in zeros):
+                yield f"All is right with {word}{p} in place of {p}.", {p: factor * p}
+    yield from _multiples(_coordinates(statement))
+
+
+def _multiples(coordinates: Sequence[tuple[Any, ...]]) -> Iterator[Slip]:
+    """Yield the slips of a factor 2 or 1/2 of each coordinate, listed as (coordinate, velocity, acceleration)."""
+    for factor, word in FACTORS.items():
+        for q, v, a in coordinates:
+            yield f"All is right for {word}{q} in place of {q}.", {q: factor * q, v: factor * v, a: factor * a}
+
+
+def _coordinates(statement: Statement) -> list[tuple[Any, ...]]:
+    """Return (coordinate, velocity, acceleration) of each coordinate, in plain symbols."""
+    plain = list(statement.plain.values())
+    return [tuple(plain[i : i + 3]) for i in range(0, len(plain), 3)]
+
+
+def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample], write: Write, *, alone: bool) -> str:
+    """Return a sentence on the definition whose correction makes all equations right, or "".
+
+    The correction is one of `_variants`, the shortest ones first. A constant remains one. `alone` is true if one wrong
+    term explains the fault, too. Then its power rather than that of the definition is wrong.
+    """
+    statement = rows[0].statement
+    plain, sample = list(statement.plain.values()), samples[0]
+    point = sample.point
+    motion = [x for each in zip(point.q, point.v, sample.accelerations, strict=True) for x in each]
+    values = dict(zip(unknowns_of(statement)[len(motion) // 3 :], sample.multipliers, strict=True))
+    values |= dict(zip(plain, motion, strict=True)) | {**point.parameters, t: point.t}
+    numbers = {symbol: sympy.Float(x, DIGITS) for symbol, x in values.items()}
+    meanings = {symbol: value for row in rows for symbol, value in row.equation.meanings.items()}
+    for symbol, value in meanings.items():
+        rates = [rate for rate in (sympy.Symbol(symbol.name + end, real=True) for end in RATES[1:]) if rate in meanings]
+        used = [row for row in rows if any(side.has(symbol, *rates) for side in row.sides)]
+        if not used or value.count_ops() > LONGEST_DEFINITION or symbol.name.endswith(RATES[1:]):
+            continue
+        known = {other: x for other, x in meanings.items() if other not in (symbol, *rates)}
+        zeros = [row.equation.zero.xreplace(known).xreplace(abbreviations(statement)) for row in rows]
+        residuals = [zero.xreplace(numbers) for zero in zeros]
+        moves = value.has(*plain)
+        symbols = [*statement.parameters, *(plain if moves else ())]
+        powers = {value**2, sympy.sqrt(value)} if alone else set()
+        variants = set(_variants(value, symbols)) - {value} - powers
+        for variant in sorted(variants, key=lambda x: (x.count_ops(), str(x))):
+            if is_spent():
+                return ""
+            if not variant.free_symbols:
+                continue
+            table, rate = {symbol: variant}, variant
+            for each in rates:
+                rate = along_motion(rate, statement)
+                table[each] = rate
+            at_sample = {each: changed.xreplace(numbers) for each, changed in table.items()}
+            if any(abs(sympy.N(residual.xreplace(at_sample))) > CLOSE for residual in residuals):
+                continue
+            if _all_hold([zero.xreplace(table) for zero in zeros], statement, samples):
+                what = "equation" if value.has(*unknowns_of(statement)) else "definition"
+                return f"The {what} {symbol} = {write(value)} is wrong: it should be {write(variant)}."
+    return ""
+
+
+def _variants(expression: Any, symbols: Sequence[Any]) -> Iterator[Any]:
+    """Yield expressions that differ from `expression` by one slip.
+
+    Slips are a wrong sign, symbol, factor or power, a quotient upside down, a missing or superfluous square root or
+    number, and a sine in place of a cosine.
+    """
+    yield from (-expression, 1 / expression, expression**2, sympy.sqrt(expression))
+    yield from (expression * p**power for p in symbols for power in (1, -1))
+    yield from _changed_parts(expression, symbols)
+
+
+def _changed_parts(expression: Any, symbols: Sequence[Any]) -> Iterator[Any]:
+    """Yield expressions that differ from `expression` by one slip in one of its parts."""
+    if expression.is_Symbol:
+        yield from (expression**2, 1 / expression, *symbols)
+        yield from (expression * p**power for p in symbols for power in (1, -1))
+    elif expression.is_Number:
+        yield from (sympy.S.One, 1 / expression)
+    elif isinstance(expression, (sympy.sin, sympy.cos)):
+        yield (sympy.cos if isinstance(expression, sympy.sin) else sympy.sin)(expression.args[0])
+    elif expression.is_Pow:
+        yield from (expression.base, (1 / expression.base) ** expression.exp)
+        yield from ((expression.base * number) ** expression.exp for number in (2, 4, sympy.S.Half, sympy.S.One / 4))
+        yield from (part**expression.exp for part in _changed_parts(expression.base, symbols))
+        return
+    for i, part in enumerate(expression.args):
+        rest = expression.func(*expression.args[:i], *expression.args[i + 1 :]) if len(expression.args) > 1 else 0
+        if expression.is_Add:
+            yield from (rest - part, rest + 2 * part, rest + part / 2)
+            yield from (rest + part * p**power for p in symbols for power in (1, -1))
+        elif expression.is_Mul:
+            yield rest
+        for changed in _changed_parts(part, symbols):
+            yield expression.func(*expression.args[:i], changed, *expression.args[i + 1 :])
