@@ -18,7 +18,7 @@ import pytest
 CASES = 2
 """Cases of one product of parameters, or of one list marked `few`, in a default run."""
 
-PART, LEAST = 6, 2
+PART, LEAST = 8, 2
 """Random examples inside a test: a default run draws one in `PART`, and at least `LEAST`."""
 
 ALL = False

@@ -30,7 +30,7 @@ def numbers(statement: Statement, seed: int) -> tuple[Any, Any, float]:
     return rng.uniform(0.3, 1.2, n), rng.uniform(-1.0, 1.0, n), 0.6
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", SMALL)
 def test_every_quantity_is_what_sympy_derives(name: str) -> None:
     statement = SYSTEMS[name]()
@@ -43,7 +43,7 @@ def test_every_quantity_is_what_sympy_derives(name: str) -> None:
     assert M @ compiled.accelerations(q, v, time) == pytest.approx(h, rel=1e-10, abs=1e-10)
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_the_jacobian_is_the_slope_of_the_right_hand_side(name: str) -> None:
     compiled = model(name, "numpy")

@@ -18,7 +18,6 @@ from lagrange.statement.statement import Statement
 from tests.evidence import statements
 from tests.evidence.stand_in import Refusing, StandIn
 from tests.evidence.test_check import FAULTS
-from tests.models import chain
 
 x, y = coordinate("x"), coordinate("y")
 
@@ -141,7 +140,7 @@ def test_a_large_system_is_asked_twice_before_a_full_test(
         left[0] -= 1
         return value * (1 + 1e-6) if left[0] >= 0 else value
 
-    model = StandIn(chain(2), late=off)
+    model = StandIn(statements.kepler(), late=off)
     if wrong == 2:
         with pytest.raises(RunError, match="fault of lagrange"):
             looked_at(model)

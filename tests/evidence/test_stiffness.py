@@ -275,7 +275,7 @@ def test_a_stable_methods_are_those_that_claim_it(name: str) -> None:
     assert find(name).claims.a_stable == bool((growth(name, plane) < 1 + 1e-9).all())
 
 
-@pytest.mark.few(9)
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", DISSIPATING)
 def test_the_matrix_is_what_a_step_does(name: str) -> None:
     """The matrix equals the compiled step of an oscillator from both unit vectors, for methods without memory."""

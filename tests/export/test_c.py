@@ -137,9 +137,10 @@ def test_main_refuses_what_is_no_number(tmp_path: Path) -> None:
         assert (done.returncode, done.stdout) == (2, "") and "give a" in done.stderr, words
 
 
-@pytest.mark.few(1)
 @needs_cc
-@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4"])
+@pytest.mark.parametrize(
+    "method", ["rk4", *(pytest.param(name, marks=pytest.mark.slow) for name in ("taylor", "dop853"))]
+)
 def test_a_start_off_the_constraints_is_refused(method: str, tmp_path: Path) -> None:
     lg.scene("cartesian-pendulum").export("c", tmp_path, [method])
     call = "0.0, 0.01, y, p" if method == "rk4" else "t, 1.0, y, p, 1e-9, 1e-9, 100000"

@@ -22,7 +22,7 @@ from lagrange.export.module import Check
 from lagrange.export.target import find
 from lagrange.program.program import Program
 from tests.covering import Share
-from tests.export.callers import LANGUAGES, run, write
+from tests.export.callers import run, write
 from tests.export.graphs import as_module, graph, points, wrong
 from tests.export.systems import named
 
@@ -113,12 +113,7 @@ def systems(at_once: int) -> Iterator[lg.System]:
 
 @pytest.mark.few
 @pytest.mark.parametrize(
-    "target",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] * (name == "fmu"))
-        for name in lg.targets()
-        if name not in (*LANGUAGES, "jax")
-    ],
+    "target", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("fmu", "jax"))) for name in lg.targets()]
 )
 def test_awkward_names(target: str, tmp_path: Path) -> None:
     passes(target, next(systems(60)), tmp_path)

@@ -19,7 +19,7 @@ from lagrange.program.program import Instruction, Program, ProgramBlock
 from tests.covering import Share
 from tests.export.callers import LANGUAGES, Call, called, main_command, missing, run, section, tried, write
 from tests.export.graphs import SPECIAL, as_module, edges, graph, points, rarer, rarer_results, wrong
-from tests.export.systems import every_scene, held, named
+from tests.export.systems import every_scene, held
 from tests.export.test_c import CONTENTS
 
 TARGETS = [
@@ -122,26 +122,6 @@ def test_random_graphs(target: str, tmp_path: Path, share: Share) -> None:
     for (a, b), one in zip(pairs, found[len(calls) :], strict=bool(others)):
         rest = slice(0, 8) if math.isfinite(a) and abs(a) >= 2.3e-308 else [0, 1, 2, 4, 5, 6, 7]  # else no mantissa
         np.testing.assert_array_equal(np.array(one.values)[rest], np.array(rarer_results(a, b))[rest])
-
-
-AWKWARD = (
-    *("x0", "lam1", "t_", "θ", "ω2", "theta", "a" * 63, "a" * 64, "m", "M", "t1", "y", "p", "out", "h"),
-    *("sinus", "cosine", "Math", "math", "np", "bits", "powf", "cell", "cells", "at", "part", "singular", "inf", "nan"),
-    *("fn", "let", "self", "Self", "default", "true", "null", "this", "new", "var", "void", "mut", "match", "loop"),
-    *("end", "endif", "otherwise", "until", "persistent", "zeros", "pick", "data", "dimension", "merge", "dp", "DP"),
-    *("allocate", "subroutine", "function", "local", "ifelse", "smaller", "equal", "infinity", "found"),
-    *("use", "mod_", "crate", "super", "where", "dyn", "type", "i", "x7", "eval", "power", "abs_", "A0", "Reals"),
-    *("STATE", "ENERGY", "None_"),
-)
-
-
-@every_second(1)
-def test_awkward_names(target: str, tmp_path: Path) -> None:
-    system = named(AWKWARD[:8], AWKWARD[8:], "while")
-    made = system.export(target, tmp_path, ["rhs", "energy", *(["rk4"] if stepping(target) else [])])
-    for command in LANGUAGES[target].strict:
-        run(command.format(module=made.files[0].stem), tmp_path)
-    assert [run(command, tmp_path) for command in made.commands][-1].endswith("results are right\n")
 
 
 def on_a_sphere() -> lg.System:

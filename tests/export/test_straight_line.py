@@ -24,6 +24,7 @@ from lagrange.recipes import sympy as sympy_recipe
 from tests.models import SYSTEMS, model
 
 SOURCES: dict[str, Callable[..., str]] = {"jax": jax.LIBRARY.source, "casadi": casadi.LIBRARY.source}
+every_package = pytest.mark.parametrize("package", ["casadi", pytest.param("jax", marks=pytest.mark.slow)])
 MATHEMATICS = [op for op in ARITY if op not in STRUCTURE]
 
 VALUES = (
@@ -72,7 +73,7 @@ def values_of(package: str, program: Program, y: Any, p: Any = ()) -> Any:
     return found[0]
 
 
-@pytest.mark.parametrize("package", SOURCES)
+@every_package
 def test_every_operation_is_that_of_numpy(package: str) -> None:
     """Assert that each operation has an error of at most 4 ulp, with NumPy's NaN and infinities."""
     for count in (1, 2, 3):
@@ -91,7 +92,7 @@ def test_every_operation_is_that_of_numpy(package: str) -> None:
             assert not bad.any(), (op, y[:, bad][:, 0], exact[bad][0], found[bad][0])
 
 
-@pytest.mark.parametrize("package", SOURCES)
+@every_package
 def test_every_regular_matrix_is_solved(package: str, everything: bool) -> None:
     """Assert that indefinite matrices of each size are solved. Some have a zero diagonal and need exchanges of rows."""
     draw = np.random.default_rng(4)
@@ -139,7 +140,7 @@ def test_literals_are_read_back_as_the_same_double(value: float) -> None:
     assert np.float64(found).tobytes() == np.float64(value).tobytes() or (math.isnan(found) and math.isnan(value))
 
 
-@pytest.mark.parametrize("package", SOURCES)
+@every_package
 def test_constants_are_divided_as_doubles_and_numbers_are_conditions(package: str) -> None:
     numbers = [Instruction("constant", value=value) for value in (1.0, 0.0)]
     by_zero = [*numbers, Instruction("div", (0, 1)), Instruction("state"), Instruction("mul", (2, 3))]
@@ -149,7 +150,7 @@ def test_constants_are_divided_as_doubles_and_numbers_are_conditions(package: st
     assert values_of(package, program_of(chosen, 1), np.array([[0.0, 0.5]]))[0].tolist() == [0.0, 1.0]
 
 
-@pytest.mark.parametrize("package", SOURCES)
+@every_package
 def test_the_text_is_plain_and_ends_with_one_newline(package: str) -> None:
     for name in SYSTEMS:
         text = SOURCES[package](model(name, "numpy").interpreted("rhs").program, "rhs", ["y = [x]"])

@@ -132,7 +132,7 @@ def test_printed_eliminations_solve_rods_in_all_units(seed: int) -> None:
 
 
 @pytest.mark.few(1)
-@pytest.mark.parametrize("library", ["jax", "casadi"])
+@pytest.mark.parametrize("library", [pytest.param("jax", marks=pytest.mark.slow), "casadi"])
 @pytest.mark.parametrize("seed", UNSCALED_SEEDS[::2])
 def test_traced_accelerations_of_rods_are_the_same_in_all_units(seed: int, library: str) -> None:
     pytest.importorskip(library)

@@ -147,7 +147,7 @@ def interpreted(procedure: Procedure) -> list[Any]:
     return left_in(arguments)
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("seed", range(40))
 def test_random_vectors_are_the_same_everywhere(seed: int) -> None:
     procedure = RandomVectors(seed, fused=seed % 2 == 0).procedure()

@@ -16,7 +16,7 @@ from sympy import Heaviside, Matrix, simplify
 import lagrange as lg
 from lagrange.errors import StatementError
 from tests.export.test_c import run
-from tests.models import k, phi, x, y
+from tests.models import LLVM_FIRST, k, phi, x, y
 
 e, i = lg.coordinates("e i")
 J, L, R, u = lg.parameters("J L R u")
@@ -107,7 +107,7 @@ def test_the_motion_does_not_depend_on_velocities_that_follow(target: str) -> No
 
 @pytest.mark.few(2)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5", "bs3", "verner9"])
-@pytest.mark.parametrize("target", ["llvm", "numpy"])
+@pytest.mark.parametrize("target", LLVM_FIRST)
 def test_a_voltage_that_jumps_is_passed(method: str, target: str) -> None:
     """The rate of the current, which a torque contains, jumps with the voltage at t = 1."""
     switched = lg.System(
@@ -175,9 +175,10 @@ def test_velocities_with_two_solutions_are_not_chosen() -> None:
         system.run(1.0)
 
 
-@pytest.mark.few(1)
 @pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")
-@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4"])
+@pytest.mark.parametrize(
+    "method", ["rk4", *(pytest.param(name, marks=pytest.mark.slow) for name in ("taylor", "dop853"))]
+)
 def test_exported_integrators_start_from_coordinates_alone(method: str, tmp_path: Path) -> None:
     made = lowpass().export("c", tmp_path, [method, "main"])
     for command in made.commands:

@@ -160,6 +160,7 @@ def test_a_singular_mass_matrix_is_nan_and_a_status() -> None:
     assert np.isnan(made.function(0.0, y, prepared)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("numba")
 def test_a_singular_constant_matrix_is_nan() -> None:
     """The constant matrix of this system is solved once for the parameters."""
@@ -172,6 +173,7 @@ def test_a_singular_constant_matrix_is_nan() -> None:
     assert np.isnan(made.function(0.0, np.ones(4), prepared)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("numba")
 def test_wrong_sizes_and_types_are_refused() -> None:
     of, made = model("double pendulum"), double_pendulum()
