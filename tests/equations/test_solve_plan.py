@@ -20,7 +20,7 @@ from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 from lagrange.program.elimination import block_eliminations, elimination
 from lagrange.program.lower import lower
 from lagrange.statement.statement import Statement
-from tests.models import SYSTEMS, M, g, k, m, stated, statement_of, theta, x, y, z
+from tests.models import M, g, k, m, stated, theta, x, y, z
 from tests.series_systems import HELD, ladder, quaternion, rods
 
 
@@ -229,11 +229,6 @@ def test_the_order_of_the_statement_does_not_matter() -> None:
 
 def checked(statement: Statement) -> None:
     check_regularity(euler_lagrange(statement), statement, reached)
-
-
-@pytest.mark.parametrize("name", SYSTEMS)
-def test_every_sound_system_passes(name: str) -> None:
-    checked(statement_of(name))
 
 
 NO_TERM = "the Lagrangian has no term of second order in {0}.dot, so {0} has no inertia"

@@ -71,20 +71,6 @@ def test_accelerations_and_multipliers_are_those_of_the_whole_system(name: str, 
             assert found == pytest.approx(multipliers, rel=1e-11, abs=1e-12 * np.abs(multipliers).max())
 
 
-@pytest.mark.few(2)
-@pytest.mark.parametrize("target", ["llvm", "numpy"])
-@pytest.mark.parametrize("name", CASES)
-def test_the_jacobian_is_that_of_differences(name: str, target: str) -> None:
-    held = model(name, target)
-    y = np.concatenate([part[:, 0] for part in states(held, 1)])
-    exact, h = held.jacobian(0.25, y), 1e-5
-    for j in range(0, len(y), max(1, len(y) // 8)):
-        step = h * np.eye(len(y))[j]
-        differences = (held.rhs(0.25, y + step) - held.rhs(0.25, y - step)) / (2 * h)
-        # Truncation h^2 and rounding 1e-16 / h of central differences.
-        assert exact[:, j] == pytest.approx(differences, rel=1e-7, abs=1e-7 * np.abs(exact).max())
-
-
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_near_a_configuration_where_constraints_depend_on_one_another_pivots_are_taken_by_size(target: str) -> None:
     """The bars of a ladder are within 1e-4 of one line. Elimination without pivoting would lose eight digits."""
