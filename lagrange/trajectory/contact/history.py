@@ -29,8 +29,8 @@ GAUSS_POINTS = 12
 MOST_HALVINGS, AGREEMENT = 8, 1e-13
 """Largest number of halvings of an interval, and the error, relative to the energy of the whole run, that ends them."""
 
-TIME, LOST, FRICTION = 0, 2, 3
-"""Columns of impacts: the time, the energy that is lost, and the first component of the friction impulse."""
+TIME, IMPULSE, LOST, FRICTION = range(4)
+"""Columns of impacts: time, normal impulse, energy that is lost, and first component of the friction impulse."""
 
 
 @dataclass(frozen=True)

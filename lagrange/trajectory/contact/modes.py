@@ -23,8 +23,9 @@ from lagrange.trajectory.contact.resets import WrittenFriction, WrittenImpacts, 
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
-RELEASE, GAP, SLIP, CONE = "release", "gap", "slip", "cone"
+RELEASE, GAP, SLIP, CONE = "released", "met", "stopped", "freed"
 """Events that end a mode: the normal force becomes zero, the gap or the slip becomes zero, friction reaches its cone.
+The words are the arguments of `Transitions.behind` for the contacts of these events.
 """
 
 SLOWEST = 1e-12

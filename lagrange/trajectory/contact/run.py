@@ -16,7 +16,7 @@ from lagrange.errors import StatementError, counted, listing
 from lagrange.statement.expression import real_number
 from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces
 from lagrange.trajectory.contact.complementarity import OPEN, SLIDING
-from lagrange.trajectory.contact.history import FRICTION, ContactHistory
+from lagrange.trajectory.contact.history import FRICTION, IMPULSE, LOST, TIME, ContactHistory
 from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics
 from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, PreparedMode, modes_of
 from lagrange.trajectory.contact.resets import SHORT, WrittenFriction, WrittenImpacts, in_order
@@ -148,18 +148,14 @@ class _ContactRun:
             self.parts[-1] = _ended(before_outputs_at_end(problem, self.parts[-1]), behind.before)
             stop = (last, "") if last is not None else self._limit(end, mode, behind.mode)
             if stop is not None:
-                self._keep(end, behind.mode, point_of(problem, self.parts[-1], behind.y, *stop))
+                self.begins.append(end)
+                self.kept.append(behind.mode)
+                self.parts.append(point_of(problem, self.parts[-1], behind.y, *stop))
                 break
             segment = rest_of(segment, self.parts[-1:], end, behind.y, output_at_begin=True)
         run = joined(problem, self.parts, self._note(), both_at_joints=True)
         impacts, rests = tuple(map(np.concatenate, self.impacts)), tuple(map(tuple, self.rests))
         return replace(run, contacts=ContactHistory(np.array(self.begins), tuple(self.kept), impacts, rests))
-
-    def _keep(self, begin: float, mode: Mode, part: Trajectory) -> None:
-        """Append a segment, which begins at the time `begin`, and its mode to the run."""
-        self.begins.append(begin)
-        self.kept.append(mode)
-        self.parts.append(part)
 
     def _limit(self, end: float, mode: Mode, following: Mode) -> tuple[Status, str] | None:
         """Return the status and the cause for a run that reached a limit between two modes; else None.
@@ -253,9 +249,9 @@ class _ContactRun:
             # The message names coordinates of the system only.
             at_end = part.status, self.problem, part.span[1], last_state(part)
             part = replace(part, message=message(*at_end, part.method, rtol=part.rtol))
-        self._keep(segment.t0, mode, self._verified(part, mode))
-        self.begins += [t for t, _ in changes]
-        self.kept += [following for _, following in changes]
+        self.parts.append(self._verified(part, mode))
+        self.begins += [segment.t0, *(t for t, _ in changes)]
+        self.kept += [mode, *(following for _, following in changes)]
         return self.kept[-1]
 
     def _verified(self, part: Trajectory, mode: Mode) -> Trajectory:
@@ -328,7 +324,7 @@ class _ContactRun:
                 for speed in speeds[mine].tolist():
                     self.kinematics.restitution(i, speed)
             rows = np.zeros((len(impulses), FRICTION + len(self.contacts[i].slip)))
-            rows[:, :FRICTION] = np.array([times[mine], impulses, lost]).T
+            rows[:, TIME], rows[:, IMPULSE], rows[:, LOST] = times[mine], impulses, lost
             self.impacts[i].append(rows)
         self.bounces.add(times, speeds, [frozenset([i]) for i in which[-FEWEST_FLIGHTS:].tolist()])
         return True
@@ -379,11 +375,10 @@ class _ContactRun:
         segment.
         """
         t, y = self.part.span[1], self.end_state
-        by_kind = {kind: [i for i, other in fired if other == kind] for kind in (RELEASE, GAP, SLIP, CONE)}
-        ends = {"met": by_kind[GAP], "released": by_kind[RELEASE], "stopped": by_kind[SLIP], "freed": by_kind[CONE]}
+        ends = {kind: [i for i, other in fired if other == kind] for kind in (RELEASE, GAP, SLIP, CONE)}
         behind = self.transitions.behind(t, y, mode, **ends)
         self.freed = [i for i, state in enumerate(behind.mode.states) if state == SLIDING and state != mode.states[i]]
-        self.freed += [i for i in ends["stopped"] if behind.mode.states[i] == SLIDING]
+        self.freed += [i for i in ends[SLIP] if behind.mode.states[i] == SLIDING]
         if behind.impacts:
             self.bounces.add(np.array([t]), np.array([max(behind.speeds)]), [frozenset(behind.impacts)])
         accumulated = bool(behind.impacts) and self.bounces.end is not None

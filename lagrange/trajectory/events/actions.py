@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class Impact:
         """True if the event resets the state."""
         return self.kernel is not None
 
-    @property
+    @cached_property
     def smooth(self) -> bool:
         """True if the expression contains no function that may jump over zero."""
         calls = (call.data for call in reachable([self.node]) if call.kind is Kind.CALL)
