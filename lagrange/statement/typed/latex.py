@@ -21,16 +21,16 @@ COMMAND_SIGNS = {
 # LaTeX commands with a numerator and a denominator
 FRACTIONS = ("frac", "dfrac", "tfrac", "cfrac", "sfrac", "nicefrac")
 # LaTeX commands for derivatives with respect to time, and the order of the derivative
-DERIVATIVES = {"dot": 1, "ddot": 2, "dv": 1, "odv": 1}
+DERIVATIVES = {"dot": 1, "ddot": 2, "dddot": 3, "dv": 1, "odv": 1}
 # LaTeX commands whose group is one word
 WORD_GROUPS = (
     *("mathrm", "text", "textrm", "mathit", "operatorname", "mathsf"),
-    *("mathbf", "boldsymbol", "rm", "mathop", "vec"),
+    *("mathbf", "boldsymbol", "rm", "mathop", "vec", "hat"),
 )
 # LaTeX commands that change only the appearance of a formula
 SPACES = (
     *(f"{size}{side}" for size in ("big", "Big", "bigg", "Bigg") for side in ("", "l", "r")),
-    *("quad", "qquad", "left", "right", "displaystyle", "textstyle", "limits", "nonumber", "notag"),
+    *("quad", "qquad", "cancel", "bcancel", "displaystyle", "textstyle", "limits", "nonumber", "notag"),
     *("thinspace", "space", "hfill", "blacksquare", *",;:!>"),
 )
 # LaTeX commands that are letters, and their spelling in names; those that are functions, in the strict notation
@@ -42,8 +42,8 @@ WORDS |= {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "sgn": "sign"}
 LINE_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?|\$\s+\$|\\\]\s*\\\[|\\\)\s*\\\(")
 # Marks around formulas: environments, labels, dollar signs, and an empty group before a sign
 FRAME = re.compile(
-    r"\\(?:begin|end|label|tag|[hv]space|[hv]?phantom|color)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\[\[\]()]|\\item\b|\$+"
-    r"|(?<=[\s&])\{\s*\}|\\left\s*\\\{(?=\s*\\begin)|\\right\s*\."
+    r"\\(?:begin|end)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\(?:label|tag|[hv]space|[hv]?phantom|color)\*?\{[^{}\n]*\}|\\[\[\]()]|\\item\b|\$+"
+    r"|(?<=[\s&])\{\s*\}|\\left\s*\\\{(?=\s*\\begin)|\\right\s*\.|\\(?:left|right)(?![A-Za-z])"
 )
 # The begin of a frame around an equation, up to its bracket
 FRAMED = re.compile(r"\\(?:boxed|fbox|underline|textcolor\{[^{}\n]*\})[ \t]*\{|(?<![A-Za-z0-9_])Eq\(")
@@ -52,7 +52,7 @@ PROSE = re.compile(r"(?<![_{])\\(?:text|mbox|textrm|textit|intertext)\s*\{([^{}\
 # A command that is an operator between two values
 OPERATOR = rf"\\(?:{'|'.join(name for name, sign in COMMAND_SIGNS.items() if sign in '*/')})(?![A-Za-z])"
 # A command between an equation and its consequence
-ARROW = r"\\(?:Rightarrow|implies|Longrightarrow|rightarrow|therefore|iff)(?![A-Za-z])"
+ARROW = r"\\(?:Rightarrow|implies|Longrightarrow|rightarrow|therefore|iff|(?:L|l|Longl)eftrightarrow)(?![A-Za-z])"
 # Marks of a matrix: its begin, a new column, a new row, and its end
 MATRIX_MARKS = MATRIX, CELL, ROW, MATRIX_END = "⟦╎╱⟧"
 _MATRIX = re.compile(

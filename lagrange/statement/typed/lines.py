@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 from lagrange.errors import StatementError
 from lagrange.statement.typed.latex import FRAME, FRAMED, LINE_BREAK, MATRIX, MATRIX_END, OPERATOR, PROSE, with_marks
@@ -26,22 +27,42 @@ _HEADING = re.compile(r"[^=\n]*:(?!=)")
 _TRAILING_LABEL = re.compile(
     r"(?:(?<=\s)\(\s?(?:[0-9]{1,2}[a-z]?|i{1,3}|iv|\*{1,3})\s?\)|\.{2,}\s*\(?[0-9a-zA-Z*]{1,4}\))$"
 )
-_END = " \t\r\f\v\u00a0;,.!✓✔☑∎□■"
-_GOES_ON = re.compile(rf"(?:[-+*/=^({{\[,\u2212·⋅×]|{OPERATOR})[&\s]*$")
+_END = " \t\r\f\v\u00a0;,.!?✓✔☑∎□■"
+_GOES_ON = re.compile(rf"(?:[-+*/=({{\[,\u2212·⋅×]|{OPERATOR})[&\s]*$")
 _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:right|quad|qquad)\b)")
 _MATRIX = re.compile(r"\\begin\{[pbBvV]?(?:small)?matrix\}|\bMatrix\(")
-_CONSERVED = re.compile(r"\b(?:is|ist)\s+(?:a\s+)?(?:constant|conserved|const\b\.?|konstant|erhalten)")
+_ABOVE_TIME = r"(?:(?!\\partial)[^=+\n]){0,24}\}\s*\{\s*\\partial\s*t(?![A-Za-z])"  # The rest of a quotient by dt
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
 # The space \, is within an equation; the space \; divides two equations if no other mark does
 _SEPARATOR = re.compile(
     r"(?<!\\)[;&\v]|\.(?=\s)|(?<![0-9\\]),|(?<!\\),(?![0-9])|\band\b|\bund\b|\\q?quad\b"
     r"|\\;(?=(?:(?!\\q?quad)[^=,;])*=)"
 )
-_DEFINING = re.compile(
-    r":=|=:|≔|≡|\\(?:equiv|coloneqq)(?![A-Za-z])|\\(?:stackrel|overset)\s*\{[^{}\n]*\}\s*\{\s*=\s*\}"
+# What is typed in place of the formulas that the reader knows, and what is read; the rest of a match becomes blanks
+_REWRITTEN = (
+    (PROSE, r" \1"),
+    (re.compile(r"^([ \t>-]*(?:[^=*\n]*:[ \t]*)?)\*\*(?=\S)([^\n]*[^\s*])\*\*(?=[ \t.,;]*$)", re.MULTILINE), r"\1  \2"),
+    (re.compile(r"^[ \t]*>+(?=[ \t])", re.MULTILINE), ""),  # a quoted mail
+    (re.compile(r"\b(?:np|numpy|math|sp|sympy)\.(?=[a-z])"), ""),
+    (re.compile(r"([ \t\u00a0]+)([\u0307\u0308]+)"), r"\2\1"),  # dots after a blank, as Word exports them
+    (re.compile(r"\(\s*d\s*/\s*d\s*t\s*\)\s*(?:²|(?:\^|\*\*)\s*2)"), "d²/dt²"),
+    (re.compile(r"∂(?=\s*t(?![A-Za-z])|[^∂=+\n]{0,12}/\s*\(?\s*∂\s*t(?![A-Za-z]))"), "d"),
+    (re.compile(rf"\\partial(?=\s*t(?![A-Za-z])|{_ABOVE_TIME})"), "d"),
+    (re.compile(r"\b(?:is|ist)\s+(?:a\s+)?(?:constant|conserved|const\b\.?|konstant|erhalten)"), "= const"),
+    (re.compile(r"\b(?:is\s+equal\s+to|equals|ist\s+gleich)\b"), "="),
+    (
+        re.compile(r"\b((?:where|with|here|wobei)\s+[^\W\d]\w*(?:\^2)?\s+)(?:is|ist)\s+(?=[\\(√]|sqrt|\w+\s*[/*^])"),
+        r"\1= ",
+    ),
+    (re.compile(r"(=[^\n]*\s)(?:where|with|wobei|mit)(?=[\s:]*$)", re.MULTILINE), r"\1"),
+    (re.compile(r"^([^|\n]*=[^|\n]*\s)\|(?=\s[^|\n]*=[^|\n]*$)", re.MULTILINE), r"\1;"),
+    (
+        re.compile(r":=|=:|≔|≡|\\(?:equiv|coloneqq)(?![A-Za-z])|\\(?:stackrel|overset)\s*\{[^{}\n]*\}\s*\{\s*=\s*\}"),
+        "=",
+    ),
+    (re.compile(r"\b(?:i\.\s?e|d\.\s?h|viz)\.,?"), ";"),
+    (re.compile(r"(=[^,;=\n]*[0-9]),(?=[0-9][^,;=\n]*=)"), r"\1;"),  # x'' = 1,2 y'' = 3 has no decimal comma
 )
-_THAT_IS = re.compile(r"\b(?:i\.\s?e|d\.\s?h|viz)\.,?")
-_LISTED = re.compile(r"(=[^,;=\n]*[0-9]),(?=[0-9][^,;=\n]*=)")
 OPEN, CLOSE = f"([{{{MATRIX}", f")]}}{MATRIX_END}"
 
 
@@ -61,11 +82,8 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     if _MATRIX.search(blanked):
         raise StatementError(r"an answer has a matrix that is not read: write \begin{pmatrix}, or one equation a line.")
     blanked = _unframed(LINE_BREAK.sub(lambda match: "\n" + _spaces(match.group()[1:]), blanked))
-    blanked = PROSE.sub(lambda match: match.group(1).center(len(match.group())), blanked)
-    blanked = _CONSERVED.sub(lambda match: "= const".ljust(len(match.group())), blanked)
-    blanked = _DEFINING.sub(lambda match: "=".ljust(len(match.group())), blanked)
-    blanked = _THAT_IS.sub(lambda match: ";".ljust(len(match.group())), blanked)
-    blanked = _LISTED.sub(r"\1;", blanked)  # x'' = 1,2 y'' = 3 has no decimal comma
+    for pattern, read in _REWRITTEN:
+        blanked = pattern.sub(partial(_rewritten, read=read), blanked)
     framed = blanked.split("\n")
     blanked = _blank(FRAME, blanked)
     spans: list[tuple[int, int]] = []
@@ -85,6 +103,11 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
         else:
             spans.append((begin, end))
     return "\n".join(lines), spans
+
+
+def _rewritten(match: re.Match[str], read: str) -> str:
+    """Return what is `read` in place of a match, with blanks up to the length of the match."""
+    return match.expand(read).ljust(len(match.group()))
 
 
 def _unframed(text: str) -> str:

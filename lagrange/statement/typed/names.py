@@ -20,7 +20,7 @@ MOST_SPLITS = 4  # Most products that one word may mean; each is tried
 SIMILAR = 0.8  # Least similarity, from 0 to 1, of a name that a hint offers
 SHORTEST_HINT = 4  # Least number of characters of a name that a hint offers
 
-FUNCTION_SPELLINGS = {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "sgn": "sign", "H": "heaviside"}
+FUNCTION_SPELLINGS = {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "sgn": "sign"}
 FUNCTION_SPELLINGS |= {"sen": "sin", "arcsen": "asin", "arctg": "atan"}
 FUNCTION_SPELLINGS |= {name.capitalize(): name for name in ("sin", "cos", "tan", "cot", "sqrt", "exp")}
 """Other names of functions that people type, and their strict names."""
@@ -70,7 +70,8 @@ class Names:
                 if piece is not None:
                     plain = spelling not in defined  # dV/dx is no quotient of rates
                     short = [letter for letter in "dp" if letter not in self.exact]
-                    keys = _spellings(spelling, order, short, joined=plain)
+                    twice = [letter for letter in "dD" if not {letter, f"{letter}2"} & self.exact.keys()]
+                    keys = _spellings(spelling, order, short, twice, joined=plain)
                     self.spellings |= dict.fromkeys(keys, piece)
         self.spellings |= {canonical(name): piece for name, piece in self.exact.items() if not piece.base}
         rates = [(f"{base}_{'t' * order}", base + RATES[order]) for base in self.bases for order in (1, 2)]
@@ -165,10 +166,11 @@ def canonical(name: str) -> str:
     return "".join(GREEK.get(mark, mark) for mark in name if mark != "_" and mark not in "[] ")
 
 
-def _spellings(base: str, order: int, short: Iterable[str], *, joined: bool) -> list[str]:
+def _spellings(base: str, order: int, short: Iterable[str], twice: Iterable[str], *, joined: bool) -> list[str]:
     """Return the spellings of the derivative `order` of a coordinate `base`, without underscores: theta1dot, thetadot1.
 
-    `short` are letters that mean a derivative, as in theta1d and theta1p. If `joined` is true, dtheta1 is one as well.
+    `short` are letters that mean a derivative, as in theta1d and theta1p, and `twice` those that mean a second one, as
+    in D2theta1. If `joined` is true, dtheta1 is a derivative as well.
     """
     endings = [*SPELLINGS[order], *(letter * order for letter in short)]
     key = canonical(base)
@@ -179,4 +181,8 @@ def _spellings(base: str, order: int, short: Iterable[str], *, joined: bool) -> 
     spellings |= {parts + ending + key[len(parts) :] for ending in endings}
     if order and joined:
         spellings.add("d" * order + key)
+    spellings |= {f"{letter}{order}{key}" for letter in twice if order > 1}
+    if order:
+        power = str(order) * (order > 1)
+        spellings.add(f"d{power}{key}dt{power}")  # dtheta_dt and d2theta_dt2
     return sorted(spellings)

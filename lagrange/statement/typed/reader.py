@@ -44,13 +44,17 @@ EQUAL = 1e-20  # Largest difference of equal numbers of 30 digits, relative to t
 
 # Words and signs on a line with an equation for small motions
 _SMALL = re.compile(r"\bsmall\b|\bkleine?[nr]?\b|\blineari[sz]|≈|\\approx", re.IGNORECASE)
+# The name H of a force or a Hamiltonian: no bracket follows it, as one follows Heaviside's function
+_NAME_H = re.compile(r"(?<!\w)H(?!\w|\}?\s*\()")
+# A list or a vector: commas without an equation, or in brackets at its end, or a unit vector
+_LIST = re.compile(r"[^=]*,[^=]*|[^=]*=\s*[(\[][^=]*,[^=]*[)\]]\s*|.*(?:\\hat(?![A-Za-z]).*|\^)")
 # Words before an equation that holds at rest only
 _STILL = re.compile(r"\b(?:equilibri|stationary|static|gleichgewicht|ruhelage)", re.IGNORECASE)
 # Replacements of these marks, of the same length. The apostrophe of a word becomes a letter that looks like one.
 _ACCENTS = str.maketrans("äöüÄÖÜ'’", "aouAOU\u02bc\u02bc")
 _LETTERS = {code: unicodedata.normalize("NFKC", chr(code)) for code in range(0x1D400, 0x1D800)}
-_LETTERS |= {0x210E: "h", 0xFEFF: " "}
-"""Plain letters for the italic ones of formula editors, and a blank for the mark at the start of some files."""
+_LETTERS |= {0x210E: "h", 0xFEFF: " ", ord("〖"): "(", ord("〗"): ")"}
+"""Plain letters and brackets for those of formula editors, and a blank for the mark at the start of some files."""
 
 MOST_CHAINED = 4  # Most definitions of which each uses the one on the line after it
 MOST_DEFINED = 40  # Most equations of one text that are tried as definitions
@@ -136,7 +140,7 @@ class TypedReader:
                 )
         clean = _OF_SENTENCES.sub(self._without_accents, clean)
         lines = [self._clause(clean, *span).without_brackets() for span in spans]
-        whole = [clause for line in lines for clause in line.clauses()]
+        whole = [self._with_plain_names(clause) for line in lines for clause in line.clauses()]
         try:
             rows = rows_of(without_bars([clause.tokens for clause in whole], self.names))
         except TypedFault as fault:
@@ -189,6 +193,8 @@ class TypedReader:
         """
         words = [side for side in clause.part(*narrow).sides() if any(token.kind == "word" for token in side)]
         foreign = [self._is_foreign(side) for side in words]
+        if not moves and _LIST.fullmatch(clause.shown):
+            return True
         if clause.is_law(clause.begin, clause.end) or (foreign and all(foreign)):
             return True
         return any(foreign) and clause.is_remark() if moves else any(foreign) or clause.is_remark()
@@ -203,6 +209,24 @@ class TypedReader:
     def _clause(self, text: str, begin: int, end: int) -> Clause:
         """Return text[begin:end] as a clause, with its tokens."""
         return Clause(text, begin, end, tuple(with_derivatives(tokens_of(text, begin, end))), self.names)
+
+    def _with_plain_names(self, clause: Clause) -> Clause:
+        """Return a clause without the (t) after names that are not symbols, such as F(t).
+
+        H(x) becomes heaviside(x), unless H is a name elsewhere in the text.
+        """
+        tokens, named, after = list[Token](), bool(_NAME_H.search(clause.text)), 0
+        for index, token in enumerate(clause.tokens):
+            if index < after:
+                continue
+            following = [other.text for other in clause.tokens[index + 1 : index + 4]]
+            unknown = token.kind == "word" and not self._reads(token.text)
+            if unknown and following == ["(", "t", ")"]:
+                after = index + 4
+            elif unknown and token.text == "H" and following[:1] == ["("] and not named:
+                token = replace(token, text="heaviside")
+            tokens.append(token)
+        return replace(clause, tokens=tuple(tokens))
 
     def _without_accents(self, match: re.Match[str]) -> str:
         """Return a word such as für or Newton's without its accents, unless it is a product of symbols."""
@@ -222,6 +246,8 @@ class TypedReader:
         Words about rest count only before the sign =.
         """
         line = text.rfind("\n", 0, clause.begin) + 1
+        above = text[:line].rstrip()
+        line = above.rfind("\n") + 1 if above.endswith(":") else line
         equality = text.find("=", clause.begin, clause.end)
         return bool(_SMALL.search(text, line, clause.end) or _STILL.search(text, line, max(equality, line)))
 

@@ -38,7 +38,7 @@ _AFTER_COMMA = re.compile(rf"[^=,;.]*[,;.]\s*(?:{_CONNECTING.pattern})\b")
 # Words without a meaning of their own, so that they do not make prose out of symbols
 _JOINING = ("and", "or", "und", "oder", "by", "per", "pro", "of")
 _ENDING = (*_JOINING, "is", "be", "we", "ist", "sei", "wir")  # Words with which prose after an equation may begin
-_ARROW = re.compile(rf"=>|//(?=[^\n]*=)|->|(?:[,;]\s*[\w()-]+(?:[ \t][\w()-]+)?\s*)?:|[⇒→⟹⟶∴]|{ARROW}")
+_ARROW = re.compile(rf"=>|//(?=[^\n]*=)|->|(?:[,;]\s*[\w()-]+(?:[ \t][\w()-]+)?\s*)?:|[⇒→⟹⟶∴⇔↔⟺⟷]|{ARROW}")
 _ASIDE = re.compile(rf"(?<!\\)\b(?:{_ASIDES})\b", re.IGNORECASE)
 _UNIT = r"(?:rad|degrees|deg|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
 # Without the possessive *+ the time is exponential in the length of a text such as "3 g- 3 g- 3 g- ...".
@@ -48,10 +48,11 @@ _NUMBER_AT_END = re.compile(rf"=\s*[-+]?[0-9][0-9.,]*(?:\s*[*·×]\s*10\s*\^?\s*
 _ALWAYS = r"(?:\b(?:for|fur)\s+)?\b(?:all|any|every|alle)\s+(?:times?|zeiten|t)|∀\s?t"
 # Words at the end of an equation that say nothing: Q.E.D., for all times
 _PROVEN = re.compile(rf"(?:\bq\.?\s?e\.?\s?d|\bw\.?\s?z\.?\s?b\.?\s?w|{_ALWAYS})[.)\s]*$", re.IGNORECASE)
-_MARK = re.compile(rf"[,;!]|\.\s|//|--|\u2014|\\q?quad(?![A-Za-z])|[ \t]{{2,}}|{_ASIDE.pattern}", re.IGNORECASE)
+_MARK = re.compile(rf"[,;!←]|\.\s|//|<?--|<-|\u2014|\\q?quad(?![A-Za-z])|[ \t]{{2,}}|{_ASIDE.pattern}", re.IGNORECASE)
 _BRACKET = re.compile(r"(?<!\S)[(\[]([^()\[\]{}=]*)[)\]]")
 # Signs that are not prose among symbols and numbers: a hyphen is, and so is "Coriolis + centrifugal"
 _SIGNS = re.compile(r"[=^|\\+*/−·]|-(?![^\W\d_])|(?<![^\W\d_])-")
+_DIVISION = re.compile(r"\s*(?:after\s+)?divid(?:ed|ing)\s(?:\w+\s)?by\s[^=+]*", re.IGNORECASE)
 _INEQUALITY = re.compile(r"(?<![-=<])[<>](?![=>])|[<>]=|[≤≥]|\\(?:[lg]eq?|[lg]t)(?![A-Za-z])")
 _NEVER = re.compile(r"[=^|\\]")
 _LAGRANGE = re.compile(r"(?:∂|\\partial)\s*[LTVU]\b|\bd[LTVU]\b")
@@ -324,7 +325,7 @@ class Clause:
         words = [word for word in self.words if begin <= word.begin and word.end <= end]
         kinds = [word.kind for word in words]
         names = len(kinds) - kinds.count(WORD) - kinds.count(SHORT)
-        if self._is_unit(begin, end):
+        if self._is_unit(begin, end) or _DIVISION.fullmatch(self.text, begin, end):
             return True
         if FORMULA in kinds or kinds.count(WORD) < max(1, names + bare):
             return False
@@ -346,7 +347,7 @@ _CONSTANT = (["const"], ["constant"], ["konst"])  # Right sides that state that 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}")  # A name that a line may define
 
 # A name of a force such as a tension T1, which two equations may have: one defines it for the other
-_FORCE = re.compile(r"[TNSFf](?:_?[0-9A-Za-z])?")
+_FORCE = re.compile(r"[TNSFHVf](?:_?[0-9A-Za-z])?")
 _LONE = (("",), ("", "2"), ("", "^", "2"))  # Sides that a definition may have: a name, written as "", and its square
 
 

@@ -17,7 +17,7 @@ from lagrange.statement.vocabulary.letters import GREEK
 from lagrange.statement.vocabulary.words import ALIASES, WORDS
 
 # Combining marks above a letter, and the order of the time derivative that each means
-DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2}
+DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2, "\N{COMBINING THREE DOTS ABOVE}": 3}
 # Marks after a letter that mean derivatives, and their order
 PRIMES = {**dict.fromkeys("'’‘′´`˙", 1), **dict.fromkeys('"″”“¨', 2)}
 # Signs of a formula, and their plain signs
