@@ -160,7 +160,11 @@ def race(
     inaccurate to compare with.
     """
     labelled = _labelled_methods(methods)
-    run, values = _fine_run(model, span, initial, parameters, max(chosen.max_wall, FINE_RUN_SECONDS))
+    seconds = max(chosen.max_wall, FINE_RUN_SECONDS)
+    options = RunOptions(PRELIMINARY_METHOD, FINE_RTOL, max_wall=seconds, parameters=parameters)
+    run, values = trajectory_of(model, span, initial, options)
+    if not _checked(run).status.complete:
+        raise RunError(f"the race has no end state, because the first run stopped early: {run.message}")
     t0, t1 = map(float, span)
     problem = Problem(model, values, t0, t1, run.y[:, 0].copy(), max_wall=chosen.max_wall)
     size = np.abs(run.y).max(axis=1)
@@ -314,25 +318,6 @@ def _labelled_methods(methods: Any) -> list[tuple[str, Integrator]]:
             label = f"{method.name} ({number})"
         labelled[label] = method
     return list(labelled.items())
-
-
-def _fine_run(
-    model: Model,
-    span: Sequence[float],
-    initial: Mapping[Any, Any] | None,
-    parameters: Mapping[Any, Any] | None,
-    max_wall: float,
-) -> tuple[Trajectory, dict[Any, float]]:
-    """Return a preliminary run at a tight tolerance, and the values of the parameters.
-
-    The run gives the magnitudes of the states and the growth of errors. Raises RunError if it does not reach its end.
-    """
-    run, values = trajectory_of(
-        model, span, initial, RunOptions(PRELIMINARY_METHOD, FINE_RTOL, max_wall=max_wall, parameters=parameters)
-    )
-    if not _checked(run).status.complete:
-        raise RunError(f"the race has no end state, because the first run stopped early: {run.message}")
-    return run, values
 
 
 def _checked(run: Trajectory) -> Trajectory:

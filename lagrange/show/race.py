@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from lagrange.evidence.work_precision import Entry
-
 
 _ROWS = 15
 """Largest number of methods in a column of the legend. With more columns the legend shows no settings."""

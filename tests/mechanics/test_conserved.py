@@ -14,7 +14,7 @@ from sympy import cos, exp, sin, sqrt
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.mechanics.symmetries import SymmetryEquation
-from lagrange.trajectory.constraints.consistent import consistent_state
+from lagrange.trajectory.constraints.projection import Projection
 from tests.mechanics.conserving_systems import (
     FLAT,
     POLAR,
@@ -75,7 +75,8 @@ def states(model: lg.Model, seed: int) -> States:
     t, rows = draw.uniform(0.2, 1.7, count), []
     for time, state in zip(t, y.T, strict=True):
         with suppress(lg.RunError, lg.StatementError):
-            rows.append((time, consistent_state(model, time, state, parameters)))
+            held = len(model.equations.constraints)
+            rows.append((time, Projection(model, time, parameters).of(state) if held else state))
     y = np.array([row for _, row in rows]).T
     lengths = [i for i, name in enumerate(model.statement.names) if name in ("r", "rho")]
     y[lengths] = np.abs(y[lengths])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -57,13 +57,16 @@ def consistent(
 ) -> Consistent:
     """Implement `System.consistent`: return the state on the constraints that is nearest to `initial`.
 
-    The coordinates and velocities in the list `hold` keep their values.
+    The coordinates and velocities in the list `hold` keep their values. Coordinates move by the least amount, measured
+    by the kinetic energy; then velocities do. Raises StatementError if no such state is found.
     """
     statement = model.statement
     time = real_number(t, "the time t")
     start = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
     values = ordered(model.parameter_values(parameters), statement.parameters)
-    projected = consistent_state(model, time, start, values, _rows(hold, statement.coordinates))
+    held, projected = _rows(hold, statement.coordinates), start
+    if len(model.equations.constraints):
+        projected = Projection(model, time, values, held).of(start)
     symbols, changes = (*statement.coordinates, *statement.velocities), projected - start
     row = int(np.argmax(np.abs(changes)))
     return Consistent(
@@ -101,19 +104,6 @@ def _held(key: Any, coordinates: tuple[Any, ...]) -> tuple[Any, ...]:
         if isinstance(key, SpaceMatrix) and key in (each.body, each.space):
             return (*each.quaternion, *map(velocity_of, each.quaternion))
     return (key,)
-
-
-def consistent_state(
-    model: Model, t: float, y: FloatArray, parameters: FloatArray, held: Sequence[int] = ()
-) -> FloatArray:
-    """Return the state on the constraints that is nearest to a state y (2n,).
-
-    Entries with the indices `held` keep their values. Coordinates move by the least amount, measured by the kinetic
-    energy; then velocities do. Raises StatementError if no such state is found.
-    """
-    if not len(model.equations.constraints):
-        return y.copy()
-    return Projection(model, t, parameters, held).of(y)
 
 
 def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
