@@ -14,10 +14,11 @@ from lagrange.dynamics.axes import Axis, Plane, angles, plane_of, row_of, wrappe
 from lagrange.dynamics.fixed_points import FixedPoint, fixed_points, zero_lines
 from lagrange.dynamics.orbits import PERIODS, Orbit, PlaneWindow, Separatrix, orbit, sampled, separatrices_of
 from lagrange.dynamics.runs import Report, Runs, depends_on_time, initial_of, starts_of, time_scale
-from lagrange.errors import RunError, StatementError, counted, listing, shown
+from lagrange.errors import RunError, StatementError, counted, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.statement.expression import real_number
+from lagrange.statement.parameters import table_of
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.consistent import with_rates
 from lagrange.trajectory.trajectory import Status
@@ -329,10 +330,8 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
     of the axes, is None for a system that has no default.
     """
     statement = model.statement
-    if at is not None and not isinstance(at, Mapping):
-        raise StatementError(f"at is {shown(at)}: give a dict from coordinates and velocities to values.")
     fixed = {}
-    for key, value in (at or {}).items():
+    for key, value in table_of(at, "at", "coordinate or velocity to value").items():
         row = row_of(statement, key, "at")
         if row in model.equations.following:
             raise StatementError(

@@ -14,10 +14,10 @@ import numpy as np
 from lagrange.dynamics.axes import MOST_VALUES, angles, difference
 from lagrange.dynamics.runs import Report, Runs, depends_on_time, driving_period, initial_of, starts_of, time_scale
 from lagrange.dynamics.section import Crosser, Crossings, check_room, drawn_axes, section_of
-from lagrange.errors import StatementError, counted, listing, shown, suggestion
+from lagrange.errors import StatementError, counted, listing, suggestion
 from lagrange.machine.backend import FloatArray
+from lagrange.members.varied import axis_values
 from lagrange.statement.event import Event
-from lagrange.statement.expression import real_array, whole_number
 from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
@@ -75,23 +75,14 @@ def parameter_of(statement: Statement, parameter: Any) -> str:
 
 
 def values_of(values: Any, name: str) -> FloatArray:
-    """Return the values (k,) of a parameter, from an array, or (low, high, count)."""
-    if isinstance(values, tuple) and len(values) == 3:
-        low, high = real_array([values[0], values[1]], f"the range of {name}").tolist()
-        if not np.isfinite([low, high]).all() or low == high:
-            raise StatementError(f"the range of {name} is empty: {low:g} to {high:g}. Give two ends that differ.")
-        return np.linspace(low, high, whole_number(values[2], f"the number of values of {name}", 2, MOST_VALUES))
-    numbers = real_array(values, f"the values of {name}")
-    if numbers.ndim != 1 or not len(numbers):
-        raise StatementError(
-            f"the values of {name} are {shown(values)}: give a list, or (low, high, count), such as (0.1, 0.4, 200)."
-        )
+    """Return the values (k,) of a parameter, from a list or an array, or (low, high, count)."""
+    numbers = axis_values(name, values)
     if len(numbers) > MOST_VALUES:
         raise StatementError(
             f"there are {len(numbers)} values of {name}, more than a picture has columns: give {MOST_VALUES} at most."
         )
-    if not np.isfinite(numbers).all():
-        raise StatementError(f"the values of {name} are not all finite: give finite numbers.")
+    if len(numbers) > 1 and not np.ptp(numbers):
+        raise StatementError(f"the range of {name} is empty: all values are {numbers[0]:g}. Give values that differ.")
     return numbers
 
 

@@ -25,6 +25,7 @@ from lagrange.mechanics.roots import STARTS, numeric_roots, solved
 from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
 from lagrange.statement.coordinate import coordinate_of, t, velocity_of
 from lagrange.statement.expression import expression
+from lagrange.statement.parameters import table_of
 from lagrange.statement.progress import ShownAsPage
 from lagrange.statement.rotation import AXES, Rotation, rotation_of, split_rates
 from lagrange.statement.space import cross_matrix, matrix_of, product, quaternion_of
@@ -131,10 +132,7 @@ class _Problem:
 
     def steady(self, rates: Any) -> dict[Any, Any]:
         """Return the user's steady velocities by symbol. Raises StatementError for invalid `rates`."""
-        if rates is None:
-            return {}
-        if not isinstance(rates, Mapping):
-            raise StatementError(f"rates is {shown(rates)}: give a dict from ignorable coordinates to velocities.")
+        rates = table_of(rates, "rates", "ignorable coordinate to velocity")
         statement, form = self.statement, self.form
         point = stated_point(statement, rates)
         named = [i for i, q in enumerate(statement.coordinates) if q in rates or statement.names[i] in rates]

@@ -15,7 +15,7 @@ from lagrange.mechanics.plain_form import PlainForm, number, simplest, size_of_t
 from lagrange.mechanics.reduction import rewritten
 from lagrange.statement.coordinate import name_of, rotation_name, velocity_of
 from lagrange.statement.expression import entries, expression, whole_number
-from lagrange.statement.parameters import Survey, in_own_parameters, label_of
+from lagrange.statement.parameters import Survey, in_own_parameters, label_of, table_of
 from lagrange.statement.rotation import in_coordinates, is_scalar, rotation_of
 from lagrange.statement.statement import Constraint, Statement
 
@@ -193,8 +193,7 @@ def stated_point(statement: Statement, at: Any, inputs: Any = (), *, turning: bo
     rates, unless an expression contains an entry of a quaternion; else StatementError is raised for rates, as for
     unknown keys, and for values that are not constant.
     """
-    if at is not None and not isinstance(at, Mapping):
-        raise StatementError(f"at is {shown(at)}: give a dict such as {{{statement.names[0]}: 0}}.")
+    stated = table_of(at, "at", f"coordinate or velocity to value, such as {{{statement.names[0]}: 0}}")
     chosen = _inputs(statement, inputs)
     rest = {q: sympy.Integer(is_scalar(q)) for q in statement.coordinates}
     rest |= dict.fromkeys(statement.velocities, sympy.S.Zero)
@@ -205,7 +204,7 @@ def stated_point(statement: Statement, at: Any, inputs: Any = (), *, turning: bo
     for symbol in chosen:
         rows[symbol] = rows[symbol.name] = symbol
     values = dict(rest)
-    for key, value in in_coordinates(at or {}, rest, "at").items():
+    for key, value in in_coordinates(stated, rest, "at").items():
         known = [label for label in rows if isinstance(label, str)]
         if not isinstance(key, (str, sympy.Basic)) or key not in rows:
             label = label_of(key)

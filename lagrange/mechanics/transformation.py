@@ -34,7 +34,7 @@ from lagrange.mechanics.roots import STARTS, numeric_roots
 from lagrange.statement.coordinate import COORDINATES, acceleration_of, name_of, t, velocity_of
 from lagrange.statement.declare import ORIGIN, declare
 from lagrange.statement.expression import check_once, entries, expression, refusing_deep
-from lagrange.statement.parameters import Survey, coordinate_name, in_own_parameters, label_of
+from lagrange.statement.parameters import Survey, coordinate_name, in_own_parameters, label_of, table_of
 from lagrange.statement.statement import Statement
 
 START_RESIDUAL = 1e-9  # Largest residual of the new velocities, relative to the old ones and to 1
@@ -127,8 +127,7 @@ def transformed(
     """
     change = _transformation(statement, expressions, positive)
     _check_regular(change)
-    if initial is not None and not isinstance(initial, Mapping):
-        raise StatementError(f"initial is {shown(initial)}: give a dict in the new coordinates, such as {{r: 1.0}}.")
+    stated = table_of(initial, "initial", "new coordinate or velocity to value, such as {r: 1.0}")
     start = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
     kept = {key: x for key, x in start.items() if not key.has(*change.gone)}
     result = rewritten(
@@ -137,7 +136,7 @@ def transformed(
         coordinates=change.coordinates,
         forces=_forces(change),
         parameters=_parameters(change, parameters),
-        initial=kept | dict(initial or {}),
+        initial=kept | dict(stated),
     )
     _check(change, result, model)
     if initial is None:
@@ -148,13 +147,10 @@ def transformed(
 def _parameters(change: Transformation, parameters: Any) -> dict[Any, Any]:
     """Return {parameter: value or None} for the parameters of the statement and those that are new in expressions."""
     statement = change.statement
-    if parameters is not None and not isinstance(parameters, Mapping):
-        raise StatementError(
-            f"parameters is {shown(parameters)}: give a dict from parameters to values, such as {{w: 1.0}}."
-        )
+    added = table_of(parameters, "parameters", "parameter to value, such as {w: 1.0}")
     values = {p: statement.defaults.get(p) for p in statement.parameters}
     used = [p for x in change.expressions for p in sorted(x.free_symbols, key=str) if p != t]
-    return values | {p: None for p in used if p not in values} | dict(parameters or {})
+    return values | {p: None for p in used if p not in values} | dict(added)
 
 
 def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:

@@ -87,15 +87,18 @@ def grid(axes: Mapping[Any, Any]) -> Varied:
     values with both ends, or to a list or an array of values. Raises StatementError for an axis without values.
     """
     named = _named(axes, "axes", "coordinate, velocity or parameter to (low, high, count)")
-    axis_values = {key: _axis(label_of(key), axis) for key, axis in named}
-    members = math.prod(len(values) for values in axis_values.values())
+    by_key = {key: axis_values(label_of(key), axis) for key, axis in named}
+    members = math.prod(len(values) for values in by_key.values())
     if members > MOST_MEMBERS:
         raise StatementError(f"the grid has {members:.3g} members: give fewer values; {MOST_MEMBERS:.0e} are possible.")
-    return Varied(axis_values, crossed=True)
+    return Varied(by_key, crossed=True)
 
 
-def _axis(label: str, axis: Any) -> FloatArray:
-    """Return the values of a grid axis, which the user gives as (low, high, count) or as a list or array."""
+def axis_values(label: str, axis: Any) -> FloatArray:
+    """Return the values of an axis, which the user gives as (low, high, count) or as a list or array.
+
+    `label` names the axis in messages. Raises StatementError for an axis without values.
+    """
     if isinstance(axis, tuple):
         if len(axis) != 3:
             raise StatementError(

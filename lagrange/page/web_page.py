@@ -47,7 +47,7 @@ from lagrange.show.units import energy_letter, unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import entries, flag, real_number
-from lagrange.statement.parameters import label_of
+from lagrange.statement.parameters import label_of, table_of
 from lagrange.statement.rotation import quaternion_rows, rotation_of
 from lagrange.statement.space import body_rates
 from lagrange.statement.statement import Statement
@@ -108,12 +108,7 @@ def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, flo
 
     Raises StatementError for a name that is not a parameter, coordinate or velocity, and for invalid bounds.
     """
-    if asked is None:
-        return {}
-    if not isinstance(asked, Mapping):
-        raise StatementError(
-            f"sliders is {shown(asked)}: give a dict from names to bounds, such as {{'l': {EXAMPLE}}}."
-        )
+    asked = table_of(asked, "sliders", f"name to bounds, such as {{'l': {EXAMPLE}}}")
     states = statement.state_names
     rows = {key: states[row] for key, row in state_rows(statement.coordinates).items()}
     rates = {key: name_of(rate) for rate in _rates_of(statement) for key in (rate, name_of(rate))}

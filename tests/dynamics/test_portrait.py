@@ -201,7 +201,7 @@ def test_a_portrait_pickles() -> None:
             "window names x and y, but the entries of the state without",
         ),
         (pendulum, {"at": {theta: 0}}, "at gives a value to an entry of the state, but pendulum has only two"),
-        (pendulum, {"at": [0]}, "at is \\[0\\]: give a dict"),
+        (pendulum, {"at": [0]}, "at is a list: give a dict"),
         (pendulum, {"window": {theta: (-3, 3)}}, "window has 1 entry, and a picture has two axes"),
         (pendulum, {"window": 3}, "window is 3: give a dict of two entries"),
         (pendulum, {"window": {theta: (3, -3), theta.dot: (-1, 1)}}, "the range of theta is empty: 3 to -3"),

@@ -188,7 +188,7 @@ EDGE: dict[str, Any] = {"constraints": {"edge": y.dot * cos(theta) - x.dot * sin
         ),
         (lambda: shared_scene("bouncing-ball"), None, "bouncing-ball has no equilibrium: the forces on y at rest"),
         (hoop, {theta.dot: 1}, "rates has velocities as keys: give coordinates as keys, such as {theta: 1.0}."),
-        (hoop, [1], "rates is [1]: give a dict from ignorable coordinates to velocities."),
+        (hoop, [1], "rates is a list: give a dict from ignorable coordinate to velocity."),
     ],
 )
 def test_refusals(system: Any, rates: Any, words: str) -> None:

@@ -202,7 +202,10 @@ MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates"
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda: cart().linearize(WRONG), "at is 3: give a dict such as {x: 0}."),
+        (
+            lambda: cart().linearize(WRONG),
+            "at is an int: give a dict from coordinate or velocity to value, such as {x: 0}.",
+        ),
         (lambda: cart().linearize({z: 0}), "at names 'z', which is not a coordinate, velocity or input; they are x, x"),
         (lambda: cart().linearize({x: theta}), "the value of x(t) contains theta: give numbers, or expressions in par"),
         (lambda: cart().linearize({x: "1"}), "the value of x(t) is the text '1': give a SymPy expression"),

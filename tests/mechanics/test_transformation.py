@@ -120,8 +120,12 @@ def test_at_rest_in_a_singular_place_there_is_an_initial_state() -> None:
         ({x: r, y: 2 * r}, {}, "the expressions for x and y have 1 new coordinates (r), and 2 are replaced: a transf"),
         ({x: away + turn, y: 2 * away + 2 * turn}, {}, "x and y do not vary independently with away and turn: the det"),
         ({x: away, y: turn}, {"positive": x}, "positive contains x(t), which is not a new coordinate; they are away"),
-        (ROUND, {"parameters": 3}, "parameters is 3: give a dict from parameters to values, such as {w: 1.0}."),
-        (ROUND, {"initial": 3}, "initial is 3: give a dict in the new coordinates, such as {r: 1.0}."),
+        (ROUND, {"parameters": 3}, "parameters is an int: give a dict from parameter to value, such as {w: 1.0}."),
+        (
+            ROUND,
+            {"initial": 3},
+            "initial is an int: give a dict from new coordinate or velocity to value, such as {r:",
+        ),
         ({x: exp(u) + 2}, {}, "no values of u were found at which x = 1, from 256 starts: give initial={u: ...}"),
     ],
 )

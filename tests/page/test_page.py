@@ -221,7 +221,7 @@ def test_sliders_that_are_asked_for_stand_first(tmp_path: Path) -> None:
         ({"sliders": {"thetta": (0, 1)}}, "there is no slider of 'thetta', which is not a parameter, coordinate or ve"),
         ({"sliders": {"thetta": (0, 1)}}, "of pendulum: they are m, g, l, theta and theta_dot. Did you mean 'theta'?"),
         ({"sliders": {3: (0, 1)}}, "there is no slider of '3'"),
-        ({"sliders": ["l"]}, "sliders is ['l']: give a dict from names to bounds, such as {'l': (0.5, 2.0)}."),
+        ({"sliders": ["l"]}, "sliders is a list: give a dict from name to bounds, such as {'l': (0.5, 2.0)}."),
         ({"sliders": {"l": 3}}, "the slider of l is 3: give its lower and its upper bound, such as (0.5, 2.0)."),
         ({"sliders": {"l": "ab"}}, "the slider of l is 'ab': give its lower"),
         ({"sliders": {"l": (0, float("inf"))}}, "a bound of the slider of l is inf: give a finite number."),
@@ -332,7 +332,7 @@ def test_ranges_by_symbol_and_by_keyword_are_taken_together() -> None:
     page = system.explore({theta.dot: (-1, 1), theta: (3, 4)}, l=(2, 3)).html
     sliders = [(slider["kind"], slider["value"]) for slider in data_of(page)["sliders"][:3]]
     assert sliders == [("state", 0.0), ("state", 3.0), ("parameter", 2.0)]
-    assert "sliders is [('l', (1, 2))]: give a dict" in refusal(system.explore, [("l", (1, 2))])
+    assert "sliders is a list: give a dict" in refusal(system.explore, [("l", (1, 2))])
 
 
 @pytest.mark.parametrize(

@@ -285,7 +285,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a sum of other shapes": (lambda: R.body + R.T, "does not fit one of shape"),
     "a force of a coordinate": (lambda: top(forces={x: R}), r"the force on x is <Rotation R>: give an entry R\[i, j\]"),
     "an absolute rate": (lambda: lg.System(abs(R.body[0])), "singular where R.body is zero"),
-    "a place that is no dict": (lambda: top().linearize(anything(R)), "at is <Rotation R>: give a dict"),
+    "a place that is no dict": (lambda: top().linearize(anything(R)), "at is a Rotation: give a dict"),
     "a row": (lambda: R * lg.x.T, "turns a vector of three entries, not a row"),
     "right of an array": (lambda: R.__array_ufunc__(np.matmul, "__call__", np.eye(3), R), "use its entries"),
     "an argument of SymPy": (lambda: sympy.sin(R), "use its entries"),
