@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.errors import StatementError, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.mechanics.plain_form import PlainForm, vanishes
 from lagrange.statement.declare import state_rows
-from lagrange.statement.expression import real_array, whole_number
+from lagrange.statement.expression import one_of, real_array, whole_number
 from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 
@@ -55,12 +55,8 @@ def row_of(statement: Statement, key: Any, what: str) -> int:
     rows = state_rows(statement.coordinates)
     if isinstance(key, (str, sympy.Basic)) and key in rows:
         return rows[key]
-    label = label_of(key)
-    known = statement.state_names
-    raise StatementError(
-        f"{what} names {label!r}, which is not a coordinate or velocity of {statement.name}; they are {listing(known)}."
-        + suggestion(label, known)
-    )
+    refusal = what + " names {given}, which is not a coordinate or velocity of this system; they are {known}."
+    return rows[one_of(label_of(key), statement.state_names, refusal)]
 
 
 def plane_of(statement: Statement, table: Any, label: str, default_count: int) -> Plane:

@@ -14,10 +14,11 @@ import numpy as np
 from lagrange.dynamics.axes import MOST_VALUES, angles, difference
 from lagrange.dynamics.runs import Report, Runs, depends_on_time, driving_period, initial_of, starts_of, time_scale
 from lagrange.dynamics.section import Crosser, Crossings, check_room, drawn_axes, section_of
-from lagrange.errors import StatementError, counted, listing, suggestion
+from lagrange.errors import StatementError, counted, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.members.varied import axis_values
 from lagrange.statement.event import Event
+from lagrange.statement.expression import one_of
 from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
@@ -61,17 +62,12 @@ def parameter_of(statement: Statement, parameter: Any) -> str:
     """Return the name of a parameter, which is a symbol or a name. Raises StatementError for anything else."""
     known = [p.name for p in statement.parameters]
     label = label_of(parameter)
-    if label in known:
-        return label
-    if label in statement.names or label.removesuffix("_dot") in statement.names:
+    if label not in known and label.removesuffix("_dot") in statement.names:
         raise StatementError(
             f"{label} is not a parameter but an entry of the state of {statement.name}: give its parameters "
             f"{listing(known)}; give other starts as starts=[...]."
         )
-    raise StatementError(
-        f"{label!r} is not a parameter of {statement.name}; its parameters are {listing(known)}."
-        + suggestion(label, known)
-    )
+    return one_of(label, known, "{given} is not a parameter of this system; its parameters are {known}.")
 
 
 def values_of(values: Any, name: str) -> FloatArray:

@@ -13,7 +13,7 @@ from sympy import Abs, Float, Matrix, Rational, S, sqrt
 
 from lagrange.equations.terms import MonomialSum, TooLargeError, differentiable, printable
 from lagrange.equations.textbook_algebra import StatedAlgebra, TextbookAlgebra, canonical
-from lagrange.errors import FAULT, RunError, StatementError, formula, listing, shown, suggestion
+from lagrange.errors import FAULT, RunError, StatementError, formula, listing, shown
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters, some_of
 from lagrange.mechanics.symmetries import (
@@ -30,7 +30,7 @@ from lagrange.mechanics.symmetries import (
     untaken,
 )
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
-from lagrange.statement.expression import ByName, check_once, expression, in_full, refusing_deep
+from lagrange.statement.expression import ByName, check_once, expression, in_full, one_of, refusing_deep
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
 from lagrange.statement.progress import ShownAsPage
 from lagrange.statement.rotation import AXES
@@ -258,11 +258,8 @@ def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> di
     labels = [label_of(key) for key in generator]
     check_once(labels, "the generator")
     for label, value in zip(labels, generator.values(), strict=True):
-        if label not in by_name:
-            raise StatementError(
-                f"{label!r} is neither t nor a coordinate of this system; they are {listing(statement.names)}."
-                + suggestion(label, list(statement.names))
-            )
+        if label != t.name:
+            one_of(label, statement.names, "{given} is neither t nor a coordinate of this system; they are {known}.")
         what, survey = f"the motion of {label}", Survey()
         stated = in_own_parameters(expression(value, what), statement.parameters)
         # Proofs need exact numbers: a decimal becomes the fraction that its digits denote.

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.errors import FAULT, RunError, StatementError, formula, listing, shown
+from lagrange.errors import FAULT, RunError, StatementError, formula, listing
 from lagrange.mechanics.expansion import StatedPoint, stated_point, with_lengths
 from lagrange.mechanics.linearization import linearized_at
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simplest, size_of_terms

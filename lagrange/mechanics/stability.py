@@ -12,7 +12,7 @@ import numpy as np
 import sympy
 
 from lagrange.equations.terms import differentiable
-from lagrange.errors import RunError, StatementError, listing, shown
+from lagrange.errors import RunError, StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.mechanics.expansion import StatedPoint, stated_point
@@ -29,7 +29,7 @@ from lagrange.mechanics.plain_form import (
 )
 from lagrange.mechanics.roots import CONVERGED_STEP
 from lagrange.statement.coordinate import t
-from lagrange.statement.expression import real_array
+from lagrange.statement.expression import one_of, real_array
 from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 
@@ -324,11 +324,8 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
     `at` is a mapping as for `linearize`. Raises StatementError if no equilibrium is found at any value.
     """
     by_name = {p.name: p for p in statement.parameters}
-    label = label_of(parameter)
-    if label not in by_name:
-        raise StatementError(
-            f"{shown(label)} is not a parameter of this system; its parameters are {listing(by_name)}."
-        )
+    refusal = "{given} is not a parameter of this system; its parameters are {known}."
+    label = one_of(label_of(parameter), by_name, refusal)
     chosen = real_array(values, "values")
     if chosen.ndim != 1 or not 0 < len(chosen) <= MOST_VALUES:
         raise StatementError(

@@ -155,8 +155,8 @@ def test_motions_that_run_away_leave_gaps_and_begin_anew() -> None:
 @pytest.mark.parametrize(
     ("system", "arguments", "says"),
     [
-        (duffing, ("f", [1.0]), "'f' is not a parameter of Duffing; its parameters are F and w"),
-        (hoop, ("ww", [1.0]), "'ww' is not a parameter of bead on a hoop.*Did you mean 'w'"),
+        (duffing, ("f", [1.0]), "'f' is not a parameter of this system; its parameters are F and w"),
+        (hoop, ("ww", [1.0]), "'ww' is not a parameter of this system.*Did you mean 'w'"),
         (duffing, (x, [1.0]), "x is not a parameter but an entry of the state of Duffing"),
         (duffing, (F, (0.3, 0.3, 9)), "the range of F is empty: all values are 0.3"),
         (duffing, (F, (0.2, 0.3, 1)), "the axis F has 1 value between 0.2 and 0.3"),
@@ -164,7 +164,7 @@ def test_motions_that_run_away_leave_gaps_and_begin_anew() -> None:
         (duffing, (F, []), "the axis F is \\[\\]: give \\(low, high, count\\), or a list of finite values"),
         (duffing, (F, [np.inf]), "the axis F is \\[inf\\]: give \\(low, high, count\\), or a list of finite values"),
         (hoop, ("r", [1.0, -1.0]), "parameter r is -1"),
-        (pendulum, ("g", [1.0]), "'g' is not a parameter of pendulum; its parameters are none"),
+        (pendulum, ("g", [1.0]), "'g' is not a parameter of this system; its parameters are none"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(system: Any, arguments: tuple[Any, Any], says: str) -> None:

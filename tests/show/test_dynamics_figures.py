@@ -149,7 +149,7 @@ def test_a_section_draws_the_entries_that_are_asked_for() -> None:
     assert points == pytest.approx(section.points[:, [3, 2]])
     (axis,) = section.plot().axes
     assert len(axis.get_lines()) == 2  # the border too
-    with pytest.raises(StatementError, match="x names 'z', which is not a coordinate or velocity of Henon-Heiles"):
+    with pytest.raises(StatementError, match="x names 'z', which is not a coordinate or velocity of this system"):
         section.plot(x="z")
     with pytest.raises(StatementError, match="entry names 'z'"):
         recorded("sweep").plot("z")
