@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from operator import methodcaller
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -76,7 +76,11 @@ def wanted(
     `parameters` values that replace the stated ones. Raises StatementError for contents that the system or the target
     does not have.
     """
-    names = list(dict.fromkeys((*target.always, *_names(contents, events))))
+    default = [*DEFAULT, *(["events"] if events else [])]
+    requested = default if contents is None else None if isinstance(contents, str) else entries(contents, "contents")
+    if not requested or not all(isinstance(entry, str) for entry in requested):
+        raise StatementError(f"contents is {shown(contents)}: give a list of names, such as ['rhs', 'energy'].")
+    names = list(dict.fromkeys((*target.always, *requested)))
     quantities = [name for name in QUANTITIES if name in names]
     methods = [name for name in names if name not in (*QUANTITIES, STEP, MAIN, TAYLOR)]
     methods += [STEP_METHOD] * (STEP in names)
@@ -90,15 +94,6 @@ def wanted(
     if (steps or not quantities) and "rhs" not in quantities:
         quantities.insert(0, "rhs")
     return ExportContents(tuple(quantities), steps, MAIN in names, TAYLOR in names)
-
-
-def _names(contents: Any, events: Sequence[Event]) -> list[str]:
-    if contents is None:
-        return [*DEFAULT, *(["events"] if events else [])]
-    listed = None if isinstance(contents, str) else entries(contents, "contents")
-    if not listed or not all(isinstance(entry, str) for entry in listed):
-        raise StatementError(f"contents is {shown(contents)}: give a list of names, such as ['rhs', 'energy'].")
-    return [*dict.fromkeys(listed)]
 
 
 def _adaptive(name: str) -> bool:
@@ -473,14 +468,10 @@ def export(
         check_operations(chosen, module)
         files = chosen.files(module)
         data = {name: text.encode("ascii") if isinstance(text, str) else text for name, text in files.items()}
-        written = write_together(folder, {name: partial(_put, content) for name, content in data.items()})
+        written = write_together(folder, {name: methodcaller("write", content) for name, content in data.items()})
     except BaseException:
         for new_folder in created:
             new_folder.rmdir()
         raise
     runs = [] if module.run is None else chosen.run_commands(module)
     return Exported(tuple(written), tuple(chosen.commands(module)), tuple(runs))
-
-
-def _put(data: bytes, file: BinaryIO) -> None:
-    file.write(data)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 import unicodedata
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
 from typing import Any
@@ -41,11 +41,6 @@ def spelled_letter(letter: str) -> str:
         return GREEK.get(bare, bare)
     words = unicodedata.name(bare, "").split()
     return words[-1].lower() if words[:1] == ["GREEK"] else letter
-
-
-def unreserved(name: str, words: Container[str]) -> str:
-    """Return a name, with an underscore as suffix if it is one of the reserved `words`."""
-    return f"{name}_" if name in words else name
 
 
 def distinct(
@@ -88,10 +83,10 @@ def continued(line: str, room: int = DEFAULT_LINE_LENGTH, mark: str = "") -> lis
     return [*lines, line]
 
 
-def number_lines(values: Iterable[str], indent: str, width: int = 110, end: str = ",") -> list[str]:
-    """Return number literals on indented lines of at most `width` characters; `end`, a comma, follows each."""
-    text = textwrap.wrap(" ".join(f"{value}{end}" for value in values), width - len(indent), break_long_words=False)
-    return [f"{indent}{line}" for line in text]
+def number_lines(values: Iterable[str], indent: str, end: str = ",") -> list[str]:
+    """Return number literals on indented lines of at most `TEXT_WIDTH` characters; `end`, a comma, follows each."""
+    text = " ".join(f"{value}{end}" for value in values)
+    return [f"{indent}{line}" for line in textwrap.wrap(text, TEXT_WIDTH - len(indent), break_long_words=False)]
 
 
 TOGETHER, KEPT = "\N{NO-BREAK SPACE}", "\x1f"
@@ -177,11 +172,6 @@ def statuses(regular: str, singular: str) -> str:
     )
 
 
-def outcomes() -> str:
-    """Return a sentence that explains the codes returned by integrators."""
-    return "Integrators return " + ", ".join(f"{int(code)}: {text}" for code, text in OUTCOMES.items()) + "."
-
-
 def outcome_codes() -> list[tuple[str, int, str]]:
     """Return (name, number, meaning) of each code that integrators return; a name is such as "NON_FINITE"."""
     return [(code.name, int(code), text) for code, text in OUTCOMES.items()]
@@ -196,12 +186,6 @@ def indices(module: SourceModule, first: int = 0) -> list[tuple[str, int]]:
     named += [(f"PARAMETER_{name}", k) for k, name in enumerate(module.parameters, first)]
     names = distinct([name for name, _ in named], key=str.upper)
     return [(name.upper(), k) for name, (_, k) in zip(names, named, strict=True)]
-
-
-def outcome_texts(quote: str = '"') -> list[str]:
-    """Return the meanings of the codes 0, 1, ... of integrators as quoted strings; quotes inside are doubled."""
-    texts = [OUTCOMES.get(code, "the run ended early") for code in Outcome]
-    return [f"{quote}{text.replace(quote, 2 * quote)}{quote}" for text in texts]
 
 
 def about_of(module: SourceModule, procedure: Procedure) -> str:
@@ -241,16 +225,10 @@ def columns(module: SourceModule) -> str:
     return ",".join(["t", *map(plain, module.state)])
 
 
-def run_of(module: SourceModule) -> tuple[ExportedRun, ExportedIntegrator] | None:
-    """Return the run of `main` and its integrator, or None if `main` is not exported."""
-    if module.run is None:
-        return None
+def run_of(module: SourceModule) -> tuple[ExportedRun, ExportedIntegrator]:
+    """Return the run of `main` and its integrator; the module must have a run."""
+    assert module.run is not None
     return module.run, next(integrator for integrator in module.integrators if integrator.adaptive)
-
-
-def integrator_of(module: SourceModule, name: str) -> ExportedIntegrator:
-    """Return an exported integrator of the module by the name of its method."""
-    return next(integrator for integrator in module.integrators if integrator.name == name)
 
 
 def records_of(procedures: Sequence[Procedure]) -> list[Record]:

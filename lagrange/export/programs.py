@@ -1,6 +1,6 @@
 """The programs beside an exported file: its self-test, and `main`, which runs the initial state.
 
-The same code fills in both programs for all languages. A `Script` has their templates in one language.
+The same code fills in both programs for all languages, from templates in the folder `templates`.
 """
 
 from __future__ import annotations
@@ -8,8 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from lagrange.export.descriptions import TEST, columns, commented, integrator_of, number_lines, outcome_texts, run_of
+from lagrange.algorithm.outcome import Outcome
+from lagrange.export.descriptions import OUTCOMES, TEST, columns, commented, number_lines, run_of
 from lagrange.export.module import SourceModule, StepCheck
+from lagrange.export.templates import templates
 from lagrange.procedure.spelling import Literals
 
 MOST_STEPS_PER_ROW = 10_000_000  # Largest number of steps between two rows of the table of `main`
@@ -20,30 +22,29 @@ TEST_TOLERANCE, TEST_STEPS = 1e-13, 100_000
 
 @dataclass(frozen=True)
 class Script:
-    """Templates of the self-test and of `main` in a language, with fields in braces.
+    """The self-test and the program `main` in a language.
 
-    - `comment` returns a text as comment lines. `head` and `tail` are the text before and after all tests.
-    - `quantity` is the test of a quantity, `integrator` the test of a step or run. Their {tables} are lists of
-      numbers.
-    - `table` is the template of one list. If `chunk` is not 0, a list is split into parts of at most `chunk` numbers.
-    - `more` ends a line of numbers that continues on the next line.
+    - `language` is the name of the file of its templates. `head` and `tail` are the text before and after all tests.
+      `quantity` is the test of a quantity, `integrator` the test of a step or run. Their field `tables` has lists of
+      numbers, and `table` is the template of one list. `main` is missing in languages without integrators.
+    - `comment` returns a text as comment lines.
     - `literals` spells numbers, and `quoted` spells a name as a string.
     - `time` writes the start time of a run, as an argument that the run changes.
-    - `main` is the program `main`; it is empty in languages without integrators.
+    - `more` ends a line of numbers that continues on the next line.
+    - If `chunk` is not 0, a list is split into parts of at most `chunk` numbers.
     """
 
+    language: str
     comment: Callable[[str], Sequence[str]]
-    head: str
-    quantity: str
-    table: str
-    tail: str
     literals: Literals
-    integrator: str = ""
     time: str = "{0}"
-    main: str = ""
     more: str = ""
     chunk: int = 0
     quoted: Callable[[str], str] = '"{}"'.format
+
+    def filled(self, template: str, fields: Mapping[str, object], **extra_fields: object) -> str:
+        """Return the text of a template of the language, by its name, with these fields."""
+        return templates(self.language)[template].substitute(fields, **extra_fields)
 
 
 def marked(mark: str) -> Callable[[str], Sequence[str]]:
@@ -59,16 +60,16 @@ def test_text(module: SourceModule, script: Script, **extra_fields: object) -> s
     """
     fields = {**fields_of(module), **extra_fields}
     text = ["\n".join([*script.comment(f"Self-test of {module.name}. {TEST} Exit status 0 if all are right."), "", ""])]
-    text.append(script.head.format(**fields))
+    text.append(script.filled("head", fields))
     for check in module.checks:
         lists = dict(zip(("times", "states", "expected", "allowed"), check.flat, strict=True))
         sizes = {"results": len(check.results[0]), "samples": len(check.times)}
-        text.append(script.quantity.format(**fields, **sizes, **_named(check.name, script, lists)))
+        text.append(script.filled("quantity", fields, **sizes, **_named(check.name, script, lists)))
     for step in module.step_checks:
         lists = {"state": step.state, "expected": step.result, "allowed": step.allowed}
         call = {"arguments": _arguments(module, step, script), "time": script.literals.real(step.time)}
-        text.append(script.integrator.format(**fields, **call, **_named(step.name, script, lists)))
-    return "".join([*text, script.tail.format(**fields)])
+        text.append(script.filled("integrator", fields, **call, **_named(step.name, script, lists)))
+    return "".join([*text, script.filled("tail", fields)])
 
 
 def fields_of(module: SourceModule) -> dict[str, object]:
@@ -92,18 +93,14 @@ def _tables(script: Script, lists: Mapping[str, Sequence[float]]) -> Iterator[st
         for begin in range(0, len(values), script.chunk or len(values) or 1):
             part = values[begin : begin + script.chunk] if script.chunk else values
             numbers = number_lines(map(script.literals.real, part), " " * 12)
-            yield script.table.format(
-                table=table,
-                numbers=f"{script.more}\n".join(numbers).removesuffix(","),
-                first=begin + 1,
-                last=begin + len(part),
-                size=len(values),
-            )
+            fields = {"table": table, "first": begin + 1, "last": begin + len(part), "size": len(values)}
+            yield script.filled("table", fields, numbers=f"{script.more}\n".join(numbers).removesuffix(","))
 
 
 def _arguments(module: SourceModule, check: StepCheck, script: Script) -> str:
     """Return the text of the arguments with which a test calls an integrator."""
-    integrator, literals = integrator_of(module, check.name), script.literals
+    integrator = next(candidate for candidate in module.integrators if candidate.name == check.name)
+    literals = script.literals
     begin = literals.real(check.time)
     texts = {"y": "y", "p": "p"}
     if integrator.adaptive:
@@ -120,10 +117,8 @@ def main_text(module: SourceModule, script: Script, **extra_fields: object) -> s
 
     `extra_fields` are values for further fields of the template in `script`. The module must have a run.
     """
-    exported = run_of(module)
-    assert exported is not None
-    run, integrator = exported
-    literals = script.literals
+    (run, integrator), literals = run_of(module), script.literals
+    meanings = (OUTCOMES.get(code, "the run ended early") for code in Outcome)
     about = (
         f"Integrate the initial state of {module.name} and write a table with commas. Arguments: [t_end [intervals]]."
     )
@@ -135,8 +130,8 @@ def main_text(module: SourceModule, script: Script, **extra_fields: object) -> s
         "method": integrator.name,
         "rtol": literals.real(run.rtol),
         "steps": literals.whole(MOST_STEPS_PER_ROW),
-        "outcomes": "".join(f"    {text},\n" for text in outcome_texts()).rstrip(),
+        "outcomes": "".join(f'    "{meaning}",\n' for meaning in meanings).rstrip(),
         "columns": columns(module),
         **extra_fields,
     }
-    return "\n".join([*script.comment(about), "", script.main.format(**fields)])
+    return "\n".join([*script.comment(about), "", script.filled("main", fields)])

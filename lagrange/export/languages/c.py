@@ -46,12 +46,14 @@ def numbers(values: Sequence[float]) -> str:
 
 def header(module: SourceModule) -> str:
     """Return the text of the C header: array sizes, indices of states, codes of integrators, and prototypes."""
-    c_names, guard = CNames(f"{module.name}_"), f"{module.name.upper()}_H"
+    c_names, before = CNames(f"{module.name}_"), module.name.upper()
+    named = [f"    {before}_{name} = {k}," for name, k in indices(module)]
+    codes = [f"    {before}_{name} = {code}, /* {text} */" for name, code, text in outcome_codes()]
     lines = [
         *statement_comment(module),
         "",
-        f"#ifndef {guard}",
-        f"#define {guard}",
+        f"#ifndef {before}_H",
+        f"#define {before}_H",
         "",
         "#include <stdint.h>",
         "",
@@ -59,14 +61,12 @@ def header(module: SourceModule) -> str:
         'extern "C" {',
         "#endif",
         "",
-        *(
-            f"#define {module.name.upper()}_{name.upper()} {count} /* {about} */"
-            for name, count, about in sizes(module)
-        ),
+        *(f"#define {before}_{name.upper()} {count} /* {about} */" for name, count, about in sizes(module)),
         "",
         *comment(places("y", module.state)),
         *comment(places("parameters", module.parameters)),
-        *_enumerations(module),
+        *(["enum {", *named, "};"] if named else []),
+        *([f"enum {module.name}_outcome {{", *codes, "};"] if module.integrators else []),
         f"extern const double {module.name}_default_parameters[];",
         "",
         *comment(statuses("0", "1")),
@@ -77,18 +77,6 @@ def header(module: SourceModule) -> str:
         *head, last = c_names.signature(procedure, names, qualified=False)
         lines += [*comment(about_of(module, procedure)), *head, f"{last};", ""]
     return "\n".join([*lines, "#ifdef __cplusplus", "}", "#endif", "", "#endif", ""])
-
-
-def _enumerations(module: SourceModule) -> Iterator[str]:
-    """Yield the indices of states and parameters by name, and the codes that integrators return."""
-    before = module.name.upper()
-    named = [f"    {before}_{name} = {k}," for name, k in indices(module)]
-    if named:
-        yield from ("enum {", *named, "};")
-    if module.integrators:
-        yield f"enum {module.name}_outcome {{"
-        yield from (f"    {before}_{name} = {code}, /* {text} */" for name, code, text in outcome_codes())
-        yield "};"
 
 
 def statement_comment(module: SourceModule) -> list[str]:
@@ -152,118 +140,4 @@ def programs(module: SourceModule) -> dict[str, str]:
     return files
 
 
-SCRIPT = Script(
-    comment=comment,
-    head="""\
-#include <math.h>
-#include <stdio.h>
-
-#include "{module}.h"
-
-static double p[{prepared}];
-static int failures = 0;
-
-static void fail(const char *name, const char *why, int code, int count) {{
-    printf("%s: %s %d\\n", name, why, code);
-    failures += count;
-}}
-
-static void compare(const char *name, int state, int count, const double *found, const double *expected,
-                    const double *allowed) {{
-    for (int i = 0; i < count; i++) {{
-        if (!(fabs(found[i] - expected[i]) <= allowed[i])) {{
-            printf("%s, state %d, result %d: %.17g instead of %.17g\\n", name, state, i, found[i], expected[i]);
-            failures++;
-        }}
-    }}
-}}
-
-int main(void) {{
-    if ({module}_prepare({module}_default_parameters, p)) {{
-        fail("prepare", "a matrix is singular", 1, 1);
-    }}
-""",
-    quantity="""\
-    {{
-{tables}        double out[{results}];
-        for (int k = 0; k < {samples}; k++) {{
-            if ({module}_{name}(times[k], states + {states} * k, p, out)) {{
-                fail({quoted}, "a matrix is singular at state", k, {results});
-            }} else {{
-                compare({quoted}, k, {results}, out, expected + {results} * k, allowed + {results} * k);
-            }}
-        }}
-    }}
-""",
-    integrator="""\
-    {{
-{tables}        double y[{states}], t[1] = {{{time}}};
-        for (int i = 0; i < {states}; i++) {{
-            y[i] = state[i];
-        }}
-        (void)t;
-        const int outcome = (int){module}_{name}({arguments});
-        if (outcome != 0) {{
-            fail({quoted}, "outcome", outcome, {states});
-        }} else {{
-            compare({quoted}, 0, {states}, y, expected, allowed);
-        }}
-    }}
-""",
-    table="        static const double {table}[] = {{\n{numbers}\n        }};\n",
-    tail="""\
-    printf("{module}: %d of %d results are right\\n", {count} - failures, {count});
-    return failures == 0 ? 0 : 1;
-}}
-""",
-    literals=LITERALS,
-    time="t",
-    main="""\
-#include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
-
-#include "{module}.h"
-
-int main(int count, char **words) {{
-    static const char *const outcomes[] = {{
-{outcomes}
-    }};
-    double p[{prepared}];
-    double t[] = {{0.0}};
-    double y[] = {{{initial}}};
-    char *rest = NULL;
-    const double t_end = count > 1 ? strtod(words[1], &rest) : {t_end};
-    if (count > 3 || (count > 1 && (rest == words[1] || *rest != 0)) || !(fabs(t_end) <= 1e300)) {{
-        fprintf(stderr, "t_end: give a number, such as 10.0\\n");
-        return 2;
-    }}
-    const long intervals = count > 2 ? strtol(words[2], &rest, 10) : {intervals};
-    if ((count > 2 && (rest == words[2] || *rest != 0)) || intervals < 1) {{
-        fprintf(stderr, "intervals: give a whole number from 1\\n");
-        return 2;
-    }}
-    if ({module}_prepare({module}_default_parameters, p)) {{
-        fprintf(stderr, "prepare: a matrix is singular\\n");
-        return 1;
-    }}
-    printf("{columns}\\n");
-    for (long k = 0; k <= intervals; k++) {{
-        const double end = k == intervals ? t_end : t_end * (double)k / (double)intervals;
-        const int64_t outcome = {module}_{method}(t, end, y, p, {rtol}, {rtol}, {steps});
-        if (outcome != 0) {{
-            fprintf(stderr, "the run stopped at t = %.17g: %s\\n", t[0], outcomes[outcome]);
-            return 1;
-        }}
-        char text[32];
-        snprintf(text, sizeof text, "%.15g", t[0]);
-        printf("%.*g", strtod(text, NULL) == t[0] ? 15 : 17, t[0]);
-        for (int i = 0; i < {states}; i++) {{
-            printf(",%.17g", y[i]);
-        }}
-        printf("\\n");
-    }}
-    return 0;
-}}
-""",
-)
+SCRIPT = Script("c", comment=comment, literals=LITERALS, time="t")

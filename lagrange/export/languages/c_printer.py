@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from lagrange.errors import LagrangeError
-from lagrange.export.descriptions import TEXT_WIDTH, ascii_name, continued, unreserved, wrapped
+from lagrange.export.descriptions import TEXT_WIDTH, ascii_name, continued, wrapped
+from lagrange.export.templates import named_helpers, words
 from lagrange.procedure.form import (
     FLAG,
     PARTIAL,
@@ -132,48 +133,9 @@ FUNCTIONS: Mapping[str, str] = {
 }
 """Functions of the C library."""
 
-HELPERS: Mapping[str, tuple[str, str]] = {
-    "min": ("smaller", "double smaller(double a, double b) {\n    return a < b || a != a ? a : b;\n}"),
-    "max": ("larger", "double larger(double a, double b) {\n    return a > b || a != a ? a : b;\n}"),
-    "min_whole": ("smaller_whole", "int64_t smaller_whole(int64_t a, int64_t b) {\n    return a < b ? a : b;\n}"),
-    "max_whole": ("larger_whole", "int64_t larger_whole(int64_t a, int64_t b) {\n    return a > b ? a : b;\n}"),
-    "magnitude": (
-        "magnitude",
-        "double magnitude(double a, double b) {\n    const double x = fabs(a), y = fabs(b);\n"
-        "    return x > y || x != x ? x : y;\n}",
-    ),
-    "sign": ("sign", "double sign(double x) {\n    return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x;\n}"),
-    "two_to": (
-        "two_to",
-        "double two_to(int64_t k) {\n    const int64_t bits = (k + 1023) * 4503599627370496;\n    double x;\n"
-        "    memcpy(&x, &bits, sizeof x);\n    return x;\n}",
-    ),
-    "exponent": (
-        "exponent",
-        "int64_t exponent(double x) {\n    int64_t bits;\n    memcpy(&bits, &x, sizeof bits);\n"
-        "    return (bits >> 52 & 2047) - 1023;\n}",
-    ),
-    "mantissa": (
-        "mantissa",
-        "double mantissa(double x) {\n    int64_t bits;\n    memcpy(&bits, &x, sizeof bits);\n"
-        "    bits = (bits & 4503599627370495) | 4607182418800017408;\n    memcpy(&x, &bits, sizeof x);\n"
-        "    return x;\n}",
-    ),
-    "size_bits": (
-        "size_bits",
-        "int64_t size_bits(double x) {\n    int64_t bits;\n    memcpy(&bits, &x, sizeof bits);\n"
-        "    return bits & INT64_MAX;\n}",
-    ),
-    "of_bits": (
-        "of_bits",
-        "double of_bits(int64_t bits) {\n    double x;\n    memcpy(&x, &bits, sizeof x);\n    return x;\n}",
-    ),
-}
+HELPERS = named_helpers("c")
 """Helper functions for operations that C lacks: name and definition by operation. All of them return NaN for NaN. Those
 that read bits assume IEEE 754 doubles. Magnitudes compare as their bits do, with NaN as the largest."""
-
-BITS = frozenset(("two_to", "exponent", "mantissa", "size_bits", "of_bits"))
-"""Helper functions that copy the bits of a number: a file with one of them includes string.h."""
 
 _CONSTANTS = "E LOG2E LOG10E LN2 LN10 PI PI_2 PI_4 1_PI 2_PI 2_SQRTPI SQRT2 SQRT1_2"
 _KINDS = ("", "f", "l", "f32", "f64", "f128", "f32x", "f64x")
@@ -181,30 +143,12 @@ _INTEGERS = (
     *(f"{sign}INT{kind}{bits}" for sign in ("", "U") for kind in ("", "_LEAST", "_FAST") for bits in (8, 16, 32, 64)),
     *("INTMAX", "UINTMAX", "INTPTR", "UINTPTR", "PTRDIFF", "SIG_ATOMIC", "SIZE", "WCHAR", "WINT"),
 )
-_MACROS = """
-    BUFSIZ FILENAME_MAX FOPEN_MAX TMP_MAX L_tmpnam L_ctermid L_cuserid P_tmpdir SEEK_CUR SEEK_END SEEK_SET SEEK_DATA
-    SEEK_HOLE RENAME_EXCHANGE RENAME_NOREPLACE RENAME_WHITEOUT EXIT_FAILURE EXIT_SUCCESS MB_CUR_MAX RAND_MAX
-    BIG_ENDIAN BYTE_ORDER LITTLE_ENDIAN PDP_ENDIAN FD_SETSIZE NFDBITS
-    WCONTINUED WEXITED WNOHANG WNOWAIT WSTOPPED WUNTRACED
-    FP_ILOGB0 FP_ILOGBNAN FP_LLOGB0 FP_LLOGBNAN FP_INFINITE FP_NAN FP_NORMAL FP_SUBNORMAL FP_ZERO
-    FP_INT_DOWNWARD FP_INT_TONEAREST FP_INT_TONEARESTFROMZERO FP_INT_TOWARDZERO FP_INT_UPWARD
-    MATH_ERREXCEPT MATH_ERRNO math_errhandling MAXFLOAT HUGE_VALF HUGE_VALL
-    HUGE_VAL_F32 HUGE_VAL_F64 HUGE_VAL_F128 HUGE_VAL_F32X HUGE_VAL_F64X
-    SNAN SNANF SNANL SNANF32 SNANF64 SNANF128 SNANF32X SNANF64X DOMAIN OVERFLOW UNDERFLOW SING PLOSS TLOSS HUGE
-"""
-
-_WORDS = """
-    auto break case char const continue default do double else enum extern float for goto if inline int long
-    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
-    _Bool bool true false asm typeof linux unix near far main errno stdin stdout stderr NULL EOF NAN INFINITY
-    HUGE_VAL I int64_t int32_t size_t complex imaginary y p out t h parameters
-"""
 
 RESERVED = (
     *(f"M_{stem}{kind}" for stem in _CONSTANTS.split() for kind in _KINDS),
     *(f"{stem}_{what}" for stem in _INTEGERS for what in ("MAX", "MIN", "WIDTH")),
-    *_MACROS.split(),
-    *_WORDS.split(),
+    *words("c", "macros"),
+    *words("c", "reserved"),
 )
 """Words that must not be names of values: keywords, macros, and names of function parameters."""
 
@@ -222,7 +166,7 @@ class CNames:
     @property
     def copies_bits(self) -> bool:
         """True if the file needs a helper that copies the bits of numbers, and so the header string.h."""
-        return not BITS.isdisjoint(self.needed)
+        return any("memcpy" in HELPERS[op][1] for op in self.needed)
 
     def definitions(self) -> list[str]:
         """Return the definitions of the helper functions that the file needs."""
@@ -230,7 +174,8 @@ class CNames:
 
     def function(self, name: str) -> str:
         """Return the C name of the function `name` of the module."""
-        return unreserved(f"{self.prefix}{name}", RESERVED)
+        spelled = f"{self.prefix}{name}"
+        return f"{spelled}_" if spelled in RESERVED else spelled
 
     @property
     def defaults(self) -> str:

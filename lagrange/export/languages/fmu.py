@@ -23,8 +23,9 @@ from lagrange.errors import LagrangeError
 from lagrange.export.descriptions import OUTCOMES, continued, generator, run_of
 from lagrange.export.languages.c import header, numbers, programs, source, statement_comment
 from lagrange.export.languages.c_printer import LITERALS
-from lagrange.export.module import ExportedIntegrator, ExportedRun, SourceModule
+from lagrange.export.module import SourceModule
 from lagrange.export.target import Target, register
+from lagrange.export.templates import templates
 
 STATE, DERIVATIVE, PARAMETER, INPUT = "state", "derivative", "parameter", "input"
 RESULT, INDICATOR = "result", "indicator"
@@ -78,7 +79,7 @@ def _variables(module: SourceModule) -> Iterator[ScalarVariable]:
 
     The results of `rhs` are the derivatives of the state.
     """
-    run, _ = _run_of(module)
+    run, _ = run_of(module)
     half = len(module.state) // 2
     for k, (name, value) in enumerate(zip(module.state, run.initial, strict=True)):
         about = f"velocity of {module.state[k - half]}" if k >= half else "coordinate"
@@ -97,12 +98,6 @@ def _variables(module: SourceModule) -> Iterator[ScalarVariable]:
             elif quantity.name != "jacobian":  # it serves directional derivatives only
                 kind = INDICATOR if quantity.name == "events" else RESULT
                 yield ScalarVariable(name, reference, kind, quantity.about, quantity.unit)
-
-
-def _run_of(module: SourceModule) -> tuple[ExportedRun, ExportedIntegrator]:
-    run = run_of(module)
-    assert run is not None  # an FMU always has a run
-    return run
 
 
 def _rate_unit(module: SourceModule, k: int) -> str:
@@ -162,7 +157,7 @@ def _description(
     indicators. `interfaces` are the lines of the elements for model exchange and co-simulation. `parts` are those of
     the variables and of the structure.
     """
-    run, _ = _run_of(module)
+    run, _ = run_of(module)
     units = sorted({*(variable.unit for variable in _variables(module)), module.units.get("t", "")} - {""})
     definitions = elements("Unit", ({"name": unit} for unit in units))
     categories = elements("Category", ({"name": name} for name in ("logStatusDiscard", "logStatusError")))
@@ -290,7 +285,7 @@ def build_description(module: SourceModule) -> str:
 
 def model_header(module: SourceModule, token: str, version: int) -> str:
     """Return the C header of an FMU: the major `version` of FMI, `token`, sizes, functions and the initial state."""
-    run, integrator = _run_of(module)
+    run, integrator = run_of(module)
     name, first = module.name, places(module)
     quantities = [quantity.name for quantity in module.quantities]
     events = module.quantity("events")
@@ -311,40 +306,15 @@ def model_header(module: SourceModule, token: str, version: int) -> str:
         "RUN": f"{name}_{integrator.name}",
     }
     base = 1 + len(module.state) + len(module.parameters)
-    lines = [
-        *statement_comment(module),
-        "",
-        "#ifndef Model_H",
-        "#define Model_H",
-        "",
-        f'#include "{name}.h"',
-        "",
-        f"#define FMI_VERSION {version}",
-        *(f"#define Model_{key} {value}" for key, value in sizes.items()),
-        "",
-        "/* A function of time, state and prepared numbers, and the place of its first result. */",
-        "typedef struct {",
-        "    int (*function)(double t, const double *y, const double *p, double *out);",
-        "    int first;",
-        "} Quantity;",
-        "",
-        "static const Quantity model_quantities[] = {",
-        *(f"    {{{name}_{quantity}, {first[quantity] - base}}}," for quantity in quantities),
-        "};",
-        "",
-        *continued(f"static const double model_initial[] = {{{numbers(run.initial)}}};"),
-        "",
-        "static const char *model_outcome(int outcome) {",
-        "    switch (outcome) {",
-        *(f'    case {int(code)}:\n        return "{text}";' for code, text in OUTCOMES.items()),
-        "    default:",
-        '        return "the run stopped";',
-        "    }",
-        "}",
-        "",
-        "#endif",
-    ]
-    return "\n".join([*lines, ""])
+    text = templates("fmu")["model"].substitute(
+        name=name,
+        version=version,
+        sizes="\n".join(f"#define Model_{key} {value}" for key, value in sizes.items()),
+        quantities="\n".join(f"    {{{name}_{quantity}, {first[quantity] - base}}}," for quantity in quantities),
+        initial="\n".join(continued(f"static const double model_initial[] = {{{numbers(run.initial)}}};")),
+        outcomes="\n".join(f'    case {int(code)}:\n        return "{text}";' for code, text in OUTCOMES.items()),
+    )
+    return "\n".join([*statement_comment(module), "", text])
 
 
 DATE = (1980, 1, 1, 0, 0, 0)

@@ -21,6 +21,7 @@ from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
+from lagrange.export.templates import filled, helpers, words
 from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
@@ -53,23 +54,7 @@ def _finite(value: float) -> str:
 
 LITERALS = Literals("infinity", "not_a_number", (".false.", ".true."), 6, str, _finite)
 
-
-def _helper(kind: str, name: str, arguments: str, body: str) -> str:
-    """Return the text of a Fortran function of reals; `body` sets its result r of type `kind`."""
-    lines = [
-        f"  elemental function {name}({arguments}) result(r)",
-        f"    real(dp), intent(in) :: {arguments}",
-        f"    {kind} :: r",
-    ]
-    return "\n".join([*lines, *(f"    {line}" for line in body.splitlines()), f"  end function {name}", ""])
-
-
-HELPERS: Mapping[str, str] = {
-    "equal": _helper("logical", "equal", "a, b", "r = a <= b .and. a >= b"),
-    "min": _helper("real(dp)", "smaller", "a, b", "r = b\nif (a < b .or. .not. (a <= a)) r = a"),
-    "max": _helper("real(dp)", "larger", "a, b", "r = b\nif (a > b .or. .not. (a <= a)) r = a"),
-    "sign": _helper("real(dp)", "sign_of", "x", "r = x\nif (x > 0.0_dp) r = 1.0_dp\nif (x < 0.0_dp) r = -1.0_dp"),
-}
+HELPERS = {op: f"{text}\n" for op, text in helpers("fortran").items()}
 """Helper functions for operations that Fortran lacks. All return NaN for NaN."""
 
 CONSTANTS: Mapping[str, str] = {
@@ -78,46 +63,13 @@ CONSTANTS: Mapping[str, str] = {
 }
 """Constants of values without a literal."""
 
-_STATEMENTS = """
-    abstract allocatable allocate assign associate asynchronous backspace bind block call case character class close
-    codimension common complex concurrent contains contiguous continue critical cycle data deallocate default deferred
-    dimension do double elemental else elsewhere end endassociate endblock enddo endenum endfile endforall endfunction
-    endif endinterface endmodule endprocedure endprogram endselect endsubmodule endsubroutine endtype endwhere entry
-    enum enumerator equivalence error exit extends external final flush forall format function generic go goto if
-    implicit import impure in include inout inquire integer intent interface intrinsic is kind lock logical memory
-    module namelist non_overridable none nopass nullify only open operator optional out parameter pass pause pointer
-    precision print private procedure program protected public pure read real recursive result return rewind rewrite
-    save select selectcase selecttype sequence stop subroutine submodule sync target then to type unformatted unlock use
-    value volatile wait where while write
-"""
-_INTRINSICS = """
-    abs atan2 huge int max merge min mod sign sqrt tiny transfer dp int64 real64 iso_fortran_env
-"""
-_OWN = "y p t h parameters unused default_parameters factored solved equal smaller larger sign_of singular prepare"
-
-RESERVED = (*_STATEMENTS.split(), *_INTRINSICS.split(), *ELEMENTARY, *_OWN.split(), *CONSTANTS, *QUANTITIES)
+RESERVED = (*words("fortran", "reserved"), *ELEMENTARY, *CONSTANTS, *QUANTITIES)
 """Words that cannot be names of values: keywords, functions, and names of parameters of procedures."""
 
 LONGEST_LINE = 132  # Largest length of a line of Fortran
 
 LARGE = 4096
 """Size from which on local arrays need care: a compiler might keep them where two threads share them."""
-
-FACTORED = """\
-  pure subroutine factored(n, a, singular)
-    integer, intent(in) :: n
-    real(dp), intent(inout) :: a(:, :)
-    logical, intent(out) :: singular
-    logical :: definite, positive
-    integer :: i, j, k, best
-    real(dp) :: nan_or_zero, largest, pivot, factor, scale, kept"""
-
-SOLVED = """\
-  pure subroutine solved(n, a, right, x)
-    integer, intent(in) :: n
-    real(dp), intent(in) :: a(:, :), right(:)
-    real(dp), intent(out) :: x(:)
-    integer :: i, j, row"""
 
 LANGUAGE = Language(
     name="Fortran",
@@ -143,8 +95,8 @@ LANGUAGE = Language(
     to_real="real({0}, dp)",
     to_index="int({0})",
     leave="singular = {0}",
-    factored=(FACTORED, "  end subroutine factored"),
-    solved=(SOLVED, "  end subroutine solved"),
+    factored=(filled("fortran", "factored"), "  end subroutine factored"),
+    solved=(filled("fortran", "solved"), "  end subroutine solved"),
 )
 
 
@@ -258,71 +210,7 @@ def _constants(module: SourceModule, prepared: int) -> Iterator[str]:
         yield f"  real(dp), parameter :: {name} = {value}"
 
 
-TEST = Script(
-    comment=marked("!"),
-    head="""\
-program {fortran}_test
-  use, intrinsic :: iso_fortran_env, only: dp => real64, int64
-  use {fortran}
-  implicit none
-  real(dp) :: p(prepared_size)
-  integer :: failures = 0
-  logical :: no_values
-  call prepare(default_parameters, p, no_values)
-  if (no_values) call missing('prepare: a matrix is singular', 1)
-{calls}
-  write (*, '(a, i0, a, i0, a)') &
-    '{module}: ', {count} - failures, ' of ', {count}, ' results are right'
-  if (failures > 0) stop 1
-
-contains
-
-  subroutine compare(name, state, found, expected, allowed)
-    character(*), intent(in) :: name
-    integer, intent(in) :: state
-    real(dp), intent(in) :: found(:), expected(:), allowed(:)
-    integer :: i
-    do i = 1, size(found)
-      if (.not. abs(found(i) - expected(i)) <= allowed(i)) then
-        failures = failures + 1
-        write (*, '(2a, i0, a, i0, a, es25.16e3, a, es25.16e3)') &
-          name, ', state ', state, ', result ', i, ': ', found(i), ' instead of ', expected(i)
-      end if
-    end do
-  end subroutine compare
-
-  subroutine missing(name, count)
-    character(*), intent(in) :: name
-    integer, intent(in) :: count
-    write (*, '(a)') name
-    failures = failures + count
-  end subroutine missing
-""",
-    quantity="""\
-
-  subroutine test_{name}()
-    real(dp), save :: times({samples}), states({samples} * {states})
-    real(dp), save :: expected({samples} * {results}), allowed({samples} * {results}), out({results})
-    logical :: singular
-    integer :: k
-{tables}    do k = 0, {samples} - 1
-      call {name}(times(k + 1), states({states} * k + 1), p, out, singular)
-      if (singular) then
-        call missing({quoted} // ': a matrix is singular', {results})
-      else
-        call compare({quoted}, k + 1, out, expected({results} * k + 1:{results} * (k + 1)), &
-          allowed({results} * k + 1:{results} * (k + 1)))
-      end if
-    end do
-  end subroutine test_{name}
-""",
-    table="    {table}({first}:{last}) = [real(dp) :: &\n{numbers} &\n    ]\n",
-    tail="\nend program {fortran}_test\n",
-    literals=LITERALS,
-    more=" &",
-    chunk=120,
-    quoted="'{}'".format,
-)
+TEST = Script("fortran", comment=marked("!"), literals=LITERALS, more=" &", chunk=120, quoted="'{}'".format)
 """The self-test. Its lists are assigned in parts, since compilers need not accept statements of more than 256 lines."""
 
 

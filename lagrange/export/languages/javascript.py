@@ -26,6 +26,7 @@ from lagrange.export.languages.c_printer import BracedPrinter
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register
+from lagrange.export.templates import named_helpers, templates, words
 from lagrange.procedure.form import FLAG, WHOLE, Array, Block, Call, Kind, Let, Part, Procedure, Record, calls, inner
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator
@@ -47,69 +48,7 @@ FUNCTIONS: Mapping[str, str] = {name: f"Math.{name}" for name in (*_MATH, *ELEME
 
 _BITS = "const bits = new DataView(new ArrayBuffer(8));"
 
-HELPERS: Mapping[str, tuple[str, str]] = {
-    "power": (
-        "power",
-        """\
-// Math.pow(1, NaN) and Math.pow(-1, Infinity) are NaN: here they are 1, as in C.
-function power(x, y) {
-    return x === 1 || (x === -1 && Math.abs(y) === Infinity) ? 1 : Math.pow(x, y);
-}""",
-    ),
-    "magnitude": (
-        "magnitude",
-        """\
-function magnitude(a, b) {
-    return Math.max(Math.abs(a), Math.abs(b));
-}""",
-    ),
-    "copysign": (
-        "copysign",
-        """\
-function copysign(x, y) {
-    const size = Math.abs(x);
-    return y < 0 || Object.is(y, -0) ? -size : size;
-}""",
-    ),
-    "round": (
-        "round_even",
-        """\
-// The sum has no digits behind the point, and is rounded to the nearest, ties to even.
-function round_even(x) {
-    if (!(Math.abs(x) < 4503599627370496)) {
-        return x;
-    }
-    const size = Math.abs(x) + 4503599627370496 - 4503599627370496;
-    return x < 0 || Object.is(x, -0) ? -size : size;
-}""",
-    ),
-    "two_to": (
-        "two_to",
-        """\
-function two_to(k) {
-    bits.setUint32(0, (k + 1023) << 20);
-    bits.setUint32(4, 0);
-    return bits.getFloat64(0);
-}""",
-    ),
-    "exponent": (
-        "exponent",
-        """\
-function exponent(x) {
-    bits.setFloat64(0, x);
-    return ((bits.getUint32(0) >>> 20) & 2047) - 1023;
-}""",
-    ),
-    "mantissa": (
-        "mantissa",
-        """\
-function mantissa(x) {
-    bits.setFloat64(0, x);
-    bits.setUint32(0, (bits.getUint32(0) & 0xfffff) | 0x3ff00000);
-    return bits.getFloat64(0);
-}""",
-    ),
-}
+HELPERS = named_helpers("javascript")
 """Helper functions for operations that JavaScript lacks: name and definition."""
 
 
@@ -119,17 +58,8 @@ def helper_lines(ops: Mapping[str, None]) -> list[str]:
     return [*lines, *(line for op in sorted(ops) for line in (*HELPERS[op][1].splitlines(), ""))]
 
 
-_RESERVED = (
-    "arguments async await break case catch class const continue debugger default delete do else enum eval "
-    "export extends false finally for function get if implements import in instanceof interface let new null "
-    "of package private protected public return set static super switch this throw true try typeof var void "
-    "while with yield Array ArrayBuffer DataView Float64Array Infinity Math NaN Number Object String "
-    "console globalThis process undefined bits check_length test main default_parameters state_names parameter_names "
-    "y p out t h parameters "
-)
-RESERVED = (*_RESERVED.split(),)
+RESERVED = tuple(words("javascript", "reserved"))
 """Words that cannot be names of values: keywords, names that the file uses, and parameters of functions."""
-
 
 Shifted = Mapping[Procedure, frozenset[int]]
 """Indices of the array parameters of each procedure for which the caller passes an offset, too."""
@@ -187,11 +117,6 @@ class File:
     lengths: Mapping[Procedure, Mapping[str, int]] = field(default_factory=dict)
     memory: dict[str, str] = field(default_factory=dict)
     needed: dict[str, None] = field(default_factory=dict)
-
-
-def function(procedure: Procedure, file: File) -> str:
-    """Return a procedure as a function, and record in `file` the helpers and local arrays that it needs."""
-    return _JavaScriptPrinter(procedure, file).function()
 
 
 def results_name(procedure: Procedure) -> str:
@@ -364,13 +289,13 @@ def source(module: SourceModule) -> str:
         [quantity.name for quantity in module.procedures],
         {quantity: lengths(module, quantity) for quantity in module.public if quantity not in quantities},
     )
-    functions = [function(procedure, file) for procedure in module.procedures]
+    functions = [_JavaScriptPrinter(procedure, file).function() for procedure in module.procedures]
     lines = [
         *statement_comment(module, "//"),
         "",
         *constants(module),
         "",
-        *CHECK_LENGTH.splitlines(),
+        *templates("javascript")["check_length"].template.splitlines(),
         "",
         *helper_lines(file.needed),
         *(["// Local arrays and records: calls make none."] if file.memory else []),
@@ -379,15 +304,6 @@ def source(module: SourceModule) -> str:
         *functions,
     ]
     return "\n".join(lines).rstrip("\n") + "\n"
-
-
-CHECK_LENGTH = """\
-function check_length(name, array, least) {
-    if (!(array.length >= least)) {
-        throw new RangeError(`${name} has ${array.length} numbers: give ${least}`);
-    }
-}
-"""
 
 
 def constants(module: SourceModule) -> Iterator[str]:
@@ -417,94 +333,4 @@ def constants(module: SourceModule) -> Iterator[str]:
         yield from commented(f"{procedure.name}({arguments}): {about_of(module, procedure)}", "//")
 
 
-SCRIPT = Script(
-    comment=marked("//"),
-    head="""\
-import * as model from "./{module}.mjs";
-
-const p = new Float64Array(model.PREPARED);
-let failures = 0;
-const fail = (text, count) => {{
-    console.log(text);
-    failures += count;
-}};
-const compare = (name, state, found, expected, allowed) => {{
-    expected.forEach((value, i) => {{
-        if (!(Math.abs(found[i] - value) <= allowed[i])) {{
-            fail(`${{name}}, state ${{state}}, result ${{i}}: ${{found[i]}} instead of ${{value}}`, 1);
-        }}
-    }});
-}};
-const quantity = (name, evaluate, times, states, expected, allowed) => {{
-    const count = expected.length / times.length;
-    times.forEach((t, k) => {{
-        const y = Float64Array.from(states.slice({states} * k, {states} * (k + 1)));
-        const out = new Float64Array(count);
-        const row = [count * k, count * (k + 1)];
-        if (evaluate(t, y, p, out)) {{
-            fail(`${{name}}, state ${{k}}: a matrix is singular`, count);
-        }} else {{
-            compare(name, k, out, expected.slice(...row), allowed.slice(...row));
-        }}
-    }});
-}};
-const integrator = (name, run, state, expected, allowed) => {{
-    const y = Float64Array.from(state);
-    const outcome = run(y);
-    if (outcome !== 0) {{
-        fail(`${{name}}: outcome ${{outcome}}`, {states});
-    }} else {{
-        compare(name, 0, y, expected, allowed);
-    }}
-}};
-
-if (model.prepare(model.default_parameters, p)) {{
-    fail("prepare: a matrix is singular", 1);
-}}
-""",
-    quantity="quantity(\n    {quoted},\n    model.{name},\n{tables});\n",
-    integrator="integrator(\n    {quoted},\n    (y) => model.{name}({arguments}),\n{tables});\n",
-    time="[{0}]",
-    table="    [\n{numbers},\n    ],\n",
-    tail="""\
-console.log(`{module}: ${{{count} - failures}} of {count} results are right`);
-process.exitCode = failures === 0 ? 0 : 1;
-""",
-    literals=LITERALS,
-    main="""\
-import * as model from "./{module}.mjs";
-
-const outcomes = [
-{outcomes}
-];
-
-function main(words) {{
-    const p = new Float64Array(model.PREPARED);
-    const t = new Float64Array(1);
-    const y = Float64Array.of({initial});
-    const t_end = words.length > 0 ? Number(words[0]) : {t_end};
-    const intervals = words.length > 1 ? Number(words[1]) : {intervals};
-    if (!Number.isFinite(t_end) || !Number.isInteger(intervals) || intervals < 1) {{
-        console.error("give t_end, a number, and intervals, a whole number from 1");
-        return 2;
-    }}
-    if (model.prepare(model.default_parameters, p)) {{
-        console.error("prepare: a matrix is singular");
-        return 1;
-    }}
-    console.log({head});
-    for (let k = 0; k <= intervals; k++) {{
-        const end = k === intervals ? t_end : (t_end * k) / intervals;
-        const outcome = model.{method}(t, end, y, p, {rtol}, {rtol}, {steps});
-        if (outcome !== 0) {{
-            console.error(`the run stopped at t = ${{t[0]}}: ${{outcomes[outcome]}}`);
-            return 1;
-        }}
-        console.log([t[0], ...y].join(","));
-    }}
-    return 0;
-}}
-
-process.exitCode = main(process.argv.slice(2));
-""",
-)
+SCRIPT = Script("javascript", comment=marked("//"), literals=LITERALS, time="[{0}]")

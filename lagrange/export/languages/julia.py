@@ -19,30 +19,13 @@ from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
+from lagrange.export.templates import helpers, words
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 LITERALS = Literals("Inf", "NaN")
 
-
-def _real(name: str, outside: str) -> str:
-    """Return the text of a Julia function of x: NaN if the condition `outside` holds, else the function `name` of x.
-
-    Under that condition Julia's function raises an error.
-    """
-    return f"{name}_of(x) = {outside} ? oftype(x, NaN) : {name}(x)\n"
-
-
-HELPERS: Mapping[str, str] = {
-    **{name: _real(name, "isinf(x)") for name in ("sin", "cos", "tan")},
-    **{name: _real(name, "x < 0") for name in ("sqrt", "log")},
-    **{name: _real(name, "abs(x) > 1") for name in ("asin", "acos", "atanh")},
-    "acosh": _real("acosh", "x < 1"),
-    "power": (
-        "power_of(x, y) = x < 0 && isfinite(y) && y != trunc(y) ? (isinf(x) ? abs(x)^y : oftype(x^0 * y, NaN)) : x^y\n"
-    ),
-    "sign": "sign_of(x) = x > 0 ? one(x) : x < 0 ? -one(x) : x\n",
-}
+HELPERS = {op: f"{text}\n" for op, text in helpers("julia").items()}
 """Helper functions that the file defines. All return NaN for NaN."""
 
 MISSING = ("erf",)  # Elementary functions that the language does not have
@@ -58,35 +41,16 @@ OPERATIONS: Mapping[str, Operator] = {
 }
 """Templates of operations. `min` and `max` are NaN if an argument is NaN."""
 
-_KEYWORDS = """
-    abstract baremodule begin break catch const continue do else elseif end export false finally for function global if
-    import in isa let local macro module mutable primitive public quote return struct true try type using where while
-"""
-_FROM_BASE = """
-    Inf NaN Float64 Int64 Int Bool Vector AbstractVector DimensionMismatch abs ifelse im isfinite isinf length max min
-    nothing oftype one pi sqrt throw trunc undef zero zeros
-"""
-_OWN = "y p t h out parameters factored! solved!"
-
 RESERVED = (
-    *_KEYWORDS.split(),
-    *_FROM_BASE.split(),
+    *words("julia", "reserved"),
+    *words("julia", "base"),
     *ELEMENTARY,
-    *_OWN.split(),
     *(f"{op}_of" for op in HELPERS),
     *QUANTITIES,
 )
 """Words that cannot be names of values: keywords, functions, and names of parameters of functions."""
 
-_LIBRARY = """
-    Base Core Main Artifacts Dates Distributed Downloads Future Libdl Logging Markdown Mmap Pkg Printf Profile Random
-    Serialization Sockets Statistics Tar Test Unicode
-    Any Array Channel Char Cmd Colon Complex Condition Dict Enum Event Exception Expr Float16 Float32 Function Int Int8
-    Int16 Int32 Integer Iterators Lockable Matrix Meta Method Missing Module Number Nothing Pair Pairs Ptr Rational Real
-    Ref Regex Returns Set Signed Some String Symbol Sys Task Text Threads Timer Tuple Type Union Unsigned Val Vector
-    Version
-"""
-MODULES = (*_LIBRARY.split(), *_FROM_BASE.split(), *ELEMENTARY)
+MODULES = (*words("julia", "library"), *words("julia", "base"), *ELEMENTARY)
 """Words that must not be the module's name: modules of the standard library, and types."""
 
 LANGUAGE = Language(
@@ -172,50 +136,7 @@ def _constants(module: SourceModule, prepared: int) -> Iterator[str]:
     yield f"const DEFAULT_PARAMETERS = Float64[{', '.join(map(LITERALS.real, module.values))}]"
 
 
-TEST = Script(
-    comment=marked("#"),
-    head="""\
-include(joinpath(@__DIR__, "{module}.jl"))
-
-function wrong(name, evaluate, p, times, states, expected, allowed)
-    count = div(length(expected), length(times))
-    failures = 0
-    for k in 1:length(times)
-        out = zeros(count)
-        singular = evaluate(out, times[k], states[{states} * (k - 1) + 1:{states} * k], p)
-        if singular
-            println("$name, state $k: a matrix is singular")
-        end
-        for i in 1:count
-            j = count * (k - 1) + i
-            if singular || !(abs(out[i] - expected[j]) <= allowed[j])
-                println("$name, state $k, result $i: $(out[i]) instead of $(expected[j])")
-                failures += 1
-            end
-        end
-    end
-    return failures
-end
-
-function test_all()
-    p = zeros({module_name}.PREPARED_SIZE)
-    failures = 0
-    if {module_name}.prepare!(p, {module_name}.DEFAULT_PARAMETERS)
-        println("prepare: a matrix is singular")
-        failures += 1
-    end
-""",
-    quantity="    failures += wrong(\n        {quoted},\n        {module_name}.{name}!,\n        p,\n{tables}    )\n",
-    table="        Float64[\n{numbers}\n        ],\n",
-    tail="""\
-    println("{module}: ", {count} - failures, " of ", {count}, " results are right")
-    return failures
-end
-
-exit(test_all() > 0 ? 1 : 0)
-""",
-    literals=LITERALS,
-)
+TEST = Script("julia", comment=marked("#"), literals=LITERALS)
 
 
 @register

@@ -12,6 +12,7 @@ from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
+from lagrange.export.templates import filled, helpers, words
 from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
@@ -37,17 +38,6 @@ LITERALS = Literals("exp(1000.0)", "sqrt(-1.0)", signed=OPERATIONS["neg"].binds)
 """Literals; infinity and NaN are expressions, since Modelica has no literals for them."""
 
 
-def _helper(name: str, inputs: str, text: str) -> str:
-    return f"""
-function {name}
-  input Real {inputs};
-  output Real c;
-algorithm
-  c := {text};
-end {name};
-"""
-
-
 def _external(op: str) -> str:
     return f"""
 function {op}
@@ -60,58 +50,14 @@ end {op};
 
 HELPERS: Mapping[str, str] = {
     **{op: _external(op) for op in EXTERNAL},
-    "min": _helper("smaller", "a;\n  input Real b", "if a < b or a <> a then a else b"),
-    "max": _helper("larger", "a;\n  input Real b", "if a > b or a <> a then a else b"),
-    "sign": _helper("sign_of", "a", "if a > 0.0 then 1.0 elseif a < 0.0 then -1.0 else a"),
+    **{op: f"\n{text}\n" for op, text in helpers("modelica").items()},
 }
 """Functions that the package defines. All return NaN for NaN."""
 
-TAKEN = """
-    algorithm and annotation assert block break class connect connector constant constrainedby der discrete each else
-    elseif elsewhen encapsulated end enumeration equation expandable extends external false final flow for function if
-    import impure in initial inner input loop model not operator or outer output package parameter partial protected
-    public pure record redeclare replaceable return stream then true type when while within Real Integer Boolean String
-    time abs sign sqrt div mod rem ceil floor integer sin cos tan asin acos atan atan2 sinh cosh tanh exp log log10
-    delay cardinality homotopy pre edge change reinit sample terminal noEvent smooth size ndims min max sum product
-    fill zeros ones identity linspace array cat scalar vector matrix transpose cross skew Clock StateSelect
-    AssertionLevel Modelica Functions Motion Test p rates
-"""
-RESERVED = tuple(TAKEN.split())
+RESERVED = tuple(words("modelica", "reserved"))
 """Words that are not names of variables: keywords, functions of the language, and names of the package."""
 
 _OWN = "t y out parameters prepare factored solved smaller larger sign_of fill integer"
-
-FACTORED = f"""\
-// L U of a symmetric matrix, given by its lower triangle, in units in which its diagonal is one, if that is positive;
-// behind it where each row stood, the units, and the preferences. A singular matrix ends the simulation.
-function factored
-  input Integer n;
-  input Real lower[n + {ROWS}, n];
-  output Real a[n + {ROWS}, n];
-protected
-  Boolean definite;
-  Boolean positive;
-  Boolean singular;
-  Integer best;
-  Real nan_or_zero;
-  Real largest;
-  Real pivot;
-  Real factor;
-  Real scale;
-  Real kept;
-algorithm
-    a := lower;"""
-
-SOLVED = f"""\
-// The solution of a system whose matrix is factored.
-function solved
-  input Integer n;
-  input Real a[n + {ROWS}, n];
-  input Real right[n];
-  output Real x[n];
-protected
-  Integer row;
-algorithm"""
 
 LANGUAGE = Language(
     name="Modelica",
@@ -135,8 +81,8 @@ LANGUAGE = Language(
     end_when="end if;",
     to_index="integer({0} + 0.5)",
     leave='assert(not ({0}), "a matrix is singular to round-off");',
-    factored=(FACTORED, "end factored;"),
-    solved=(SOLVED, "end solved;"),
+    factored=(filled("modelica", "factored", rows=ROWS), "end factored;"),
+    solved=(filled("modelica", "solved", rows=ROWS), "end solved;"),
 )
 
 FINITE = """\
@@ -265,65 +211,7 @@ def _unit(module: SourceModule, name: str, before: str = "") -> str:
     return "" if not unit else f'{before}unit = "{unit}"' if before else f'(unit = "{unit}")'
 
 
-TEST = Script(
-    comment=marked("//"),
-    head="""\
-package {package}_test
-
-  function wrong
-    input String name;
-    input Integer state;
-    input Real found[:];
-    input Real expected[size(found, 1)];
-    input Real allowed[size(found, 1)];
-    output Integer failures;
-  algorithm
-    failures := 0;
-    for i in 1:size(found, 1) loop
-      if not abs(found[i] - expected[i]) <= allowed[i] then
-        failures := failures + 1;
-        assert(false,
-            name + ", state " + String(state) + ", result " + String(i) + ": " +
-            String(found[i], significantDigits = 17),
-            AssertionLevel.warning);
-      end if;
-    end for;
-  end wrong;
-""",
-    quantity="""\
-
-  function test_{name}
-    output Integer failures;
-  protected
-{tables}    constant Real parameters[{size}] = {defaults};
-    Real p[{prepared_size}];
-    Real out[{results}];
-  algorithm
-    p := {package}.Functions.prepare(parameters);
-    failures := 0;
-    for k in 1:{samples} loop
-      out := {package}.Functions.{name}(times[k], states[{states} * (k - 1) + 1:{states} * k], p);
-      failures := failures + wrong({quoted}, k, out, expected[{results} * (k - 1) + 1:{results} * k],
-          allowed[{results} * (k - 1) + 1:{results} * k]);
-    end for;
-  end test_{name};
-""",
-    table="    constant Real {table}[{size}] = {{\n{numbers}\n    }};\n",
-    tail="""\
-
-  model Test
-    Integer failures;
-  algorithm
-    when initial() then
-      failures := {calls};
-      assert(failures == 0, String(failures) + " results are wrong");
-    end when;
-  end Test;
-
-end {package}_test;
-""",
-    literals=LITERALS,
-)
+TEST = Script("modelica", comment=marked("//"), literals=LITERALS)
 
 
 @register

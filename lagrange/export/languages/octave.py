@@ -5,7 +5,7 @@ Arrays are passed by value: a function returns the arrays that it computes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from lagrange.export.descriptions import (
     LONGEST_NAME,
@@ -20,43 +20,13 @@ from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import Target, register
+from lagrange.export.templates import helpers, words
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 LITERALS = Literals("Inf", "NaN")
 
-
-def _helper(head: str, text: str) -> str:
-    """Return the text of an Octave function with the head `head`; its body, `text`, sets the result r."""
-    return "\n".join([f"function r = {head}", *(f"    {line}" for line in text.splitlines()), "end", ""])
-
-
-def _real(name: str, outside: str) -> str:
-    """Return the text of a helper function of x: NaN if the condition `outside` holds, else the function `name` of x.
-
-    Under that condition Octave's function has complex values.
-    """
-    return _helper(f"{name}_of(x)", f"if {outside}\n    r = NaN;\nelse\n    r = {name}(x);\nend")
-
-
-def _choice(head: str, condition: str) -> str:
-    return _helper(head, f"if {condition}\n    r = a;\nelse\n    r = b;\nend")
-
-
-HELPERS: Mapping[str, str] = {
-    **{name: _real(name, "x < 0") for name in ("sqrt", "log")},
-    **{name: _real(name, "abs(x) > 1") for name in ("asin", "acos", "atanh")},
-    "acosh": _real("acosh", "x < 1"),
-    "power": _helper(
-        "power_of(x, y)",
-        "if x < 0 && isfinite(x) && y ~= fix(y)\n    r = NaN;\nelse\n    r = abs(x)^y;\n"
-        "    if (x < 0 || (x == 0 && 1 / x < 0)) && mod(y, 2) == 1\n        r = -r;\n    end\nend",
-    ),
-    "select": _choice("pick(condition, a, b)", "condition"),
-    "min": _choice("smaller(a, b)", "a < b || a ~= a"),
-    "max": _choice("larger(a, b)", "a > b || a ~= a"),
-    "sign": _helper("sign_of(x)", "if x > 0\n    r = 1;\nelseif x < 0\n    r = -1;\nelse\n    r = x;\nend"),
-}
+HELPERS = {op: f"{text}\n" for op, text in helpers("octave").items()}
 """Helper functions that a file defines. All return NaN for NaN."""
 
 OPERATIONS: Mapping[str, Operator] = {
@@ -72,18 +42,7 @@ OPERATIONS: Mapping[str, Operator] = {
 }
 """Templates of operations. A function of the language is used where its values are real for real numbers."""
 
-_KEYWORDS = """
-    arguments break case catch classdef continue do else elseif end end_try_catch end_unwind_protect endclassdef
-    endenumeration endevents endfor endfunction endif endmethods endparfor endproperties endspmd endswitch endwhile
-    enumeration events for function global if methods otherwise parfor persistent properties return spmd switch try
-    until unwind_protect unwind_protect_cleanup while
-"""
-_BUILT_IN = """
-    abs atan2 double false fix Inf inf isfinite isinf mod NaN nan numel sqrt struct true zeros ans
-"""
-_OWN = "y p t h out parameters singular factored solved pick smaller larger power_of"
-
-RESERVED = (*_KEYWORDS.split(), *_BUILT_IN.split(), *ELEMENTARY, *_OWN.split(), *(f"{op}_of" for op in HELPERS))
+RESERVED = (*words("octave", "reserved"), *ELEMENTARY, *(f"{op}_of" for op in HELPERS))
 """Words that cannot be names of values: keywords, functions, and parameters and results of functions."""
 
 LONGEST_LINE = 120  # Largest length of a statement, in characters
@@ -161,69 +120,7 @@ def _text(module: SourceModule, head: str, about: Sequence[str], function: Print
     return "\n".join(lines)
 
 
-def files_of(module: SourceModule) -> Iterator[tuple[str, str]]:
-    """Yield the name, without its suffix, and the text of each Octave file: defaults, functions, and the test."""
-    prefix, functions = prefix_of(module), PrintedFunctions(module, LANGUAGE)
-    yield f"{prefix}default_parameters", _defaults(module, prefix)
-    about = [module.prepare.about, places("parameters", module.parameters, "{0}({1})", 1)]
-    head = f"[p, singular] = {prefix}prepare(parameters)"
-    yield f"{prefix}prepare", _text(module, head, about, functions.prepare(), functions.hoisted.size)
-    state = places("y", module.state, "{0}({1})", 1)
-    for quantity in module.quantities:
-        head = f"[out, singular] = {prefix}{quantity.name}(t, y, p)"
-        about = [about_of(module, quantity.procedure), state]
-        yield (
-            f"{prefix}{quantity.name}",
-            _text(module, head, about, functions.quantity(quantity), len(quantity.results)),
-        )
-    yield f"{prefix}test", test_text(module, TEST, prefix=prefix)
-
-
-TEST = Script(
-    comment=marked("%"),
-    head="""\
-function failures = {prefix}test()
-% failures = {prefix}test(): how many results are wrong; 0 is right.
-    [p, singular] = {prefix}prepare({prefix}default_parameters());
-    failures = double(singular);
-    if singular
-        fprintf('prepare: a matrix is singular\\n');
-    end
-""",
-    quantity="""\
-    failures = failures + wrong( ...
-        {quoted}, ...
-        @{prefix}{name}, ...
-        p, ...
-{tables}    {states});
-""",
-    table="        [ ...\n{numbers} ...\n        ], ...\n",
-    tail="""\
-    fprintf('{module}: %d of %d results are right\\n', {count} - failures, {count});
-end
-
-function failures = wrong(name, evaluate, p, times, states, expected, allowed, size)
-    failures = 0;
-    count = numel(expected) / numel(times);
-    for k = 1:numel(times)
-        [out, singular] = evaluate(times(k), states(size * (k - 1) + 1:size * k).', p);
-        if singular
-            fprintf('%s, state %d: a matrix is singular\\n', name, k);
-        end
-        for i = 1:count
-            j = count * (k - 1) + i;
-            if ~(abs(out(i) - expected(j)) <= allowed(j))
-                fprintf('%s, state %d, result %d: %.17g instead of %.17g\\n', name, k, i, out(i), expected(j));
-                failures = failures + 1;
-            end
-        end
-    end
-end
-""",
-    literals=LITERALS,
-    more=" ...",
-    quoted="'{}'".format,
-)
+TEST = Script("octave", comment=marked("%"), literals=LITERALS, more=" ...", quoted="'{}'".format)
 
 
 @register
@@ -236,7 +133,20 @@ class Octave(Target):
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return a file for each function that users call, and a file for the test, by name."""
-        return {f"{name}.m": f"{text.rstrip()}\n" for name, text in files_of(module)}
+        prefix, functions = prefix_of(module), PrintedFunctions(module, LANGUAGE)
+        about = [module.prepare.about, places("parameters", module.parameters, "{0}({1})", 1)]
+        head = f"[p, singular] = {prefix}prepare(parameters)"
+        texts = {
+            "default_parameters": _defaults(module, prefix),
+            "prepare": _text(module, head, about, functions.prepare(), functions.hoisted.size),
+        }
+        state = places("y", module.state, "{0}({1})", 1)
+        for quantity in module.quantities:
+            about, head = [about_of(module, quantity.procedure), state], f"{prefix}{quantity.name}(t, y, p)"
+            printed = functions.quantity(quantity)
+            texts[quantity.name] = _text(module, f"[out, singular] = {head}", about, printed, len(quantity.results))
+        texts["test"] = test_text(module, TEST, prefix=prefix)
+        return {f"{prefix}{name}.m": f"{text.rstrip()}\n" for name, text in texts.items()}
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return the shell line that runs the test in Octave."""

@@ -22,6 +22,7 @@ from lagrange.export.descriptions import (
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register
+from lagrange.export.templates import helpers, templates
 from lagrange.machine.python_source import LITERALS, OPERATORS, Printer
 from lagrange.procedure.form import REAL, Array, Part, Procedure
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
@@ -31,37 +32,16 @@ def _total(name: str, rest: str = "") -> str:
     return f"def _{name}(x):\n    return _total(math.{name}, x{rest})"
 
 
+_TEXTS = helpers("python")
+
 HELPERS: Mapping[str, str] = {
-    "total": '''\
-def _total(function, x, pole=nan):
-    """Return a function of x: NaN outside of its domain, infinite where it overflows, `pole` at 0."""
-    try:
-        return function(x)
-    except OverflowError:
-        return inf if x > 0.0 or function is math.cosh else -inf
-    except ValueError:
-        return pole if x == 0.0 else nan''',
+    "total": _TEXTS["total"],
     **{name: _total(name) for name in ("sqrt", *ELEMENTARY)},
     **{name: f"_{name} = math.{name}" for name in ("atan", "atan2", "tanh", "asinh", "erf", "copysign")},
     "log": _total("log", ", -inf"),
     "atanh": "def _atanh(x):\n    return math.copysign(inf, x) if abs(x) == 1.0 else _total(math.atanh, x)",
-    "div": """\
-def _div(a, b):
-    if b:
-        return a / b
-    if a == 0.0 or a != a:
-        return nan
-    return math.copysign(inf, a) * math.copysign(1.0, b)""",
-    "power": """\
-def _power(a, b):
-    try:
-        return math.pow(a, b)
-    except OverflowError:
-        return -inf if a < 0.0 and math.fmod(b, 2.0) in (1.0, -1.0) else inf
-    except ValueError:
-        if a != 0.0:
-            return nan
-        return math.copysign(inf, a) if math.fmod(b, 2.0) in (1.0, -1.0) else inf""",
+    "div": _TEXTS["div"],
+    "power": _TEXTS["power"],
     "min": "def _min(a, b):\n    return a if a < b or a != a else b",
     "max": "def _max(a, b):\n    return a if a > b or a != a else b",
     "magnitude": "def _magnitude(a, b):\n    return _max(abs(a), abs(b))",
@@ -69,11 +49,7 @@ def _power(a, b):
     "round": "def _round(x):\n    return math.copysign(float(round(x)), x) if x - x == 0.0 else x",
     "quotient": "def _quotient(a, b):\n    return abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)",
     "two_to": "def _two_to(k):\n    return math.ldexp(1.0, k)",
-    "exponent": """\
-def _exponent(x):
-    if not abs(x) < inf:
-        return 1024
-    return max(math.frexp(x)[1] - 1, -1023) if x else -1023""",
+    "exponent": _TEXTS["exponent"],
     "mantissa": "def _mantissa(x):\n    return 2.0 * math.frexp(abs(x))[0]",
 }
 """Functions that the file defines: they return NaN or infinity, as machine code does, where Python raises an error."""
@@ -165,34 +141,13 @@ def source(module: SourceModule) -> str:
         "",
         "",
         *(line for procedure in module.public for line in wrapper(module, procedure)),
-        *ACCESS.splitlines(),
+        *templates("python")["access"].template.splitlines(),
         "",
         "",
         *helper_lines(needed),
         *(line for text in functions for line in [*text.splitlines(), "", ""]),
     ]
     return "\n".join(lines).rstrip("\n") + "\n"
-
-
-ACCESS = '''\
-def _given(values):
-    """Return numbers that are read, as they are quickest."""
-    return np.asarray(values, dtype=np.float64).data
-
-
-def _written(values):
-    """Return an array that is written. Raises TypeError for what is not an array of float64."""
-    if not (isinstance(values, np.ndarray) and values.dtype == np.float64 and values.ndim == 1):
-        raise TypeError("an array that is written must be of NumPy, one-dimensional, with dtype float64")
-    return values.data
-
-
-def _check_lengths(**arrays):
-    """Raise ValueError for an array that is not a list of as many numbers as are needed."""
-    for name, (values, length) in arrays.items():
-        shape = np.shape(values)
-        if len(shape) != 1 or shape[0] < length:
-            raise ValueError(f"{name} has shape {shape}: give {length} numbers") from None'''
 
 
 def constants(module: SourceModule) -> Iterator[str]:
@@ -237,109 +192,4 @@ def _passed(name: str, kind: object) -> str:
 
 # --- the programs
 
-SCRIPT = Script(
-    comment=marked("#"),
-    head='''\
-import sys
-
-import numpy as np
-
-import {file} as model
-
-
-class Tests:
-    """Counts failures, and prints them."""
-
-    def __init__(self):
-        self.p = np.zeros(model.PREPARED)
-        self.failures = 0
-        if model.prepare(model.DEFAULT_PARAMETERS, self.p):
-            self.fail("prepare: a matrix is singular", 1)
-
-    def fail(self, text, count):
-        print(text)
-        self.failures += count
-
-    def compare(self, name, state, found, expected, allowed):
-        for i, value in enumerate(found.tolist()):
-            if not abs(value - expected[i]) <= allowed[i]:
-                self.fail(f"{{name}}, state {{state}}, result {{i}}: {{value!r}} instead of {{expected[i]!r}}", 1)
-
-    def quantity(self, name, evaluate, times, states, expected, allowed):
-        count = len(expected) // len(times)
-        for k, t in enumerate(times):
-            out, row = np.zeros(count), slice(count * k, count * (k + 1))
-            if evaluate(t, states[{states} * k : {states} * (k + 1)], self.p, out):
-                self.fail(f"{{name}}, state {{k}}: a matrix is singular", count)
-            else:
-                self.compare(name, k, out, expected[row], allowed[row])
-
-    def integrator(self, name, run, state, expected, allowed):
-        y = np.array(state)
-        outcome = run(y, self.p)
-        if outcome != 0:
-            self.fail(f"{{name}}: outcome {{outcome}}", {states})
-        else:
-            self.compare(name, 0, y, expected, allowed)
-
-
-def test():
-    """Compare results with those of multiple precision; return 0 if all are right, else 1."""
-    tests = Tests()
-''',
-    quantity="    tests.quantity(\n        {quoted},\n        model.{name},\n{tables}    )\n",
-    integrator=(
-        "    tests.integrator(\n        {quoted},\n        lambda y, p: model.{name}({arguments}),\n{tables}    )\n"
-    ),
-    time="np.array([{0}])",
-    table="        [\n{numbers},\n        ],\n",
-    tail="""\
-    print(f"{module}: {{{count} - tests.failures}} of {count} results are right")
-    return 0 if tests.failures == 0 else 1
-
-
-if __name__ == "__main__":
-    sys.exit(test())
-""",
-    literals=LITERALS,
-    main='''\
-import sys
-
-import numpy as np
-
-import {file} as model
-
-OUTCOMES = (
-{outcomes}
-)
-
-
-def main(words):
-    """Integrate the initial state and write a table with commas: [t_end [intervals]]."""
-    try:
-        t_end = float(words[0]) if words else {t_end}
-        intervals = int(words[1]) if len(words) > 1 else {intervals}
-    except ValueError:
-        intervals = 0
-    if intervals < 1:
-        print("give t_end, a number, and intervals, a whole number from 1", file=sys.stderr)
-        return 2
-    p, t, y = np.zeros(model.PREPARED), np.zeros(1), np.array([{initial}])
-    if model.prepare(model.DEFAULT_PARAMETERS, p):
-        print("prepare: a matrix is singular", file=sys.stderr)
-        return 1
-    print({head})
-    for k in range(intervals + 1):
-        end = t_end if k == intervals else t_end * k / intervals
-        outcome = model.{method}(t, end, y, p, {rtol}, {rtol}, {steps})
-        if outcome != 0:
-            print(f"the run stopped at t = {{t[0]}}: {{OUTCOMES[outcome]}}", file=sys.stderr)
-            return 1
-        print(",".join(map(repr, [*t.tolist(), *y.tolist()])))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
-''',
-)
+SCRIPT = Script("python", comment=marked("#"), literals=LITERALS, time="np.array([{0}])")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 
 from lagrange.export.descriptions import (
@@ -18,6 +19,7 @@ from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, PrintedFunction, PrintedFunctions
 from lagrange.export.target import QUANTITIES, Target, register
+from lagrange.export.templates import helpers, words
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
@@ -37,69 +39,11 @@ OPERATIONS: Mapping[str, Operator] = {
 
 LITERALS = Literals("f64::INFINITY", "f64::NAN")
 
-HELPERS: Mapping[str, str] = {
-    "min": """
-#[inline]
-fn smaller(a: f64, b: f64) -> f64 {
-    if a < b || a.is_nan() { a } else { b }
-}
-""",
-    "max": """
-#[inline]
-fn larger(a: f64, b: f64) -> f64 {
-    if a > b || a.is_nan() { a } else { b }
-}
-""",
-    "sign": """
-#[inline]
-fn sign(x: f64) -> f64 {
-    if x > 0.0 { 1.0 } else if x < 0.0 { -1.0 } else { x }
-}
-""",
-    "asinh": """
-// The methods of the standard library lose digits: here log1p takes what is small.
-#[inline]
-fn asinh(x: f64) -> f64 {
-    let size = x.abs();
-    if size > 1.0e8 {
-        return (size.ln() + std::f64::consts::LN_2).copysign(x);
-    }
-    let square = size * size;
-    (size + square / (1.0 + (1.0 + square).sqrt())).ln_1p().copysign(x)
-}
-""",
-    "acosh": """
-#[inline]
-fn acosh(x: f64) -> f64 {
-    if x < 1.0 {
-        return f64::NAN;
-    }
-    if x > 1.0e8 {
-        return x.ln() + std::f64::consts::LN_2;
-    }
-    let above = x - 1.0;
-    (above + (above * (above + 2.0)).sqrt()).ln_1p()
-}
-""",
-    "atanh": """
-#[inline]
-fn atanh(x: f64) -> f64 {
-    let size = x.abs();
-    (0.5 * (2.0 * size / (1.0 - size)).ln_1p()).copysign(x)
-}
-""",
-}
+HELPERS = helpers("rust")
 """Helper functions that the file defines. All return NaN for NaN."""
 
-_RESERVED = (
-    "as async await break const continue crate dyn else enum extern false fn for if impl in let loop match "
-    "move mut pub ref return self Self static struct super trait true type unsafe use where while abstract "
-    "become box do final gen macro override priv try typeof unsized virtual yield union f64 i64 u64 u8 usize "
-    "bool str core std math Some None Ok Err main test mod y p out t h parameters factored solved "
-    "smaller larger sign asinh acosh atanh prepare "
-)
 RESERVED = (
-    *_RESERVED.split(),
+    *words("rust", "reserved"),
     *QUANTITIES,
     *(name.upper() for name in (*QUANTITIES, "state", "parameters", "prepared")),
     *("STATE_NAMES", "PARAMETER_NAMES", "DEFAULT_PARAMETERS"),
@@ -159,7 +103,7 @@ def source(module: SourceModule) -> str:
         about = about_of(module, quantity.procedure)
         lines += _function(head, about, functions.quantity(quantity), f"let (y, p, out) = {slices};")
     lines += LANGUAGE.systems(functions.needed)
-    lines += (text.strip("\n") + "\n" for text in LANGUAGE.definitions(functions.needed))
+    lines += (f"{text}\n" for text in LANGUAGE.definitions(functions.needed))
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
@@ -198,71 +142,11 @@ def constants(module: SourceModule, prepared: int) -> Iterator[str]:
 
 def quoted(text: str) -> str:
     """Return a text as a Rust string literal in ASCII."""
-    return '"' + "".join(_escaped(letter) for letter in text) + '"'
+    escaped = re.sub(r'[^ -~]|["\\]', lambda match: f"\\u{{{ord(match[0]):x}}}", text)
+    return f'"{escaped}"'
 
 
-def _escaped(letter: str) -> str:
-    plain_letter = letter.isascii() and letter.isprintable() and letter not in '"\\'
-    return letter if plain_letter else f"\\u{{{ord(letter):x}}}"
-
-
-TEST = Script(
-    comment=marked("//"),
-    head="""\
-#[path = "{file}.rs"]
-mod model;
-
-struct Tests {{
-    p: Vec<f64>,
-    failures: usize,
-}}
-
-impl Tests {{
-    fn quantity(
-        &mut self,
-        name: &str,
-        evaluate: fn(f64, &[f64], &[f64], &mut [f64]) -> bool,
-        times: &[f64],
-        states: &[f64],
-        expected: &[f64],
-        allowed: &[f64],
-    ) {{
-        let count = expected.len() / times.len();
-        for (k, t) in times.iter().enumerate() {{
-            let mut out = vec![0.0; count];
-            if evaluate(*t, &states[model::STATE * k..], &self.p, &mut out) {{
-                println!("{{name}}, state {{k}}: a matrix is singular");
-                self.failures += count;
-                continue;
-            }}
-            for (i, value) in out.iter().enumerate() {{
-                let right = expected[count * k + i];
-                let near = (value - right).abs() <= allowed[count * k + i];
-                if !near {{
-                    println!("{{name}}, state {{k}}, result {{i}}: {{value:?}} instead of {{right:?}}");
-                    self.failures += 1;
-                }}
-            }}
-        }}
-    }}
-}}
-
-fn main() {{
-    let mut tests = Tests {{ p: vec![0.0; model::PREPARED], failures: 0 }};
-    if model::prepare(&model::DEFAULT_PARAMETERS, &mut tests.p) {{
-        println!("prepare: a matrix is singular");
-        tests.failures += 1;
-    }}
-""",
-    quantity="    tests.quantity(\n        {quoted},\n        model::{name},\n{tables}    );\n",
-    table="        &[\n{numbers}\n        ],\n",
-    tail="""\
-    println!("{module}: {{}} of {count} results are right", {count} - tests.failures.min({count}));
-    std::process::exit(if tests.failures == 0 {{ 0 }} else {{ 1 }});
-}}
-""",
-    literals=LITERALS,
-)
+TEST = Script("rust", comment=marked("//"), literals=LITERALS)
 
 
 @register

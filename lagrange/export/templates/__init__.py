@@ -1,0 +1,48 @@
+"""The texts of each language, in files beside this one: programs, helper functions and reserved words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files as resources
+from string import Template
+
+
+class Fields(Template):
+    """Template of a text with fields such as @{name}; @@ is the sign @."""
+
+    delimiter = "@"
+
+
+@cache
+def templates(language: str) -> Mapping[str, Fields]:
+    """Return the templates of a language by name, from its file in this folder.
+
+    A line such as "@@@ head" precedes the template of this name.
+    """
+    text = resources("lagrange.export.templates").joinpath(f"{language}.txt").read_text("ascii")
+    _, *parts = re.split(r"^@@@ ([\w ]+)\n", text, flags=re.MULTILINE)
+    return dict(zip(parts[::2], map(Fields, parts[1::2]), strict=True))
+
+
+def filled(language: str, name: str, **fields: object) -> str:
+    """Return the text of a template of a language with these fields, without blanks at its end."""
+    return templates(language)[name].substitute(fields).rstrip()
+
+
+def words(language: str, name: str) -> list[str]:
+    """Return the words in a list of a language by its name, such as "reserved"."""
+    return templates(language)[name].template.split()
+
+
+def helpers(language: str) -> dict[str, str]:
+    """Return the definitions of a language's helper functions by operation: the templates such as "helper min"."""
+    found = {name.partition("helper ")[2]: fields for name, fields in templates(language).items()}
+    return {op: fields.substitute().rstrip() for op, fields in found.items() if op}
+
+
+def named_helpers(language: str) -> dict[str, tuple[str, str]]:
+    """Return the names and definitions of helper functions by operation, in C or JavaScript."""
+    names = re.compile(r"^(?:function|double|int64_t) (\w+)", re.MULTILINE)
+    return {op: (names.findall(text)[0], text) for op, text in helpers(language).items()}
