@@ -64,6 +64,9 @@ from lagrange.statement.vocabulary.letters import NAME
 
 ORIGIN = "origin"  # Name of the point at zero. Links may name it; no position may redefine it.
 
+ENERGIES = {"lagrangian": "the Lagrangian", "kinetic": "the kinetic energy", "potential": "the potential energy"}
+"""Arguments of energies, with their names in messages."""
+
 
 @refusing_deep
 def declare(
@@ -94,22 +97,19 @@ def declare(
 
     With `check_inertia` a coordinate without inertia is refused here, else later, by the equations of motion.
     """
-    survey, main = Survey(), "the kinetic energy" if lagrangian is None else "the Lagrangian"
-    kinetic, potential, lagrangian = _in_full(typed := _energies(kinetic, potential, lagrangian), survey)
-    moving = dict.fromkeys(survey.velocities)
+    survey, alone = Survey(), lagrangian is not None
+    typed, energies = _energies(kinetic, potential, lagrangian, survey)
     checked = _declare_constraints(zeros := _typed_zeros(constraints), survey)
     chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
     by_name = dict(zip(map(name_of, chosen), chosen, strict=True))
     force_table, drag = _forces(forces, by_name, survey), _dissipation(dissipation, by_name, survey)
-    if check_inertia:
-        _check_velocities(chosen, moving, checked, (kinetic, lagrangian), force_table, drag, main)
     fields = _drawn(positions, links, surfaces, survey) | declare_contacts(contacts, simultaneous, survey, checked)
     _check_constraints(checked, chosen, redundant)
     _check_declared(survey, chosen)
     known, unify = _parameters(parameters, survey, by_name, friction_names(fields["contacts"]))
     statement = Statement(
         coordinates=chosen,
-        **dict(zip(("kinetic", "potential", "lagrangian"), (kinetic, potential, lagrangian), strict=True)),
+        **dict(zip(("kinetic", "potential", "lagrangian"), energies, strict=True)),
         forces=tuple(force_table.get(q, sympy.S.Zero) for q in chosen),
         dissipation=drag,
         redundant=redundant,
@@ -123,6 +123,8 @@ def declare(
         **known,
         **_functions(survey, chosen if coordinates is None else ()),
     )
+    if check_inertia:
+        _check_velocities(statement, alone=alone)
     statement = _with_rotations(statement, typed, forces, dissipation, zeros)
     statement = statement.mapped(lambda stated: stated.xreplace(unify)) if unify else statement
     return statement if dimensions is None else with_dimensions(statement, dimensions)
@@ -234,31 +236,26 @@ def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
     return rows
 
 
-def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> dict[str, Any]:
-    """Return {name: expression as typed} of the energies T, V and L that the user stated."""
-    if lagrangian is not None:
-        if kinetic is not None or potential is not None:
-            raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
-        return {"lagrangian": as_typed(lagrangian, "the Lagrangian")}
-    if kinetic is None:
-        raise StatementError("no kinetic energy: give kinetic= and potential=, or lagrangian=.")
-    kinetic = as_typed(kinetic, "the kinetic energy")
-    potential = as_typed(0 if potential is None else potential, "the potential energy")
-    return {"kinetic": kinetic, "potential": potential}
+def _energies(
+    kinetic: Any, potential: Any, lagrangian: Any, survey: Survey
+) -> tuple[dict[str, Any], tuple[Any, Any, Any]]:
+    """Return {name: expression as typed} of the stated energies, and (T, V, L) with shorthands replaced.
 
-
-def _in_full(typed: Mapping[str, Any], survey: Survey) -> tuple[Any, Any, Any]:
-    """Return (T, V, L) with shorthands such as `x.dot` replaced by derivatives. Their symbols are added to `survey`.
-
-    A system stated by L alone has T = L and V = 0.
+    A shorthand is such as R[0, 0]. The symbols of the energies are added to `survey`. A system stated by L alone has
+    T = L and V = 0.
     """
+    if lagrangian is not None and (kinetic is not None or potential is not None):
+        raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
+    if lagrangian is None and kinetic is None:
+        raise StatementError("no kinetic energy: give kinetic= and potential=, or lagrangian=.")
+    stated = {"kinetic": kinetic, "potential": 0 if potential is None else potential}
+    stated = stated if lagrangian is None else {"lagrangian": lagrangian}
+    typed = {name: as_typed(energy, ENERGIES[name]) for name, energy in stated.items()}
     full = {name: in_full(energy) for name, energy in typed.items()}
-    if "lagrangian" in full:
-        survey.add(full["lagrangian"], "the Lagrangian")
-        return full["lagrangian"], sympy.S.Zero, full["lagrangian"]
-    survey.add(full["kinetic"], "the kinetic energy")
-    survey.add(full["potential"], "the potential energy")
-    return full["kinetic"], full["potential"], full["kinetic"] - full["potential"]
+    for name, energy in full.items():
+        survey.add(energy, ENERGIES[name])
+    first, second = (*full.values(), sympy.S.Zero)[:2]
+    return typed, (first, second, first - second)
 
 
 def _coordinates(coordinates: Sequence[Any] | None, survey: Survey, first_order: Iterable[Any]) -> tuple[Any, ...]:
@@ -324,33 +321,21 @@ def _make_one(survey: Survey) -> str:
     return "Make one with lg.coordinate('x')."
 
 
-def _check_velocities(
-    coordinates: tuple[Any, ...],
-    velocities: Collection[Any],
-    constraints: Sequence[Constraint],
-    energies: tuple[Any, Any],
-    forces: Mapping[Any, Any],
-    dissipation: Any,
-    main: str,
-) -> None:
+def _check_velocities(statement: Statement, *, alone: bool) -> None:
     """Raise StatementError for a coordinate whose acceleration no equation determines.
 
-    `velocities` are those in the energies, which are T and L. `main` names the stated energy in the message: "the
-    kinetic energy" or "the Lagrangian".
+    `alone` is true if the user stated L, and not T and V.
     """
-    zeros, alone = [constraint.expression for constraint in constraints], main == "the Lagrangian"
-    still = without_velocity(coordinates, velocities, zeros, *energies, forces, dissipation, alone=alone)
+    still = without_velocity(statement, alone=alone)
     if still is None:
         return
-    name = name_of(still)
+    name, main = name_of(still), ENERGIES["lagrangian" if alone else "kinetic"]
     if (turned := rotation_name(still)) is not None:
         raise StatementError(without_inertia(turned))
-    symbols = sorted(energies[1].free_symbols, key=str)
-    bare = next((p.name for p in symbols if p.name in (f"{name}_dot", f"{name}dot")), None)
-    if bare:
+    if any(symbol.name == f"{name}dot" for symbol in statement.lagrangian.free_symbols):
         raise StatementError(
-            f"{main} contains the plain symbol {bare}, which is not a velocity: write {name}.dot for it, with {name} = "
-            f"lg.coordinate({name!r})."
+            f"{main} contains the plain symbol {name}dot, which is not a velocity: write {name}.dot for it, with "
+            f"{name} = lg.coordinate({name!r})."
         )
     raise StatementError(
         f"{main} does not contain {name}.dot, so {name} has no inertia and its acceleration is undefined: add its "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise, product
 from typing import Any
@@ -13,43 +13,34 @@ from sympy.core.function import AppliedUndef
 from sympy.functions.elementary.trigonometric import InverseTrigonometricFunction
 
 from lagrange.errors import StatementError, formula, listing, shown
-from lagrange.statement.coordinate import name_of, t, velocity_of
+from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import as_typed, entries, expression, in_full, one_of, refusing_deep, vector
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.rotation import Rotation
 from lagrange.statement.space import in_space
+from lagrange.statement.statement import Statement
 
 
-def without_velocity(
-    coordinates: Sequence[Any],
-    velocities: Collection[Any],
-    zeros: Iterable[Any],
-    kinetic: Any,
-    lagrangian: Any,
-    forces: Mapping[Any, Any],
-    dissipation: Any,
-    *,
-    alone: bool,
-) -> Any | None:
+def without_velocity(statement: Statement, *, alone: bool) -> Any | None:
     """Return the first coordinate whose acceleration no equation can determine, or None.
 
-    `velocities` are those in the energies, and `zeros` the expressions of the constraints. `kinetic` is T, or L if L
-    was stated `alone`.
+    `alone` is true if the user stated L, and not T and V.
 
     A coordinate is determined if its velocity is in an energy, or if it is in a constraint. It is also determined if
     its own equation 0 = dL/dq + Q - dD/dv contains a velocity. Example: with D = e.dot**2/2 the equation of e is
     e.dot = Q. Example: with L = p*q.dot - H the equation of p contains q.dot. A kinetic energy that is not zero and
     has no velocity is taken for a mistake. Then a velocity in Q or D does not suffice.
     """
-    mistaken = kinetic != 0 and not (kinetic.has(*coordinates) if alone else velocities)
-    rates = [velocity_of(q) for q in coordinates]
-    for q, rate in zip(coordinates, rates, strict=True):
-        if rate in velocities or any(zero.has(q) for zero in zeros):
+    kinetic, coordinates, rates = statement.kinetic, statement.coordinates, statement.velocities
+    moving = (kinetic.atoms(sympy.Derivative) | statement.potential.atoms(sympy.Derivative)).intersection(rates)
+    mistaken = kinetic != 0 and not (kinetic.has(*coordinates) if alone else moving)
+    for q, rate, force in zip(coordinates, rates, statement.forces, strict=True):
+        if rate in moving or any(constraint.expression.has(q) for constraint in statement.constraints):
             continue
-        rubbed = forces.get(q, sympy.S.Zero).has(*rates) or dissipation.diff(rate).has(*rates)
+        rubbed = force.has(*rates) or statement.dissipation.diff(rate).has(*rates)
         if rubbed and not mistaken:
             continue
-        if not lagrangian.has(q) or not lagrangian.diff(q).has(*rates):
+        if not statement.lagrangian.has(q) or not statement.lagrangian.diff(q).has(*rates):
             return q
     return None
 
@@ -70,8 +61,14 @@ def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
     for other types, such as a text.
     """
     point = vector(position, "the position")
-    for entry in point:
-        _check_place(in_full(entry))
+    rates = [rate for entry in point for rate in sorted(in_full(entry).atoms(sympy.Derivative), key=str)]
+    for rate in rates:
+        if rate.expr.args == (t,) and motion_of(rate.expr) is None:
+            name, kind = name_of(rate.expr), "a rate" if rate.derivative_count == 1 else "an acceleration"
+            raise StatementError(
+                f"the position contains {_dotted(rate)}, {kind}: give the place in {name}, or write the energy "
+                f"yourself, such as m*{name}.dot**2/2. {TAKEN}"
+            )
     return expression(mass, "the mass") * sum((sympy.diff(x, t) ** 2 for x in point), sympy.S.Zero) / 2
 
 
@@ -93,17 +90,6 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
         _check_rate(rate, what)
     omega = sympy.Matrix(rates)
     return (omega.T * _tensor(inertia, omega.rows) * omega)[0, 0] / 2
-
-
-def _check_place(component: Any) -> None:
-    """Raise StatementError if a component of a position contains a velocity."""
-    for rate in sorted(component.atoms(sympy.Derivative), key=str):
-        if rate.expr.args == (t,) and motion_of(rate.expr) is None:
-            name, order = name_of(rate.expr), rate.derivative_count
-            raise StatementError(
-                f"the position contains {_dotted(rate)}, {'a rate' if order == 1 else 'an acceleration'}: give the "
-                f"place in {name}, or write the energy yourself, such as m*{name}.dot**2/2. {TAKEN}"
-            )
 
 
 TAKEN = "kinetic_energy takes a place, and rotational_energy a rate."

@@ -12,9 +12,9 @@ from sympy.core.relational import Relational
 from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.logic.boolalg import ITE, And, BooleanAtom, Not, Or
 
-from lagrange.errors import StatementError, formula, listing, shown, singular, suggestion
+from lagrange.errors import StatementError, formula, listing, shown, singular
 from lagrange.statement.coordinate import PARAMETERS, check_name, check_symbol, constraint_of, name_of, t, velocity_of
-from lagrange.statement.expression import check_once, real_number
+from lagrange.statement.expression import check_once, one_of, real_number
 from lagrange.statement.given.motion import Motion, motion_of
 from lagrange.statement.vocabulary.words import SYMPY_CLASSES, WORDS
 
@@ -201,11 +201,7 @@ def parameter_values(
     labels = [label_of(key) for key in table]
     check_once(labels, "parameters")
     for label, value in zip(labels, table.values(), strict=True):
-        if label not in by_name:
-            raise StatementError(
-                f"{label!r} is not a parameter of this system; its parameters are {listing(by_name)}."
-                + suggestion(label, by_name)
-            )
+        one_of(label, by_name, "{given} is not a parameter of this system; its parameters are {known}.")
         values[by_name[label]] = _within(by_name[label], real_number(value, f"parameter {label}"), frictions)
     missing = [symbol.name for symbol in parameters if symbol not in values]
     if missing:
@@ -236,12 +232,7 @@ def rate_name(name: str, order: int) -> str:
 
 def coordinate_name(key: Any, names: Sequence[str]) -> str:
     """Return the name of the coordinate that `key` names. Raises StatementError for an unknown coordinate."""
-    name = label_of(key)
-    if name not in names:
-        raise StatementError(
-            f"{name!r} is not a coordinate of this system; they are {listing(names)}.{suggestion(name, names)}"
-        )
-    return name
+    return one_of(label_of(key), names, "{given} is not a coordinate of this system; they are {known}.")
 
 
 def table_of(table: Any, what: str, entries: str) -> Mapping[Any, Any]:

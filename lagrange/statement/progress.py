@@ -15,7 +15,7 @@ import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import singledispatch
@@ -164,14 +164,12 @@ def _display_of(enabled: bool | str) -> _Terminal | _Notebook | _Log | None:
     return _Log() if enabled == LINES and sys.stderr is not None else None
 
 
-@contextmanager
-def progress_bar(span: Sequence[float], *, enabled: bool) -> Iterator[Report | None]:
-    """Yield a callback that shows the time reached by a run over `span` (t0, t1) in a progress bar.
+def progress_bar(span: Sequence[float], *, enabled: bool) -> AbstractContextManager[Report | None]:
+    """Context of a callback that shows the time reached by a run over `span` (t0, t1) in a progress bar.
 
-    Yields None if not `enabled`, or without a terminal or a notebook.
+    The callback is None if not `enabled`, or without a terminal or a notebook.
     """
-    with _bar(span, "t = {:.6g}".format, enabled=enabled, stays=False) as report:
-        yield report
+    return _bar(span, "t = {:.6g}".format, enabled=enabled, stays=False)
 
 
 @contextmanager

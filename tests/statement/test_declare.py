@@ -171,8 +171,8 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     # what has no effect, or is not a velocity
     ({"dissipation": m * theta**2}, "the dissipation is m*theta(t)**2, without a velocity, and its force"),
     (
-        {"kinetic": m * sympy.Symbol("theta_dot") ** 2, "potential": theta},
-        "the kinetic energy contains the plain symbol theta_dot, which is not a velocity: write theta.dot for it, with",
+        {"kinetic": m * sympy.Symbol("thetadot") ** 2, "potential": theta},
+        "the kinetic energy contains the plain symbol thetadot, which is not a velocity: write theta.dot for it, with",
     ),
     (
         {"kinetic": m * sympy.Symbol("thetadot") ** 2, "potential": 0, "coordinates": None, "initial": {}},

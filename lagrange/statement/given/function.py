@@ -145,8 +145,9 @@ def _put_in(
 
 def _polynomial(name: str, arguments: Sequence[Any], coefficients: dict[Any, None]) -> Any:
     """Return a polynomial of degree `DEGREE` in the arguments; its coefficients are new symbols, added to the dict."""
-    terms = sorted(sympy.itermonomials(arguments, DEGREE), key=str) if len(arguments) > 1 else None
-    monomials = terms if terms is not None else [arguments[0] ** k for k in range(DEGREE + 1)]
+    monomials = [arguments[0] ** k for k in range(DEGREE + 1)]
+    if len(arguments) > 1:
+        monomials = sorted(sympy.itermonomials(arguments, DEGREE), key=str)
     symbols = [sympy.Symbol(f"{name}[{k}]", real=True) for k in range(len(monomials))]
     coefficients.update(dict.fromkeys(symbols))
     return sympy.Add(*(c * term for c, term in zip(symbols, monomials, strict=True)))

@@ -184,21 +184,16 @@ class Motion:
 
     def derivative(self, order: int) -> Any:
         """Return the derivative of order `order` of the given function in t, as an expression in t and parameters."""
-        return (
-            spline(self.values, order, t) if isinstance(self.values, TabulatedFunction) else _slope(self.values, order)
-        )
+        if isinstance(self.values, TabulatedFunction):
+            return spline(self.values, order, t)
+        time = sympy.Dummy(real=True)  # for real t the derivative at a corner is one-sided
+        derivative = self.values.xreplace({t: time})
+        for _ in range(order):
+            derivative = derivative.diff(time).replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)
+        return derivative.xreplace({time: t})
 
 
 def motion_of(function: Any) -> Motion | None:
     """Return the `Motion` of a given function of time, None for any other function."""
     motion = type(function).__dict__.get(MARK)
     return motion if isinstance(motion, Motion) else None
-
-
-def _slope(expression: Any, order: int) -> Any:
-    """Return the derivative of order `order` in t of an expression, for real t. At a corner it is one-sided."""
-    time = sympy.Dummy(real=True)
-    derivative = expression.xreplace({t: time})
-    for _ in range(order):
-        derivative = derivative.diff(time).replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)
-    return derivative.xreplace({time: t})

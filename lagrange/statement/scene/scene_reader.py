@@ -29,17 +29,17 @@ from lagrange.statement.coordinate import (
 from lagrange.statement.declare import ORIGIN, check_point, check_redundant, declare, link_part
 from lagrange.statement.energy import Shape, first_order_remedy, shape, without_velocity
 from lagrange.statement.event import Event, declare_events, event
-from lagrange.statement.expression import in_full, printable, real_number
+from lagrange.statement.expression import printable, real_number
 from lagrange.statement.given.function import given
 from lagrange.statement.given.motion import table
 from lagrange.statement.parameters import rate_name
-from lagrange.statement.rotation import Rotation, forces_on_coordinates, rotation_of, shorthands
+from lagrange.statement.rotation import Rotation, rotation_of, shorthands
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.scene.expressions import MULTIPLIER, Expressions, read_number
 from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.toml_document import LARGEST_FILE, LARGEST_STORED, Document, dotted, kind_of
 from lagrange.statement.scene.unevaluated import UnevaluatedExpressions
-from lagrange.statement.statement import REFUSE, Link, Statement
+from lagrange.statement.statement import REFUSE, Statement
 from lagrange.statement.vocabulary.letters import NAME
 
 KEYS = (
@@ -212,7 +212,6 @@ class SceneReader:
         initial = document.table("initial", known, "coordinate or velocity of this scene")
         stated = self.energies(reader)
         dissipation = document.expression(reader, "dissipation") if "dissipation" in self.data else sympy.S.Zero
-        self.check_velocities(coordinates, stated, forces_on_coordinates(forces, coordinates.values()), dissipation)
         try:
             declared = declare(
                 **stated,
@@ -233,12 +232,13 @@ class SceneReader:
                 contacts=self.contacts(reader),
                 simultaneous=document.text("simultaneous") if "simultaneous" in self.data else None,
                 surfaces=self.surfaces(reader),
-                check_inertia=self.evaluated,
+                check_inertia=False,
             )
         except SceneError:
             raise
         except StatementError as error:
             raise SceneError(str(error), file=document.file) from None
+        self.check_velocities(declared, *stated)
         if "events" not in self.data:
             return declared
         return replace(declared, run=replace(declared.run, events=self.events(reader, declared)))
@@ -436,17 +436,9 @@ class SceneReader:
             )
         return {key: self.document.expression(reader, key) for key in (main, "potential") if key in self.data}
 
-    def check_velocities(
-        self, coordinates: Mapping[str, Any], energies: Mapping[str, Any], forces: Mapping[Any, Any], dissipation: Any
-    ) -> None:
-        """Raise SceneError, at the energy, for a coordinate whose acceleration no equation determines."""
-        if "constraints" in self.data or not self.evaluated:
-            return
-        energies = {name: in_full(energy) for name, energy in energies.items()}
-        main, *_ = energies
-        whole, present = energies[main] - energies.get("potential", 0), energies[main].atoms(sympy.Derivative)
-        chosen, alone = tuple(coordinates.values()), main == "lagrangian"
-        still = without_velocity(chosen, present, (), energies[main], whole, forces, dissipation, alone=alone)
+    def check_velocities(self, statement: Statement, main: str, *_: str) -> None:
+        """Raise SceneError, at the energy with the key `main`, for a coordinate whose acceleration is undetermined."""
+        still = without_velocity(statement, alone=main == "lagrangian") if self.evaluated else None
         if still is not None:
             name = name_of(still)
             self.document.refuse(
@@ -562,8 +554,8 @@ class SceneReader:
                 self.document.one_or_more(reader, *path, "at") if "at" in table else (0, 0, 0),
             )
 
-    def links(self) -> list[Link]:
-        """Return the links: pairs of points, each drawn as a rod or as a spring."""
+    def links(self) -> list[list[str]]:
+        """Return the links as they are stated: pairs of points, each drawn as a rod or as a spring."""
         known = [ORIGIN, *self.document.table("positions")]
         links = self.data.get("links", [])
         if not isinstance(links, list):
@@ -578,7 +570,7 @@ class SceneReader:
             for position, part in enumerate(link):
                 with self.document.located("links", i, position):
                     link_part(position, part, known)
-        return [Link(*link) for link in links]
+        return links
 
     def run(self) -> RunSettings:
         """Return the settings of a run from the table [run]."""

@@ -16,12 +16,13 @@ from sympy.logic.boolalg import ITE, And, BooleanAtom, Not, Or
 from lagrange.errors import StatementError, formula
 from lagrange.statement.contact import Contact, along, impact_speed
 from lagrange.statement.coordinate import constraint_of, name_of, t
+from lagrange.statement.declare import ENERGIES
 from lagrange.statement.event import Event
 from lagrange.statement.given.motion import TabulatedFunction, motion_of, table_of
 from lagrange.statement.parameters import label_of, rate_name
 from lagrange.statement.rotation import rotation_of
 from lagrange.statement.scene.expressions import MULTIPLIER
-from lagrange.statement.scene.guard import RefusalError
+from lagrange.statement.scene.guard import RefusalError, parts_first
 from lagrange.statement.scene.lexer import LONGEST_EVALUATED
 from lagrange.statement.scene.scene_reader import MOST_RATES, NO_SIGN, OPEN
 from lagrange.statement.scene.unevaluated import FLOAT, PRODUCT, SUM
@@ -91,7 +92,7 @@ class SharedText:
 
     def text(self, expression: Any) -> str:
         """Return the text of an expression. Definitions that it uses are added to `definitions`."""
-        for node in self._parts_first(expression):
+        for node in parts_first(expression, self._known, whole=(sympy.Derivative, sympy.Subs)):
             self._known[node] = self._entry(node, root=node is expression)
         return self._known[expression].text
 
@@ -108,19 +109,6 @@ class SharedText:
             if uses[node] == 1 and node not in self._leaves:
                 todo.extend(node.args)
         return uses
-
-    def _parts_first(self, expression: Any) -> Iterable[Any]:
-        todo = [expression] if expression not in self._known else []
-        while todo:
-            node = todo[-1]
-            inside = () if isinstance(node, (sympy.Derivative, sympy.Subs)) else node.args
-            fresh = [part for part in inside if part not in self._known]
-            if fresh:
-                todo.extend(fresh)
-                continue
-            todo.pop()
-            if node not in self._known:
-                yield node
 
     def _entry(self, node: Any, *, root: bool) -> Text:
         """Return the text that stands for an expression in others: its own, or the name of its definition.
@@ -278,9 +266,6 @@ def _number(number: Any) -> Text:
 
 BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_")
 """The characters of a TOML key without quotation marks."""
-
-ENERGIES = {"lagrangian": "the Lagrangian", "kinetic": "the kinetic energy", "potential": "the potential energy"}
-"""Keys of energies in a scene, with their names in messages."""
 
 
 def scene_text(statement: Statement) -> str:

@@ -12,9 +12,9 @@ from typing import Any
 
 import sympy
 
-from lagrange.errors import MANY_PARTS, SceneError, StatementError, formula, has_many_parts, listing, shown, suggestion
+from lagrange.errors import MANY_PARTS, SceneError, StatementError, formula, has_many_parts, shown, suggestion
 from lagrange.statement.coordinate import t
-from lagrange.statement.expression import check_once
+from lagrange.statement.expression import check_once, one_of
 from lagrange.statement.parameters import label_of
 from lagrange.statement.scene.expressions import read_expression
 
@@ -367,9 +367,6 @@ def check_names(table: Mapping[Any, Any], known: Mapping[str, Any], rates: Colle
     Keys that are SymPy symbols are not checked: they may belong to another system.
     """
     for key in table:
-        if isinstance(key, sympy.Basic) or key in known or key in rates:
-            continue
-        raise StatementError(
-            f"dimensions names {label_of(key)!r}, which this system does not have; its symbols are {listing(known)}."
-            + suggestion(label_of(key), list(known))
-        )
+        if not isinstance(key, sympy.Basic) and key not in rates:
+            refusal = "dimensions names {given}, which this system does not have; its symbols are {known}."
+            one_of(label_of(key), known, refusal)

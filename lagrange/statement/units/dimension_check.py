@@ -77,18 +77,14 @@ def with_dimensions(statement: Statement, table: Mapping[Any, Any]) -> Statement
     known = {"t": t, **dict(zip(statement.names, statement.coordinates, strict=True))}
     known |= {symbol.name: symbol for symbol in statement.parameters}
     known |= {name_of(function): function for function in statement.given}
-    rates = {rate_name(name_of(q), order): q.diff(t, order) for q in _functions(statement) for order in (1, 2)}
+    functions = (*statement.coordinates, *statement.given)
+    rates = {rate_name(name_of(q), order): q.diff(t, order) for q in functions for order in (1, 2)}
     stated = with_dimensions_of_rates(read_dimensions(table, known | rates))
     parts = _parts(statement, stated)
     dimensions = check_dimensions(parts, stated, statement.plain)
     check_dimensions(parts, dimensions | dict(multiplier_dimensions(statement, dimensions)), statement.plain)
     check_names(table, known, rates)
     return replace(statement, dimensions=MappingProxyType(dimensions))
-
-
-def _functions(statement: Statement) -> tuple[Any, ...]:
-    """Return the functions of time of a statement: coordinates and given functions."""
-    return (*statement.coordinates, *statement.given)
 
 
 def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[CheckedPart]:
