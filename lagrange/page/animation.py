@@ -34,7 +34,7 @@ from lagrange.page.document import (
     template,
 )
 from lagrange.show.animation import DEFAULT_FPS, named_kind
-from lagrange.show.animation.film import Film, Pixels, film_options
+from lagrange.show.animation.film import Film, Pixels, checked_options
 from lagrange.show.animation.gif import has_ffmpeg, write_gif, write_mp4
 from lagrange.show.animation.recording import Recording, Timing, recording_of, thinned, timing
 from lagrange.show.figures.style import DARK, LIGHT
@@ -278,7 +278,7 @@ def animate(
     width and height in pixels, and `trail` the time that trails go back. `style` is "auto", "light" or "dark".
     """
     one_of(style, STYLES, "style = {given}: give one of {known}.")
-    options = film_options(size, trail)
+    options = checked_options(size, trail)
     if path is not None:
         _writable(path)
     if not len(solution.t):
@@ -286,7 +286,7 @@ def animate(
     chosen = timing((float(solution.t[0]), float(solution.t[-1])), DEFAULT_FPS if fps is None else fps, speed)
     with np.errstate(all="ignore"):
         recording = recording_of(solution, chosen)
-    film = Film(recording, chosen, options, DARK if style == "dark" else LIGHT)
+    film = Film(recording, chosen, DARK if style == "dark" else LIGHT, *options)
     missing = "No positions are stated: the coordinates are drawn over time. positions={...} states points to draw."
     notes = chosen.notes if recording.points else (missing, *chosen.notes)
     if known_alone(solution.trajectory) is not None:

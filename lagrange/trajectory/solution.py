@@ -376,9 +376,9 @@ class Solution:
         200 by default. Raises StatementError for a run without output, and for quantities that the system does not
         have.
         """
-        from lagrange.show.figures.run_figure import plot_runs
+        from lagrange.show.figures.run_figure import plot
 
-        return plot_runs([self], what, of=of, ax=ax, size=size, style=style, dpi=dpi)
+        return plot(self, what, of=of, ax=ax, size=size, style=style, dpi=dpi)
 
     def animate(
         self,

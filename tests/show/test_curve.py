@@ -65,15 +65,6 @@ def test_the_end_of_a_swing_to_and_fro_on_one_line_is_drawn() -> None:
     assert PIXELS.width * (2 - np.ptp(line[0])) / 2 < 1.0
 
 
-def test_each_row_has_its_scale_unless_they_are_drawn_together() -> None:
-    def rows(t: FloatArray) -> FloatArray:
-        return np.array([np.sin(t), 1e-6 * np.sin(40 * t)])
-
-    start = np.linspace(0.0, 6.0, 60)
-    together, apart = (over_time(rows, start, PIXELS, together=flag) for flag in (True, False))
-    assert apart[1].shape[1] > 2 * together[1].shape[1]
-
-
 def test_a_jump_is_found_to_the_pixel_and_a_level_row_is_left_alone() -> None:
     ((t, row),) = over_time(lambda t: np.where(t < 0.7123, 0.0, 1.0)[None], np.linspace(0.0, 1.0, 20), PIXELS)
     assert len(t) < 400
@@ -93,7 +84,7 @@ def test_a_path_is_within_a_pixel_where_it_turns_sharply() -> None:
     def path(t: FloatArray) -> FloatArray:
         return np.array([[np.cos(t), 0.01 * np.sin(t)], [np.cos(3 * t), np.sin(2 * t)]])
 
-    times, points = in_plane(path, np.linspace(0.0, 20.0, 200), PIXELS, equal=False)
+    times, points = in_plane(path, np.linspace(0.0, 20.0, 200), PIXELS)
     exact = np.linspace(0.0, 20.0, 20_000)
     scale = np.array([[PIXELS.width / 2], [PIXELS.height / 2]])
     for found, true in zip(points, path(exact), strict=True):

@@ -70,20 +70,11 @@ _TALL, _LEAST = 1.7, 60.0
 points."""
 
 
-@dataclass(frozen=True)
-class FilmOptions:
-    """Requested size of the picture in pixels, and requested duration of the trails, in the time of the run.
+def checked_options(size: Any, trail: Any) -> tuple[tuple[int, int] | None, float | None]:
+    """Return the requested size of a film in pixels, and the requested duration of its trails, after their check.
 
-    A trail is the path of a point during this duration before a frame. If `size` is None, the picture fits the
-    motion. If `trail` is None, the duration is `TRAIL_SECONDS` on the screen.
+    Raises StatementError for an invalid `size` or `trail`. None is the default of each.
     """
-
-    size: tuple[int, int] | None
-    trail: float | None
-
-
-def film_options(size: Any, trail: Any) -> FilmOptions:
-    """Return the checked options of a film. Raises StatementError for an invalid `size` or `trail`."""
     if size is not None:
         if not isinstance(size, (tuple, list)) or len(size) != 2:
             raise StatementError(f"size = {shown(size)}: give width and height in pixels, such as size=(640, 480).")
@@ -91,7 +82,7 @@ def film_options(size: Any, trail: Any) -> FilmOptions:
         size = width, height
     if trail is not None and (trail := real_number(trail, "trail")) < 0:
         raise StatementError(f"trail = {trail:g}: give the time that trails go back, or 0 for none.")
-    return FilmOptions(size, trail)
+    return size, trail
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,41 +102,46 @@ class Rows:
 
 def panels_of(recording: Recording, style: FigureStyle) -> list[Rows]:
     """Return the panels over time of a recording: energies, and coordinates if no points are named."""
-    panels = [] if recording.points else _coordinates(recording, style)
+    panels, statement = list[Rows](), recording.statement
+    names = () if recording.points else statement.names
+    per_panel = max(1, ceil(len(names) / MOST_PANELS))
+    for begin in range(0, len(names), per_panel):
+        labels = tuple(label_of_entry(statement, name) for name in names[begin : begin + per_panel])
+        title = labels[0] if len(labels) == 1 else f"{labels[0]} to {labels[-1]}"
+        shades = colours(len(names), style.colours)[begin : begin + per_panel]
+        panels.append(Rows(title, recording.states[begin : begin + len(labels)], labels, shades))
     if recording.energies:
         count, zero, letter = len(recording.energies), recording.zero, recording.energy_letter
         shades = (style.ink,) if count == 1 else (*colours(2, style.colours), style.ink)
         title = "energy" if count == 1 else f"energies, V and {letter} above the least V" if zero else "energies"
         rows = np.array([row if name == "T" else row - zero for name, row in recording.energies.items()])
         labels = tuple(f"${letter if name == 'E' else name}$" for name in recording.energies)
-        title = with_unit(title, energy_unit(recording.statement))
+        title = with_unit(title, energy_unit(statement))
         panels.append(Rows(title, rows, labels, shades, recording.energy_size))
     return panels
 
 
-def _coordinates(recording: Recording, style: FigureStyle) -> list[Rows]:
-    statement = recording.statement
-    names = statement.names
-    per_panel = ceil(len(names) / MOST_PANELS)
-    panels = []
-    for begin in range(0, len(names), per_panel):
-        some = names[begin : begin + per_panel]
-        labels = tuple(label_of_entry(statement, name) for name in some)
-        title = labels[0] if len(some) == 1 else f"{labels[0]} to {labels[-1]}"
-        shades = colours(len(names), style.colours)[begin : begin + per_panel]
-        panels.append(Rows(title, recording.states[begin : begin + len(some)], labels, shades))
-    return panels
-
-
 class Film:
-    """Draws the frames of a recording as pixels. The fixed parts are drawn with the first frame."""
+    """Draws the frames of a recording as pixels. The fixed parts are drawn with the first frame.
 
-    def __init__(self, recording: Recording, timing: Timing, options: FilmOptions, style: FigureStyle) -> None:
+    `size` are the width and height in pixels; with None the picture fits the motion. `trail` is the duration of the
+    trails in the time of the run. A trail is the path of a point during this duration before a frame. With None the
+    duration is `TRAIL_SECONDS` on the screen.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        timing: Timing,
+        style: FigureStyle,
+        size: tuple[int, int] | None = None,
+        trail: float | None = None,
+    ) -> None:
         self.recording, self.timing, self.style = recording, timing, style
         self.panels = panels_of(recording, style)
-        self.trail_seconds = TRAIL_SECONDS if options.trail is None else options.trail / timing.speed
+        self.trail_seconds = TRAIL_SECONDS if trail is None else trail / timing.speed
         self.scene = MovingScene(recording, self.trail_seconds * timing.speed, style) if recording.points else None
-        self.plan = _plan(self.scene, len(self.panels), options.size)
+        self.plan = _plan(self.scene, len(self.panels), size)
         step = abs(float(timing.t[-1] - timing.t[0])) / max(1, len(timing.t) - 1)
         self.decimals = min(12, max(0, ceil(-log10(step)))) if step > 0 else 3
 

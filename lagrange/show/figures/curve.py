@@ -59,15 +59,10 @@ class AxisWindow:
         """Note for the panel: the share of the time that it shows, and the largest value after that."""
         return f"shown: {SHOWN_SHARE:.0%} of the time; then up to {self.largest:.1e}"
 
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Lowest and highest value at which lines are cut, a little outside of the panel."""
-        room = OVERSHOOT * (self.high - self.low)
-        return self.low - room, self.high + room
-
     def clipped(self, rows: FloatArray) -> FloatArray:
-        """Return rows of values; a value beyond `bounds` is replaced by the nearest bound."""
-        return np.clip(rows, *self.bounds)
+        """Return rows of values, cut at a lowest and a highest value a little outside of the panel."""
+        room = OVERSHOOT * (self.high - self.low)
+        return np.clip(rows, self.low - room, self.high + room)
 
 
 def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
@@ -203,35 +198,30 @@ def outputs_alone(run: Trajectory) -> bool:
     return known_alone(run) is not None
 
 
-def over_time(
-    values: Rows, t: FloatArray, pixels: Pixels, *, together: bool = True, rounds: int = MOST_ROUNDS
-) -> list[FloatArray]:
+def over_time(values: Rows, t: FloatArray, pixels: Pixels, *, rounds: int = MOST_ROUNDS) -> list[FloatArray]:
     """Return a line for each row of values: its corners (2, K), with times first, exact within a pixel.
 
     `values(t)` returns the rows (r, K) at times (K,). A line begins at the first of the times `t` and ends at the last,
-    which may be earlier. The rows fill a panel of the size `pixels`: together, or each with its own scale if `together`
-    is false. Where several oscillations are in one column of pixels, the line has their exact minimum and maximum.
-    Intervals are halved at most `rounds` times; few are enough for values that are rounding noise.
+    which may be earlier. Together the rows fill a panel of the size `pixels`. Where several oscillations are in one
+    column of pixels, the line has their exact minimum and maximum. Intervals are halved at most `rounds` times; few are
+    enough for values that are rounding noise.
     """
     rows = values(t)
-    heights = _extents(rows, axis=(0, 1) if together else 1)
     span = abs(float(t[-1] - t[0])) if len(t) else 0.0
-    scale = np.stack(np.broadcast_arrays(_pixels_in(pixels.width, span), _pixels_in(pixels.height, heights)), axis=-1)
+    scale = _pixels_in(np.array([pixels.width, pixels.height]), np.array([span, _extents(rows, axis=(0, 1))]))
     times, points = _refined(
         lambda times: _over(times, values(times)), t, _over(t, rows), np.broadcast_to(scale, (len(rows), 2)), rounds
     )
     return [thinned(times, row, pixels) for row in points[:, 1]]
 
 
-def in_plane(points: Points, t: FloatArray, pixels: Pixels, *, equal: bool = True) -> tuple[FloatArray, FloatArray]:
+def in_plane(points: Points, t: FloatArray, pixels: Pixels) -> tuple[FloatArray, FloatArray]:
     """Return times (K,) and points of the plane (p, 2, K), whose polylines are exact within a pixel.
 
-    `points(t)` returns the points at times (K,). They fill the panel; with `equal` both directions have the same scale.
+    `points(t)` returns the points at times (K,). They fill the panel.
     """
     coordinates = points(t)
     scale = _pixels_in(np.array([pixels.width, pixels.height]), _extents(coordinates, axis=(0, 2)))
-    if equal:
-        scale = np.full(2, np.min(scale))
     return _refined(points, t, coordinates, np.broadcast_to(scale, (len(coordinates), 2)))
 
 

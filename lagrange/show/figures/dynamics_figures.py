@@ -64,7 +64,11 @@ def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") 
     look = style_of(style)
     figure, axis = panel_on(ax, look, (8.2, 5.4))
     _field(axis, portrait, look)
-    _nullclines(axis, portrait, look)
+    for (name, lines), colour in zip(portrait.nullclines.items(), (look.colours[2], look.colours[4]), strict=True):
+        label = f"${entry(portrait.statement, name, rate=True)} = 0$"
+        for nullcline in lines:
+            axis.plot(*nullcline.T, color=colour, linewidth=1.1, linestyle=":", label=label, zorder=1.5)
+            label = "_"
     for orbit in portrait.orbits:
         axis.plot(*_line(portrait, orbit), color=look.colours[0], linewidth=0.9, zorder=2)
     for stable, colour in ((False, look.colours[1]), (True, look.colours[3])):
@@ -110,15 +114,6 @@ def _field(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
     )
 
 
-def _nullclines(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
-    colours = look.colours[2], look.colours[4]
-    for (name, lines), colour in zip(portrait.nullclines.items(), colours, strict=True):
-        label = f"${entry(portrait.statement, name, rate=True)} = 0$"
-        for line in lines:
-            axis.plot(*line.T, color=colour, linewidth=1.1, linestyle=":", label=label, zorder=1.5)
-            label = "_"
-
-
 def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]:
     """Return the two coordinates of an orbit on the plane, (k,) each, exact within a pixel.
 
@@ -132,7 +127,7 @@ def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]
         extent = np.ptp(part.dense(begin)[rows], axis=1)
         # Here a panel shows the window, and an angle may cross it several times.
         pixels = Pixels(PANEL_WIDTH * extent[0] / first.width, PANEL_HEIGHT * extent[1] / second.width)
-        _, points = in_plane(partial(_points, part, rows), begin, pixels, equal=False)
+        _, points = in_plane(partial(_points, part, rows), begin, pixels)
         x, y = points[0]
         for line in turned_lines(x, y, first.low, first.high) if portrait.turns else [(x, y)]:
             pieces += [np.column_stack(line), np.full((1, 2), np.nan)]
@@ -207,7 +202,11 @@ def plot_section(section: SectionData, x: Any, y: Any, ax: Any, style: Any) -> F
         for line in section.border:
             axis.plot(*line.T, color=look.quiet, linewidth=0.9)
     dress(axis, look, f"{statement.name}: {_where(section)}")
-    _label(axis, statement, columns, section.points)
+    axis.set_xlabel(label_of_entry(statement, names[columns[0]]))
+    axis.set_ylabel(label_of_entry(statement, names[columns[1]]))
+    for side, k in zip((axis.xaxis, axis.yaxis), columns, strict=True):
+        if is_angle(statement, k) and np.ptp(wrapped(section.points[..., k], -np.pi)) > np.pi:
+            angle_ticks(side, -np.pi, np.pi)
     say_below(figure, ax, look, "" if section.status.complete else section.message)
     return figure
 
@@ -225,15 +224,6 @@ def _where(section: SectionData) -> str:
     side = {1: ", rising", -1: ", falling"}.get(section.event.direction, "")
     at = f" at the energy {section.energy:g}" if section.energy is not None else ""
     return f"{surface(section.event, statement)}{side}{at}"
-
-
-def _label(axis: Axes, statement: Statement, columns: list[int], points: FloatArray) -> None:
-    names = statement.state_names
-    axis.set_xlabel(label_of_entry(statement, names[columns[0]]))
-    axis.set_ylabel(label_of_entry(statement, names[columns[1]]))
-    for side, k in zip((axis.xaxis, axis.yaxis), columns, strict=True):
-        if is_angle(statement, k) and np.ptp(wrapped(points[..., k], -np.pi)) > np.pi:
-            angle_ticks(side, -np.pi, np.pi)
 
 
 def plot_sweep(sweep: SweepData, entry: Any, ax: Any, style: Any) -> Figure:
@@ -258,17 +248,12 @@ def plot_sweep(sweep: SweepData, entry: Any, ax: Any, style: Any) -> Figure:
             rasterized=True,
         )
     name = statement.state_names[row]
-    dress(axis, look, f"{statement.name}: {_sampled_at(sweep)}")
+    sampled = "after each period of the driving" if sweep.event is None else surface(sweep.event, statement)
+    dress(axis, look, f"{statement.name}: {sampled}")
     _parameter_axis(axis, statement, sweep.parameter, sweep.values)
     axis.set_ylabel(label_of_entry(statement, name))
     say_below(figure, ax, look, "" if sweep.status.complete else sweep.message)
     return figure
-
-
-def _sampled_at(sweep: SweepData) -> str:
-    if sweep.event is None:
-        return "after each period of the driving"
-    return surface(sweep.event, sweep.statement)
 
 
 def _parameter_axis(axis: Axes, statement: Statement, parameter: str, values: FloatArray) -> None:
@@ -333,10 +318,11 @@ def plot_modes(shapes: ModeShapes, ax: Any, style: Any) -> Figure:
         new_figure(figsize=(8.6 if columns == 2 else 6.0, 0.8 + 1.75 * count), layout="constrained"), look
     )
     grid = figure.subplots(count, columns, squeeze=False, width_ratios=(1.0, 1.6)[:columns])
-    projected = _seen(shapes)
     for k in range(count):
         _bars(grid[k, 0], shapes, k, look)
-        if columns == 2:
+    if shapes.points:
+        projected = _seen(shapes)
+        for k in range(count):
             _shape(grid[k, 1], shapes, projected, k, look)
     left = len(shapes.components) - count
     say_below(figure, None, look, f"{counted(left, 'more mode')} not drawn." if left else "")
@@ -389,8 +375,6 @@ def _seen(shapes: ModeShapes) -> tuple[dict[str, FloatArray], dict[str, FloatArr
 
     Points and displacements are projected to the plane.
     """
-    if not shapes.points:
-        return {}, {}, 0.0
     swept = {
         name: np.column_stack([point, point[:, None] + shapes.displacements[name].T])
         for name, point in shapes.points.items()

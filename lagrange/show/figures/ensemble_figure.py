@@ -18,7 +18,6 @@ from lagrange.show.figures.panel import colour_bar, label_of_entry, panel_on, sa
 from lagrange.show.figures.style import FigureStyle, angle_ticks, colours, dress, style_of
 from lagrange.show.notation.text import letter_of
 from lagrange.show.units import unit_of, with_unit
-from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
@@ -108,12 +107,8 @@ def label_of(runs: Ensemble, name: str) -> str:
         event = runs.problem.events[int(match[1])]
         written = formula(event.expression.xreplace(dict(statement.plain)), 40)
         return with_unit(f"first time of {written} = 0", unit_of(statement, "t"))
-    return with_unit(_parameter(statement, name), unit_of(statement, name))
-
-
-def _parameter(statement: Statement, name: str) -> str:
-    """Return the name of a parameter as mathematics, and any other name unchanged."""
-    return f"${letter_of(name)}$" if any(parameter.name == name for parameter in statement.parameters) else name
+    is_parameter = any(parameter.name == name for parameter in statement.parameters)
+    return with_unit(f"${letter_of(name)}$" if is_parameter else name, unit_of(statement, name))
 
 
 def first_drawn(runs: Ensemble) -> str:
@@ -203,11 +198,8 @@ def _map(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureStyle
         angle_ticks(axis.figure.axes[-1].yaxis, -np.pi, np.pi)
     dress(axis, look, _title(runs, f"{len(runs):,} runs"))
     axis.grid(visible=False)
-    for side, label, (key, values) in (
-        (axis.xaxis, axis.set_xlabel, across),
-        (axis.yaxis, axis.set_ylabel, up),
-    ):
-        label(label_of(runs, key))
+    for side, (key, values) in ((axis.xaxis, across), (axis.yaxis, up)):
+        side.set_label_text(label_of(runs, key))
         low, high = float(values.min()), float(values.max())
         if key in runs.names and is_angle(runs.model.statement, runs.names.index(key)) and high - low > 0.45 * TURN:
             angle_ticks(side, low, high)
@@ -267,14 +259,8 @@ def _fan(axis: Axes, runs: Ensemble, name: str, look: FigureStyle) -> None:
         some = np.isfinite(row).any(axis=1)
         bands[:, some] = np.nanquantile(row[some], [*levels, 0.5], axis=1)
         for k, shade in enumerate((0.22, 0.4)):
-            axis.fill_between(
-                times,
-                bands[2 * k],
-                bands[2 * k + 1],
-                color=look.colours[0],
-                alpha=shade,
-                linewidth=0,
-            )
+            low, high = bands[2 * k : 2 * k + 2]
+            axis.fill_between(times, low, high, color=look.colours[0], alpha=shade, linewidth=0)
         axis.plot(times, bands[-1], color=look.colours[0], linewidth=1.6)
         dress(axis, look, _title(runs, f"median, middle half and nine tenths of {len(runs):,} runs"))
     axis.set_xlabel(label_of(runs, "t"))

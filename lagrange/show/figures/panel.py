@@ -500,4 +500,4 @@ def _line(run: Solution, keys: tuple[str, str], pixels: Pixels) -> tuple[FloatAr
     times, note = times_in_sight(run, lambda t: run.at(t)[rows])
     if outputs_alone(run.trajectory):
         return run.at(times)[rows], note
-    return in_plane(lambda t: run.at(t)[rows][None], times, pixels, equal=False)[1][0], note
+    return in_plane(lambda t: run.at(t)[rows][None], times, pixels)[1][0], note

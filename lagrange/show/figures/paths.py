@@ -346,7 +346,7 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
     first, note = _times(solution)
     drawn = first
     if not outputs_alone(solution.trajectory):
-        drawn = in_plane(seen_with_shadows, _last_part(first, seen(first)), pixels, equal=False)[0]
+        drawn = in_plane(seen_with_shadows, _last_part(first, seen(first)), pixels)[0]
     space = np.array(placed(drawn))
     fixed = fixed_points(solution.model.statement)
     return Paths(

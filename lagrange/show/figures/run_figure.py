@@ -17,7 +17,7 @@ from lagrange.show.figures.paths import PathPanel, common_view
 from lagrange.show.figures.style import FigureStyle, new_figure, on_paper, size_of, style_of
 from lagrange.show.files.picture import LEAST_DPI, MOST_DPI
 from lagrange.statement.coordinate import name_of, row_label
-from lagrange.statement.expression import entries, refusing_deep, whole_number
+from lagrange.statement.expression import entries, one_of, refusing_deep, whole_number
 from lagrange.statement.rotation import rotation_of, shorthands
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
@@ -143,17 +143,11 @@ def chosen_coordinates(of: Any, names: Sequence[str]) -> list[str] | None:
     """
     if of is None:
         return None
+    refusal = "of = {given} is not a coordinate of this system; they are {known}."
     keys = list(of) if isinstance(of, (list, tuple)) else [of]
-    names_found = [row_label(key) for key in keys]
-    for name in names_found:
-        if name not in names:
-            raise StatementError(
-                f"of = {name[:80]!r} is not a coordinate of this system; they are {listing(names)}."
-                + suggestion(name, names)
-            )
-    if not names_found:
+    if not keys:
         raise StatementError(f"of = [] chooses no coordinate; they are {listing(names)}.")
-    return names_found
+    return [one_of(row_label(key), names, refusal) for key in keys]
 
 
 DPI = 200  # Least resolution for which curves are computed, in dots per inch: files have 150, notebooks 160
@@ -169,51 +163,6 @@ MOST_QUANTITIES = 100
 """Largest number of entries of what=. A panel takes 30 ms, and 100 panels are 100 inches high."""
 
 _ONE_COLUMN = 4  # More coordinates than this are in two columns
-
-
-@refusing_deep
-def plot_runs(
-    solutions: Sequence[Solution],
-    what: Any = None,
-    *,
-    of: Any = None,
-    ax: Any = None,
-    size: Any = None,
-    style: Any = "light",
-    labels: Sequence[str] | None = None,
-    dpi: int | None = None,
-) -> Figure:
-    """Return a figure of one or several runs, with panels for `what`: a name, an expression, or a list of them.
-
-    - Without `what` the panels are an overview: coordinates, conserved quantities and paths.
-    - `of` are the coordinates in the panels; None means all.
-    - `ax` are axes of the user to draw on; without them the figure is new, of the `size` in inches.
-    - `labels` are the names of the runs in legends.
-    - `dpi` is the resolution, in dots per inch, for which curves are computed.
-
-    Raises StatementError for invalid arguments.
-    """
-    look, dpi = style_of(style), max(DPI if dpi is None else whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI), DPI)
-    for run in solutions:
-        if not len(run.t):
-            raise StatementError("there is nothing to plot: the run ended before the first of its output times.")
-    _check_alike(solutions)
-    names = labels_of(solutions, labels)
-    items = [*what] if isinstance(what, (list, tuple)) else [what]
-    chosen = chosen_coordinates(of, solutions[0].model.statement.names)
-    contents = Contents(solutions, names, chosen, merged=ax is not None)
-    if not items:
-        raise StatementError("what = [] contains no quantity to plot: give a name, an expression, or a list of them.")
-    if len(items) > MOST_QUANTITIES:
-        raise StatementError(f"what lists {len(items)} quantities: one figure shows at most {MOST_QUANTITIES}.")
-    panels = [panel for item in items for panel in (contents.overview() if item is None else contents.of(item))]
-    if ax is not None:
-        if size is not None:
-            raise StatementError("size is for a new figure, and ax is in a figure already: give one of the two.")
-        return _draw_into(ax, panels, look, dpi)
-    figure = _laid_out(panels, None if size is None else size_of(size), look, dpi)
-    figure.suptitle(_title(solutions), x=0.01, ha="left", fontsize=11, color=look.ink)
-    return on_paper(figure, look)
 
 
 def labels_of(solutions: Sequence[Solution], requested: Sequence[str] | None) -> list[str]:
@@ -367,8 +316,9 @@ def _title(solutions: Sequence[Solution]) -> str:
     return f"{title}   {what}: {first.status.value}"
 
 
+@refusing_deep
 def plot(
-    solutions: Sequence[Solution],
+    solutions: Solution | Sequence[Solution],
     what: Any = None,
     *,
     labels: Sequence[str] | None = None,
@@ -393,4 +343,24 @@ def plot(
             f"lg.plot got {shown(solutions)}: give one solution, or a list of solutions, such as "
             "lg.plot([first, second])."
         )
-    return plot_runs(runs, what, of=of, ax=ax, size=size, style=style, labels=labels, dpi=dpi)
+    look, dpi = style_of(style), max(DPI if dpi is None else whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI), DPI)
+    for run in runs:
+        if not len(run.t):
+            raise StatementError("there is nothing to plot: the run ended before the first of its output times.")
+    _check_alike(runs)
+    names = labels_of(runs, labels)
+    items = [*what] if isinstance(what, (list, tuple)) else [what]
+    chosen = chosen_coordinates(of, runs[0].model.statement.names)
+    contents = Contents(runs, names, chosen, merged=ax is not None)
+    if not items:
+        raise StatementError("what = [] contains no quantity to plot: give a name, an expression, or a list of them.")
+    if len(items) > MOST_QUANTITIES:
+        raise StatementError(f"what lists {len(items)} quantities: one figure shows at most {MOST_QUANTITIES}.")
+    panels = [panel for item in items for panel in (contents.overview() if item is None else contents.of(item))]
+    if ax is not None:
+        if size is not None:
+            raise StatementError("size is for a new figure, and ax is in a figure already: give one of the two.")
+        return _draw_into(ax, panels, look, dpi)
+    figure = _laid_out(panels, None if size is None else size_of(size), look, dpi)
+    figure.suptitle(_title(runs), x=0.01, ha="left", fontsize=11, color=look.ink)
+    return on_paper(figure, look)

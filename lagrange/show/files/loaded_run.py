@@ -8,7 +8,7 @@ import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,13 @@ def arrays_of(path: str | os.PathLike[str], most: float) -> dict[str, Any]:
             kind = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"
             raise StatementError(f"{_named(path)} is {kind}: give a file that solution.to_npz wrote.")
         with zipfile.ZipFile(file) as archive:
-            _check_sizes([info.file_size for info in archive.infolist()], path, most)
+            sizes = [info.file_size for info in archive.infolist()]
+        if len(sizes) > MOST_ARRAYS or sum(sizes) > most:
+            raise StatementError(
+                f"{_named(path)} has {counted(len(sizes), 'array')} of {sum(sizes):.3g} bytes together, and a run from "
+                f"a file may have {MOST_ARRAYS} of {most:.3g} bytes, a quarter of the memory: write a run with fewer "
+                "outputs."
+            )
         with np.load(file, allow_pickle=False) as arrays:
             known = dict(arrays)
         for name, value in known.items():
@@ -66,15 +72,6 @@ def arrays_of(path: str | os.PathLike[str], most: float) -> dict[str, Any]:
 
 def _named(path: Any) -> str:
     return shown(os.fspath(path), 120)
-
-
-def _check_sizes(sizes: Sequence[int], path: Any, most: float) -> None:
-    """Raise StatementError for a file with too many arrays, or with arrays of more than `most` bytes in all."""
-    if len(sizes) > MOST_ARRAYS or sum(sizes) > most:
-        raise StatementError(
-            f"{_named(path)} has {counted(len(sizes), 'array')} of {sum(sizes):.3g} bytes together, and a run from a "
-            f"file may have {MOST_ARRAYS} of {most:.3g} bytes, a quarter of the memory: write a run with fewer outputs."
-        )
 
 
 NEEDED = ("t", "y", "names", "card", "statement")  # Arrays that every file of a run contains

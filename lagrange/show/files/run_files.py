@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -31,10 +32,8 @@ if TYPE_CHECKING:
 
 def data_frame(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[str, Any]) -> pandas.DataFrame:
     """Return a DataFrame over t (N,) with copies of the rows (N,) as columns. Raises StatementError without pandas."""
-    try:
+    with needed("pandas", "to_pandas"):
         import pandas
-    except ModuleNotFoundError as error:
-        raise missing_package("to_pandas", "pandas") from error
     columns = {name: row.copy() for name, row in rows.items()}
     frame = pandas.DataFrame(columns, index=pandas.Index(t, name="t"))
     frame.attrs.update(attributes)
@@ -46,26 +45,22 @@ def data_set(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[
 
     Only texts and numbers among `attributes` are kept. Raises StatementError without xarray.
     """
-    try:
+    with needed("xarray", "to_xarray"):
         import xarray
-    except ModuleNotFoundError as error:
-        raise missing_package("to_xarray", "xarray") from error
     kept = {key: value for key, value in attributes.items() if isinstance(value, (str, int, float))}
     return xarray.Dataset({name: ("t", row.copy()) for name, row in rows.items()}, coords={"t": t}, attrs=kept)
 
 
-def event_arrays(times: Sequence[FloatArray], states: Sequence[FloatArray]) -> dict[str, FloatArray]:
-    """Return the times (k,) and states (k, 2n) of each event, by the names that these arrays have in a file."""
-    arrays = {f"t_event_{i}": event for i, event in enumerate(times)}
-    return arrays | {f"y_event_{i}": event for i, event in enumerate(states)}
-
-
-def missing_package(method: str, package: str) -> StatementError:
-    """Return the error of a method that needs pandas or xarray, if the package is not installed."""
-    return StatementError(
-        f"{method}() needs {package}, which is not installed: pip install pandas xarray, or in a checkout "
-        "pip install '.[data]'."
-    )
+@contextmanager
+def needed(package: str, method: str) -> Iterator[None]:
+    """Context in which `method` imports `package`, pandas or xarray; raises StatementError if it is not installed."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise StatementError(
+            f"{method}() needs {package}, which is not installed: pip install pandas xarray, or in a checkout "
+            "pip install '.[data]'."
+        ) from error
 
 
 def finite(value: Any) -> float | None:
@@ -132,7 +127,9 @@ def arrays_of_run(solution: Solution) -> dict[str, Any]:
     texts = {"card": json.dumps(solution.card()), "statement": scene_text(model.statement)}
     arrays: dict[str, Any] = {"t": run.t, "y": run.y, "names": np.array(solution.names)}
     arrays |= {name: np.array(text) for name, text in texts.items()}
-    arrays |= event_arrays(run.t_events, run.y_events) | stored_between(run)
+    for name, events in (("t_event", run.t_events), ("y_event", run.y_events)):
+        arrays |= {f"{name}_{i}": array for i, array in enumerate(events)}
+    arrays |= stored_between(run)
     if run.history is not None:
         arrays |= {f"history_{name}": array for name, array in vars(run.history).items()}
     if run.contacts is not None:

@@ -236,7 +236,8 @@ class Typesetter:
             )
         if when.func not in RELATIONS:
             return self.notation.words.format("not ") + self.notation.brackets(self.condition(when.args[0]))
-        return self.notation.comparison(self.piece(when.lhs).text, RELATIONS[when.func], self.piece(when.rhs).text)
+        sign, left, right = RELATIONS[when.func], self.piece(when.lhs).text, self.piece(when.rhs).text
+        return self.notation.relation.format(left, self.notation.relations.get(sign, sign), right)
 
     def number(self, number: Any) -> FormulaPiece:
         """Return the text of a number that is not negative."""
@@ -330,7 +331,10 @@ class SideWriter:
                 return self.notation.signs(terms) if terms else self.notation.number("0").text
             case ExpressionRows():
                 rows = [[self.side(entry) for entry in row] for row in side.rows]
-                return self.notation.vector(rows[0]) if side.vector else self.notation.matrix(rows)
+                vector = side.vector
+                return (
+                    self.notation.brackets(self.notation.comma.join(rows[0])) if vector else self.notation.matrix(rows)
+                )
         return self.setter.write(side)
 
     def factor(self, factor: Any) -> str:
@@ -367,15 +371,15 @@ class LineWriter:
                 return self.formula(Formula((before[0], last)))
             start = " " * width(self.ruler.side(before[0]))
             return [*self.formula(Formula(tuple(before))), *_lines(start, self.broken(last, WIDEST - len(start) - 3))]
-        left = self.notation.equal([self.sides.side(side) for side in before])
+        equals = self.notation.equals
+        left = equals.join(self.sides.side(side) for side in before)
         measured = left if self.ruler is self.sides else " = ".join(self.ruler.side(side) for side in before)
         if len(before) == 1 and isinstance(before[0], sympy.Expr) and self.apart(measured, last):
             lines = _lines("", self.broken(before[0], WIDEST))
             if isinstance(last, sympy.Expr) and width(self.ruler.side(last)) > SHORT // 2:
                 first, *more = self.broken(last, WIDEST)
-                right = [self.notation.equal(["", first]), *more]
-                return [*lines, *(FormulaLine("", line, goes_on=True) for line in right)]
-            whole = self.notation.equal([lines[-1].right, self.sides.side(last)])
+                return [*lines, *(FormulaLine("", line, goes_on=True) for line in (equals + first, *more))]
+            whole = lines[-1].right + equals + self.sides.side(last)
             return [*lines[:-1], FormulaLine("", whole, goes_on=lines[-1].goes_on)]
         return _lines(left, self.broken(last, WIDEST - width(measured) - 3))
 

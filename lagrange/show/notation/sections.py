@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -114,14 +114,16 @@ def sections(derivation: Derivation) -> Iterator[Section]:
         yield Section("Equations of motion", (f"Not written out: {derivation.refusal}",))
         return
     solved = "Accelerations and multipliers" if statement.constraints else "Accelerations"
-    parts: list[tuple[str, Any, Callable[[Derivation], Iterator[Formula | str]]]] = [
+    # The Jacobi integral is J = v.p - L, where it differs from E = T + V.
+    energy, letter = ("Energy", "E") if derivation.energy_is_sum else ("Jacobi integral", "J")
+    parts: list[tuple[str, Any, Callable[[Derivation], Iterable[Formula | str]]]] = [
         ("Positions and velocities", None, _points),
         ("Lagrangian", None, _lagrangian),
         *(("Coordinate", q, partial(_coordinate, index=index)) for index, q in enumerate(statement.coordinates)),
-        ("Equations of motion", None, _equations),
+        ("Equations of motion", None, lambda d: [Formula((eq.lhs, eq.rhs)) for eq in (*d.equations, *d.constraints)]),
         ("Matrix form", None, _matrices),
         (solved, None, _accelerations),
-        ("Energy" if derivation.energy_is_sum else "Jacobi integral", None, _energy),
+        (energy, None, lambda d: [Formula((ShownQuantity(letter), d.energy))]),
     ]
     for heading, symbol, part in parts:
         rows: tuple[Formula | str, ...]
@@ -241,16 +243,6 @@ def _coordinate(derivation: Derivation, index: int) -> Iterator[Formula | str]:
         yield Formula((Rate(ShownQuantity("p", (name,))), SignedTerms(())))
     else:
         yield Formula((SignedTerms(tuple(left)), SignedTerms(tuple(right))))
-
-
-def _energy(derivation: Derivation) -> Iterator[Formula | str]:
-    """Yield the formula of the energy E = T + V, or of the Jacobi integral J = v.p - L if they differ."""
-    yield Formula((ShownQuantity("E" if derivation.energy_is_sum else "J"), derivation.energy))
-
-
-def _equations(derivation: Derivation) -> Iterator[Formula | str]:
-    for law in (*derivation.equations, *derivation.constraints):
-        yield Formula((law.lhs, law.rhs))
 
 
 def _matrices(derivation: Derivation) -> Iterator[Formula | str]:

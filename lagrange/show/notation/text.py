@@ -267,19 +267,11 @@ class Notation:
         parts = [(self.case if row[1] else self.otherwise).format(*row) for row in rows]
         return FormulaPiece(self.case_frame.format(self.case_separator.join(parts)))
 
-    def comparison(self, left: str, relation: str, right: str) -> str:
-        """Return the text of a condition that compares two texts; `relation` is one of <, <=, >, >=, =, !=."""
-        return self.relation.format(left, self.relations.get(relation, relation), right)
-
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
         """Return a matrix: each row in brackets on a line of its own, with aligned columns."""
         widths = [max(map(width, column)) for column in zip(*rows, strict=True)]
         lines = [[text + " " * (wide - width(text)) for text, wide in zip(row, widths, strict=True)] for row in rows]
         return "\n".join(f"[{',  '.join(line)}]" for line in lines)
-
-    def vector(self, entries: Sequence[str]) -> str:
-        """Return a vector: (a, b)."""
-        return self.brackets(self.comma.join(entries))
 
     def partial(self, above: str, below: str) -> str:
         """Return the partial derivative of one letter by another: dL/dtheta."""
@@ -294,10 +286,6 @@ class Notation:
         (negative, first), *rest = terms
         start = (self.sign_before if leading else self.sign_of_line)[negative]
         return start + first + "".join(self.signs_between[sign] + term for sign, term in rest)
-
-    def equal(self, sides: Sequence[str]) -> str:
-        """Return sides of an equation, with signs of equality between them."""
-        return self.equals.join(sides)
 
     def grouped(self, piece: FormulaPiece, level: int) -> str:
         """Return the text of a piece, in parentheses if its precedence is below `level`."""
