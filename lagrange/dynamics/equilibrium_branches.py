@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import sympy
 
 from lagrange.dynamics.axes import angles, difference
 from lagrange.dynamics.runs import Report
@@ -156,11 +155,10 @@ def _with_ends(equilibrium: Equilibrium, statement: Statement, parameter: str, v
     A branch may begin with an infinite slope, as a square root does. So the distances of the additional values from
     that end grow as squares.
     """
-    constants = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
     chosen = next(p for p in statement.parameters if p.name == parameter)
 
     def exists(value: float) -> bool:
-        coordinates = [number(x, {**constants, chosen: sympy.Rational(value)}) for x in equilibrium.at.values()]
+        coordinates = [number(x, {**statement.defaults, chosen: value}) for x in equilibrium.at.values()]
         return all(x == x and abs(x.imag) < 1e-12 for x in coordinates)
 
     real = [exists(value) for value in values.tolist()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import sympy
@@ -41,7 +42,7 @@ def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
     Raises StatementError where a parameter has no value.
     """
     form, lin = PlainForm(statement), modes.linearization
-    constants = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
+    constants = statement.defaults
     missing = [p.name for p in statement.parameters if p not in statement.defaults]
     if missing:
         raise StatementError(
@@ -81,7 +82,7 @@ def _real(row: FloatArray) -> FloatArray:
     return np.asarray((row / largest).real) if largest else row.real
 
 
-def _place(modes: Modes, statement: Statement, known: Mapping[sympy.Symbol, sympy.Rational]) -> list[sympy.Expr]:
+def _place(modes: Modes, statement: Statement, known: Mapping[Any, float]) -> list[sympy.Expr]:
     """Return the coordinates of the equilibrium, as numbers; `known` has the values of the parameters."""
     at = modes.linearization.at
     entries = [at.get(q, at.get(name, 0)) for q, name in zip(statement.coordinates, statement.names, strict=True)]

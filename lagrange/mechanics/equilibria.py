@@ -253,7 +253,7 @@ class _Problem:
         """Return the value of an angle reduced to (-pi, pi] if the value is known; return any other value unchanged."""
         if not self.is_angle(symbol):
             return value
-        angle = number(value, {p: sympy.Rational(x) for p, x in self.statement.defaults.items()})
+        angle = number(value, self.statement.defaults)
         if angle != angle or angle.imag:
             return value
         return simplest(value - 2 * sympy.pi * math.ceil(round(angle.real / (2 * math.pi), 12) - 0.5))
@@ -286,8 +286,7 @@ class _Problem:
 
     def order(self, equilibrium: Equilibrium) -> tuple[Any, ...]:
         """Return the sort key of an equilibrium: existing ones come first, then by energy if it has a value."""
-        values = {p: sympy.Rational(x) for p, x in self.statement.defaults.items()}
-        energy = number(self.form.read(equilibrium.energy), values)
+        energy = number(self.form.read(equilibrium.energy), self.statement.defaults)
         return (not equilibrium.exists, round(energy.real, 9) if energy == energy else 0.0)
 
 

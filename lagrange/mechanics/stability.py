@@ -381,9 +381,8 @@ def _matrix(lin: Linearization | None, model: Model, state: FloatArray, paramete
     """
     if lin is None:
         return model.jacobian(0.0, state, parameters)
-    exact = {p: sympy.Rational(x) for p, x in parameters.items()}
     mass, damping, stiffness, basis, slope = (
-        numeric(x, exact) for x in (lin.M, lin.C, lin.K, lin.velocity_basis, lin.velocity_slope)
+        numeric(x, parameters) for x in (lin.M, lin.C, lin.K, lin.velocity_basis, lin.velocity_slope)
     )
     forces, rates = np.hstack([-stiffness, -damping]), np.hstack([slope, basis])[lin.places]
     if not (np.isfinite(mass).all() and np.isfinite(forces).all() and np.isfinite(rates).all()):
@@ -393,8 +392,7 @@ def _matrix(lin: Linearization | None, model: Model, state: FloatArray, paramete
 
 def _stated(point: StatedPoint, parameters: Any) -> FloatArray | None:
     """Return the state (2n,) of the point at values of the parameters, or None if it is not real and finite."""
-    exact = {p: sympy.Rational(x) for p, x in parameters.items()}
-    stated = np.array([number(x, exact) for x in (*point.q, *point.v)])
+    stated = np.array([number(x, parameters) for x in (*point.q, *point.v)])
     if not np.isfinite(stated).all() or np.abs(stated.imag).max() > 1e-12:
         return None
     return stated.real.copy()
