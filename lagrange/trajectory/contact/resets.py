@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Any
 
@@ -30,6 +30,7 @@ from lagrange.statement.coordinate import coordinate_of, velocity_of
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.event import Event
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.contact.kinematics import MODELS_KEPT
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -82,6 +83,7 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
     return WrittenImpacts(tuple(resets), model.function("impacts", nodes)) if any(resets) else None
 
 
+@lru_cache(maxsize=MODELS_KEPT)
 def coupling(statement: Statement) -> Any:
     """Return the mass matrix as a SymPy matrix, or None if the impact law cannot use it in symbols.
 
@@ -200,7 +202,10 @@ def written_friction(model: Model, which: int) -> WrittenFriction | None:
         return None
     lines = [sympy.Matrix(line) for line in (normal, along)]
     responses = [response_of(mass, line) for line in lines]
-    if _coupled(lines[0], responses[1], statement.parameters):
+    # Friction changes the gap if this product is not zero, at irrational values of the parameters.
+    values = {symbol: sympy.sqrt(sympy.prime(k + 1)) for k, symbol in enumerate(statement.parameters)}
+    terms = [float((x * y).xreplace(values)) for x, y in zip(lines[0], responses[1], strict=True)]
+    if abs(math.fsum(terms)) > UNCOUPLED * sum(map(abs, terms)):
         return None
     free = [model.equations.express(node) for node in model.equations.bias]
     stated = contact.slip[0].xreplace(dict.fromkeys(rates, sympy.S.Zero))
@@ -211,17 +216,6 @@ def written_friction(model: Model, which: int) -> WrittenFriction | None:
         for drift, response, size in zip(drifts, responses, sizes, strict=True)
     )
     return _written(model, which, _Forces(contact, force, hold, lines, responses, sizes))
-
-
-def _coupled(line: Any, response: Any, parameters: Sequence[Any]) -> bool:
-    """Return True if the product of the vectors `line` and `response` is not zero.
-
-    `line` is one direction, such as that of the gap. `response` are the accelerations due to a force along another
-    one, such as the slip. The product is tested at irrational values of the parameters.
-    """
-    values = {symbol: sympy.sqrt(sympy.prime(k + 1)) for k, symbol in enumerate(parameters)}
-    terms = [float((x * y).xreplace(values)) for x, y in zip(line, response, strict=True)]
-    return abs(math.fsum(terms)) > UNCOUPLED * sum(map(abs, terms))
 
 
 @dataclass(frozen=True, eq=False)
