@@ -320,8 +320,9 @@ class _Angles:
         for angle in self.angles:
             forces[angle] = sum(x * rate.diff(velocity_of(angle)) for x, rate in zip(torques, rates, strict=True))
         start = dict(zip(read.coordinates, read.initial, strict=False))  # of coordinates, without velocities
+        nothing = MappingProxyType[str, Any]({})
         self.statement = rewritten(
-            replace(read, rotations=(), positions=MappingProxyType({}), surfaces=MappingProxyType({}), links=()),
+            replace(read, rotations=(), positions=nothing, surfaces=nothing, links=(), contacts=(), simultaneous=""),
             lambda stated: in_fractions(stated.xreplace(table)),
             coordinates=tuple(forces),
             forces=forces,
@@ -336,30 +337,30 @@ class _Angles:
             angle for angle, x in zip(self.angles, self.symbols, strict=True) if form.q.index(x) in ignorable(form)
         ]
 
-    def written(self, found: Equilibrium) -> Equilibrium:
+    def written(self, equilibrium: Equilibrium) -> Equilibrium:
         """Return an equilibrium in angles with a quaternion in their place, and the rates about the body axes."""
-        arbitrary = {q: sympy.S.Zero for q, x in found.coordinates.items() if q == x and q in self.angles}
-        values = {q: x.xreplace(arbitrary) for q, x in found.coordinates.items()}
-        values |= {velocity_of(q): found.velocities.get(velocity_of(q), sympy.S.Zero) for q in values}
+        arbitrary = {q: sympy.S.Zero for q, x in equilibrium.coordinates.items() if q == x and q in self.angles}
+        values = {q: x.xreplace(arbitrary) for q, x in equilibrium.coordinates.items()}
+        values |= {velocity_of(q): equilibrium.velocities.get(velocity_of(q), sympy.S.Zero) for q in values}
         entries = [simplest(x.xreplace(values)) for x in self.quaternion]
         rates = [simplest(x.xreplace(values)) for x in self.body]
         coordinates = dict(zip(self.rotation.quaternion, entries, strict=True)) | values
         velocities = {rate: x for rate, x in zip(self.rotation.body, rates, strict=True) if x != 0}
         moving = {velocity_of(angle) for angle in self.angles}
-        velocities |= {v: x for v, x in found.velocities.items() if v not in moving}
+        velocities |= {v: x for v, x in equilibrium.velocities.items() if v not in moving}
         return replace(
-            found,
+            equilibrium,
             coordinates=MappingProxyType({q: coordinates[q] for q in self.original.coordinates}),
             velocities=MappingProxyType(velocities),
             statement=self.original,
         )
 
-    def key(self, found: Equilibrium, known: Mapping[Any, Any]) -> tuple[str, ...]:
+    def key(self, equilibrium: Equilibrium, known: Mapping[Any, Any]) -> tuple[str, ...]:
         """Return a text that is the same for equilibria that differ by turns about the ignorable angles."""
-        q = [found.coordinates[entry] for entry in self.rotation.quaternion]
+        q = [equilibrium.coordinates[entry] for entry in self.rotation.quaternion]
         row = matrix_of(q)[self.upright]
         seen = [row[self.last]] if self.angles[2] in self.free else row
-        others = [x for entry, x in found.coordinates.items() if entry not in self.rotation.quaternion]
+        others = [x for entry, x in equilibrium.coordinates.items() if entry not in self.rotation.quaternion]
         values = [number(x, known) for x in (*seen, *others)]
         return tuple(
             str(simplest(x) if value != value else np.round(value, 9) + 0.0)
@@ -404,8 +405,8 @@ def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]
     charts = {last % 3: _Angles(statement, axis, last % 3) for last in (axis, axis + 2, axis + 1)}
     if charts[axis].angles[0] not in charts[axis].free:
         raise StatementError(
-            f"{charts[axis].rotation.name} cannot turn steadily about the axis {AXES[axis]} of space: energies, forces "
-            "or constraints change with the angle about this axis."
+            f"{charts[axis].rotation.name} cannot turn steadily about the axis {AXES[axis]} of space: forces or drags "
+            "act about this axis, or energies or constraints change with the angle about it."
         )
     third = (axis + 2) % 3
     last = next((k for k, chart in charts.items() if chart.angles[2] in chart.free), third)
@@ -432,8 +433,8 @@ def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]
     if not records:
         raise StatementError(problem.none_found(symbolic=exact))
     free = main.is_free and len(problem.unknowns) == 2
-    found = [angles.written(_of_free_body(record, known) if free else record) for angles, record in records]
-    distinct = {main.key(each, known): each for each in found}
+    turns = [angles.written(_of_free_body(record, known) if free else record) for angles, record in records]
+    distinct = {main.key(turn, known): turn for turn in turns}
     return sorted(distinct.values(), key=problem.order)
 
 
@@ -463,8 +464,8 @@ def _precessions(
             break
     else:
         raise StatementError(
-            f"{angles.rotation.name} has no steady precession, since energies, forces or constraints change when the "
-            f"body turns about its axis {AXES[axis]}, or about each axis of space."
+            f"{angles.rotation.name} has no steady precession: forces or drags act about its axis {AXES[axis]} and the "
+            "axes of space, or energies or constraints change with the angles about them."
         )
     problem = _Problem(angles.statement, others)
     form, known, unknown = problem.form, dict(statement.defaults), sympy.Dummy("w", real=True)
@@ -492,15 +493,15 @@ def _precessions(
         raise StatementError(
             f"{statement.name} has no steady precession at this attitude: {angles.rotation.name} spins too slowly."
         )
-    found = []
+    precessions = []
     for root in map(sympy.re, roots):
         moving = {
             precession: sympy.Float(root, 17),
             spin: sympy.Float(spun.xreplace({unknown: root}).xreplace(known), 17),
         }
         steady = _Problem(angles.statement, {**others, **moving})
-        found.append(angles.written(steady.record({form.plain[tilt]: place}, exact=False)))
-    return sorted(found, key=problem.order)
+        precessions.append(angles.written(steady.record({form.plain[tilt]: place}, exact=False)))
+    return sorted(precessions, key=problem.order)
 
 
 def _is_small(x: Any, values: Mapping[Any, Any]) -> bool:

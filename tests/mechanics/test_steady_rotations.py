@@ -103,9 +103,13 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "two rates": (lambda: body((1, 2, 3)).equilibria({R.space: (0, 1, 2)}), "no steady motion: give {R.space"),
     "a spin alone": (lambda: body((1, 2, 3)).equilibria({R.body[2]: 2}), r"or {R: attitude, R.body\[2\]: w}"),
     "no vertical": (lambda: body((1, 2, 3), R[2, 2]).equilibria({R.space[0]: 1}), "steadily about the axis x of space"),
+    "a drag": (
+        lambda: body((1, 2, 3), dissipation=R.body.dot(R.body)).equilibria({R.space[2]: 1}),
+        "forces or drags act about this axis",
+    ),
     "no symmetry": (
         lambda: body((1, 2, 3)).equilibria({R: lg.turn(lg.x, 1), R.body[2]: 2}),
-        "no steady precession, since energies, forces or constraints change when the body turns about its axis z",
+        "no steady precession: forces or drags act about its axis z and",
     ),
     "upright": (
         lambda: body((1, 1, 0.5), R[2, 2]).equilibria({R: lg.turn(lg.z, 1), R.body[2]: 2}),
