@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -49,7 +49,7 @@ class Runs:
         options, statement = self.options, self.model.statement
         values = dict(zip(statement.parameters, self.parameters.tolist(), strict=True))
         watched = options.events if events is None else events
-        chosen = replace(options, t_eval=t_eval, events=watched, parameters=values)
+        chosen = options._replace(t_eval=t_eval, events=watched, parameters=values)
         initial = dict(zip(statement.state_names, start.tolist(), strict=True))
         return trajectory_of(self.model, (t0, t1), initial, chosen)[0]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -185,7 +185,7 @@ class RunEngine:
         statement, names = self.model.statement, self.model.layout.names()
         values = dict(zip(statement.parameters, start.parameters[0].tolist(), strict=True))
         initial = dict(zip(names, start.states[0].tolist(), strict=True))
-        options = replace(self.options, parameters=values, t_eval=self.recorded)
+        options = self.options._replace(parameters=values, t_eval=self.recorded)
         return trajectory_of(self.model, self.span, initial, options)[0]
 
     @property

@@ -146,7 +146,7 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
 
     `constant` names a kind of run whose events must not set parameters. With an empty text events may set them.
     """
-    if events is None:
+    if events is None or (isinstance(events, tuple) and not events):
         return ()
     alone = (Event, sympy.Basic, str, bytes, numbers.Number, np.bool_)
     if isinstance(events, alone) or callable(events):

@@ -68,7 +68,7 @@ class Flow:
             raise StatementError(f"{shown(model)} is not a compiled model: give system.compile().")
         require_values(model.statement)
         self._integrator = find(DEFAULT_METHOD if options.method is None else options.method)
-        self._options = replace(options, method=self._integrator)
+        self._options = options._replace(method=self._integrator)
         self._model = model
         self._dimension = model.layout.size
         self._constrained = bool(len(model.equations.constraints))

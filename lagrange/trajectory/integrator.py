@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
@@ -68,8 +68,7 @@ MAX_STEPS = 10_000_000
 """Largest number of trial steps of a run, accepted or not. The states of a double pendulum then take 0.4 GB."""
 
 
-@dataclass(frozen=True, eq=False)
-class RunOptions:
+class RunOptions(NamedTuple):
     """The options of `lagrange.integrate`. None means that the method or the system's scene chooses."""
 
     method: Any = None

@@ -135,13 +135,11 @@ def run_stated(
     began, scene = time.perf_counter(), system.statement.run
     end = scene.t_end if t_end is None else real_number(t_end, "t_end, the time at which the run ends,")
     chosen = scene.method or DEFAULT_METHOD if options.method is None else options.method
-    options = replace(options, method=chosen, events=scene.events if options.events is None else options.events)
+    defaults: dict[str, Any] = {"method": chosen, "events": scene.events}
     if isinstance(chosen, str):
-        if find(chosen).claims.adaptive:
-            rtol, atol = scene.rtol if options.rtol is None else options.rtol, options.atol
-            options = replace(options, rtol=rtol, atol=scene.atol if atol is None else atol)
-        elif options.step is None:
-            options = replace(options, step=scene.step)
+        adaptive = find(chosen).claims.adaptive
+        defaults |= {"rtol": scene.rtol, "atol": scene.atol} if adaptive else {"step": scene.step}
+    options = options._replace(**{name: x for name, x in defaults.items() if getattr(options, name) is None})
     with announced("compiling", system.statement.name, enabled=flag(progress, "progress")):
         try:
             with preparation(began, options.wall_limit):
