@@ -19,7 +19,7 @@ from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, StraightLinePrinter
 from lagrange.export.target import Target
-from lagrange.export.templates import Fields, helpers, templates
+from lagrange.export.templates import filled, helpers
 from lagrange.machine.python_source import LITERALS as PYTHON_LITERALS
 from lagrange.machine.python_source import RAISING
 from lagrange.procedure.spelling import Operator
@@ -34,9 +34,7 @@ LITERALS = replace(PYTHON_LITERALS, infinity='float("inf")', nan='float("nan")')
 
 SCRIPT = Script("traced", comment=marked("#"), literals=LITERALS)
 
-ELIMINATION = templates("traced")["elimination"].substitute(
-    pivot=PIVOT, preference=PREFERENCE, largest=sys.float_info.max
-)
+ELIMINATION = filled("traced", "elimination", pivot=PIVOT, preference=PREFERENCE, largest=sys.float_info.max)
 """Text of an elimination with row exchanges, instead of loops, which a library cannot trace. It calls `_where`,
 `_both`, `_either`, `_most`, `_sqrt` and `_fixed`. The latter keeps a factor out of derivatives to which it does not
 contribute."""
@@ -50,23 +48,26 @@ class Library:
     - `results` are templates of a result that is a number, a vector or a matrix.
     - `setting` is a line of a module.
 
-    `texts` are the templates of the library. `head` are the first lines of a file. `functions` are a program's two
-    functions: one with its name, and one with the suffix _checked, which also returns whether a mass matrix is
-    singular. `use` explains in the docstring of a module how its functions are called; `alone` does so for a single
-    function. `evaluated` is the function `evaluated(function, times, states)`, with which the test calls a function.
+    The texts are templates: `head` are the first lines of a file. `functions` are a program's two functions: one with
+    its name, and one with the suffix _checked, which also returns whether a mass matrix is singular. `use` explains in
+    the docstring of a module how its functions are called; `alone` does so for a single function. `evaluated` is the
+    function `evaluated(function, times, states)`, with which the test calls a function.
     """
 
     language: Language
-    texts: Mapping[str, Fields]
     systems: str
     results: tuple[str, str, str]
     setting: str = ""
+
+    def text(self, name: str, /, **fields: object) -> str:
+        """Return the text of a template of the library by its name, with these fields."""
+        return filled(self.language.name.lower(), name, **fields)
 
     def text_before(self, *programs: Program) -> str:
         """Return the text before the functions of the programs: imports and the helpers that the functions need."""
         used = dict.fromkeys(instruction.op for program in programs for instruction in program.instructions)
         systems = [self.systems.strip()] if "factor" in used else []
-        return "\n\n\n".join([self.texts["head"].template.strip(), *self.language.definitions(used), *systems])
+        return "\n\n\n".join([self.text("head"), *self.language.definitions(used), *systems])
 
     def source(self, program: Program, name: str, about: Sequence[str] = ()) -> str:
         """Return the text of a file with the functions of one program; `about` are lines of its docstring.
@@ -74,9 +75,9 @@ class Library:
         Raises StatementError for an operation that the library does not have.
         """
         title = f"{name}(t, y, p) for {self.language.name}: {described(program)}."
-        alone = self.texts["alone"].substitute(name=name).rstrip()
+        alone = self.text("alone", name=name)
         text = "\n".join([title, "", alone, *(("", *about) if about else ())])
-        return f'"""{text}\n"""\n\n{self.text_before(program)}\n\n\n{self.printed(program, name, {})}'
+        return f'"""{text}\n"""\n\n{self.text_before(program)}\n\n\n{self.printed(program, name, {})}\n'
 
     def module(self, module: SourceModule) -> str:
         """Return the text of a module with the functions of all quantities."""
@@ -91,7 +92,7 @@ class Library:
             f"STATE = {len(module.state)}  # numbers in y: coordinates, then velocities",
             f"PARAMETERS = {len(module.parameters)}  # numbers in p",
             *named_places(module, "p"),
-            *commented(" ".join(self.texts["use"].template.split()), "#"),
+            *commented(" ".join(self.text("use").split()), "#"),
             *(line for text in helpers for line in ("", "", *text.splitlines())),
         ]
         for quantity in module.quantities:
@@ -110,7 +111,8 @@ class Library:
             before, opened, after = line.partition("(")
             lines += bracketed(before + opened, after[:-1].split(", "), ")") if line[0] in "fs" else [line]
         lines += bracketed("results = [", [printer.text(ref) for ref in program.outputs], "]")
-        return self.texts["functions"].substitute(
+        return self.text(
+            "functions",
             name=name,
             described=described(program),
             body=textwrap.indent("\n".join(lines), "    "),
@@ -135,7 +137,7 @@ class TracedTarget(Target):
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return the module and its test, by file name."""
         name, library = self.file_name(module), self.library
-        test = test_text(module, SCRIPT, file=name, evaluated=library.texts["evaluated"].template.rstrip())
+        test = test_text(module, SCRIPT, file=name, evaluated=library.text("evaluated"))
         return {f"{name}.py": library.module(module), f"{name}_test.py": test}
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from lagrange.export.target import register
-from lagrange.export.templates import templates
+from lagrange.export.templates import filled
 from lagrange.export.traced import ELIMINATION, OPERATORS, Library, TracedTarget, language
 from lagrange.procedure.spelling import Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
@@ -27,8 +27,7 @@ OPERATIONS: Mapping[str, Operator] = {
 
 LIBRARY = Library(
     language("CasADi", OPERATIONS),
-    texts=templates("casadi"),
-    systems=templates("casadi")["systems"].substitute(elimination=ELIMINATION),
+    systems=filled("casadi", "systems", elimination=ELIMINATION),
     results=("ca.vertcat(*results)",) * 2 + ("ca.reshape(ca.vertcat(*results), {0[1]}, {0[0]}).T",),
 )
 

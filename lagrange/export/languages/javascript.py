@@ -26,7 +26,7 @@ from lagrange.export.languages.c_printer import BracedPrinter
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register
-from lagrange.export.templates import named_helpers, templates, words
+from lagrange.export.templates import filled, named_helpers, words
 from lagrange.procedure.form import FLAG, WHOLE, Array, Block, Call, Kind, Let, Part, Procedure, Record, calls, inner
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator
@@ -295,7 +295,7 @@ def source(module: SourceModule) -> str:
         "",
         *constants(module),
         "",
-        *templates("javascript")["check_length"].template.splitlines(),
+        *filled("javascript", "check_length").splitlines(),
         "",
         *helper_lines(file.needed),
         *(["// Local arrays and records: calls make none."] if file.memory else []),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from lagrange.export.target import register
-from lagrange.export.templates import templates
+from lagrange.export.templates import filled
 from lagrange.export.traced import ELIMINATION, OPERATORS, Library, TracedTarget, language
 from lagrange.procedure.spelling import Operator, call
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
@@ -34,8 +34,7 @@ OPERATIONS: Mapping[str, Operator] = {
 
 LIBRARY = Library(
     language("JAX", OPERATIONS),
-    texts=templates("jax"),
-    systems=templates("jax")["systems"].substitute(elimination=ELIMINATION, largest=LARGEST_TRACED),
+    systems=filled("jax", "systems", elimination=ELIMINATION, largest=LARGEST_TRACED),
     results=("jnp.stack(results).reshape({0!r})", "jnp.stack(results)", "jnp.stack(results).reshape({0!r})"),
     setting='jax.config.update("jax_enable_x64", True)  # double precision, for all of JAX in this process',
 )

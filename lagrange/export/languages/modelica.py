@@ -237,19 +237,9 @@ class Modelica(Target):
         return {
             f"{name}.mo": "\n".join([*text(module, name), ""]),
             f"{name}_test.mo": test_text(module, TEST, **fields),
-            f"{name}_test.mos": SCRIPT.format(name=name),
+            f"{name}_test.mos": f"{filled('modelica', 'run', name=name)}\n",
         }
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return the shell line that runs the test in OpenModelica."""
         return [f"omc {self.file_name(module)}_test.mos"]
-
-
-SCRIPT = """\
-loadFile("{name}.mo");
-loadFile("{name}_test.mo");
-found := simulate({name}_test.Test, startTime = 0.0, stopTime = 1.0, numberOfIntervals = 1);
-getErrorString();
-exit(if found.resultFile == "" then 1 else 0);
-"""
-"""Script for OpenModelica that runs the test; its exit status is 1 if the test fails."""

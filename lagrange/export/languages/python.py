@@ -22,7 +22,7 @@ from lagrange.export.descriptions import (
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register
-from lagrange.export.templates import helpers, templates
+from lagrange.export.templates import filled, helpers
 from lagrange.machine.python_source import LITERALS, OPERATORS, Printer
 from lagrange.procedure.form import REAL, Array, Part, Procedure
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
@@ -141,7 +141,7 @@ def source(module: SourceModule) -> str:
         "",
         "",
         *(line for procedure in module.public for line in wrapper(module, procedure)),
-        *templates("python")["access"].template.splitlines(),
+        *filled("python", "access").splitlines(),
         "",
         "",
         *helper_lines(needed),

@@ -26,7 +26,7 @@ def templates(language: str) -> Mapping[str, Fields]:
     return dict(zip(parts[::2], map(Fields, parts[1::2]), strict=True))
 
 
-def filled(language: str, name: str, **fields: object) -> str:
+def filled(language: str, name: str, /, **fields: object) -> str:
     """Return the text of a template of a language with these fields, without blanks at its end."""
     return templates(language)[name].substitute(fields).rstrip()
 
