@@ -134,7 +134,10 @@ def _slips(zeros: Sequence[Any], statement: Statement) -> Iterator[Slip]:
 
 
 def _factors(zeros: Sequence[Any], statement: Statement) -> Iterator[Slip]:
-    """Yield slips that one wrong term may explain, too: opposite directions of coordinates, and factors 2 and 1/2."""
+    """Yield slips that one wrong term may explain, too: opposite signs and directions, and factors 2 and 1/2."""
+    for p in statement.parameters:
+        if any(zero.has(p) for zero in zeros) and not statement.kinetic.has(p):
+            yield f"All is right with -{p} in place of {p}: the terms with {p} have the wrong sign.", {p: -p}
     for q, v, a in _coordinates(statement):
         turned = {q: -q, v: -v, a: -a}
         yield f"All is right for -{q} in place of {q}: check the direction in which {q} is counted.", turned

@@ -36,7 +36,7 @@ they are the only unknown of the only constraint."""
 
 # Letters that denote the force of the only constraint also in an answer that is solved for the accelerations
 USUAL = ("T", "N", "S", "FT", "FN", "FS", "Fc")
-# Usual letters for derivatives of the only coordinate, by its name; omega is left out, since it may be a frequency
+# Usual letters for derivatives of the only coordinate of a kind; omega is left out, since it may be a frequency
 RATE_LETTERS = {name: {"v": "_dot", "a": "_ddot"} for name in ("x", "y", "z", "s", "r", "h")}
 RATE_LETTERS |= {name: {"alpha": "_ddot"} for name in ("theta", "phi", "psi")}
 ORDINALS = ("", "second", "third", "fourth", "fifth")  # Names of the equalities of a = b = c after the first
@@ -159,14 +159,18 @@ class _EquationReader:
             raise
 
     def _with_usual_rates(self, answer: str) -> Iterator[_EquationReader]:
-        """Yield readers that know the letters which an answer may use for derivatives of the only coordinate.
+        """Yield readers that know the letters which an answer may use for derivatives of coordinates.
 
-        They are v and a of a length, as in m a = -k x - c v, and alpha of an angle. A letter is no acceleration if an
-        equation of the answer has another acceleration, as in x'' = -a x.
+        They are v and a of the only length, as in m a = -k x - c v, alpha of the only angle, and v1 and a1 of x1. A
+        letter is no acceleration if an equation of the answer has another acceleration, as in x'' = -a x.
         """
-        coordinates = [name for name in self.names if f"{name}_ddot" in self.names]
-        letters = RATE_LETTERS.get(coordinates[0], {}) if len(coordinates) == 1 else {}
-        rates = {letter: coordinates[0] + ending for letter, ending in letters.items() if letter not in self.names}
+        meant: dict[str, list[str]] = {}
+        for name in (name for name in self.names if f"{name}_ddot" in self.names):
+            letters = name.rstrip("_0123456789")
+            for letter, ending in RATE_LETTERS.get(letters, {}).items():
+                meant.setdefault(canonical(letter + name[len(letters) :]), []).append(name + ending)
+        known = set(map(canonical, self.names))
+        rates = {letter: names[0] for letter, names in meant.items() if len(names) == 1 and letter not in known}
         velocities = {letter: name for letter, name in rates.items() if name.endswith("_dot")}
         reader = copy(self)
         reader.others = self.others | velocities

@@ -122,6 +122,7 @@ def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequenc
             if rank > best:
                 best = rank
                 sentence = _told(name, row, [typed[k] for k in left], [factor * right[k] for k in lacking], write)
+                sentence += " Another term of it is wrong, too." if len(left) > 1 else ""
     return sentence
 
 

@@ -23,6 +23,7 @@ from lagrange.errors import SceneError, StatementError, listing
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.expressions import read_expression
 from lagrange.statement.typed.grammar import Choices, Formula, TypedFault, UnknownWord, faults_of, parsed
+from lagrange.statement.typed.latex import MATRIX
 from lagrange.statement.typed.lines import equation_spans
 from lagrange.statement.typed.matrices import rows_of, without_bars
 from lagrange.statement.typed.names import RATES, Names, canonical
@@ -46,6 +47,7 @@ EQUAL = 1e-20  # Largest difference of equal numbers of 30 digits, relative to t
 _SMALL = re.compile(r"\bsmall\b|\bkleine?[nr]?\b|\blineari[sz]|≈|\\approx", re.IGNORECASE)
 # The name H of a force or a Hamiltonian: no bracket follows it, as one follows Heaviside's function
 _NAME_H = re.compile(r"(?<!\w)H(?!\w|\}?\s*\()")
+_NAMED_MATRIX = re.compile(rf"(?<!\w)([A-Z])\s*&?=\s*{MATRIX}")
 # A list or a vector: commas without an equation, or in brackets at its end, or a unit vector
 _LIST = re.compile(r"[^=]*,[^=]*|[^=]*=\s*[(\[][^=]*,[^=]*[)\]]\s*|.*(?:\\hat(?![A-Za-z]).*|\^)")
 # Words before an equation that holds at rest only
@@ -213,9 +215,10 @@ class TypedReader:
     def _with_plain_names(self, clause: Clause) -> Clause:
         """Return a clause without the (t) after names that are not symbols, such as F(t).
 
-        H(x) becomes heaviside(x), unless H is a name elsewhere in the text.
+        H(x) becomes heaviside(x), unless H is a name elsewhere in the text. Kq becomes K q for a matrix K.
         """
         tokens, named, after = list[Token](), bool(_NAME_H.search(clause.text)), 0
+        matrices = {match.group(1) for match in _NAMED_MATRIX.finditer(clause.text)}
         for index, token in enumerate(clause.tokens):
             if index < after:
                 continue
@@ -225,6 +228,9 @@ class TypedReader:
                 after = index + 4
             elif unknown and token.text == "H" and following[:1] == ["("] and not named:
                 token = replace(token, text="heaviside")
+            elif unknown and token.text[0] in matrices and token.text[1:]:
+                tokens.append(replace(token, text=token.text[0], end=token.begin + 1, order=0, primes=0))
+                token = replace(token, text=token.text[1:], begin=token.begin + 1)
             tokens.append(token)
         return replace(clause, tokens=tuple(tokens))
 

@@ -243,7 +243,8 @@ class _Scanner:
         if name in latex.WORDS:
             index, end = self._indices(after)
             return self._add("word", latex.WORDS[name] + index, offset, end)
-        return self._add("fault", f"the LaTeX command {_named(name[:30])} is not known here", offset, after)
+        instead = r": write \frac{}{}" if name == "over" else ""
+        return self._add("fault", f"the LaTeX command {_named(name[:30])} is not known here{instead}", offset, after)
 
 
 def _dotted(text: str, offset: int, end: int) -> tuple[str, int, int]:
