@@ -365,3 +365,18 @@ def test_a_contact_is_released_where_its_force_is_zero(closed: tuple[int, ...]) 
             assert np.abs(closed_yet - exact).max() < ERROR * np.abs(exact).max()
             count += 1
     assert count > 5
+
+
+def test_a_mass_of_zero_ends_a_run_with_contacts_as_singular() -> None:
+    """The response of the contact to a force raised an error of NumPy."""
+    x, y = lg.coordinates("x y")
+    mass = lg.parameters("m")
+    ball = lg.System(
+        mass * x.dot**2 / 2 + y.dot**2 / 2,
+        9.81 * y,
+        contacts={"floor": lg.contact(y, restitution=0.5)},
+        parameters={mass: 0.0},
+        initial={y: 1.0},
+    )
+    run = ball.run(0.5, check=False)
+    assert run.status is lg.Status.SINGULAR and "the mass matrix is singular at t = 0" in run.message

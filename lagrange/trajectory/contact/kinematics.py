@@ -189,7 +189,10 @@ class Kinematics:
             right = np.vstack([directions.T, np.zeros((len(held), rows))])
             responses = np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n]
         else:
-            responses = np.linalg.solve(mass, directions.T)
+            try:
+                responses = np.linalg.solve(mass, directions.T)
+            except np.linalg.LinAlgError:  # An inertia is zero: the next step ends the run.
+                responses = np.linalg.lstsq(mass, directions.T)[0]
         self._last = t, y, Touch(gaps, rates, directions, bias, responses, near, noise, still)
         return self._last[2]
 
