@@ -36,7 +36,7 @@ from tests.laws.mechanisms import functions_of, potentials
 from tests.laws.test_random_systems import bent_energies, kinetic_energies
 from tests.models import SYSTEMS, TARGETS, k, stated, x, y
 from tests.series import NUMBER, jet, numbers
-from tests.series_systems import HELD, LARGER
+from tests.series_systems import HELD, LARGER, ladder
 
 LANES = (1, 2, 4, 8)
 ALL = {**LARGER, **HELD}
@@ -180,6 +180,22 @@ def test_a_constant_mass_matrix_that_is_singular_is_told_before_any_step() -> No
     given[[p.name == "m" for p in statement.parameters]] = 0.0
     with pytest.raises(SingularMassMatrix):
         compiled("coupled masses", 8, 6).rows(6, 0.0, np.array(statement.initial), 1.0, given)
+
+
+def test_the_order_of_stated_constraints_scatters_no_operands() -> None:
+    """A step of a ladder of 40 loops took 1.4 times as long with its constraints shuffled: 105 and 74 us."""
+    stated_ladder = ladder(12)
+    held = stated_ladder.constraints
+    shuffled = tuple(held[i] for i in np.random.default_rng(1).permutation(len(held)))
+    sources = []
+    for statement in (stated_ladder, replace(stated_ladder, constraints=shuffled)):
+        program, _ = series_program(euler_lagrange(statement))
+        packing = pack(program, 8)
+        operands = [operand for chunk in packing.computed for operand in chunk.args]
+        sources.append(sum(len({packing.place[value][0] for value in operand.values}) for operand in operands))
+        given = parameters(statement, program, np.random.default_rng(0))
+        assert_same_rows(CompiledJet(packing, 0), 6, 0.3, np.array(statement.initial), given)
+    assert sources[0] == sources[1]
 
 
 @few

@@ -140,7 +140,7 @@ class PackedStage:
 
     `unknowns` are the chunks of unknowns. The chunks `trial` are computed with trial values of the unknowns,
     and `found` after the solution. `left` and `right` have an operand for each chunk of unknowns, or None if
-    all entries are zero.
+    all entries are zero. `system` is the linear system before packing.
     """
 
     unknowns: tuple[Chunk, ...]
@@ -148,13 +148,17 @@ class PackedStage:
     found: tuple[Chunk, ...]
     left: tuple[Operand | None, ...]
     right: tuple[Operand | None, ...]
-    plan: SolvePlan
+    system: Stage
+
+    @property
+    def plan(self) -> SolvePlan:
+        """The plan by which the linear system is solved."""
+        return self.system.plan
 
     @cached_property
     def rows(self) -> tuple[tuple[int, ...], ...]:
         """The index of each unknown among the unknowns of the linear system, by chunk and lane."""
-        values = [value for chunk in self.unknowns for value in chunk.values[: chunk.count]]
-        indices = {value: i for i, value in enumerate(values)}
+        indices = {value: i for i, value in enumerate(self.system.unknowns)}
         return tuple(tuple(indices[value] for value in chunk.values) for chunk in self.unknowns)
 
 
@@ -247,7 +251,7 @@ def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packin
             part(stage_number, "found"),
             _outputs(chunks, stage, stage.left),
             _outputs(chunks, stage, stage.right),
-            stage.plan,
+            stage,
         )
         for stage_number, (stage, chunks) in enumerate(zip(program.stages, unknowns, strict=True), 1)
     )
@@ -326,11 +330,24 @@ class _Packer:
         self.alignment: Alignment | None = None
 
     def unknowns(self, stage: Stage) -> tuple[Chunk, ...]:
-        """Return the chunks of the unknowns of a linear system. Velocities have separate chunks."""
-        end = self.program.states
-        velocities = [value for value in stage.unknowns if value < end]
-        other_unknowns = [value for value in stage.unknowns if value >= end]
-        return (*self.chunks("unknown", velocities), *self.chunks("unknown", other_unknowns))
+        """Return the chunks of the unknowns of a linear system. Velocities have separate chunks.
+
+        Multipliers are sorted by the unknowns that their equations contain, those with equally many together. So the
+        order in which constraints are stated has no effect on the number of operands that are gathered.
+        """
+        coupled: dict[int, list[int]] = {}
+        for i, j in sorted(stage.plan.present or ()):
+            coupled.setdefault(i, []).append(j)
+            coupled.setdefault(j, []).append(i)
+        velocities: list[int] = []
+        others: list[tuple[int, list[int], int]] = []
+        for index, value in enumerate(stage.unknowns):
+            if value < self.program.states:
+                velocities.append(value)
+            else:
+                columns = coupled.get(index, []) if index in stage.plan.multipliers else []
+                others.append((len(columns), sorted(columns), value))
+        return (*self.chunks("unknown", velocities), *self.chunks("unknown", [value for *_, value in sorted(others)]))
 
     def chunks(self, op: str, members: list[int]) -> list[Chunk]:
         """Return the chunks into which the group `members` of values with the operation `op` is divided."""
@@ -348,10 +365,10 @@ class _Packer:
     def in_order(self, members: Sequence[int], rules: Mapping[int, SeriesRule]) -> list[int]:
         """Return the values `members` of one group, sorted by the positions of their operands.
 
-        `rules` has the rule of each value.
+        Values with equal positions keep their order. `rules` has the rule of each value.
         """
         readers = {} if self.alignment is None else self.alignment.reader
-        key = {i: (readers.get(i, 0), [self.at(arg) for arg in rules[i].args[::-1]], i) for i in members}
+        key = {i: (readers.get(i, 0), [self.at(arg) for arg in rules[i].args[::-1]]) for i in members}
         return sorted(members, key=key.__getitem__)
 
     def place(self, members: Sequence[int]) -> None:
