@@ -355,17 +355,14 @@ class _Angles:
             statement=self.original,
         )
 
-    def key(self, equilibrium: Equilibrium, known: Mapping[Any, Any]) -> tuple[str, ...]:
-        """Return a text that is the same for equilibria that differ by turns about the ignorable angles."""
-        q = [equilibrium.coordinates[entry] for entry in self.rotation.quaternion]
-        row = matrix_of(q)[self.upright]
-        seen = [row[self.last]] if self.angles[2] in self.free else row
-        others = [x for entry, x in equilibrium.coordinates.items() if entry not in self.rotation.quaternion]
-        values = [number(x, known) for x in (*seen, *others)]
-        return tuple(
-            str(simplest(x) if value != value else np.round(value, 9) + 0.0)
-            for x, value in zip((*seen, *others), values, strict=True)
-        )
+    def key(self, values: Mapping[Any, Any], known: Mapping[Any, Any]) -> tuple[str, ...]:
+        """Return a text that is the same for solutions {symbol: value} that differ by turns about ignorable angles."""
+        plain = dict(zip(self.angles, self.symbols, strict=True))
+        row = self.matrix.row(self.upright).xreplace(plain)
+        entries = [row[self.last]] if self.angles[2] in self.free else [*row]
+        entries = [x.xreplace(dict(values)) for x in (*entries, *(x for x in values if x not in self.symbols))]
+        rounded = [np.round(number(x, known), 9) + 0.0 for x in entries]
+        return tuple(str(simplest(x) if y != y else y) for x, y in zip(entries, rounded, strict=True))
 
 
 def _steady_rotations(
@@ -421,10 +418,10 @@ def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]
     _, tilt, spin = main.symbols
     solutions, exact = problem.solutions()
     known = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
-    regular = [values for values in solutions if not _is_small(singular(values.get(tilt, sympy.S.One)), known)]
+    regular = {main.key(x, known): x for x in solutions if tilt in x and not _is_small(singular(x[tilt]), known)}
     if len(regular) > MOST_PLACES:
         raise StatementError(problem.too_many(len(regular)))
-    records = [(main, problem.record(values, exact=exact)) for values in regular]
+    records = [(main, problem.record(values, exact=exact)) for values in regular.values()]
     for pole in poles:
         place = dict(zip((tilt, spin), pole, strict=True))
         unknowns = [x for x in (*beside.unknowns, *beside.multipliers) if x not in place]
@@ -434,8 +431,7 @@ def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]
         raise StatementError(problem.none_found(symbolic=exact))
     free = main.is_free and len(problem.unknowns) == 2
     turns = [angles.written(_of_free_body(record, known) if free else record) for angles, record in records]
-    distinct = {main.key(turn, known): turn for turn in turns}
-    return sorted(distinct.values(), key=problem.order)
+    return sorted(turns, key=problem.order)
 
 
 def _of_free_body(record: Equilibrium, values: Mapping[Any, Any]) -> Equilibrium:

@@ -61,7 +61,7 @@ def test_limit_of_the_sleeping_top_about_any_axes(upright: int, axis: int) -> No
         assert standing.velocities == {R.body[axis]: sympy.Rational(str(rate))}
 
 
-@pytest.mark.parametrize("axis", [2, 0])
+@pytest.mark.parametrize("axis", [2, pytest.param(0, marks=pytest.mark.slow)])
 def test_both_rates_of_precession_at_a_tilt(axis: int) -> None:
     """They are the roots of J1 cos(tilt) W^2 - J3 w W + m g a, for an axis of symmetry z or x of the body."""
     attitude, spin = lg.turn((0.3, 0.2, 0.5), 2.5), 10.0
