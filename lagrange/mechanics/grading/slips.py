@@ -54,19 +54,19 @@ def slip_of(rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample
         check_size(*zeros)
         for sentence, table in _slips(zeros, statement) if common else _factors(zeros, statement):
             check_budget()
-            changed = [zero.xreplace(table) for zero in zeros]
-            if any(_all_hold(changed, statement, samples) for samples in choices):
+            if _all_hold([zero.xreplace(table) for zero in zeros], statement, *choices):
                 return sentence
         return _small_angles(zeros, statement) if common else ""
     return ""
 
 
-def _all_hold(zeros: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> bool:
-    """Return True if equations, as expressions that are zero, hold at all samples."""
+def _all_hold(zeros: Sequence[Any], statement: Statement, *choices: Sequence[MotionSample]) -> bool:
+    """Return True if equations, as expressions that are zero, hold at all samples of one of the `choices`."""
     try:
-        return all(row_of(StudentEquation(zero), statement).holds(samples) for zero in zeros)
+        rows = [row_of(StudentEquation(zero), statement) for zero in zeros]
     except StatementError:
         return False
+    return any(all(row.holds(samples) for row in rows) for samples in choices)
 
 
 def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, field, replace
@@ -145,17 +145,44 @@ class _EquationReader:
         """Return the equations of a text, one per line. A definition of the kinetic energy T is skipped.
 
         A text that cannot be read is tried as a document: first all its formulas, then its section "Equations of
-        motion". Then it is tried with the usual letters for the derivatives of the only coordinate.
+        motion".
         """
+        return self._likely(answer, lambda reader: reader._document(answer))
+
+    def _likely(self, answer: str, read: Callable[[_EquationReader], list[StudentEquation]]) -> list[StudentEquation]:
+        """Return the equations that `read` reads with this reader, or else with one of `_with_usual_rates`.
+
+        Equations without accelerations are read again with those, and kept if there still are none. Raises
+        StatementError.
+        """
+        equations, refused = list[StudentEquation](), None
+        try:
+            equations = read(self)
+        except StatementError as error:
+            refused = error
+        if not self._moves(equations):
+            for other in self._with_usual_rates(answer):
+                with suppress(StatementError):
+                    changed = read(other)
+                    if refused or self._moves(changed):
+                        return changed
+        if refused:
+            raise refused
+        return equations
+
+    def _moves(self, equations: Sequence[StudentEquation]) -> bool:
+        """Return True if an equation has an acceleration, also in a definition."""
+        accelerations = list(self.plain.values())[2::3]
+        return any(equation.zero.xreplace(dict(equation.meanings)).has(*accelerations) for equation in equations)
+
+    def _document(self, answer: str) -> list[StudentEquation]:
+        """Return the equations of a text, or else of its formulas or its section with the equations of motion."""
         try:
             return self._all(answer)
         except StatementError:
             for part in parts_of_document(answer):
                 with suppress(StatementError):
                     return self._all(part)
-            for other in self._with_usual_rates(answer):
-                with suppress(StatementError):
-                    return other._all(answer)
             raise
 
     def _with_usual_rates(self, answer: str) -> Iterator[_EquationReader]:
@@ -204,13 +231,7 @@ class _EquationReader:
         `what` is its label, and `index` its position in the answer.
         """
         if isinstance(answer, str):
-            try:
-                return self._single(answer, what, index)
-            except StatementError:
-                for other in self._with_usual_rates(answer):
-                    with suppress(StatementError):
-                        return other._single(answer, what, index)
-                raise
+            return self._likely(answer, lambda reader: reader._single(answer, what, index))
         if isinstance(answer, sympy.Eq):
             left, right = (self.symbols(expression(side, what), what) for side in answer.args)
             return [

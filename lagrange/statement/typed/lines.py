@@ -30,6 +30,7 @@ _TRAILING_LABEL = re.compile(
 _END = " \t\r\f\v\u00a0;,.!?✓✔☑∎□■"
 _GOES_ON = re.compile(rf"(?:[-+*/=({{\[,\u2212·⋅×]|{OPERATOR})[&\s]*$")
 _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:right|quad|qquad)\b)")
+_CHAINED = re.compile(r"[\s&]*={1,2}(?![=>])")  # a = b and on the next line = c
 _MATRIX = re.compile(r"\\begin\{[pbBvV]?(?:small)?matrix\}|\bMatrix\(")
 _ABOVE_TIME = r"(?:(?!\\partial)[^=+\n]){0,24}\}\s*\{\s*\\partial\s*t(?![A-Za-z])"  # The rest of a quotient by dt
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
@@ -48,7 +49,12 @@ _REWRITTEN = (
     (re.compile(r"\(\s*d\s*/\s*d\s*t\s*\)\s*(?:²|(?:\^|\*\*)\s*2)"), "d²/dt²"),
     (re.compile(r"∂(?=\s*t(?![A-Za-z])|[^∂=+\n]{0,12}/\s*\(?\s*∂\s*t(?![A-Za-z]))"), "d"),
     (re.compile(rf"\\partial(?=\s*t(?![A-Za-z])|{_ABOVE_TIME})"), "d"),
-    (re.compile(r"\b(?:is|ist)\s+(?:a\s+)?(?:constant|conserved|const\b\.?|konstant|erhalten)"), "= const"),
+    (
+        re.compile(
+            r"\b(?:is|ist)\s+(?:a\s+)?(?:constant|conserved|const\b\.?|konstant|erhalten)|\((?:constant|conserved)\)"
+        ),
+        "= const",
+    ),
     (re.compile(r"\b(?:is\s+equal\s+to|equals|ist\s+gleich)\b"), "="),
     (
         re.compile(r"\b((?:where|with|here|wobei)\s+[^\W\d]\w*(?:\^2)?\s+)(?:is|ist)\s+(?=[\\(√]|sqrt|\w+\s*[/*^])"),
@@ -155,7 +161,7 @@ def _without_labels(lines: Sequence[str], is_coordinate: Callable[[str], bool]) 
 
 def _joined(before: str, line: str, *, anew: bool) -> bool:
     """Return True if a line continues the equation `before` it. `anew` is true after an environment or a label."""
-    if _GOES_ON.search(before) or depth_of(before) > 0:
+    if _GOES_ON.search(before) or depth_of(before) > 0 or _CHAINED.match(line):
         return True
     if not _CONTINUES.match(line):
         return False
@@ -188,7 +194,7 @@ def separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
     spans, start = [], begin
     for match in _SEPARATOR.finditer(text, begin, end):
         left, right = text[start : match.start()], text[match.end() : end]
-        equations = _EQUALITY.search(left) and _EQUALITY.search(right)
+        equations = _EQUALITY.search(left) and _EQUALITY.search(right) and not _CHAINED.match(right)
         if match.group() == "\v" or (equations and depth_of(left) == 0):
             spans.append((start, match.start()))
             start = match.end()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import groupby, takewhile
+from itertools import groupby, pairwise, takewhile
 
 from lagrange.statement.typed.grammar import TypedFault
 from lagrange.statement.typed.latex import CELL, MATRIX, MATRIX_END, ROW
@@ -21,17 +21,24 @@ Matrix = list[list[list[Token]]]  # The tokens of each entry, by rows
 _VECTOR = re.compile(r"([rv])(_?\w{0,8})")  # The name of a position or a velocity
 
 
-def rows_of(equations: Sequence[Sequence[Token]]) -> list[list[Sequence[Token]]]:
+def rows_of(equations: Sequence[Sequence[Token]], names: Names) -> list[list[Sequence[Token]]]:
     """Return the rows of each vector equation, as scalar equations; one without a matrix is its only row.
 
     Equations are lists of tokens. An equation between a name and a matrix defines the name for the other equations,
-    and has no rows. Raises TypedFault for matrices that do not fit.
+    and has no rows. An unknown name after the name of a matrix, as in M q, is the column of all coordinates. Raises
+    TypedFault for matrices that do not fit.
     """
     named: dict[tuple[str, ...], Matrix] = {}
     for tokens in equations:
         if _defines(tokens):
             name = tuple(token.text for token in takewhile(lambda token: not token.is_sign("="), tokens))
             named[name] = _matrix(tokens, len(name) + 1)[0]
+    column = [[[Token("word", base, 0, 0)]] for base in names.bases]
+    for left, right in (pair for tokens in equations for pair in pairwise(tokens)):
+        factor = named.get((left.text,), [])
+        unknown = right.kind == "word" and (right.text,) not in named and not names.readings(right.text)
+        if factor and unknown and len(factor[0]) == len(column):
+            named[(right.text,)] = column
     return [[] if _defines(tokens) else _rows(_with_names(tokens, named)) for tokens in equations]
 
 

@@ -144,7 +144,7 @@ class TypedReader:
         lines = [self._clause(clean, *span).without_brackets() for span in spans]
         whole = [self._with_plain_names(clause) for line in lines for clause in line.clauses()]
         try:
-            rows = rows_of(without_bars([clause.tokens for clause in whole], self.names))
+            rows = rows_of(without_bars([clause.tokens for clause in whole], self.names), self.names)
         except TypedFault as fault:
             raise StatementError(self._refusal(text, [fault], what)) from None
         clauses = [replace(clause, tokens=(*row,)) for clause, each in zip(whole, rows, strict=True) for row in each]
@@ -166,7 +166,9 @@ class TypedReader:
         read, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
         exact = any(reader.names.order(clause.tokens) > 1 and not self._is_special(text, clause) for clause in clauses)
         for clause in clauses:
-            if clause.is_value():
+            if clause.is_value() or (
+                len(clauses) > 1 and all(token.kind in ("number", "sign") for token in clause.tokens)
+            ):
                 continue
             moves = reader.names.order(clause.tokens) > 1
             introduced = not moves and reader._is_introduced(text, clause.begin)
@@ -247,7 +249,7 @@ class TypedReader:
 
     @staticmethod
     def _is_special(text: str, clause: Clause) -> bool:
-        """Return True if a clause holds only for small motions or at rest, as the words on its line say.
+        """Return True if a clause holds only for small motions or at rest, as its line or the heading above it says.
 
         Words about rest count only before the sign =.
         """

@@ -59,6 +59,7 @@ _LAGRANGE = re.compile(r"(?:∂|\\partial)\s*[LTVU]\b|\bd[LTVU]\b")
 _STATEMENT = re.compile(r"(?<!\S)[(\[](?=[^()\[\]=]*=)")
 _STATEMENT_END = re.compile(r"(?<!\S)[(\[][^()\[\]=]*=[^()\[\]]*([)\]]\s*[,;])")
 _DEFINED = re.compile(r"[\s(]*\\?[^\W\d_][\w{}\\]*\s*(?:\^2|\*\*2|²|\([^()=]*\))?\s*:?=")
+_ENERGIES = re.compile(r"=\s*[TK]\s*[-\u2212]\s*[VU]\s*(?:=|$)")
 _AT_START = re.compile(r"\s*\w+['’]*\s*\(\s*0\s*\)\s*")
 
 _PUNCTUATION = " \t\r\n.,;"
@@ -159,7 +160,8 @@ class Clause:
         """Return the clause with blanks in place of brackets that contain prose or units."""
         text = self.text
         for match in _BRACKET.finditer(text, self.begin, self.end):
-            if self._is_apart(*match.span(1)):
+            unit = match.group()[0] == "[" and _UNITS_ALONE.fullmatch(match.group(1))  # [m] at the end of a line
+            if self._is_apart(*match.span(1)) or (unit and not text[match.end() : self.end].strip()):
                 text = text[: match.start()] + " " * len(match.group()) + text[match.end() :]
         return replace(self, text=text, tokens=tuple(token for token in self.tokens if not text[token.begin].isspace()))
 
@@ -273,9 +275,9 @@ class Clause:
         return bool(_LAGRANGE.search(self.text, begin, end))
 
     def is_value(self) -> bool:
-        """Return True if the clause states the value of a parameter, such as g = 9.81, or of a coordinate at t = 0."""
+        """Return True if the clause states a value: of a parameter, of a coordinate at t = 0, or L = T - V."""
         name, _, _ = self.shown.partition("=")
-        if _AT_START.fullmatch(name):
+        if _AT_START.fullmatch(name) or _ENERGIES.search(self.text, self.begin, self.end):
             return True
         pieces = next(iter(self.names.readings(name.strip())), [])
         constant = len(pieces) == 1 and pieces[0].kind == "symbol" and not pieces[0].moves
@@ -402,12 +404,21 @@ class Definition:
         constrained = any(known.startswith("lambda_") for known in names.names)  # then f is the force of a constraint
         force = shared and not stated and bool(_FORCE.fullmatch(name)) and not (name[0] == "f" and constrained)
         order = names.order(sides[0] + sides[1])
-        alone = bool(lone) or force or (order == 0 and not stated and not _FORCE.fullmatch(name))
+        related = order == 0 or _is_multiple(sides, words, names)
+        alone = bool(lone) or force or (related and not stated and not _FORCE.fullmatch(name))
         if not (changes or (alone and shared)) or not _NAME.fullmatch(name) or (order > 1 and not alone):
             return None
         kept = clause.part(value[0].begin, value[-1].end, aside=not stated)
         fixed = stated or (lone == [1] and names.order(value) == 1 and not changes)
         return cls(name, (sides[0], sides[1]), alone, replace(kept, constant=True) if fixed else None)
+
+
+def _is_multiple(sides: Sequence[Sequence[Token]], words: Sequence[Token], names: Names) -> bool:
+    """Return True if one side is a known symbol, and the other one of `words` with constants, as in a = R alpha."""
+    others = [token for side in sides if len(side) > 1 for token in side if token.kind == "word" and token not in words]
+    known = [side for side in sides if len(side) == 1 and side[0].kind == "word"]
+    constant = not any(piece.moves for token in others for piece in names.readings(token.text)[0])
+    return len(known) == 1 and constant
 
 
 def _renames(left: Sequence[Token], right: Sequence[Token], names: Names) -> bool:
