@@ -177,7 +177,7 @@ def test_a_registered_name_works_everywhere(capsys: pytest.CaptureFixture[str]) 
     assert "my-heun" in raced.methods
     assert main(["run", "pendulum", "--t-end", "1", "--method", "my-heun", "--step", "0.01"]) == 0
     assert "my-heun" in capsys.readouterr().out
-    assert names()[-1] == "my-heun" and table()[-1].about == "Heun's method, as one writes it"
+    assert names()[-1] == "my-heun" and table()[-1].about == "Heun's method as a user's step function"
 
 
 def test_a_tableau_is_registered_with_its_step_control() -> None:
