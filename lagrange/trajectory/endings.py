@@ -178,7 +178,7 @@ def with_singular_state_ahead(problem: Problem, run: Trajectory, follow: Callabl
     if singular is None or singular.regularity > NEARLY_DEPENDENT:
         return run
     detail = (
-        f"its steps are too long for the motion ahead, which with step control ends at t = {number(end)}: "
+        f"its steps are too long for the motion ahead, which ends at t = {number(end)}: "
         f"{rank_lost(problem, last, singular, equal_steps=True)}"
     )
     return replace(
@@ -191,18 +191,17 @@ def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, equal_step
 
     `singular` has the dependent constraints, or the motion without inertia, and what their least singular value is
     divided by that at the start. If `equal_steps`, the run has failed with equal steps before this state: then the
-    message advises no such steps, and does not repeat the state.
+    message advises no such steps, and names the coordinates alone.
     """
-    state = ""
-    if not equal_steps:
-        names = problem.model.layout.names()
-        state = ", at " + few([f"{name} = {number(x)}" for name, x in zip(names, y, strict=True)])
+    layout = problem.model.layout
+    named = zip(layout.coordinates if equal_steps else layout.names(), y, strict=False)
+    state = few([f"{name} = {number(x)}" for name, x in named])
     share = singular.regularity
     left = f"{share:.2g} times its value at the start"
     if singular.motion is not None:
         return (
             f"the inertia of a motion with {motion_along(problem.model.layout.rates, singular.motion)}, which "
-            f"satisfies the constraints, vanishes there{state}: it is {left}. End the run before, or state a "
+            f"satisfies the constraints, vanishes there, at {state}: it is {left}. End the run before, or state a "
             "Lagrangian whose inertia does not vanish."
         )
     what = f"their least singular value is {left}"
@@ -210,7 +209,7 @@ def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, equal_step
         what = f"these derivatives are {share:.2g} times their values at the start"
     other = "" if equal_steps else ", or, if the motion is smooth there, pass it with equal steps, such as those of rk4"
     return (
-        f"{dependent_rows(problem.model.equations.constraints.names, singular)} there{state}: {what}, and the "
+        f"{dependent_rows(problem.model.equations.constraints.names, singular)} there, at {state}: {what}, and the "
         f"accelerations grow beyond all bounds. End the run before it{other}."
     )
 

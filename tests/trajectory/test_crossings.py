@@ -356,7 +356,7 @@ def test_equal_steps_into_the_point_of_a_shrinking_rod_name_it(method: str) -> N
     rod = held(x**2 + y**2 - (1 - lg.t) ** 2, {x: 1.0, x.dot: -1.0}, 9.81 * y)
     run = rod.run(2.0, method=method, step=0.003, check=False)
     assert run.status is lg.Status.SINGULAR and 0.9 < run.t[-1] < 1.0
-    assert "its steps are too long for the motion ahead, which with step control ends at t = " in run.message
+    assert "its steps are too long for the motion ahead, which ends at t = " in run.message
     assert "the constraint 'wire' restricts no velocity" in run.message
     assert run.message.endswith("grow beyond all bounds. End the run before it.") and len(run.message) <= 400
 
