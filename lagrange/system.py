@@ -342,7 +342,7 @@ class System:
 
         It computes in JavaScript, by dop853. `parameters` and `initial` overlay the stated values; each has a slider.
         `sliders` has bounds of the first sliders, {l: (0.5, 2), theta.dot: (-3, 3)}. With contacts the page plays one
-        run, without sliders. Raises StatementError for names without a slider, functions without JavaScript, bad paths.
+        run, without sliders. Raises StatementError for unknown names, functions that JavaScript lacks, and bad paths.
         """
         from lagrange.page.web_page import write_page, write_recorded_page
 
@@ -514,8 +514,8 @@ class System:
         """Return the equilibria, each with `.coordinates`, `.stable`, `.energy` and the `.condition` for it to exist.
 
         They are found symbolically where factors of the forces allow it, else numerically from many starts. `rates` are
-        constant velocities of ignorable coordinates, as {phi: w}; of a rotation {R.space[2]: w} gives steady turns, and
-        {R: attitude, R.body[2]: w} precessions. Raises StatementError, with the attempts, where none is found.
+        constant velocities of ignorable coordinates, as {phi: w}. For a rotation R, {R.space[2]: w} gives steady turns,
+        and {R: attitude, R.body[2]: w} precessions. Raises StatementError, with the attempts, where none is found.
         """
         from lagrange.mechanics.equilibria import equilibria
         from lagrange.show.notebook.result_pages import ResultList

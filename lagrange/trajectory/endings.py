@@ -89,8 +89,8 @@ def remaining_regularity(problem: Problem, t: Sequence[float], y: FloatArray) ->
     """Return what is nearest to singular at states of a run with constraints: dependent rows, or a motion.
 
     `t` are k times, and y (2n, k) the states there. `regularity` is the least singular value of the constraint
-    gradients G or of the mass matrix M, divided by that at the start. An entry is None if a matrix is not finite, or
-    singular at the start.
+    gradients G or of the mass matrix M, divided by that at the start. A result is None if a matrix is not finite. All
+    are None if a matrix is singular at the start.
     """
     model, y = problem.model, np.column_stack([problem.y0, y])
     mass, gradient = matrices_at(model, model.equations, np.array([problem.t0, *t]), y, problem.parameter_array)
@@ -100,7 +100,10 @@ def remaining_regularity(problem: Problem, t: Sequence[float], y: FloatArray) ->
     first, *others = (least_regular(mass[:, :, k], gradient[:, :, k], scale) for k in range(y.shape[1]))
     if first is None or not first.regularity:
         return [None] * len(t)
-    return [other and replace(other, regularity=other.regularity / first.regularity) for other in others]
+    return [
+        None if singular is None else replace(singular, regularity=singular.regularity / first.regularity)
+        for singular in others
+    ]
 
 
 PLACES_AHEAD, MUCH_NEARER = 65, 0.1
@@ -126,32 +129,33 @@ def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> s
 
 
 NEARLY_DEPENDENT = 1e-2
-"""A run with constraints may end as singular if their least singular value is below this fraction of that at the start.
+"""A run with constraints may end as singular if the regularity of its state is below this number: the least singular
+value of constraint gradients or mass matrix, relative to that at the start.
 """
 
 SHRUNK, TREND_STEPS = 0.5, 32
-"""Equal steps that fail are followed by a search with step control if the least singular value of the constraints is
-below the first number times that at the start, and has decreased during the second number of steps. During fewer steps
-the direction of a row of the gradient, which changes the value by sqrt(2), may hide this.
+"""After equal steps that fail, a singular state ahead is searched for with step control if the regularity is below the
+first number, and has decreased during the second number of steps. During fewer steps a turn of a constraint gradient,
+which changes the regularity by up to sqrt(2), may hide the decrease.
 """
 
 SEARCH_SECONDS, SEARCH_MEMORY = 5.0, 2.0**28
-"""Limits of this search, in seconds and bytes."""
+"""Limits of the search for a singular state ahead, in seconds and bytes."""
 
 
 def with_singular_state_ahead(problem: Problem, run: Trajectory, follow: Callable[[Problem], Trajectory]) -> Trajectory:
-    """Return a run with equal steps that diverged. Its status becomes SINGULAR if a singular state is the cause.
+    """Return a run that diverged, with the status SINGULAR if its steps are equal and a singular state is the cause.
 
     For example a mass on a rod that shrinks to a point turns faster and faster, and equal steps fail long before the
-    point. `follow` runs a problem with step control. It runs the motion ahead, for twice the time in which the least
-    singular value of the constraints would decrease to zero at its present rate.
+    point. `follow` runs a problem with step control. It runs the motion ahead, for twice the time in which the
+    regularity would decrease to zero at its present rate.
     """
     if run.step is None or not run.steps:
         return run
     t, elapsed = run.span[1], min(TREND_STEPS, run.steps) * math.copysign(run.step, problem.t1 - problem.t0)
     try:
         states = run.dense(np.array([t - elapsed, t]))
-    except RunError:  # The run stored its outputs alone.
+    except RunError:  # The run has no dense output.
         return run
     before, present = remaining_regularity(problem, [t - elapsed, t], states)
     if before is None or present is None or not present.regularity < min(SHRUNK, before.regularity):
@@ -190,8 +194,8 @@ def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, equal_step
     """Return the message for a run that ends at a state (2n,) where constraints or inertia become singular.
 
     `singular` has the dependent constraints, or the motion without inertia, and what their least singular value is
-    divided by that at the start. If `equal_steps`, the run has failed with equal steps before this state: then the
-    message advises no such steps, and names the coordinates alone.
+    divided by that at the start. `equal_steps` is True if the run failed with equal steps before this state: then the
+    message does not advise equal steps, and names the coordinates without the velocities.
     """
     layout = problem.model.layout
     named = zip(layout.coordinates if equal_steps else layout.names(), y, strict=False)

@@ -92,9 +92,9 @@ noise. Computing the noise takes 1 to 20 ms; 4,096 steps of a small system take 
 
 
 LONG_APPROACH, NEARER = 2**19, 0.75
-"""A slow run with constraints ends as singular after this many trial steps if they are `NEARLY_DEPENDENT`, and their
-least singular value has decreased by this factor since the last test. A run that only passes near a singular state
-needs fewer steps.
+"""After the first number of trial steps, a slow run with constraints ends as singular if its regularity is below
+`NEARLY_DEPENDENT`, and below the second number times that at the last test. A run that only passes near a singular
+state needs fewer steps.
 """
 
 

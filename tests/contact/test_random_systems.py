@@ -73,7 +73,7 @@ def test_a_slip_of_round_off_that_closing_the_gap_turns_around_is_at_rest() -> N
     kinematics.at(0.0, np.array([*place, 1.0, 0.0, 0.0]))
     slip, rate = -1.01e-11, 0.99e-11
     for sign in (1, -1):
-        following = transitions.behind(0.0, np.array([*place, slip, sign * rate, 0.0]), mode)
+        following = transitions.after(0.0, np.array([*place, slip, sign * rate, 0.0]), mode)
         moved = kinematics.at(0.0, following.y).rates[1]
         assert following.mode.states == ("sticking",) or following.mode.ways[0] * moved > 0
 
@@ -130,13 +130,13 @@ def random_slider(seed: int) -> lg.System:
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 4, 9, 17, 18))])
 def test_friction_inside_the_loop_is_that_of_a_look_at_each_change(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    looks, behind = list[float](), Transitions.behind
+    looks, after = list[float](), Transitions.after
 
     def counted(self: Transitions, t: float, *state: Any, **ends: Any) -> Any:
         looks.append(t)
-        return behind(self, t, *state, **ends)
+        return after(self, t, *state, **ends)
 
-    monkeypatch.setattr(Transitions, "behind", counted)
+    monkeypatch.setattr(Transitions, "after", counted)
     system = random_slider(seed)
     inside = system.run(8.0, rtol=1e-12).require()
     assert looks == [0.0]

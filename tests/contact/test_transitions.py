@@ -23,7 +23,7 @@ import lagrange as lg
 from lagrange.trajectory.contact.history import FRICTION, LOST
 from lagrange.trajectory.contact.kinematics import Kinematics
 from lagrange.trajectory.contact.modes import Mode, modes_of
-from lagrange.trajectory.contact.transition import Behind, Transitions
+from lagrange.trajectory.contact.transition import Transition, Transitions
 from tests.covering import Share
 
 Q = x, y, theta, phi, psi = lg.coordinates("x y theta phi psi")
@@ -205,7 +205,7 @@ def frictions(state: State, i: int) -> tuple[float, float]:
     return [(state.values[mu_belt], state.values[nu_belt]), (state.values[mu_wall], state.values[nu_wall])][i]
 
 
-def assert_same_motion(state: State, found: Behind, expected: Solution, slips: dict[int, int]) -> None:
+def assert_same_motion(state: State, found: Transition, expected: Solution, slips: dict[int, int]) -> None:
     """Compare modes, and the accelerations and forces of the compiled model of the mode."""
     cases, accelerations, forces = expected
     states = dict(zip(slips, cases, strict=True))
@@ -240,9 +240,9 @@ def test_motion_after_a_transition(closed: tuple[int, ...], share: Share) -> Non
         mode = Mode(tuple(SLIDING if i in closed else OPEN for i in range(2)), tuple(map(before.get, range(2))))
         if len(expected) != 1:
             with pytest.raises(lg.RunError):
-                transitions.behind(TIME, at, mode, stopped=[i for i, slip in slips.items() if not slip])
+                transitions.after(TIME, at, mode, stopped=[i for i, slip in slips.items() if not slip])
             continue
-        found = transitions.behind(TIME, at, mode, stopped=[i for i, slip in slips.items() if not slip])
+        found = transitions.after(TIME, at, mode, stopped=[i for i, slip in slips.items() if not slip])
         assert_same_motion(state, found, expected[0], slips)
         for (i, slip), case in zip(slips.items(), expected[0][0], strict=True):
             met.add((case[0], "reverses" if slip == 0 and case[1] == -before[i] else "goes on"))
@@ -276,7 +276,7 @@ def test_velocities_and_impulses_of_an_impact(hits: tuple[int, ...], rests: tupl
             tuple(SLIDING if i in rests else OPEN for i in range(2)), tuple(1 if i in rests else None for i in range(2))
         )
         try:
-            found = transitions.behind(TIME, at, mode, met=hits)
+            found = transitions.after(TIME, at, mode, met=hits)
         except lg.RunError:  # the motion after the impact may be undetermined
             continue
         met |= {case for i, (case, _) in zip(closed, cases, strict=True) if i in hits}
@@ -323,7 +323,7 @@ def test_sliding_begins_where_friction_reaches_its_cone(closed: tuple[int, ...])
         mode = Mode(tuple((STICKING, SLIDING)[i] if i in closed else OPEN for i in range(2)), (None, slips.get(1)))
         if len(expected) != 1:
             continue
-        found = transitions.behind(TIME, at, mode, freed=[0])
+        found = transitions.after(TIME, at, mode, freed=[0])
         assert_same_motion(state, found, expected[0], slips)
         count += 1
     assert count > 5
@@ -356,7 +356,7 @@ def test_a_contact_is_released_where_its_force_is_zero(closed: tuple[int, ...]) 
         )
         if len(expected) != 1:
             continue
-        found = transitions.behind(TIME, at, mode, released=[0])
+        found = transitions.after(TIME, at, mode, released=[0])
         assert_same_motion(state, found, expected[0], slips)
         model = modes_of(system().compile()).model_of(mode)
         closed_yet = model.accelerations(found.y[:5], found.y[5:], TIME, np.array(list(state.values.values())))

@@ -152,7 +152,7 @@ class PackedStage:
 
     @property
     def plan(self) -> SolvePlan:
-        """The plan by which the linear system is solved."""
+        """The plan for the solution of the linear system."""
         return self.system.plan
 
     @cached_property
@@ -332,8 +332,8 @@ class _Packer:
     def unknowns(self, stage: Stage) -> tuple[Chunk, ...]:
         """Return the chunks of the unknowns of a linear system. Velocities have separate chunks.
 
-        Multipliers are sorted by the unknowns that their equations contain, those with equally many together. So the
-        order in which constraints are stated has no effect on the number of operands that are gathered.
+        Multipliers are sorted by the number of unknowns in their equations, then by these unknowns. So the number of
+        gathered operands does not depend on the order in which constraints are stated.
         """
         coupled: dict[int, list[int]] = {}
         for i, j in sorted(stage.plan.present or ()):

@@ -66,13 +66,13 @@ class Friction:
         Directions have an entry for each row of the contact: zero for the normal row, then those of the slips. All
         entries are zero in the other states, and for sliding in a plane in an unknown direction.
         """
-        none = np.zeros(1 + self.components)
+        no_way = np.zeros(1 + self.components)
         if not self.components:
-            return [(OPEN, none), (CLOSED, none)]
+            return [(OPEN, no_way), (CLOSED, no_way)]
         if self.way is not None:
-            return [(OPEN, none), (SLIDING, np.append(0.0, self.way))]
-        ways = [none] if self.components > 1 else [np.array([0.0, 1.0]), np.array([0.0, -1.0])]
-        return [(OPEN, none), (STICKING, none), *((SLIDING, way) for way in ways)]
+            return [(OPEN, no_way), (SLIDING, np.append(0.0, self.way))]
+        ways = [no_way] if self.components > 1 else [np.array([0.0, 1.0]), np.array([0.0, -1.0])]
+        return [(OPEN, no_way), (STICKING, no_way), *((SLIDING, way) for way in ways)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,13 +134,13 @@ def _displaces(balance: Balance, other: Balance, rows: _Rows) -> bool:
     `balance`. Any other difference, such as a contact that opens, must follow from the slip: kinetic friction could
     not exert the force that holds the surface.
     """
-    states, others = np.array(balance.states), np.array(other.states)
-    held = (states == STICKING) & (others == SLIDING)
-    if not held.any() or ((others == STICKING) & (states != STICKING)).any():
+    states, other_states = np.array(balance.states), np.array(other.states)
+    held = (states == STICKING) & (other_states == SLIDING)
+    if not held.any() or ((other_states == STICKING) & (states != STICKING)).any():
         return False
     friction, push = np.sqrt((balance.forces**2) @ rows.members), balance.forces[rows.normals]
     by_static = friction > (rows.kinetic + NOISE * rows.static) * push
-    return bool((by_static & held).any() or (states != others).sum() == held.sum())
+    return bool((by_static & held).any() or (states != other_states).sum() == held.sum())
 
 
 class _Rows:
@@ -149,7 +149,7 @@ class _Rows:
     `contact` (rows,) is the index of the contact of each row. `along` (rows,) is True for friction rows. `normals` (k,)
     are the indices of the normal rows. `members` (rows, k) is True for the friction rows of each contact. `static` and
     `kinetic` (k,) are coefficients of friction. `slides` (k,) is True for contacts that slide already, and `ways`
-    (rows,) are the directions in which they do.
+    (rows,) are their directions of sliding.
     """
 
     def __init__(self, contacts: Sequence[Friction]) -> None:
@@ -186,13 +186,13 @@ def _balances(
     `matrix` (rows, rows) is A and `bias` (rows,) is b in the rates A f + b. `cases` has the possible states of each
     contact, with directions of sliding.
     """
-    chosen = sorted(itertools.product(*cases), key=lambda pairs: sum(state == SLIDING for state, _ in pairs))
-    states = np.array([[state for state, _ in pairs] for pairs in chosen])
-    ways = np.array([np.concatenate([way for _, way in pairs]) for pairs in chosen])
+    combinations = sorted(itertools.product(*cases), key=lambda pairs: sum(state == SLIDING for state, _ in pairs))
+    states = np.array([[state for state, _ in pairs] for pairs in combinations])
+    ways = np.array([np.concatenate([way for _, way in pairs]) for pairs in combinations])
     searched = rows.along & (states == SLIDING)[:, rows.contact] & ~rows.moving(ways)
     if searched.any():
         ways = np.where(searched, _first_ways(matrix, bias, rows, states), ways)
-    share, change, error = np.ones((len(chosen), 1)), np.full(len(chosen), np.inf), np.zeros(ways.shape)
+    share, change, error = np.ones((len(combinations), 1)), np.full(len(combinations), np.inf), np.zeros(ways.shape)
     for turn in range(TURNS):
         forces, rates, solved = _forces(matrix, bias, rows, states, ways)
         moving = searched & (rows.directions(rates) != 0)
@@ -293,18 +293,18 @@ def _by_pivoting(matrix: FloatArray, bias: FloatArray, rows: _Rows) -> list[Bala
     of its pyramid, and its sliding speed as a multiplier, as in Stewart and Trinkle.
     """
     units = np.eye(len(bias))
-    normals, free = units[rows.normals], np.repeat(np.flatnonzero(rows.along & ~rows.slides[rows.contact]), 2)
-    sides, owners = units[free], rows.contact[free]
+    normals, side_rows = units[rows.normals], np.repeat(np.flatnonzero(rows.along & ~rows.slides[rows.contact]), 2)
+    sides, owners = units[side_rows], rows.contact[side_rows]
     sides[1::2] *= -1.0
-    slippery, which = np.unique(owners, return_inverse=True)
+    free_contacts, index = np.unique(owners, return_inverse=True)
     pushes = np.vstack([normals - rows.kinetic[:, None] * rows.members.T * rows.ways, sides])
-    seen = np.vstack([normals, sides])
-    k, count = len(normals), len(seen)
-    square = np.zeros((count + len(slippery),) * 2)
-    square[:count, :count] = seen @ matrix @ pushes.T
-    side, speed = np.arange(k, count), count + which
+    lines = np.vstack([normals, sides])
+    k, count = len(normals), len(lines)
+    square = np.zeros((count + len(free_contacts),) * 2)
+    square[:count, :count] = lines @ matrix @ pushes.T
+    side, speed = np.arange(k, count), count + index
     square[side, speed], square[speed, side], square[speed, owners] = 1.0, -1.0, rows.static[owners]
-    solution = lemke(square, np.concatenate([seen @ bias, np.zeros(len(slippery))]))
+    solution = lemke(square, np.concatenate([lines @ bias, np.zeros(len(free_contacts))]))
     if solution is None:
         return []
     forces = solution[:count] @ pushes

@@ -161,8 +161,8 @@ class Kinematics:
     def at(self, t: float, y: FloatArray, before: Touch | None = None) -> Touch:
         """Return the contacts at a state y (2n,), an array that is not changed afterwards.
 
-        If `before` is given, its `responses` and `still` are reused, which saves time. The caller must make sure that
-        the coordinates are those of `before`, up to rounding. Velocities may differ.
+        With `before`, the contacts at another state, its `responses` and `still` are reused, which saves time. Both
+        states must have the same coordinates, up to rounding. Velocities may differ. The last result is stored.
         """
         if before is None and self._last is not None and self._last[0] == t and self._last[1] is y:
             return self._last[2]
@@ -191,7 +191,7 @@ class Kinematics:
         else:
             try:
                 responses = np.linalg.solve(mass, directions.T)
-            except np.linalg.LinAlgError:  # An inertia is zero: the next step ends the run.
+            except np.linalg.LinAlgError:  # The mass matrix is singular, and the next step ends the run.
                 responses = np.linalg.lstsq(mass, directions.T)[0]
         self._last = t, y, Touch(gaps, rates, directions, bias, responses, near, noise, still)
         return self._last[2]

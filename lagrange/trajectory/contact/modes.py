@@ -25,7 +25,7 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 RELEASE, GAP, SLIP, CONE = "released", "met", "stopped", "freed"
 """Events that end a mode: the normal force becomes zero, the gap or the slip becomes zero, friction reaches its cone.
-The words are the arguments of `Transitions.behind` for the contacts of these events.
+Each value is also the name of the argument of `Transitions.after` that lists the contacts with this event.
 """
 
 SLOWEST = 1e-12

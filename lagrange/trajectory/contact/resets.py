@@ -37,8 +37,8 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 LARGEST_COUPLED = 3
 """Largest number of coordinates coupled by the mass matrix for which impacts are written out as resets."""
 
-LONGEST = 2_000
-"""Largest number of operations of the velocities after an impact that is written out."""
+LONGEST_RESET = 2_000
+"""Largest number of operations in the reset of an impact that is written out."""
 
 SLIGHT, SHORT = 2.0**-48, 1e-3
 """Initial slip or gap after a change: the first number times the change by the largest acceleration terms, during the
@@ -76,7 +76,7 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
         written, impulse, lost, speed = _impact(contact, statement.coordinates, statement.velocities, mass)
         # A series locates the zero of another gap only to the tolerance of the run, which is not enough.
         exact = contact.gap.is_polynomial(*statement.coordinates, time)
-        long = sum(int(value.count_ops()) for value in written.values()) > LONGEST
+        long = sum(int(value.count_ops()) for value in written.values()) > LONGEST_RESET
         resets.append(None if contact.restitution.is_zero or long or not exact else written)
         results += [impulse, lost, speed]
     nodes = tuple(map(model.equations.translate, results))
@@ -121,10 +121,10 @@ def _impact(
     impulse = (1 + e) * speed / compliance
     lost = (1 - e**2) * speed**2 / (2 * compliance)
     moved = [(x, v, change) for x, v, change in zip(q, rates, response, strict=True) if change != 0]
-    behind = {v: v + change * impulse for _, v, change in moved}
+    reset = {v: v + change * impulse for _, v, change in moved}
     # Rounding of the gap would not be small compared with the last flights.
-    behind |= {x: x - change * contact.gap / compliance for x, _, change in moved}
-    return behind, impulse, lost, speed
+    reset |= {x: x - change * contact.gap / compliance for x, _, change in moved}
+    return reset, impulse, lost, speed
 
 
 def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
@@ -195,7 +195,8 @@ def written_friction(model: Model, which: int) -> WrittenFriction | None:
     if len(contact.slip) != 1 or mass is None or statement.constraints or statement.inputs:
         return None
     normal, along = (
-        [expression.diff(x) for x in of] for expression, of in ((contact.gap, q), (contact.slip[0], rates))
+        [expression.diff(x) for x in variables]
+        for expression, variables in ((contact.gap, q), (contact.slip[0], rates))
     )
     rows = sympy.Matrix([*mass, *normal, *along])
     if rows.has(time, *q, *rates) or any(contact.slip[0].diff(x) != 0 for x in q) or mass.det() == 0:
@@ -235,6 +236,7 @@ class _Forces:
 
 
 def _written(model: Model, which: int, forces: _Forces) -> WrittenFriction:
+    """Return the model with the `forces` of the contact with index `which`, and the events that change its way."""
     statement, contact = model.statement, forces.contact
     names = {*statement.names, *(symbol.name for symbol in statement.parameters)}
     name = contact.name + "_"
@@ -258,33 +260,41 @@ def _written(model: Model, which: int, forces: _Forces) -> WrittenFriction:
         contacts=(),
     )
     cone = (contact.friction[0] * forces.normal) ** 2 - forces.hold**2
-    onwards = -sympy.sign(forces.hold)
-    after = sympy.Piecewise((0, cone >= 0), (1, True)) * onwards
+    slip_direction = -sympy.sign(forces.hold)
+    way_after_stop = sympy.Piecewise((0, cone >= 0), (1, True)) * slip_direction
     events = (
-        Event((1 - slides) * cone + slides, direction=-1, reset=_behind(statement, forces, moment, way, onwards)),
-        Event(way * contact.slip[0] + 1 - slides, direction=-1, reset=_behind(statement, forces, moment, way, after)),
+        Event((1 - slides) * cone + slides, direction=-1, reset=_reset(statement, forces, moment, way, slip_direction)),
+        Event(
+            way * contact.slip[0] + 1 - slides,
+            direction=-1,
+            reset=_reset(statement, forces, moment, way, way_after_stop),
+        ),
     )
     return WrittenFriction(which, model.on_same_machine(stated), moment, forces.normal, events)
 
 
-def _behind(statement: Any, forces: _Forces, moment: Any, way: Any, onwards: Any) -> dict[Any, Any]:
+def _reset(statement: Any, forces: _Forces, moment: Any, way: Any, new_way: Any) -> dict[Any, Any]:
     """Return the reset at a change between sliding and sticking, as a dict from symbols to their new values.
 
-    Gap and gap rate become zero. `onwards` is the new way: 0 makes the slip zero, 1 or -1 makes it small in this
-    direction. `way` is the coordinate for the way. `forces` are those of the contact, and `moment` is the parameter
-    that is a short time.
+    Gap and gap rate become zero. A `new_way` of 0 makes the slip zero; 1 or -1 makes it small in this direction. `way`
+    is the coordinate for the way. `forces` are those of the contact, and `moment` is the parameter that is a short
+    time.
     """
     contact, q = forces.contact, statement.coordinates
-    pace = 2 * SLIGHT * abs(forces.hold) * forces.sizes[1] * sympy.Max(abs(time), moment)
+    small_slip = 2 * SLIGHT * abs(forces.hold) * forces.sizes[1] * sympy.Max(abs(time), moment)
     rate = partial_rate(contact.gap, q) + forces.lines[0].dot(sympy.Matrix(statement.velocities))
-    errors = contact.gap / forces.sizes[0], rate / forces.sizes[0], (contact.slip[0] - onwards * pace) / forces.sizes[1]
-    behind = {way: onwards}
+    errors = (
+        contact.gap / forces.sizes[0],
+        rate / forces.sizes[0],
+        (contact.slip[0] - new_way * small_slip) / forces.sizes[1],
+    )
+    reset = {way: new_way}
     for x, v, up, along in zip(q, statement.velocities, *forces.responses, strict=True):
         if up != 0:
-            behind[x] = x - up * errors[0]
+            reset[x] = x - up * errors[0]
         if up != 0 or along != 0:
-            behind[v] = v - up * errors[1] - along * errors[2]
-    return behind
+            reset[v] = v - up * errors[1] - along * errors[2]
+    return reset
 
 
 def in_order(

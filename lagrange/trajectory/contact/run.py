@@ -20,7 +20,7 @@ from lagrange.trajectory.contact.history import FRICTION, IMPULSE, LOST, TIME, C
 from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics
 from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, PreparedMode, modes_of
 from lagrange.trajectory.contact.resets import SHORT, WrittenFriction, WrittenImpacts, in_order
-from lagrange.trajectory.contact.transition import Behind, Transitions, Undetermined
+from lagrange.trajectory.contact.transition import Transition, Transitions, Undetermined
 from lagrange.trajectory.integrator import Integrator, Problem
 from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.parts import (
@@ -42,8 +42,8 @@ RECENT, HURRIED = 100, 1e-4
 fraction of the span, below which they are the cause."""
 
 SAMPLES, OVERLAP, ERRORS = 4, 1e-8, 10
-"""Number of times in a segment at which open gaps are tested; and the overlap that exceeds errors, as a fraction of the
-terms of the gap. This is the fixed fraction or that many times `rtol`, whichever is larger.
+"""Least number of times in a segment at which open gaps are tested; and the overlap that shows a missed impact, as a
+fraction of the terms of the gap: the second number, or the third times `rtol`, whichever is larger.
 """
 
 NEARBY = 2.0**-16
@@ -123,14 +123,14 @@ class _ContactRun:
         """Run the problem from segment to segment, and return the whole run with its history of contacts."""
         problem, n = self.problem, len(self.contacts)
         try:
-            behind = self.transitions.behind(problem.t0, self._checked_start(), Mode((OPEN,) * n, (None,) * n))
+            transition = self.transitions.after(problem.t0, self._checked_start(), Mode((OPEN,) * n, (None,) * n))
         except Undetermined as refusal:
             raise StatementError(f"the motion cannot start at the initial state: {refusal}") from refusal
-        for i, row in behind.impacts.items():
+        for i, row in transition.impacts.items():
             self.impacts[i].append(row[None])
-        segment = problem if behind.y is problem.y0 else replace(problem, y0=behind.y)
+        segment = problem if transition.y is problem.y0 else replace(problem, y0=transition.y)
         while True:
-            mode = self._segment(segment, behind.mode)
+            mode = self._segment(segment, transition.mode)
             part, last = self.parts[-1], status_at_end(problem, self.parts)
             end, fired = part.span[1], self.fired
             goes_on = bool(fired)
@@ -140,19 +140,19 @@ class _ContactRun:
             if part.status is Status.UNRELIABLE or last is Status.EVENT or not goes_on:
                 break
             try:
-                behind = self._after(mode, fired)
+                transition = self._after(mode, fired)
             except Undetermined as refusal:
                 told = message(Status.SINGULAR, problem, end, last_state(part), part.method, cause=str(refusal))
                 self.parts[-1] = replace(part, status=Status.SINGULAR, message=told)
                 break
-            self.parts[-1] = _ended(before_outputs_at_end(problem, self.parts[-1]), behind.before)
-            stop = (last, "") if last is not None else self._limit(end, mode, behind.mode)
+            self.parts[-1] = _ended(before_outputs_at_end(problem, self.parts[-1]), transition.before)
+            stop = (last, "") if last is not None else self._limit(end, mode, transition.mode)
             if stop is not None:
                 self.begins.append(end)
-                self.kept.append(behind.mode)
-                self.parts.append(point_of(problem, self.parts[-1], behind.y, *stop))
+                self.kept.append(transition.mode)
+                self.parts.append(point_of(problem, self.parts[-1], transition.y, *stop))
                 break
-            segment = rest_of(segment, self.parts[-1:], end, behind.y, output_at_begin=True)
+            segment = rest_of(segment, self.parts[-1:], end, transition.y, output_at_begin=True)
         run = joined(problem, self.parts, self._note(), both_at_joints=True)
         impacts, rests = tuple(map(np.concatenate, self.impacts)), tuple(map(tuple, self.rests))
         return replace(run, contacts=ContactHistory(np.array(self.begins), tuple(self.kept), impacts, rests))
@@ -263,8 +263,9 @@ class _ContactRun:
         if self.problem.t_eval is not None or len(times) < SAMPLES:
             times = np.linspace(*part.span, SAMPLES + 1)[1:]
             states = part.dense(times)
-        every = len(times) // SAMPLES
-        gaps, near = self.kinematics.gaps(times[::-every], states[:, ::-every])
+        # Count from the end, so that the last state is tested.
+        stride = -(len(times) // SAMPLES)
+        gaps, near = self.kinematics.gaps(times[::stride], states[:, ::stride])
         deepest = max(OVERLAP, ERRORS * (self.problem.rtol or 0.0)) / TOUCHING * near
         overlapping = [i for i, state in enumerate(mode.states) if state == OPEN and gaps[i].min() < -deepest[i]]
         if not overlapping or not part.status.complete:
@@ -368,7 +369,7 @@ class _ContactRun:
                 part = replace(part, t=np.where(part.t == part.span[1], end, part.t), span=(begin, end))
         self.end_state, self.part = self.prepared.plain(y), self.prepared.plain_run(_ended(part, y))
 
-    def _after(self, mode: Mode, fired: Sequence[tuple[int, str]]) -> Behind:
+    def _after(self, mode: Mode, fired: Sequence[tuple[int, str]]) -> Transition:
         """Return the state and the mode after the last segment, and after the impacts at its end.
 
         `mode` is the mode at its end. `fired` are pairs of a contact's index and the kind of the event that ended the
@@ -376,28 +377,30 @@ class _ContactRun:
         """
         t, y = self.part.span[1], self.end_state
         ends = {kind: [i for i, other in fired if other == kind] for kind in (RELEASE, GAP, SLIP, CONE)}
-        behind = self.transitions.behind(t, y, mode, **ends)
-        self.freed = [i for i, state in enumerate(behind.mode.states) if state == SLIDING and state != mode.states[i]]
-        self.freed += [i for i in ends[SLIP] if behind.mode.states[i] == SLIDING]
-        if behind.impacts:
-            self.bounces.add(np.array([t]), np.array([max(behind.speeds)]), [frozenset(behind.impacts)])
-        accumulated = bool(behind.impacts) and self.bounces.end is not None
+        transition = self.transitions.after(t, y, mode, **ends)
+        self.freed = [
+            i for i, state in enumerate(transition.mode.states) if state == SLIDING and state != mode.states[i]
+        ]
+        self.freed += [i for i in ends[SLIP] if transition.mode.states[i] == SLIDING]
+        if transition.impacts:
+            self.bounces.add(np.array([t]), np.array([max(transition.speeds)]), [frozenset(transition.impacts)])
+        accumulated = bool(transition.impacts) and self.bounces.end is not None
         plastic = frozenset().union(*self.bounces.contacts) if accumulated else frozenset()
-        while behind.unseen - plastic or (accumulated and not plastic & set(behind.mode.closed)):
-            plastic |= behind.unseen
-            behind = self.transitions.behind(t, y, mode, **ends, plastic=plastic)
+        while transition.unseen - plastic or (accumulated and not plastic & set(transition.mode.closed)):
+            plastic |= transition.unseen
+            transition = self.transitions.after(t, y, mode, **ends, plastic=plastic)
             accumulated = False
-        settled = tuple(i for i in plastic if i in behind.mode.closed and i not in mode.closed)
+        settled = tuple(i for i in plastic if i in transition.mode.closed and i not in mode.closed)
         if settled and (rest := self.bounces.limit) is not None:
             self.bounces.clear()
             if rest - t > SHORTEST_REST * abs(t):
-                behind = replace(behind, mode=replace(behind.mode, bouncing=settled))
+                transition = replace(transition, mode=replace(transition.mode, bouncing=settled))
                 self.rest_time = rest
             for i in settled:
                 self.rests[i].append(rest)
-        for i, row in behind.impacts.items():
+        for i, row in transition.impacts.items():
             self.impacts[i].append(row[None])
-        return behind
+        return transition
 
     def _checked_start(self) -> FloatArray:
         """Return the start (2n,), with negative gaps closed that are rounding. Raises StatementError inside a body."""

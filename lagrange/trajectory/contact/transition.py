@@ -50,7 +50,7 @@ class Undetermined(RunError):
 
 
 @dataclass(frozen=True, eq=False)
-class Behind:
+class Transition:
     """Result of a transition: the state `y` (2n,) and the mode after it, and the impacts.
 
     `before` (2n,) is the state before the impacts, in which overlaps of bodies are removed. `impacts` maps the index
@@ -81,7 +81,7 @@ class Transitions:
         flying = Mode((OPEN,) * count, (None,) * count)
         self._open = replace(flying, still=modes.leaves_no_freedom(flying))
 
-    def behind(
+    def after(
         self,
         t: float,
         y: FloatArray,
@@ -92,7 +92,7 @@ class Transitions:
         stopped: Collection[int] = (),
         freed: Collection[int] = (),
         plastic: Collection[int] = (),
-    ) -> Behind:
+    ) -> Transition:
         """Return the result of the transition after a mode that ends at a state (2n,).
 
         The mode is ended by contacts whose gap (`met`), normal force (`released`) or slip (`stopped`) became zero, or
@@ -111,7 +111,7 @@ class Transitions:
         lasting = [i for i in mode.closed if i not in released]
         touching = sorted({*near, *lasting} - set(released))
         if not touching and not released:
-            return Behind(y, y, self._open)
+            return Transition(y, y, self._open)
         closing = [i for i in touching if touch.rates[normals[i]] < -touch.noise[normals[i]] and i not in lasting]
         impacts: dict[int, FloatArray] = {}
         speeds: tuple[float, ...] = ()
@@ -132,7 +132,7 @@ class Transitions:
             if i not in following.closed
             and 0 < touch.rates[normals[i]] ** 2 < -2 * pulls[normals[i]] * SMALLEST_GAP / TOUCHING * touch.near[i]
         )
-        return Behind(y, before, following, impacts, speeds, unseen)
+        return Transition(y, before, following, impacts, speeds, unseen)
 
     def _freed_ways(self, t: float, y: FloatArray, mode: Mode, freed: Collection[int]) -> dict[int, FloatArray]:
         """Return the direction (components,) in which each contact of `freed` begins to slide, by its index.
@@ -162,7 +162,7 @@ class Transitions:
         closing: Sequence[int],
         plastic: Collection[int],
     ) -> tuple[FloatArray, dict[int, FloatArray], tuple[float, ...]]:
-        """Return the state after an impact, the impacts as in `Behind`, and the speeds of `closing` contacts.
+        """Return the state after an impact, the impacts as in `Transition`, and the speeds of `closing` contacts.
 
         `touching` are the indices of all contacts with zero gap, which may exchange impulses. `closing` are those
         whose gap decreases. `plastic` contacts have no restitution. `touch` has the contacts at the state y (2n,)
