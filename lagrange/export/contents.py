@@ -63,7 +63,7 @@ class ExportContents:
     taylor: bool
 
 
-def wanted(
+def contents_of(
     target: Target,
     model: Model,
     contents: Sequence[str] | None,
@@ -76,8 +76,9 @@ def wanted(
     `parameters` values that replace the stated ones. Raises StatementError for contents that the system or the target
     does not have.
     """
-    default = [*DEFAULT, *(["events"] if events else [])]
-    requested = default if contents is None else None if isinstance(contents, str) else entries(contents, "contents")
+    requested = [*DEFAULT, *(["events"] if events else [])]
+    if contents is not None:
+        requested = [] if isinstance(contents, str) else [*entries(contents, "contents")]
     if not requested or not all(isinstance(entry, str) for entry in requested):
         raise StatementError(f"contents is {shown(contents)}: give a list of names, such as ['rhs', 'energy'].")
     names = list(dict.fromkeys((*target.always, *requested)))
@@ -464,7 +465,7 @@ def export(
             "files."
         ) from error
     try:
-        module = module_of(model, wanted(chosen, model, contents, declared, parameters), declared, parameters)
+        module = module_of(model, contents_of(chosen, model, contents, declared, parameters), declared, parameters)
         check_operations(chosen, module)
         files = chosen.files(module)
         data = {name: text.encode("ascii") if isinstance(text, str) else text for name, text in files.items()}

@@ -250,8 +250,8 @@ def records_of(procedures: Sequence[Procedure]) -> list[Record]:
 COMMENT_WIDTH = 104
 
 INPUTS = (
-    "the last parameters. What is prepared from parameters does not depend on them: their places may be written before "
-    "every call. A run holds them."
+    "the last parameters. Prepared numbers do not depend on them: these entries of p may be changed before every call. "
+    "A run keeps them constant."
 )
 """Comment on inputs for an exported file: they are the last parameters."""
 
@@ -299,7 +299,7 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
             motion if isinstance(motion, str) else f"{name_of(motion[0])} = {write(motion[1])}", COMMENT_WIDTH
         )
     for k, event in enumerate(events):
-        yield from _formula(f"event{k}", f"{write(event.expression)}{_told(event, write)}")
+        yield from _formula(f"event{k}", f"{write(event.expression)}{_event_note(event, write)}")
     yield ""
     values = [_with_unit(statement, p.name, statement.defaults.get(p)) for p in statement.parameters]
     for title, parts in (
@@ -311,12 +311,15 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
         yield from wrapped(f"inputs: {', '.join(inputs)}: {INPUTS}", COMMENT_WIDTH)
 
 
-def _told(event: Event, write: Callable[[Any], str]) -> str:
+def _event_note(event: Event, write: Callable[[Any], str]) -> str:
     """Return the text after the expression of an event: its direction, its reset, and whether it ends the run."""
-    said = [{1: "rising", -1: "falling"}[event.direction]] if event.direction else []
-    said += [f"terminal at occurrence {event.terminal}"] * (event.terminal > 0)
-    said += [f"reset {write(key)} to {write(value)}" for key, value in event.reset.items()]
-    return f" ({', '.join(said)}; the reset is not exported)" if event.reset else f" ({', '.join(said)})" * bool(said)
+    notes = [{1: "rising", -1: "falling"}[event.direction]] if event.direction else []
+    if event.terminal > 0:
+        notes.append(f"terminal at occurrence {event.terminal}")
+    notes += [f"reset {write(key)} to {write(value)}" for key, value in event.reset.items()]
+    if not notes:
+        return ""
+    return f" ({', '.join(notes)}{'; the reset is not exported' if event.reset else ''})"
 
 
 def _writer(statement: Statement) -> Callable[[Any], str]:

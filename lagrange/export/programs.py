@@ -43,7 +43,7 @@ class Script:
     quoted: Callable[[str], str] = '"{}"'.format
 
     def filled(self, template: str, fields: Mapping[str, object], **extra_fields: object) -> str:
-        """Return the text of a template of the language, by its name, with these fields."""
+        """Return the text of the template with this name in the language, with values for its fields."""
         return templates(self.language)[template].substitute(fields, **extra_fields)
 
 

@@ -60,7 +60,7 @@ class Library:
     setting: str = ""
 
     def text(self, name: str, /, **fields: object) -> str:
-        """Return the text of a template of the library by its name, with these fields."""
+        """Return the text of the template with this name of the library, with values for its fields."""
         return filled(self.language.name.lower(), name, **fields)
 
     def text_before(self, *programs: Program) -> str:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.export.contents import module_of, wanted
+from lagrange.export.contents import contents_of, module_of
 from lagrange.export.target import find, missing_operation
 from lagrange.machine.model import Model
 from lagrange.show.figures.paths import AZIMUTH, ELEVATION, spring
@@ -75,7 +75,7 @@ def contents(statement: Statement) -> tuple[str, ...]:
 def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionSource:
     """Return the exported JavaScript module of a model. Raises StatementError for functions that JavaScript lacks."""
     target, asked = find(TARGET), contents(model.statement)
-    module = module_of(model, wanted(target, model, asked, (), parameters), (), parameters)
+    module = module_of(model, contents_of(target, model, asked, (), parameters), (), parameters)
     missing = missing_operation(target, module)
     if missing is not None:
         quantity, function = missing

@@ -362,7 +362,7 @@ def write_page(
 
 
 def write_recorded_page(solution: Solution, path: str | os.PathLike[str], sliders: Any) -> Path:
-    """Write the page that plays a run of a system with contacts, and return its path.
+    """Write a page that plays the run `solution` of a system with contacts, and return its path.
 
     Raises StatementError for `sliders` that are not None: the page does not compute the motion for other values.
     """

@@ -54,7 +54,7 @@ from lagrange.show.figures.ensemble_figure import COMPLETE, plot_ensemble
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically, write_rows
 from lagrange.show.files.picture import picture
-from lagrange.show.files.run_files import needed
+from lagrange.show.files.run_files import optional_package
 from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.terminal import duration
 from lagrange.statement.coordinate import row_label
@@ -263,7 +263,7 @@ class Ensemble:
         With t_eval the initial values of a varied coordinate theta are named theta_start, because theta are its values
         at the output times. Raises StatementError without xarray.
         """
-        with needed("xarray", "to_xarray"):
+        with optional_package("xarray", "to_xarray"):
             import xarray
         axes = {self._start_name(name): values for name, values in self.table.varied.axes.items()}
         labels = {self._start_name(label): label for label in self.table.labels}

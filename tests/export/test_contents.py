@@ -19,7 +19,7 @@ from sympy import sin
 
 import lagrange as lg
 from lagrange.evidence.precise_run import evaluate
-from lagrange.export.contents import module_of, names_of, wanted
+from lagrange.export.contents import contents_of, module_of, names_of
 from lagrange.export.straight_line import with_outputs
 from lagrange.export.target import find, target_names
 from tests.export.systems import named
@@ -116,7 +116,7 @@ def test_the_tested_run_takes_few_steps() -> None:
     x = lg.coordinate("x")
     fast = lg.System(kinetic=x.dot**2 / 2, potential=1e10 * x**2, initial={x: 1.0}, name="fast")
     model = fast.compile("numpy")
-    check = module_of(model, wanted(find("python"), model, ["dop853"], (), None), ()).step_checks[0]
+    check = module_of(model, contents_of(find("python"), model, ["dop853"], (), None), ()).step_checks[0]
     assert 1e-5 < check.length < 1e-2
     assert check.result[0] == pytest.approx(np.cos(2e10**0.5 * check.length), abs=1e-9)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.export.contents import module_of, wanted
+from lagrange.export.contents import contents_of, module_of
 from lagrange.export.languages import julia, modelica
 from lagrange.export.module import SourceModule
 from lagrange.export.straight_line import PrintedFunctions
@@ -66,7 +66,7 @@ class Read:
 
 def module(target: str, system: lg.System, contents: list[str]) -> SourceModule:
     model = system.compile("numpy")
-    return module_of(model, wanted(find(target), model, contents, (), None), ())
+    return module_of(model, contents_of(find(target), model, contents, (), None), ())
 
 
 def right(target: str, made: SourceModule) -> Read:

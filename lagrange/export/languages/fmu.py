@@ -25,7 +25,7 @@ from lagrange.export.languages.c import header, numbers, programs, source, state
 from lagrange.export.languages.c_printer import LITERALS
 from lagrange.export.module import SourceModule
 from lagrange.export.target import Target, register
-from lagrange.export.templates import templates
+from lagrange.export.templates import filled
 
 STATE, DERIVATIVE, PARAMETER, INPUT = "state", "derivative", "parameter", "input"
 RESULT, INDICATOR = "result", "indicator"
@@ -306,7 +306,9 @@ def model_header(module: SourceModule, token: str, version: int) -> str:
         "RUN": f"{name}_{integrator.name}",
     }
     base = 1 + len(module.state) + len(module.parameters)
-    text = templates("fmu")["model"].substitute(
+    text = filled(
+        "fmu",
+        "model",
         name=name,
         version=version,
         sizes="\n".join(f"#define Model_{key} {value}" for key, value in sizes.items()),
@@ -314,7 +316,7 @@ def model_header(module: SourceModule, token: str, version: int) -> str:
         initial="\n".join(continued(f"static const double model_initial[] = {{{numbers(run.initial)}}};")),
         outcomes="\n".join(f'    case {int(code)}:\n        return "{text}";' for code, text in OUTCOMES.items()),
     )
-    return "\n".join([*statement_comment(module), "", text])
+    return "\n".join([*statement_comment(module), "", text, ""])
 
 
 DATE = (1980, 1, 1, 0, 0, 0)

@@ -27,22 +27,26 @@ def templates(language: str) -> Mapping[str, Fields]:
 
 
 def filled(language: str, name: str, /, **fields: object) -> str:
-    """Return the text of a template of a language with these fields, without blanks at its end."""
+    """Return the text of a template of a language with values for its fields, without line ends after it."""
     return templates(language)[name].substitute(fields).rstrip()
 
 
 def words(language: str, name: str) -> list[str]:
-    """Return the words in a list of a language by its name, such as "reserved"."""
+    """Return the words of a list of a language, such as the list "reserved"."""
     return templates(language)[name].template.split()
 
 
 def helpers(language: str) -> dict[str, str]:
     """Return the definitions of a language's helper functions by operation: the templates such as "helper min"."""
-    found = {name.partition("helper ")[2]: fields for name, fields in templates(language).items()}
-    return {op: fields.substitute().rstrip() for op, fields in found.items() if op}
+    mark = "helper "
+    return {
+        name.removeprefix(mark): fields.substitute().rstrip()
+        for name, fields in templates(language).items()
+        if name.startswith(mark)
+    }
 
 
 def named_helpers(language: str) -> dict[str, tuple[str, str]]:
-    """Return the names and definitions of helper functions by operation, in C or JavaScript."""
+    """Return (name, definition) of the helper functions in C or JavaScript, by operation."""
     names = re.compile(r"^(?:function|double|int64_t) (\w+)", re.MULTILINE)
     return {op: (names.findall(text)[0], text) for op, text in helpers(language).items()}

@@ -71,9 +71,9 @@ points."""
 
 
 def checked_options(size: Any, trail: Any) -> tuple[tuple[int, int] | None, float | None]:
-    """Return the requested size of a film in pixels, and the requested duration of its trails, after their check.
+    """Return the arguments `size` and `trail` of a `Film`, or None for those that the user leaves out.
 
-    Raises StatementError for an invalid `size` or `trail`. None is the default of each.
+    Raises StatementError for an invalid `size` or `trail`.
     """
     if size is not None:
         if not isinstance(size, (tuple, list)) or len(size) != 2:

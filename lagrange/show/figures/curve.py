@@ -202,7 +202,7 @@ def over_time(values: Rows, t: FloatArray, pixels: Pixels, *, rounds: int = MOST
     """Return a line for each row of values: its corners (2, K), with times first, exact within a pixel.
 
     `values(t)` returns the rows (r, K) at times (K,). A line begins at the first of the times `t` and ends at the last,
-    which may be earlier. Together the rows fill a panel of the size `pixels`. Where several oscillations are in one
+    which may be earlier. The rows fill a panel of the size `pixels` together. Where several oscillations are in one
     column of pixels, the line has their exact minimum and maximum. Intervals are halved at most `rounds` times; few are
     enough for values that are rounding noise.
     """
@@ -218,7 +218,7 @@ def over_time(values: Rows, t: FloatArray, pixels: Pixels, *, rounds: int = MOST
 def in_plane(points: Points, t: FloatArray, pixels: Pixels) -> tuple[FloatArray, FloatArray]:
     """Return times (K,) and points of the plane (p, 2, K), whose polylines are exact within a pixel.
 
-    `points(t)` returns the points at times (K,). They fill the panel.
+    `points(t)` returns the points at times (K,). They fill a panel of the size `pixels`.
     """
     coordinates = points(t)
     scale = _pixels_in(np.array([pixels.width, pixels.height]), _extents(coordinates, axis=(0, 2)))

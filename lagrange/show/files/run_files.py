@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 def data_frame(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[str, Any]) -> pandas.DataFrame:
     """Return a DataFrame over t (N,) with copies of the rows (N,) as columns. Raises StatementError without pandas."""
-    with needed("pandas", "to_pandas"):
+    with optional_package("pandas", "to_pandas"):
         import pandas
     columns = {name: row.copy() for name, row in rows.items()}
     frame = pandas.DataFrame(columns, index=pandas.Index(t, name="t"))
@@ -45,15 +45,18 @@ def data_set(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[
 
     Only texts and numbers among `attributes` are kept. Raises StatementError without xarray.
     """
-    with needed("xarray", "to_xarray"):
+    with optional_package("xarray", "to_xarray"):
         import xarray
     kept = {key: value for key, value in attributes.items() if isinstance(value, (str, int, float))}
     return xarray.Dataset({name: ("t", row.copy()) for name, row in rows.items()}, coords={"t": t}, attrs=kept)
 
 
 @contextmanager
-def needed(package: str, method: str) -> Iterator[None]:
-    """Context in which `method` imports `package`, pandas or xarray; raises StatementError if it is not installed."""
+def optional_package(package: str, method: str) -> Iterator[None]:
+    """Return the context in which a method imports a package. It raises StatementError if this is not installed.
+
+    `package` is "pandas" or "xarray", and `method` is the name of the method for the message.
+    """
     try:
         yield
     except ModuleNotFoundError as error:

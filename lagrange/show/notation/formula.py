@@ -331,10 +331,9 @@ class SideWriter:
                 return self.notation.signs(terms) if terms else self.notation.number("0").text
             case ExpressionRows():
                 rows = [[self.side(entry) for entry in row] for row in side.rows]
-                vector = side.vector
-                return (
-                    self.notation.brackets(self.notation.comma.join(rows[0])) if vector else self.notation.matrix(rows)
-                )
+                if side.vector:
+                    return self.notation.brackets(self.notation.comma.join(rows[0]))
+                return self.notation.matrix(rows)
         return self.setter.write(side)
 
     def factor(self, factor: Any) -> str:
