@@ -78,7 +78,7 @@ def contents_of(
     """
     requested = [*DEFAULT, *(["events"] if events else [])]
     if contents is not None:
-        requested = [] if isinstance(contents, str) else [*entries(contents, "contents")]
+        requested = [] if isinstance(contents, str) else entries(contents, "contents") or []
     if not requested or not all(isinstance(entry, str) for entry in requested):
         raise StatementError(f"contents is {shown(contents)}: give a list of names, such as ['rhs', 'energy'].")
     names = list(dict.fromkeys((*target.always, *requested)))
