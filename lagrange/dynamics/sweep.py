@@ -18,8 +18,7 @@ from lagrange.errors import StatementError, counted, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.members.varied import axis_values
 from lagrange.statement.event import Event
-from lagrange.statement.expression import one_of
-from lagrange.statement.parameters import label_of
+from lagrange.statement.parameters import label_of, parameter_name
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 
@@ -67,7 +66,7 @@ def parameter_of(statement: Statement, parameter: Any) -> str:
             f"{label} is not a parameter but an entry of the state of {statement.name}: give its parameters "
             f"{listing(known)}; give other starts as starts=[...]."
         )
-    return one_of(label, known, "{given} is not a parameter of this system; its parameters are {known}.")
+    return parameter_name(label, known)
 
 
 def values_of(values: Any, name: str) -> FloatArray:

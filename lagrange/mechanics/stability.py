@@ -29,8 +29,8 @@ from lagrange.mechanics.plain_form import (
 )
 from lagrange.mechanics.roots import CONVERGED_STEP
 from lagrange.statement.coordinate import t
-from lagrange.statement.expression import one_of, real_array
-from lagrange.statement.parameters import label_of
+from lagrange.statement.expression import real_array
+from lagrange.statement.parameters import parameter_name
 from lagrange.statement.statement import Statement
 
 REAL_PART = 1e-6
@@ -324,8 +324,7 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
     `at` is a mapping as for `linearize`. Raises StatementError if no equilibrium is found at any value.
     """
     by_name = {p.name: p for p in statement.parameters}
-    refusal = "{given} is not a parameter of this system; its parameters are {known}."
-    label = one_of(label_of(parameter), by_name, refusal)
+    label = parameter_name(parameter, by_name)
     chosen = real_array(values, "values")
     if chosen.ndim != 1 or not 0 < len(chosen) <= MOST_VALUES:
         raise StatementError(

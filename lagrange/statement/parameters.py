@@ -201,7 +201,7 @@ def parameter_values(
     labels = [label_of(key) for key in table]
     check_once(labels, "parameters")
     for label, value in zip(labels, table.values(), strict=True):
-        one_of(label, by_name, "{given} is not a parameter of this system; its parameters are {known}.")
+        parameter_name(label, by_name)
         values[by_name[label]] = _within(by_name[label], real_number(value, f"parameter {label}"), frictions)
     missing = [symbol.name for symbol in parameters if symbol not in values]
     if missing:
@@ -233,6 +233,11 @@ def rate_name(name: str, order: int) -> str:
 def coordinate_name(key: Any, names: Sequence[str]) -> str:
     """Return the name of the coordinate that `key` names. Raises StatementError for an unknown coordinate."""
     return one_of(label_of(key), names, "{given} is not a coordinate of this system; they are {known}.")
+
+
+def parameter_name(key: Any, names: Collection[str]) -> str:
+    """Return the name of the parameter that `key` names. Raises StatementError for an unknown parameter."""
+    return one_of(label_of(key), names, "{given} is not a parameter of this system; its parameters are {known}.")
 
 
 def table_of(table: Any, what: str, entries: str) -> Mapping[Any, Any]:
