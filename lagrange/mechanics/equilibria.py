@@ -320,9 +320,9 @@ class _Angles:
         for angle in self.angles:
             forces[angle] = sum(x * rate.diff(velocity_of(angle)) for x, rate in zip(torques, rates, strict=True))
         start = dict(zip(read.coordinates, read.initial, strict=False))  # of coordinates, without velocities
-        nothing = MappingProxyType[str, Any]({})
+        empty = MappingProxyType[str, Any]({})
         self.statement = rewritten(
-            replace(read, rotations=(), positions=nothing, surfaces=nothing, links=(), contacts=(), simultaneous=""),
+            replace(read, rotations=(), positions=empty, surfaces=empty, links=(), contacts=(), simultaneous=""),
             lambda stated: in_fractions(stated.xreplace(table)),
             coordinates=tuple(forces),
             forces=forces,
@@ -337,7 +337,7 @@ class _Angles:
             angle for angle, x in zip(self.angles, self.symbols, strict=True) if form.q.index(x) in ignorable(form)
         ]
 
-    def written(self, equilibrium: Equilibrium) -> Equilibrium:
+    def in_quaternion(self, equilibrium: Equilibrium) -> Equilibrium:
         """Return an equilibrium in angles with a quaternion in their place, and the rates about the body axes."""
         arbitrary = {q: sympy.S.Zero for q, x in equilibrium.coordinates.items() if q == x and q in self.angles}
         values = {q: x.xreplace(arbitrary) for q, x in equilibrium.coordinates.items()}
@@ -356,7 +356,7 @@ class _Angles:
         )
 
     def key(self, values: Mapping[Any, Any], known: Mapping[Any, Any]) -> tuple[str, ...]:
-        """Return a text that is the same for solutions {symbol: value} that differ by turns about ignorable angles."""
+        """Return texts that are equal for solutions {symbol: value} that differ only in ignorable angles."""
         plain = dict(zip(self.angles, self.symbols, strict=True))
         row = self.matrix.row(self.upright).xreplace(plain)
         entries = [row[self.last]] if self.angles[2] in self.free else [*row]
@@ -396,8 +396,9 @@ def _steady_rotations(
 def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]) -> list[Equilibrium]:
     """Return the motions of a body that turns steadily about an axis of space.
 
-    They are searched for in angles whose spin is about the axis of symmetry of the body, if it has one. The two tilts
-    at which these angles are singular are examined in other angles.
+    They are searched for in angles whose spin is about the axis of symmetry of the body, if it has one. These angles
+    are singular at two tilts, the poles, where a factor such as sin(tilt) is zero. The poles are examined in other
+    angles.
     """
     charts = {last % 3: _Angles(statement, axis, last % 3) for last in (axis, axis + 2, axis + 1)}
     if charts[axis].angles[0] not in charts[axis].free:
@@ -408,29 +409,29 @@ def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]
     third = (axis + 2) % 3
     last = next((k for k, chart in charts.items() if chart.angles[2] in chart.free), third)
     if last == axis:
-        main, other, singular = charts[last], charts[third], sympy.sin
+        main, polar, factor = charts[last], charts[third], sympy.sin
         poles = [(sympy.S.Zero, sympy.S.Zero), (sympy.pi, sympy.S.Zero)]
     else:
-        main, other, singular = charts[last], charts[axis], sympy.cos
+        main, polar, factor = charts[last], charts[axis], sympy.cos
         poles = [(sign * sympy.pi / 2, sympy.S.Zero if last == third else sympy.pi / 2) for sign in (1, -1)]
     symmetric = main.angles[2] in main.free
-    problem, beside = (_Problem(each.statement, {**others, each.angles[0]: rate}) for each in (main, other))
+    problem, polar_problem = (_Problem(chart.statement, {**others, chart.angles[0]: rate}) for chart in (main, polar))
     _, tilt, spin = main.symbols
     solutions, exact = problem.solutions()
-    known = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
-    regular = {main.key(x, known): x for x in solutions if tilt in x and not _is_small(singular(x[tilt]), known)}
+    known = statement.defaults
+    regular = {main.key(x, known): x for x in solutions if tilt in x and not _is_small(factor(x[tilt]), known)}
     if len(regular) > MOST_PLACES:
         raise StatementError(problem.too_many(len(regular)))
     records = [(main, problem.record(values, exact=exact)) for values in regular.values()]
     for pole in poles:
-        place = dict(zip((tilt, spin), pole, strict=True))
-        unknowns = [x for x in (*beside.unknowns, *beside.multipliers) if x not in place]
-        for values in solved([equation.xreplace(place) for equation in beside.equations], unknowns) or ():
-            records.append((other, beside.record({**place, **values}, exact=True, axial=symmetric)))
+        at_pole = dict(zip((tilt, spin), pole, strict=True))
+        unknowns = [x for x in (*polar_problem.unknowns, *polar_problem.multipliers) if x not in at_pole]
+        for values in solved([equation.xreplace(at_pole) for equation in polar_problem.equations], unknowns) or ():
+            records.append((polar, polar_problem.record({**at_pole, **values}, exact=True, axial=symmetric)))
     if not records:
         raise StatementError(problem.none_found(symbolic=exact))
     free = main.is_free and len(problem.unknowns) == 2
-    turns = [angles.written(_of_free_body(record, known) if free else record) for angles, record in records]
+    turns = [angles.in_quaternion(_of_free_body(record, known) if free else record) for angles, record in records]
     return sorted(turns, key=problem.order)
 
 
@@ -470,14 +471,14 @@ def _precessions(
             f"the precessions of {statement.name} are found with ignorable coordinates alone beside "
             f"{angles.rotation.name}: forces or constraints depend on {listing(map(str, problem.unknowns))}."
         )
-    cosine = angles.matrix[upright, axis]  # of the angle between the axes of body and space
+    cosine = angles.matrix[upright, axis]  # of the angle between the axes of body and space: cos or sin of the tilt
     entry = min(max(attitude[upright][axis] * (1 if axis == upright else cosine.subs(tilt, sympy.pi / 2)), -1), 1)
-    place = sympy.Float(math.acos(entry) if axis == upright else math.asin(entry))
-    spun = expression(rate, "the rate") - unknown * cosine.subs(tilt, place)
+    stated_tilt = sympy.Float(math.acos(entry) if axis == upright else math.asin(entry))
+    spin_rate = expression(rate, "the rate") - unknown * cosine.subs(tilt, stated_tilt)
     rates = {**dict.fromkeys((*form.a, *form.v, *angles.symbols), sympy.S.Zero), **problem.speeds}
-    rates |= {form.plain[velocity_of(precession)]: unknown, form.plain[velocity_of(spin)]: spun}
+    rates |= {form.plain[velocity_of(precession)]: unknown, form.plain[velocity_of(spin)]: spin_rate}
     (row,) = problem.rows
-    force = form.residuals[row].xreplace({**rates, form.plain[tilt]: place})
+    force = form.residuals[row].xreplace({**rates, form.plain[tilt]: stated_tilt})
     force = sympy.expand(force.xreplace(known))
     if abs(entry) > 1 - 1e-15 or not force.is_polynomial(unknown) or force.free_symbols != {unknown}:
         raise StatementError(
@@ -493,10 +494,10 @@ def _precessions(
     for root in map(sympy.re, roots):
         moving = {
             precession: sympy.Float(root, 17),
-            spin: sympy.Float(spun.xreplace({unknown: root}).xreplace(known), 17),
+            spin: sympy.Float(spin_rate.xreplace({unknown: root}).xreplace(known), 17),
         }
         steady = _Problem(angles.statement, {**others, **moving})
-        precessions.append(angles.written(steady.record({form.plain[tilt]: place}, exact=False)))
+        precessions.append(angles.in_quaternion(steady.record({form.plain[tilt]: stated_tilt}, exact=False)))
     return sorted(precessions, key=problem.order)
 
 
