@@ -239,23 +239,25 @@ def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
 def _energies(
     kinetic: Any, potential: Any, lagrangian: Any, survey: Survey
 ) -> tuple[dict[str, Any], tuple[Any, Any, Any]]:
-    """Return {name: expression as typed} of the stated energies, and (T, V, L) with shorthands replaced.
+    """Return {argument: energy as typed} of the stated energies, and (T, V, L) with shorthands replaced.
 
-    A shorthand is such as R[0, 0]. The symbols of the energies are added to `survey`. A system stated by L alone has
-    T = L and V = 0.
+    An entry R[0, 0] of a rotation is such a shorthand. The symbols of the energies are added to `survey`. A system
+    stated by L alone has T = L and V = 0.
     """
     if lagrangian is not None and (kinetic is not None or potential is not None):
         raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
     if lagrangian is None and kinetic is None:
         raise StatementError("no kinetic energy: give kinetic= and potential=, or lagrangian=.")
-    stated = {"kinetic": kinetic, "potential": 0 if potential is None else potential}
-    stated = stated if lagrangian is None else {"lagrangian": lagrangian}
+    stated = {"lagrangian": lagrangian}
+    if lagrangian is None:
+        stated = {"kinetic": kinetic, "potential": 0 if potential is None else potential}
     typed = {name: as_typed(energy, ENERGIES[name]) for name, energy in stated.items()}
     full = {name: in_full(energy) for name, energy in typed.items()}
     for name, energy in full.items():
         survey.add(energy, ENERGIES[name])
-    first, second = (*full.values(), sympy.S.Zero)[:2]
-    return typed, (first, second, first - second)
+    main = full["kinetic" if lagrangian is None else "lagrangian"]
+    minus = full.get("potential", sympy.S.Zero)
+    return typed, (main, minus, main - minus)
 
 
 def _coordinates(coordinates: Sequence[Any] | None, survey: Survey, first_order: Iterable[Any]) -> tuple[Any, ...]:

@@ -146,6 +146,7 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
 
     `constant` names a kind of run whose events must not set parameters. With an empty text events may set them.
     """
+    # An empty tuple is the usual case: it is returned first, because the checks of types below take longer.
     if events is None or (isinstance(events, tuple) and not events):
         return ()
     alone = (Event, sympy.Basic, str, bytes, numbers.Number, np.bool_)

@@ -437,15 +437,15 @@ def reading(
     }
 
 
-_SINGULAR = (sympy.nan, sympy.zoo, sympy.oo, -sympy.oo, sympy.DiracDelta)
+_SINGULAR = (sympy.nan, sympy.zoo, sympy.oo, -sympy.oo, sympy.DiracDelta)  # in expressions without a finite value
 
 
-def _check_smooth_at_rest(each: Rotation, potential: Any, drag: Any, forces: Iterable[Any]) -> None:
+def _check_smooth_at_rest(rotation: Rotation, potential: Any, drag: Any, forces: Iterable[Any]) -> None:
     """Raise StatementError for V, dissipation or forces that are singular where the rates of a rotation are zero.
 
-    Their expressions are in rates about the axes of body and space, and in entries of the rotation matrix.
+    These expressions are in rates about the axes of body and space, and in entries of the rotation matrix.
     """
-    plain = {rate: sympy.Dummy(real=True) for rate in (*each.body, *each.space)}
+    plain, body = {rate: sympy.Dummy(real=True) for rate in (*rotation.body, *rotation.space)}, f"{rotation.name}.body"
     rates = tuple(plain.values())
     potential, drag, *forces = (part.xreplace(plain) for part in (potential, drag, *forces))
     slopes = [drag.diff(rate) for rate in rates] + [potential.diff(rate, other) for rate in rates for other in rates]
@@ -453,8 +453,8 @@ def _check_smooth_at_rest(each: Rotation, potential: Any, drag: Any, forces: Ite
     for what, parts in (("a force", forces), ("the dissipation or the potential energy", slopes)):
         if any(part.has(*rates) and part.xreplace(at_rest).has(*_SINGULAR) for part in parts):
             raise StatementError(
-                f"{what} has a root or a quotient that is singular where {each.name}.body is zero: make it smooth at "
-                f"rest, such as sqrt({each.name}.body.dot({each.name}.body) + e**2) with a small e."
+                f"{what} has a root or a quotient that is singular where {body} is zero: make it smooth at rest, such "
+                f"as sqrt({body}.dot({body}) + e**2) with a small e."
             )
 
 

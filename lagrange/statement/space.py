@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence, Sized
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -173,12 +174,11 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
 
     Raises StatementError, with the deviation, for a value that is not a rotation.
     """
-    # An array of a long sequence, such as range(10**9), would not fit into the memory.
-    array = np.array([] if isinstance(value, Sized) and len(value) > 9 else value, dtype=object)
-    try:
-        numbers = array.astype(float)
-    except (TypeError, ValueError, OverflowError):
-        numbers = np.zeros(0)
+    numbers = np.zeros(0)
+    # A SymPy matrix has 9 entries. An array of a long sequence, such as range(10**9), would not fit into the memory.
+    if not isinstance(value, Sized) or len(value) <= 9:
+        with suppress(TypeError, ValueError, OverflowError):
+            numbers = np.array(value, dtype=object).astype(float)
     if numbers.shape not in ((4,), (3, 3)) or not np.isfinite(numbers).all():
         raise StatementError(
             f"the start of {name} is {shown(value)}: give lagrange.turn(axis, angle), a quaternion of four numbers, "

@@ -80,15 +80,15 @@ class Guard:
         return build(*parts)
 
 
-def parts_first(expression: Any, known: Mapping[Any, Any], *, whole: tuple[type, ...] = ()) -> Iterator[Any]:
+def parts_first(expression: Any, known: Mapping[Any, Any], *, leaves: tuple[type, ...] = ()) -> Iterator[Any]:
     """Yield the distinct subexpressions that are not in `known`, parts first. The caller enters each in `known`.
 
-    The parts of objects of the classes `whole` are not yielded.
+    Objects of the classes `leaves` have no parts here.
     """
     todo = [expression]
     while todo:
         node = todo[-1]
-        fresh = [part for part in node.args if part not in known and not isinstance(node, whole)]
+        fresh = [part for part in node.args if part not in known and not isinstance(node, leaves)]
         if fresh:
             todo.extend(fresh)
             continue

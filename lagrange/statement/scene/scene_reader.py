@@ -238,7 +238,7 @@ class SceneReader:
             raise
         except StatementError as error:
             raise SceneError(str(error), file=document.file) from None
-        self.check_velocities(declared, *stated)
+        self.check_velocities(declared)
         if "events" not in self.data:
             return declared
         return replace(declared, run=replace(declared.run, events=self.events(reader, declared)))
@@ -436,11 +436,12 @@ class SceneReader:
             )
         return {key: self.document.expression(reader, key) for key in (main, "potential") if key in self.data}
 
-    def check_velocities(self, statement: Statement, main: str, *_: str) -> None:
-        """Raise SceneError, at the energy with the key `main`, for a coordinate whose acceleration is undetermined."""
-        still = without_velocity(statement, alone=main == "lagrangian") if self.evaluated else None
+    def check_velocities(self, statement: Statement) -> None:
+        """Raise SceneError, at L or T, for a coordinate whose acceleration no equation determines."""
+        alone = "lagrangian" in self.data
+        still = without_velocity(statement, alone=alone) if self.evaluated else None
         if still is not None:
-            name = name_of(still)
+            name, main = name_of(still), "lagrangian" if alone else "kinetic"
             self.document.refuse(
                 f"{main} does not contain {name}_dot, so {name} has no inertia and its acceleration is undefined: add "
                 f"its kinetic energy, or make {name} a parameter. {first_order_remedy(f'{name}_dot')}",

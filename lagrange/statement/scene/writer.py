@@ -92,7 +92,7 @@ class SharedText:
 
     def text(self, expression: Any) -> str:
         """Return the text of an expression. Definitions that it uses are added to `definitions`."""
-        for node in parts_first(expression, self._known, whole=(sympy.Derivative, sympy.Subs)):
+        for node in parts_first(expression, self._known, leaves=(sympy.Derivative, sympy.Subs)):
             self._known[node] = self._entry(node, root=node is expression)
         return self._known[expression].text
 
