@@ -228,7 +228,7 @@ class Decisions:
         if not len(laws.constraints) or not laws.constraints.workless:
             return False
         # The power may be zero at the states that satisfy the constraints.
-        states = map(self._held, self._points) if len(laws.constraints) <= MOST_HELD else ()
+        states = map(self._on_constraints, self._points) if len(laws.constraints) <= MOST_HELD else ()
         return False if any(self._power(state) for state in states if state is not None) else None
 
     @property
@@ -328,6 +328,7 @@ class Decisions:
         return [*islice(valued, LAW_SAMPLES)]
 
     def _numbers(self, point: SamplePoint) -> Values:
+        """Return {node: number of high precision} of a point."""
         laws = self.laws
         entries = (*point.q, *point.v, point.t, *point.parameters.values())
         return dict(zip((*laws.q, *laws.v, laws.time, *laws.parameters), map(CONTEXT.mpf, entries), strict=True))
@@ -352,12 +353,12 @@ class Decisions:
         terms = [force * point[v] for force, v in zip(forces[0], laws.v, strict=True)]
         return bool(abs(CONTEXT.fsum([*terms, -slope[0]])) > ZERO_SHARE * max(forces[1], slope[1], *map(abs, terms)))
 
-    def _held(self, point: Values) -> Values | None:
+    def _on_constraints(self, point: Values) -> Values | None:
         """Return `point` moved onto the constraints, or None if that fails."""
         laws, constraints = self.laws, self.laws.constraints
-        every = range(len(constraints))
-        holonomic = [i for i in every if constraints.positions[i] is not None]
-        levels = [(holonomic, constraints.positions), (every, constraints.velocities)]
+        indices = range(len(constraints))
+        holonomic = [i for i in indices if constraints.positions[i] is not None]
+        levels = [(holonomic, constraints.positions), (indices, constraints.velocities)]
         outputs: list[list[Any]] = [
             [*(zeros[i] for i in rows), *(entry for i in rows for entry in constraints.gradient[i])]
             for rows, zeros in levels
@@ -366,17 +367,17 @@ class Decisions:
         def moved(q: list[Any], v: list[Any]) -> Values:
             return point | dict(zip((*laws.q, *laws.v), (*q, *v), strict=True))
 
-        def at(level: int, q: list[Any], v: list[Any]) -> tuple[list[Any], list[list[Any]]]:
+        def residuals_at(level: int, q: list[Any], v: list[Any]) -> tuple[list[Any], list[list[Any]]]:
             evaluated = values(outputs[level], moved(q, v), CONTEXT)
             if evaluated is None:
-                raise ZeroDivisionError
+                raise ZeroDivisionError  # as `lu_solve` does for a singular matrix
             count, n = len(levels[level][0]), len(q)
             rest = evaluated[0][count:]
             return evaluated[0][:count], [rest[k : k + n] for k in range(0, len(rest), n)]
 
         try:
             state = onto_constraints(
-                [point[x] for x in laws.q], [point[x] for x in laws.v], at, CONTEXT.lu_solve, ZERO_SHARE
+                [point[x] for x in laws.q], [point[x] for x in laws.v], residuals_at, CONTEXT.lu_solve, ZERO_SHARE
             )
         except ZeroDivisionError:
             return None

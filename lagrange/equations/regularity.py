@@ -124,10 +124,9 @@ def _multipliers(equations: Equations, system_name: str, constraint_names: Seque
 
 
 RANDOM_STATES = 8
-"""Number of random states at which the rank is tested, and of states near the initial one. One regular state is enough.
-"""
+"""Number of random states, and of states near the initial one, for the test of the rank. One regular state suffices."""
 
-NEAR_ATTEMPT = 4  # Attempt of the sampler whose points are 3 % away from the initial state
+NEAR_ATTEMPT = 4  # Attempt of the sampler at which its points are about 3 % away from the initial state
 
 Reach = Callable[[Statement, Equations, FloatArray, FloatArray], list[FloatArray]]
 """Projection onto the constraints: takes statement, equations, states (2n, k) and parameters.
@@ -173,7 +172,7 @@ def check_regularity(equations: Equations, statement: Statement, reach: Reach) -
     that the message also says whether dependent constraints contradict each other.
     """
     if len(equations.constraints):
-        _check_constraints(Tried(equations, statement), reach)
+        _check_constraints(Samples(equations, statement), reach)
     else:
         _check_mass_matrix(equations, statement)
 
@@ -184,24 +183,24 @@ def _check_mass_matrix(equations: Equations, statement: Statement) -> None:
     coupled = [block for block in equations.structure.blocks if len(block) > 1]
     if not coupled:
         return
-    tried, n = Tried(equations, statement), len(names)
-    matrices = tried.values(tried.mass_entries()).reshape(n, n, -1)
+    samples, n = Samples(equations, statement), len(names)
+    matrices = samples.values(samples.mass_entries()).reshape(n, n, -1)
     for block in coupled:
         null = _common_null_vector(matrices[np.ix_(block, block)])
         if null is not None:
             raise StatementError(_no_inertia_along([names[i] for i in block], null))
 
 
-def _check_constraints(tried: Tried, reach: Reach) -> None:
+def _check_constraints(samples: Samples, reach: Reach) -> None:
     """Raise StatementError for constraints that are empty, dependent, or leave a motion without inertia."""
-    equations, constraints = tried.equations, tried.equations.constraints
+    equations, constraints = samples.equations, samples.equations.constraints
     entries = [entry for row in constraints.gradient for entry in row]
     shape = (len(constraints), len(equations.q), -1)
     pairs = zip(constraints.positions, constraints.velocities, strict=True)
     stated = [psi if phi is None else phi for phi, psi in pairs]
     # One evaluation, since all are computed from the same nodes.
-    parts = (entries, term_sizes(entries), stated, term_sizes(stated), tried.mass_entries())
-    rows = tried.values([node for part in parts for node in part])
+    parts = (entries, term_sizes(entries), stated, term_sizes(stated), samples.mass_entries())
+    rows = samples.values([node for part in parts for node in part])
     gradient, sizes, values, terms, mass = np.split(rows, np.cumsum([len(part) for part in parts[:-1]]))
     gradient = gradient.reshape(shape)
     _check_empty(constraints.names, gradient, sizes.reshape(shape), values, terms)
@@ -214,7 +213,7 @@ def _check_constraints(tried: Tried, reach: Reach) -> None:
             "no inertia at every state tried, so these accelerations are not determined. Add the kinetic energy that "
             "is missing, or use fewer coordinates."
         )
-    raise StatementError(_dependent(tried, singular, reach))
+    raise StatementError(_dependent(samples, singular, reach))
 
 
 def _independent_constraints(statement: Statement, equations: Equations, reach: Reach) -> tuple[int, ...]:
@@ -222,16 +221,16 @@ def _independent_constraints(statement: Statement, equations: Equations, reach: 
 
     `reach` finds the states on the constraints at which this is tested. Raises StatementError if it finds none.
     """
-    tried, count = Tried(equations, statement), len(statement.constraints)
+    samples, count = Samples(equations, statement), len(statement.constraints)
     gradient = [entry for row in equations.stated.gradient for entry in row]
-    reached, parameters = tried.reached(reach)
+    reached, parameters = samples.reached(reach)
     if not reached:
         names = listing(repr(constraint.name) for constraint in statement.constraints)
         raise StatementError(
             f"no state was found that satisfies the constraints {names} together, so it is not known which of them "
             "follow from others. Give an initial state that satisfies them, and the values of all parameters."
         )
-    values = tried.values(gradient, [(*state, *parameters, 0.0) for state in reached]).T
+    values = samples.values(gradient, [(*state, *parameters, 0.0) for state in reached]).T
     return max((independent_rows(rows.reshape(count, -1)) for rows in values), key=len)
 
 
@@ -254,21 +253,21 @@ def independent_rows(rows: FloatArray) -> tuple[int, ...]:
     return tuple(sorted(chosen))
 
 
-def _dependent(tried: Tried, singular: Singular, reach: Reach) -> str:
+def _dependent(samples: Samples, singular: Singular, reach: Reach) -> str:
     """Return the error message for constraints that are dependent at every state tried.
 
     It says that they contradict each other if `reach` finds no state on them. `singular` has the dependent rows of G.
     """
-    equations, statement = tried.equations, tried.statement
+    equations, statement = samples.equations, samples.statement
     names = equations.constraints.names
     # Without values for its parameters no state says whether constraints contradict one another.
     only_stated = all(row < len(equations.stated) for row, _ in singular.rows)
-    if not only_stated or len(statement.defaults) < len(statement.parameters) or tried.reached(reach)[0]:
+    if not only_stated or len(statement.defaults) < len(statement.parameters) or samples.reached(reach)[0]:
         return dependent_everywhere(names, singular)
     return contradiction(names, singular)
 
 
-class Tried:
+class Samples:
     """Points at which regularity is tested: random ones of order one, the initial state, and points near it."""
 
     def __init__(self, equations: Equations, statement: Statement) -> None:
@@ -279,7 +278,10 @@ class Tried:
         self._near = [sampler.point(near, NEAR_ATTEMPT) for _ in range(RANDOM_STATES)]
 
     def reached(self, reach: Reach) -> tuple[list[FloatArray], FloatArray]:
-        """Return states (2n,) on the constraints and the parameters (k,); `reach` starts at states of the sample."""
+        """Return states (2n,) on the constraints, and the parameters (k,).
+
+        `reach` starts at the initial state and at the random ones.
+        """
         states = np.array([(*point.q, *point.v) for point in (self._initial, *self._random)]).T
         parameters = np.array([*self._initial.parameters.values()])
         return reach(self.statement, self.equations, states, parameters), parameters
@@ -287,8 +289,8 @@ class Tried:
     def values(self, nodes: Sequence[Node], points: Sequence[tuple[float, ...]] | None = None) -> FloatArray:
         """Return the values of nodes, (nodes, points). A point is (*q, *v, *parameters, t); by default all points."""
         if points is None:
-            sampled = (*self._random, self._initial, *self._near)
-            points = [(*point.q, *point.v, *point.parameters.values(), point.t) for point in sampled]
+            every = (*self._random, self._initial, *self._near)
+            points = [(*point.q, *point.v, *point.parameters.values(), point.t) for point in every]
         e = self.equations
         rows = zip((*e.q, *e.v, *e.parameters, e.time), np.array(points).T, strict=True)
         return doubles(nodes, dict(rows), len(points))

@@ -565,7 +565,7 @@ class ConstraintSurface:
         stated = StatedConstraints.alike(zero, self.holonomic)
         rows = [i for i, is_holonomic in enumerate(self.holonomic) if is_holonomic]
 
-        def at(level: int, q: Numbers, v: Numbers) -> tuple[Numbers, list[Numbers]]:
+        def residuals_at(level: int, q: Numbers, v: Numbers) -> tuple[Numbers, list[Numbers]]:
             steps = DifferenceSteps.at(q, v, t, self.step, timed=self.tape.uses_time)
             slopes = gradient(stated, q, v, t, steps)
             if level:
@@ -576,7 +576,7 @@ class ConstraintSurface:
         def solve(matrix: Sequence[Numbers], right: Numbers) -> Numbers:
             return solve_dense(matrix, right, self.step)
 
-        moved = onto_constraints(list(map(self.number, q)), list(map(self.number, v)), at, solve, self.step)
+        moved = onto_constraints(list(map(self.number, q)), list(map(self.number, v)), residuals_at, solve, self.step)
         if moved is None:
             raise OutsideDomain("no state nearby satisfies the constraints")
         return moved

@@ -15,7 +15,7 @@ from mpmath import MPContext, libmp
 
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.run_settings import check_time
-from lagrange.statement.sampling import children
+from lagrange.statement.sampling import RELATIONS, children
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
@@ -430,8 +430,7 @@ class _Recorder:
 _ALWAYS = 1 << 100_000
 """Bit of instructions without inputs, above the bits of all inputs. It is set in the first evaluation only."""
 
-_CONDITIONS = (sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, sympy.GreaterThan)
-_SWITCHES = (*_CONDITIONS, sympy.Abs, sympy.sign, sympy.Heaviside, sympy.Min, sympy.Max)
+_SWITCHES = (*RELATIONS, sympy.Abs, sympy.sign, sympy.Heaviside, sympy.Min, sympy.Max)
 
 
 _NAMED: dict[Any, Callable[[int], Any]] = {

@@ -127,6 +127,7 @@ def children(node: Any) -> tuple[Any, ...]:
     return tuple(node.args)
 
 
+# Classes of inequalities
 RELATIONS = (sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, sympy.GreaterThan)
 
 
@@ -339,7 +340,7 @@ ALL_KINDS = (*SAMPLE_KINDS[1:4], SAMPLE_KINDS[0])
 NEAR_INITIAL = (SAMPLE_KINDS[3],)
 """States near the initial one, where a formula may hold that holds on one branch alone."""
 
-Place = TypeVar("Place")
+Point = TypeVar("Point")
 Value = TypeVar("Value")
 
 
@@ -354,23 +355,23 @@ def random_points(
     return (sampler.point(kinds[attempt % len(kinds)], attempt) for attempt in range(draws))
 
 
-def usable(samples: Iterable[Place], value: Callable[[Place], Value | None]) -> Iterator[Value]:
+def usable(samples: Iterable[Point], value: Callable[[Point], Value | None]) -> Iterator[Value]:
     """Yield the values of a function at samples; a sample where the value is None is skipped."""
     return (result for result in map(value, samples) if result is not None)
 
 
-def holds(samples: Iterable[Place], judge: Callable[[Place], bool | None], count: int) -> bool | None:
+def holds(samples: Iterable[Point], judge: Callable[[Point], bool | None], count: int) -> bool | None:
     """Return True if `judge` is true at `count` samples, False after a False, None if too few samples have a value."""
-    count_so_far = 0
+    judged = 0
     for verdict in islice(usable(samples, judge), count):
         if not verdict:
             return False
-        count_so_far += 1
-    return True if count_so_far == count else None
+        judged += 1
+    return True if judged == count else None
 
 
 CORRECTIONS = 40
-"""Largest number of Newton corrections of a state towards the constraints. Each doubles the number of right digits."""
+"""Largest number of Newton corrections of a state. Near the constraints each doubles the number of correct digits."""
 
 Numbers = list[Any]
 
@@ -378,26 +379,27 @@ Numbers = list[Any]
 def onto_constraints(
     q: Numbers,
     v: Numbers,
-    at: Callable[[int, Numbers, Numbers], tuple[Numbers, Sequence[Numbers]]],
+    residuals_at: Callable[[int, Numbers, Numbers], tuple[Numbers, Sequence[Numbers]]],
     solve: Callable[[Any, Numbers], Iterable[Any]],
-    small: Any,
+    tolerance: Any,
 ) -> tuple[Numbers, Numbers] | None:
     """Return q and v moved onto the constraints by the shortest Newton corrections; None if they do not converge.
 
-    `at(level, q, v)` returns residuals (m,) and the rows of their gradient (m, n). At level 0 the residuals are those
-    of the coordinates, which are moved first, and at level 1 those of the velocities. `solve` solves m linear
-    equations. The last correction is at most `small`, relative to 1 or to the entries.
+    `residuals_at(level, q, v)` returns residuals (m,) and the rows of their gradient (m, n). At level 0 the residuals
+    are those of the coordinates, which are moved first, and at level 1 those of the velocities. `solve` solves m linear
+    equations. The last correction is at most `tolerance`, relative to 1 or to the entries. Errors of the two functions
+    are passed on.
     """
     state = [q, v]
     for level in (0, 1):
         for _ in range(CORRECTIONS):
-            residuals, rows = at(level, *state)
+            residuals, rows = residuals_at(level, *state)
             square = [[sum(a * b for a, b in zip(row, other, strict=True)) for other in rows] for row in rows]
             weights = list(solve(square, residuals)) if rows else []
             x = state[level]
             change = [sum(row[j] * weight for row, weight in zip(rows, weights, strict=True)) for j in range(len(x))]
             x = state[level] = [a - b for a, b in zip(x, change, strict=True)]
-            if all(abs(b) <= small * (1 + abs(a)) for a, b in zip(x, change, strict=True)):
+            if all(abs(b) <= tolerance * (1 + abs(a)) for a, b in zip(x, change, strict=True)):
                 break
         else:
             return None
