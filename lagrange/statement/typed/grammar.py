@@ -25,7 +25,7 @@ SUM, PRODUCT, POWER, ATOM = range(4)
 # Letters of constant angles at the end of the argument of a function
 _ANGLE = re.compile(r"\b(?:alpha|beta|gamma|delta|theta|phi|psi|chi)_?[0-9]*$")
 
-_SLOPE = re.compile(r"d[A-Z]\w*")  # The differential of a function, as in dV/dx
+_DIFFERENTIAL = re.compile(r"d[A-Z]\w*")  # The differential of a function, as in dV/dx
 
 
 class TypedFault(Exception):
@@ -66,7 +66,7 @@ def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
             if not readings:
                 prose = kind_of(token.text) == WORD and token.text not in GREEK.values()
                 hint = names.hint(token.text) or (" Write a remark after '#'." if prose else "")
-                hint = hint or (" Write the derivative out." if _SLOPE.fullmatch(token.text) else "")
+                hint = hint or (" Write the derivative out." if _DIFFERENTIAL.fullmatch(token.text) else "")
                 faults.append(UnknownWord(f"{name} is not a symbol of this system.{hint}", token.begin))
             elif not differentiated(readings, token, names):
                 faults.append(TypedFault(f"{name} has no derivative of this order here", token.begin))

@@ -42,7 +42,8 @@ WORDS |= {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "sgn": "sign"}
 LINE_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?|\$\s+\$|\\\]\s*\\\[|\\\)\s*\\\(")
 # Marks around formulas: environments, labels, dollar signs, and an empty group before a sign
 FRAME = re.compile(
-    r"\\(?:begin|end)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\(?:label|tag|[hv]space|[hv]?phantom|color)\*?\{[^{}\n]*\}|\\[\[\]()]|\\item\b|\$+"
+    r"\\(?:begin|end)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\(?:label|tag|[hv]space|[hv]?phantom|color)\*?\{[^{}\n]*\}"
+    r"|\\[\[\]()]|\\item\b|\$+"
     r"|(?<=[\s&])\{\s*\}|\\left\s*\\\{(?=\s*\\begin)|\\right\s*\.|\\(?:left|right)(?![A-Za-z])"
 )
 # The begin of a frame around an equation, up to its bracket

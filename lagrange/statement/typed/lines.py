@@ -39,7 +39,7 @@ _SEPARATOR = re.compile(
     r"(?<!\\)[;&\v]|\.(?=\s)|(?<![0-9\\]),|(?<!\\),(?![0-9])|\band\b|\bund\b|\\q?quad\b"
     r"|\\;(?=(?:(?!\\q?quad)[^=,;])*=)"
 )
-# What is typed in place of the formulas that the reader knows, and what is read; the rest of a match becomes blanks
+# Patterns and their replacements, by which spellings become those that the reader knows, in this order
 _REWRITTEN = (
     (PROSE, r" \1"),
     (re.compile(r"^([ \t>-]*(?:[^=*\n]*:[ \t]*)?)\*\*(?=\S)([^\n]*[^\s*])\*\*(?=[ \t.,;]*$)", re.MULTILINE), r"\1  \2"),
@@ -88,8 +88,8 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     if _MATRIX.search(blanked):
         raise StatementError(r"an answer has a matrix that is not read: write \begin{pmatrix}, or one equation a line.")
     blanked = _unframed(LINE_BREAK.sub(lambda match: "\n" + _spaces(match.group()[1:]), blanked))
-    for pattern, read in _REWRITTEN:
-        blanked = pattern.sub(partial(_rewritten, read=read), blanked)
+    for pattern, template in _REWRITTEN:
+        blanked = pattern.sub(partial(_rewritten, template=template), blanked)
     framed = blanked.split("\n")
     blanked = _blank(FRAME, blanked)
     spans: list[tuple[int, int]] = []
@@ -111,9 +111,9 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     return "\n".join(lines), spans
 
 
-def _rewritten(match: re.Match[str], read: str) -> str:
-    """Return what is `read` in place of a match, with blanks up to the length of the match."""
-    return match.expand(read).ljust(len(match.group()))
+def _rewritten(match: re.Match[str], template: str) -> str:
+    """Return a match replaced by `template`, which may contain its groups, with blanks up to the same length."""
+    return match.expand(template).ljust(len(match.group()))
 
 
 def _unframed(text: str) -> str:

@@ -18,7 +18,7 @@ from lagrange.statement.typed.tokens import Token, bracketed, closing
 
 MOST_TOKENS = 4_000  # Most tokens of a product of matrices, which repeats their entries
 Matrix = list[list[list[Token]]]  # The tokens of each entry, by rows
-_VECTOR = re.compile(r"([rv])(_?\w{0,8})")  # The name of a position or a velocity
+_VECTOR = re.compile(r"([rv])(_?\w{0,8})")  # The name of a position r or a velocity v, and its subscript
 
 
 def rows_of(equations: Sequence[Sequence[Token]], names: Names) -> list[list[Sequence[Token]]]:
@@ -48,8 +48,9 @@ def _defines(tokens: Sequence[Token]) -> bool:
     if len(matrices) != 1 or not tokens[-1].is_sign(MATRIX_END):
         return False
     name, equality = tokens[: matrices[0] - 1], tokens[matrices[0] - 1]
-    bracket = name[1:2] and name[1].is_sign("(") and closing(name, 1) == len(name) - 1
-    return equality.is_sign("=") and bool(name) and name[0].kind == "word" and (len(name) == 1 or bool(bracket))
+    if not name or name[0].kind != "word" or not equality.is_sign("="):
+        return False
+    return len(name) == 1 or (name[1].is_sign("(") and closing(name, 1) == len(name) - 1)
 
 
 def _matrix(tokens: Sequence[Token], start: int) -> tuple[Matrix, int]:
@@ -70,9 +71,10 @@ def _matrix(tokens: Sequence[Token], start: int) -> tuple[Matrix, int]:
 
 
 def _with_names(tokens: Sequence[Token], named: Mapping[tuple[str, ...], Matrix]) -> list[Token]:
-    """Return the tokens of an equation with matrices in place of the names in `named`, listed as texts of tokens.
+    """Return the tokens of an equation with matrices in place of their names.
 
-    A derivative of a name applies to each entry of its matrix.
+    `named` has the matrices by name. A name is a tuple of texts of tokens, such as ("M", "(", "q", ")"). A derivative
+    of a name applies to each entry of its matrix.
     """
     replaced: list[Token] = []
     after = 0
@@ -155,9 +157,10 @@ def _sum(terms: Sequence[list[Token]]) -> list[Token]:
 def without_bars(equations: Sequence[Sequence[Token]], names: Names) -> list[list[Token]]:
     """Return equations with the lengths |r|, |v|, |r1 - r2| of vectors written out in Cartesian coordinates.
 
-    |r| is r if an equation defines r or |r|. Else the coordinates must be x and y, also z, with the subscript of r.
+    |r| is r if an equation defines r or |r|. Else the coordinates must be x and y, and perhaps z, with the subscript
+    of r.
     """
-    defined = {side[0].text for tokens in equations for side in _lone_sides(tokens)}
+    defined = {word for tokens in equations for word in _lone_words(tokens)}
     results = []
     for tokens in equations:
         written: list[Token] = []
@@ -176,12 +179,12 @@ def without_bars(equations: Sequence[Sequence[Token]], names: Names) -> list[lis
     return results
 
 
-def _lone_sides(tokens: Sequence[Token]) -> Iterator[list[Token]]:
-    """Yield the sides of an equation that are one word, also between bars, as lists with this word."""
+def _lone_words(tokens: Sequence[Token]) -> Iterator[str]:
+    """Yield the word of each side of an equation that is one word, such as r or |r|."""
     for equal, side in groupby(tokens, lambda token: token.is_sign("=")):
         words = [token for token in side if not token.is_sign("|")]
         if not equal and len(words) == 1 and words[0].kind == "word" and not (words[0].order or words[0].primes):
-            yield words
+            yield words[0].text
 
 
 def _length(vector: Sequence[Token], names: Names) -> list[Token]:
@@ -197,8 +200,8 @@ def _length(vector: Sequence[Token], names: Names) -> list[Token]:
             if match and not names.readings(word):
                 part = []
                 break
-            velocity = match is not None and match.group(1) == "v"
-            part.append(replace(token, text=word, primes=token.primes + velocity))
+            order = 1 if match and match.group(1) == "v" else 0
+            part.append(replace(token, text=word, primes=token.primes + order))
         if part:
             sign = [_sign("+", part[0])] if squares else []
             squares += [*sign, *bracketed(part), _sign("^", part[0]), replace(_sign("2", part[0]), kind="number")]

@@ -45,10 +45,10 @@ EQUAL = 1e-20  # Largest difference of equal numbers of 30 digits, relative to t
 
 # Words and signs on a line with an equation for small motions
 _SMALL = re.compile(r"\bsmall\b|\bkleine?[nr]?\b|\blineari[sz]|≈|\\approx", re.IGNORECASE)
-# The name H of a force or a Hamiltonian: no bracket follows it, as one follows Heaviside's function
+# The name H of a force or a Hamiltonian: a bracket after H would make it Heaviside's function
 _NAME_H = re.compile(r"(?<!\w)H(?!\w|\}?\s*\()")
 _NAMED_MATRIX = re.compile(rf"(?<!\w)([A-Z])\s*&?=\s*{MATRIX}")
-# A list or a vector: commas without an equation, or in brackets at its end, or a unit vector
+# A list or a vector: commas without a sign =, commas in brackets after it, or a unit vector
 _LIST = re.compile(r"[^=]*,[^=]*|[^=]*=\s*[(\[][^=]*,[^=]*[)\]]\s*|.*(?:\\hat(?![A-Za-z]).*|\^)")
 # Words before an equation that holds at rest only
 _STILL = re.compile(r"\b(?:equilibri|stationary|static|gleichgewicht|ruhelage)", re.IGNORECASE)
@@ -166,9 +166,8 @@ class TypedReader:
         read, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
         exact = any(reader.names.order(clause.tokens) > 1 and not self._is_special(text, clause) for clause in clauses)
         for clause in clauses:
-            if clause.is_value() or (
-                len(clauses) > 1 and all(token.kind in ("number", "sign") for token in clause.tokens)
-            ):
+            wordless = all(token.kind in ("number", "sign") for token in clause.tokens)  # such as 0 = 0
+            if clause.is_value() or (wordless and len(clauses) > 1):
                 continue
             moves = reader.names.order(clause.tokens) > 1
             introduced = not moves and reader._is_introduced(text, clause.begin)

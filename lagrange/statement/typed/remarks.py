@@ -52,6 +52,7 @@ _MARK = re.compile(rf"[,;!←]|\.\s|//|<?--|<-|\u2014|\\q?quad(?![A-Za-z])|[ \t]
 _BRACKET = re.compile(r"(?<!\S)[(\[]([^()\[\]{}=]*)[)\]]")
 # Signs that are not prose among symbols and numbers: a hyphen is, and so is "Coriolis + centrifugal"
 _SIGNS = re.compile(r"[=^|\\+*/−·]|-(?![^\W\d_])|(?<![^\W\d_])-")
+# A remark such as "dividing both by m"
 _DIVISION = re.compile(r"\s*(?:after\s+)?divid(?:ed|ing)\s(?:\w+\s)?by\s[^=+]*", re.IGNORECASE)
 _INEQUALITY = re.compile(r"(?<![-=<])[<>](?![=>])|[<>]=|[≤≥]|\\(?:[lg]eq?|[lg]t)(?![A-Za-z])")
 _NEVER = re.compile(r"[=^|\\]")
@@ -59,6 +60,7 @@ _LAGRANGE = re.compile(r"(?:∂|\\partial)\s*[LTVU]\b|\bd[LTVU]\b")
 _STATEMENT = re.compile(r"(?<!\S)[(\[](?=[^()\[\]=]*=)")
 _STATEMENT_END = re.compile(r"(?<!\S)[(\[][^()\[\]=]*=[^()\[\]]*([)\]]\s*[,;])")
 _DEFINED = re.compile(r"[\s(]*\\?[^\W\d_][\w{}\\]*\s*(?:\^2|\*\*2|²|\([^()=]*\))?\s*:?=")
+# The definition of the Lagrangian, L = T - V
 _ENERGIES = re.compile(r"=\s*[TK]\s*[-\u2212]\s*[VU]\s*(?:=|$)")
 _AT_START = re.compile(r"\s*\w+['’]*\s*\(\s*0\s*\)\s*")
 
@@ -362,8 +364,9 @@ def is_constant(side: Sequence[Token]) -> bool:
 class Definition:
     """An equation that defines the name `name`: its two sides, of which one may be the name alone.
 
-    `lone` is true if a side is the name or its square, if the name is a force, or if the equation has no velocities. If
-    the equation also states that a value is constant, `constant` is a clause with that value; else None.
+    `lone` is true if a side is the name or its square, if the name is a force, if the equation has no velocities, or if
+    it says that the name is a multiple of a known symbol. If the equation also states that a value is constant,
+    `constant` is a clause with that value; else None.
     """
 
     name: str
@@ -375,9 +378,9 @@ class Definition:
     def of(cls, clause: Clause, uses: Uses, names: Names) -> Definition | None:
         """Return the definition that a clause states, or None.
 
-        A definition has one unknown name, which other clauses contain. A name that is not alone on a side of an
-        equation with velocities is defined only if another clause states its derivative or that it is constant, or if
-        it is a force in another clause. A word such as Mt = M + m is also a name if it is a product of symbols.
+        A definition has one unknown name, which other clauses contain. If the equation is not `lone`, another clause
+        must state the derivative of the name or that it is constant. A word such as Mt in Mt = M + m is also a name if
+        it is a product of symbols.
         `uses` are the occurrences of unknown names in the answer.
         """
         sides = clause.sides()
@@ -391,7 +394,8 @@ class Definition:
             rest = [side for side in sides if side not in unknown]
             sides = [used[-1], *rest] if used else sides
         words = [token for side in sides for token in side if token.kind == "word" and not names.readings(token.text)]
-        words = words or sides[0] * (len(sides) == 2 and _renames(sides[0], sides[1], names))
+        if not words and len(sides) == 2 and _renames(sides[0], sides[1], names):
+            words = sides[0]
         marked = any(word.order or word.primes for word in words)
         if len(sides) != 2 or not all(sides) or marked or len({word.text for word in words}) != 1:
             return None

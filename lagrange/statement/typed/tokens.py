@@ -51,6 +51,7 @@ SEVERAL = {"Eq", "diff", "Derivative", *(name for name, word in WORDS.items() if
 SEVERAL |= {name for name, strict in ALIASES.items() if strict in SEVERAL}
 """Functions of several arguments: a comma between digits in their brackets is not a decimal comma."""
 
+# A fraction of small digits, such as ¹⁄₂, that is not an exponent
 _SMALL_FRACTION = re.compile(r"(?<![\w)\]}̇̈'])([⁰¹²³⁴⁵⁶⁷⁸⁹]+)[⁄∕/]([₀₁₂₃₄₅₆₇₈₉]+)")
 _SUPERSCRIPT = re.compile(r"([⁺⁻]?)([⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
 _SUBSCRIPTS = dict(zip("₀₁₂₃₄₅₆₇₈₉ₐₑₕᵢⱼₖₗₘₙₒₚᵣₛₜᵤᵥₓ", "0123456789aehijklmnoprstuvx", strict=True))
