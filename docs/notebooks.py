@@ -1,8 +1,8 @@
-"""Write the notebooks of examples/ as they are stored: without outputs and counts, with the same metadata in each.
+"""Write the notebooks of examples/ in the form of the repository: no outputs, no counts, the same metadata in each.
 
     python docs/notebooks.py
 
-Run it after a notebook was edited in Jupyter. A test holds the notebooks against it.
+Run it after a notebook was edited in Jupyter. A test checks this form.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ METADATA = {
 
 
 def stored(text: str) -> str:
-    """Return a notebook as it is stored. Cells keep their order, their names and their source."""
+    """Return a notebook in the form of the repository. Cells keep their order, their names and their source."""
     cells = [_stored_cell(cell) for cell in json.loads(text)["cells"]]
     notebook = {"cells": cells, "metadata": METADATA, "nbformat": 4, "nbformat_minor": 5}
     return json.dumps(notebook, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
@@ -32,47 +32,47 @@ def stored(text: str) -> str:
 def _stored_cell(cell: dict[str, Any]) -> dict[str, Any]:
     lines = cell["source"]
     source = (lines if isinstance(lines, str) else "".join(lines)).strip("\n")
-    kept = {
+    plain_cell = {
         "cell_type": cell["cell_type"],
         "id": cell["id"],
         "metadata": {},
         "source": source.splitlines(keepends=True),
     }
-    return kept | ({"execution_count": None, "outputs": []} if cell["cell_type"] == "code" else {})
+    return plain_cell | ({"execution_count": None, "outputs": []} if cell["cell_type"] == "code" else {})
 
 
 def digest(paths: Sequence[Path]) -> str:
     """Return a hash of the contents of files."""
-    made = hashlib.sha256()
+    result = hashlib.sha256()
     for path in paths:
         if path.suffix not in (".pyc", ".pyo"):
-            made.update(path.read_bytes())
-    return made.hexdigest()
+            result.update(path.read_bytes())
+    return result.hexdigest()
 
 
-def kept(path: Path) -> Path:
+def outputs_path(path: Path) -> Path:
     """Return the path of a notebook's stored outputs for the present cells and the present package."""
-    known = digest([path, *sorted((ROOT / "lagrange").rglob("*.*"))])
-    return ROOT / "build" / "notebooks" / f"{path.stem}-{known[:16]}.ipynb"
+    version = digest([path, *sorted((ROOT / "lagrange").rglob("*.*"))])
+    return ROOT / "build" / "notebooks" / f"{path.stem}-{version[:16]}.ipynb"
 
 
-def keep(path: Path, text: str) -> None:
+def store_outputs(path: Path, text: str) -> None:
     """Store a notebook with its outputs for the site, in place of earlier ones."""
-    place = kept(path)
-    place.parent.mkdir(parents=True, exist_ok=True)
-    for old in place.parent.glob(f"{path.stem}-*.ipynb"):
+    target = outputs_path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    for old in target.parent.glob(f"{path.stem}-*.ipynb"):
         old.unlink(missing_ok=True)
-    written = place.with_suffix(f".{os.getpid()}")
-    written.write_text(text, "utf-8")
-    written.replace(place)
+    temporary = target.with_suffix(f".{os.getpid()}")
+    temporary.write_text(text, "utf-8")
+    temporary.replace(target)
 
 
 def main() -> None:
     """Write each notebook that is not in that form."""
     for path in sorted(FOLDER.glob("*.ipynb")):
         text = path.read_text("utf-8")
-        if (wanted := stored(text)) != text:
-            path.write_text(wanted, "utf-8")
+        if (plain := stored(text)) != text:
+            path.write_text(plain, "utf-8")
             print(f"wrote {path.name}")
 
 

@@ -33,8 +33,8 @@ def method_table() -> str:
     lines = ["| method | order | step | claims | dense | about |", "|---|---|---|---|---|---|"]
     for name, claims, about in ((row.name, row.claims, row.about) for row in lg.methods.table()):
         step = "adaptive" if claims.adaptive else "fixed"
-        held = ", ".join(title for title, holds in MARKS if holds(claims))
-        lines.append(f"| `{name}` | {claims.order} | {step} | {held} | {claims.dense or ''} | {about} |")
+        claimed = ", ".join(title for title, holds in MARKS if holds(claims))
+        lines.append(f"| `{name}` | {claims.order} | {step} | {claimed} | {claims.dense or ''} | {about} |")
     return "\n".join(lines)
 
 
@@ -73,10 +73,10 @@ def dynamics() -> Figure:
     figure = lg.figure(1, 3, size=(18.0, 5.2))
     portrait, section, bifurcation = figure.axes
     lg.phase_portrait(damped).plot(ax=portrait)
-    starts = [{y: place} for place in (-0.36, -0.3, -0.23, -0.15, 0.05, 0.12, 0.2, 0.33, 0.5, 0.64)]
+    starts = [{y: start} for start in (-0.36, -0.3, -0.23, -0.15, 0.05, 0.12, 0.2, 0.33, 0.5, 0.64)]
     starts += [{y.dot: speed} for speed in (-0.29, -0.24, 0.24, 0.29)]
-    found = lg.poincare(star, lg.event(x, direction=1), starts, energy=1 / 8, solve_for=x.dot)
-    found.plot(ax=section)
+    crossings = lg.poincare(star, lg.event(x, direction=1), starts, energy=1 / 8, solve_for=x.dot)
+    crossings.plot(ax=section)
     lg.bifurcation(duffing, F, (0.2, 0.65, 500)).plot(ax=bifurcation)
     return figure
 

@@ -108,7 +108,9 @@ def test_the_notebook_runs(path: Path, kernel: str, tmp_path: Path) -> None:
         sum("image/png" in output.data or "text/html" in output.data for _, output in outputs if "data" in output) >= 1
     )
     assert taken < LONGEST
-    SCRIPT["keep"](path, nbformat.writes(notebook))  # the documentation site shows it, and need not run it again
+    SCRIPT["store_outputs"](
+        path, nbformat.writes(notebook)
+    )  # the documentation site shows it, and need not run it again
 
 
 @notebooks
@@ -159,11 +161,11 @@ def test_what_a_notebook_gave_is_kept_for_its_text_and_replaced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     script = runpy.run_path(str(ROOT / "docs" / "notebooks.py"))
-    monkeypatch.setitem(script["kept"].__globals__, "ROOT", tmp_path)
+    monkeypatch.setitem(script["outputs_path"].__globals__, "ROOT", tmp_path)
     notebook = tmp_path / "a.ipynb"
     for text in ("1", "2"):
         notebook.write_text(text, "utf-8")
-        assert not script["kept"](notebook).exists()
-        script["keep"](notebook, f"outputs of {text}")
-        assert script["kept"](notebook).read_text("utf-8") == f"outputs of {text}"
+        assert not script["outputs_path"](notebook).exists()
+        script["store_outputs"](notebook, f"outputs of {text}")
+        assert script["outputs_path"](notebook).read_text("utf-8") == f"outputs of {text}"
     assert len(list((tmp_path / "build" / "notebooks").iterdir())) == 1

@@ -1,6 +1,6 @@
 """The pages of the reference of names: one for each group of functions and for each class, from the docstrings.
 
-This module decides which names are on a page; the package has their texts. A public name without a page is an error.
+This module lists the names on each page; their texts are in the package. A public name without a page is an error.
 """
 
 from __future__ import annotations
@@ -65,15 +65,15 @@ ELSEWHERE = ("methods",)
 """Modules that have pages of their own."""
 
 
-def placed() -> list[str]:
-    """Return every name that has a place in these pages."""
+def listed_names() -> list[str]:
+    """Return all names that these pages list."""
     functions = [name for _, _, *groups in FUNCTIONS.values() for group in groups for name in group]
     return [*functions, *CLASSES, *WRITING_METHODS, *ERRORS, *ELSEWHERE, *DATA]
 
 
-def homeless() -> list[str]:
-    """Return the public names that have no place."""
-    return sorted(set(lg.__all__) - set(placed()))
+def unlisted_names() -> list[str]:
+    """Return the public names that no page lists."""
+    return sorted(set(lg.__all__) - set(listed_names()))
 
 
 def members(kind: type) -> Iterator[str]:
@@ -87,13 +87,13 @@ def members(kind: type) -> Iterator[str]:
 
 
 @cache
-def places() -> dict[str, str]:
-    """Return the full name of what a docstring may link to, by how docstrings write it."""
-    made = {name: f"lagrange.{name}" for name in lg.__all__ if name not in ELSEWHERE}
+def link_targets() -> dict[str, str]:
+    """Return the full names to which docstrings may link, by the names that docstrings use."""
+    targets = {name: f"lagrange.{name}" for name in lg.__all__ if name not in ELSEWHERE}
     for kind in (*CLASSES, *WRITING_METHODS):
-        made |= {f"{kind}.{name}": f"lagrange.{kind}.{name}" for name in members(getattr(lg, kind))}
-    made |= {f"methods.{name}": f"lagrange.methods.{name}" for name in lg.methods.__all__}
-    return {name: full for name, full in made.items() if name not in ("t",)}
+        targets |= {f"{kind}.{name}": f"lagrange.{kind}.{name}" for name in members(getattr(lg, kind))}
+    targets |= {f"methods.{name}": f"lagrange.methods.{name}" for name in lg.methods.__all__}
+    return {name: full for name, full in targets.items() if name not in ("t",)}
 
 
 def heading(text: str, mark: str = "=") -> str:
@@ -136,12 +136,12 @@ def class_directive(name: str) -> str:
     lines = [f".. autoclass:: lagrange.{name}", ""]
     if issubclass(kind, Enum):
         lines[1:1] = ["   :no-members:"]
-        values = (f'   .. py:attribute:: {one.name}\n      :value: "{one.value}"\n' for one in kind)
+        values = (f'   .. py:attribute:: {member.name}\n      :value: "{member.value}"\n' for member in kind)
         return "\n".join(lines) + "\n" + "\n".join(values) + "\n"
-    for one in members(kind):
-        attribute = inspect.getattr_static(kind, one)
+    for member in members(kind):
+        attribute = inspect.getattr_static(kind, member)
         directive = "automethod" if callable(getattr(attribute, "__func__", attribute)) else "autoproperty"
-        lines += [f"   .. {directive}:: lagrange.{name}.{one}", ""]
+        lines += [f"   .. {directive}:: lagrange.{name}.{member}", ""]
     return "\n".join(lines) + "\n"
 
 
@@ -154,23 +154,23 @@ def function_directive(name: str) -> str:
 
 def pages() -> dict[str, str]:
     """Return the text of each page by its name."""
-    if missing := homeless():
-        raise ValueError(f"public names without a place in docs/site/api.py: {', '.join(missing)}")
-    made: dict[str, str] = {}
+    if missing := unlisted_names():
+        raise ValueError(f"public names that are not listed in docs/site/api.py: {', '.join(missing)}")
+    texts: dict[str, str] = {}
     for name, (title, about, *groups) in FUNCTIONS.items():
-        body = "\n".join(function_directive(one) for group in groups for one in group)
-        made[name] = f"{heading(title)}\n{about}\n\n{body}"
+        body = "\n".join(function_directive(function) for group in groups for function in group)
+        texts[name] = f"{heading(title)}\n{about}\n\n{body}"
     for name in CLASSES:
-        made[name] = f"{heading(name)}\n{overview(getattr(lg, name))}\n{class_directive(name)}"
-    made["errors"] = heading("Errors") + "\n" + "".join(class_directive(name) for name in ERRORS)
-    made["methods"] = methods_page()
-    made["writing-methods"] = (
+        texts[name] = f"{heading(name)}\n{overview(getattr(lg, name))}\n{class_directive(name)}"
+    texts["errors"] = heading("Errors") + "\n" + "".join(class_directive(name) for name in ERRORS)
+    texts["methods"] = methods_page()
+    texts["writing-methods"] = (
         heading("Interfaces of a method")
         + "\nWhat an integration method of another package satisfies; see :doc:`../dev/extending`.\n\n"
         + "".join(class_directive(name) for name in WRITING_METHODS)
     )
-    made["index"] = index_page()
-    return made
+    texts["index"] = index_page()
+    return texts
 
 
 def methods_page() -> str:

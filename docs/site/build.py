@@ -36,12 +36,12 @@ def main(folder: Path) -> int:
     tutorials.write(source / "tutorials")
     shown.write(source)
     print(f"sources: {time.perf_counter() - began:.0f} s", flush=True)
-    # All pages are written: Sphinx does not write one again whose place in the navigation alone has changed.
+    # All pages are written: Sphinx would not rewrite a page of which only the entry in the navigation has changed.
     options = ["-b", "html", "-W", "--keep-going", "-n", "-q", "-a", "-j", "auto", "-c", str(HERE)]
     status = int(sphinx_build([*options, "-d", str(work / "doctrees"), str(source), str(folder)]))
-    found = list(faults(folder))
-    print("\n".join([*found, f"built and checked: {time.perf_counter() - began:.0f} s"]), flush=True)
-    return status or bool(found)
+    sentences = list(faults(folder))
+    print("\n".join([*sentences, f"built and checked: {time.perf_counter() - began:.0f} s"]), flush=True)
+    return status or bool(sentences)
 
 
 if __name__ == "__main__":

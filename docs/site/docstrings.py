@@ -9,7 +9,7 @@ import re
 import textwrap
 from typing import Any
 
-from api import places
+from api import link_targets
 from sphinx.application import Sphinx
 
 CODE = re.compile(r"`([^`\n]+(?:\n[^`\n]+)?)`")
@@ -33,19 +33,19 @@ def code(text: str, links: dict[str, str]) -> str:
 
 def lines_of(lines: list[str], links: dict[str, str]) -> list[str]:
     """Return the lines of a docstring, with indented lines as blocks of code."""
-    made: list[str] = []
+    result: list[str] = []
     for paragraph in re.split(r"\n\s*\n", textwrap.dedent("\n".join(lines)).strip("\n")):
         if paragraph.startswith("    "):
-            made += ["::", "", *paragraph.split("\n"), ""]
+            result += ["::", "", *paragraph.split("\n"), ""]
         else:
-            made += [*marked(paragraph, links).split("\n"), ""]
-    return made
+            result += [*marked(paragraph, links).split("\n"), ""]
+    return result
 
 
 def convert(*event: Any) -> None:
     """Rewrite the lines of a docstring in place: they are the last that the event comes with."""
     lines = event[-1]
-    lines[:] = lines_of(lines, places())
+    lines[:] = lines_of(lines, link_targets())
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

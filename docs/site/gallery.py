@@ -100,12 +100,12 @@ def make(scene: LibraryScene, folder: Path, extra: Path) -> str:
     return kind(system)
 
 
-def made(folder: Path, extra: Path) -> list[str]:
-    """Make what belongs to each scene, unless the package and these scripts are as they were, and return its group."""
+def scene_groups(folder: Path, extra: Path) -> list[str]:
+    """Write the pages of all scenes if the package or these scripts have changed. Return the group of each scene."""
     stamp = extra.parent.parent / "gallery.json"
     digest = STORED["digest"]([*sorted((ROOT / "lagrange").rglob("*.*")), *sorted(HERE.glob("*.py"))])
-    if stamp.exists() and (known := json.loads(stamp.read_text("utf-8")))["digest"] == digest:
-        return list(known["groups"])
+    if stamp.exists() and (stored := json.loads(stamp.read_text("utf-8")))["digest"] == digest:
+        return list(stored["groups"])
     extra.mkdir(parents=True, exist_ok=True)
     scenes = library()
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
@@ -115,9 +115,9 @@ def made(folder: Path, extra: Path) -> list[str]:
 
 
 def write(folder: Path, extra: Path) -> None:
-    """Write the pages and the pictures of all scenes, and into `extra` players and sliders, each a page of its own."""
+    """Write the pages and the pictures of all scenes. Pages with players and sliders go into the folder `extra`."""
     scenes = library()
-    groups = made(folder, extra)
+    groups = scene_groups(folder, extra)
     parts = [INTRODUCTION.format(count=len(scenes))]
     for title in GROUPS:
         tiles = [tile(scene) for scene, group in zip(scenes, groups, strict=True) if group == title]

@@ -21,7 +21,7 @@ UNKNOWN = re.compile(r">([^<]*(?:\\|&(?!#?\w+;))[^<]*)<")
 """A command that the converter does not know stays in its output, backslash and all; so does an ampersand."""
 
 ENVIRONMENT = re.compile(r"\\begin\{([^}]*)\}")
-"""The converter passes over one that it does not know."""
+"""The converter leaves out environments that it does not know."""
 
 SPELLED = {
     r"\displaystyle": "",
@@ -35,7 +35,7 @@ SPELLED = {
 
 NAMESPACE = "{http://www.w3.org/1998/Math/MathML}"
 TALL = ("mfrac", "mtable", "msqrt")
-"""Commands whose result is higher than a line."""
+"""Elements that are higher than a line."""
 
 FUNCTIONS = "sin|cos|tan|cot|sec|csc|arcsin|arccos|arctan|sinh|cosh|tanh|coth|exp|ln|log|max|min|det|sgn"
 BRACKET = re.compile(r'(rspace=")[^"]*("[^<]*</mo>(?:(?:<m[ni]>[^<]*</m[ni]>)</msup>)?<mo[^>]*>\()')
@@ -43,33 +43,35 @@ COLUMN = re.compile(r'<mtd columnalign="(\w+)"')
 
 
 def mathml(latex: str, display: str) -> str:
-    """Return a formula as MathML; ExtensionError names one that has an unknown command."""
+    """Return a formula as MathML. Raises ExtensionError for a formula with an unknown command."""
     plain = latex.strip()
-    for given, known in SPELLED.items():
-        plain = plain.replace(given, known)
-    made = convert(plain, display=display)
-    unknown = [name for name in ENVIRONMENT.findall(plain) if f"\\{name}" not in MATRICES] + UNKNOWN.findall(made)
+    for command, replacement in SPELLED.items():
+        plain = plain.replace(command, replacement)
+    markup = convert(plain, display=display)
+    unknown = [name for name in ENVIRONMENT.findall(plain) if f"\\{name}" not in MATRICES] + UNKNOWN.findall(markup)
     if unknown:
-        raise ExtensionError(f"the formula {latex!r} has what MathML is not made of here: {unknown[0]!r}")
-    return COLUMN.sub(r'<mtd style="text-align: \1; padding: 0.15em 0"', spaced(with_brackets(made)))
+        raise ExtensionError(
+            f"the formula {latex!r} contains {unknown[0]!r}, which the converter to MathML does not know"
+        )
+    return COLUMN.sub(r'<mtd style="text-align: \1; padding: 0.15em 0"', spaced(with_brackets(markup)))
 
 
-def with_brackets(made: str) -> str:
+def with_brackets(markup: str) -> str:
     """Return MathML with brackets that do not stretch around a line of letters, since browsers put gaps around them."""
-    root = ET.fromstring(made)
+    root = ET.fromstring(markup)
     for row in root.iter(f"{NAMESPACE}mrow"):
         ends = [row[0], row[-1]] if len(row) > 1 else []
-        fences = [one for one in ends if one.tag == f"{NAMESPACE}mo" and (one.text or "") in "()[]|"]
-        if len(fences) == 2 and not any(one.tag.removeprefix(NAMESPACE) in TALL for one in row.iter()):
+        fences = [end for end in ends if end.tag == f"{NAMESPACE}mo" and (end.text or "") in "()[]|"]
+        if len(fences) == 2 and not any(part.tag.removeprefix(NAMESPACE) in TALL for part in row.iter()):
             for fence in fences:
                 fence.set("stretchy", "false")
     ET.register_namespace("", NAMESPACE.strip("{}"))
     return ET.tostring(root, encoding="unicode")
 
 
-def spaced(made: str) -> str:
-    """Set thin spaces around the names of functions, as TeX does, and none before a bracket."""
-    named = re.sub(rf"<mi>({FUNCTIONS})</mi>", r'<mo lspace="0.17em" rspace="0.17em">\1</mo>', made)
+def spaced(markup: str) -> str:
+    """Return MathML with thin spaces around the names of functions, as in TeX, and none before a bracket."""
+    named = re.sub(rf"<mi>({FUNCTIONS})</mi>", r'<mo lspace="0.17em" rspace="0.17em">\1</mo>', markup)
     return BRACKET.sub(r"\g<1>0\2", named)
 
 
@@ -80,7 +82,7 @@ def inline(translator: Any, node: nodes.math) -> None:
 
 
 def block(translator: Any, node: nodes.math_block) -> None:
-    """Write a formula on lines of its own, with its number at the right."""
+    """Write a formula on separate lines, with its number at the right."""
     text = node.astext()
     tags = TAG.findall(text)
     number = f'<span class="equation-number">({tags[0]})</span>' if tags else ""

@@ -25,13 +25,13 @@ WIDTH, HEIGHT, MARGIN = 480.0, 300.0, 22.0
 RATE = 25
 """Places a second; between them the browser goes in straight lines, within a unit of the path."""
 FINER = 3
-"""Points of a trail for each place of its point."""
+"""Points of a trail for each position of its point."""
 SHORTEST, LONGEST = 5.0, 14.0
 """Seconds that a picture lasts. In between a second of the run is one of the clock."""
 COIL = 14.0
 """The width of a spring."""
 TRAIL = 0.9
-"""Seconds of the path behind a point that are shown."""
+"""Duration of a trail, in seconds."""
 
 STYLE = """\
 .rod{fill:none;stroke:#7b8794;stroke-width:2.5;stroke-linecap:round;stroke-linejoin:round}
@@ -82,14 +82,14 @@ def clip(solution: Solution) -> Clip:
 
 def svg(solution: Solution) -> str:
     """Return the picture of a run as the text of an SVG file."""
-    made = clip(solution)
-    moving = [name for name, point in made.points.items() if np.ptp(point, axis=1).max() > 0.5]
+    drawing = clip(solution)
+    moving = [name for name, point in drawing.points.items() if np.ptp(point, axis=1).max() > 0.5]
     light, dark = (
         "".join(f".c{k}{{fill:{tone};stroke:{tone}}}" for k, tone in enumerate(colours(len(moving), few)))
         for few in (COLOURS, DARK_COLOURS)
     )
     style = f"{light}\n@media (prefers-color-scheme:dark){{{dark}}}\n{STYLE}"  # the last rule of a kind holds
-    body = [trails(made, moving), links(made), bobs(made, moving)]
+    body = [trails(drawing, moving), links(drawing), bobs(drawing, moving)]
     title = solution.model.statement.name.replace("&", "&amp;").replace("<", "&lt;")
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" '
@@ -104,7 +104,7 @@ def number(value: float) -> str:
     return text.removesuffix(".0") if text != "-0.0" else "0"
 
 
-def place(point: Points, k: int) -> str:
+def position(point: Points, k: int) -> str:
     """Return the position with index k."""
     return f"{number(point[0, k])} {number(point[1, k])}"
 
@@ -115,28 +115,28 @@ def animated(attribute: str, values: Sequence[str], seconds: float) -> str:
     return f'<animate attributeName="{attribute}" values="{listed}" dur="{seconds:g}s" repeatCount="indefinite"/>'
 
 
-def links(made: Clip) -> str:
+def links(drawing: Clip) -> str:
     """Return the rods as one path, and each spring as a shape that is moved, turned and stretched."""
-    springs = [elastic(made, link) for link in made.links if link.kind == SPRING]
-    rods = [link for link in made.links if link.kind != SPRING]
+    springs = [elastic(drawing, link) for link in drawing.links if link.kind == SPRING]
+    rods = [link for link in drawing.links if link.kind != SPRING]
     if not rods:
         return "".join(springs)
-    count = next(iter(made.points.values())).shape[1]
+    count = next(iter(drawing.points.values())).shape[1]
     shapes = [
-        "".join(f"M{place(made.points[rod.start], k)}L{place(made.points[rod.end], k)}" for rod in rods)
+        "".join(f"M{position(drawing.points[rod.start], k)}L{position(drawing.points[rod.end], k)}" for rod in rods)
         for k in range(count)
     ]
-    moving = f'<path class="rod moving" d="{shapes[0]}">{animated("d", shapes, made.seconds)}</path>\n'
+    moving = f'<path class="rod moving" d="{shapes[0]}">{animated("d", shapes, drawing.seconds)}</path>\n'
     return "".join([moving, f'<path class="rod still" d="{shapes[-1]}"/>\n', *springs])
 
 
-def elastic(made: Clip, link: Link) -> str:
+def elastic(drawing: Clip, link: Link) -> str:
     """Return a spring: a zigzag of unit length along the first axis, with its transformation at each time."""
-    start, end = made.points[link.start], made.points[link.end]
+    start, end = drawing.points[link.start], drawing.points[link.end]
     right, down = end - start
     angles = np.degrees(np.unwrap(np.arctan2(down, right)))
     moves = [
-        ("translate", [place(start, k) for k in range(start.shape[1])]),
+        ("translate", [position(start, k) for k in range(start.shape[1])]),
         ("rotate", [f"{angle:.1f}" for angle in angles]),
         ("scale", [f"{length:.1f} 1" for length in np.hypot(right, down)]),
     ]
@@ -146,7 +146,7 @@ def elastic(made: Clip, link: Link) -> str:
     moving = still = shape
     for kind, values in reversed(moves):
         still = f'<g transform="{kind}({values[-1]})">{still}</g>'
-        moving = f"<g>{transformed(kind, values, made.seconds)}{moving}</g>"
+        moving = f"<g>{transformed(kind, values, drawing.seconds)}{moving}</g>"
     return f'<g class="moving">{moving}</g>\n<g class="still">{still}</g>\n'
 
 
@@ -157,38 +157,38 @@ def transformed(kind: str, values: Sequence[str], seconds: float) -> str:
     return f'<animateTransform attributeName="transform" type="{kind}" values="{listed}" {timing}/>'
 
 
-def trails(made: Clip, moving: Sequence[str]) -> str:
+def trails(drawing: Clip, moving: Sequence[str]) -> str:
     """Return the paths of points: a moving piece of each, and the whole path for reduced motion."""
     parts = []
     for k, name in enumerate(moving):
-        path = made.paths[name]
-        whole = "M" + "L".join(place(path, i) for i in range(path.shape[1]))
-        went = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(np.round(path, 1), axis=1)))])[::FINER]
-        behind = np.maximum(np.arange(len(went)) - round(TRAIL * RATE), 0)
-        shown = went - went[behind]
-        dashes = [f"{number(piece)} {number(went[-1] + 9)}" for piece in shown]
-        offsets = [number(-start) for start in went[behind]]
-        motion = animated("stroke-dasharray", dashes, made.seconds) + animated(
-            "stroke-dashoffset", offsets, made.seconds
+        path = drawing.paths[name]
+        whole = "M" + "L".join(position(path, i) for i in range(path.shape[1]))
+        lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(np.round(path, 1), axis=1)))])[::FINER]
+        start_index = np.maximum(np.arange(len(lengths)) - round(TRAIL * RATE), 0)
+        shown = lengths - lengths[start_index]
+        dashes = [f"{number(piece)} {number(lengths[-1] + 9)}" for piece in shown]
+        offsets = [number(-start) for start in lengths[start_index]]
+        motion = animated("stroke-dasharray", dashes, drawing.seconds) + animated(
+            "stroke-dashoffset", offsets, drawing.seconds
         )
         parts.append(f'<path class="c{k} path" d="{whole}"/>\n')
         parts.append(f'<path class="c{k} trail moving" d="{whole}">{motion}</path>\n')
     return "".join(parts)
 
 
-def bobs(made: Clip, moving: Sequence[str]) -> str:
+def bobs(drawing: Clip, moving: Sequence[str]) -> str:
     """Return points: those that move as discs, the others as small squares."""
     parts = []
-    for name, point in made.points.items():
+    for name, point in drawing.points.items():
         if name not in moving:
             right, down = point[:, 0]
             parts.append(
                 f'<rect class="base" x="{number(right - 3)}" y="{number(down - 3)}" width="6" height="6" rx="1"/>\n'
             )
     for k, name in enumerate(moving):
-        point = made.points[name]
-        right = animated("cx", [number(value) for value in point[0]], made.seconds)
-        down = animated("cy", [number(value) for value in point[1]], made.seconds)
+        point = drawing.points[name]
+        right = animated("cx", [number(value) for value in point[0]], drawing.seconds)
+        down = animated("cy", [number(value) for value in point[1]], drawing.seconds)
         parts.append(f'<circle class="c{k} moving" r="7">{right}{down}</circle>\n')
         parts.append(f'<circle class="c{k} still" r="7" cx="{number(point[0, -1])}" cy="{number(point[1, -1])}"/>\n')
     return "".join(parts)

@@ -23,18 +23,18 @@ BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SAVED = re.compile(r"\b(?:savefig|to_png)\(\"([\w-]+\.png)\"")
 KEPT = ROOT / "build" / "site" / "shown"
 DOTS = 160
-"""To an inch: some two for each of the page."""
+"""Dots per inch of the pictures: about two for each pixel of the page."""
 
 
 def groups(text: str) -> list[list[str]]:
     """Return the Python blocks of a page: each block that imports the package, with the blocks that continue it."""
-    found: list[list[str]] = []
+    result: list[list[str]] = []
     for body in BLOCK.findall(text):
-        if re.search(r"^(import|from) lagrange", body, re.MULTILINE) or not found:
-            found.append([body])
+        if re.search(r"^(import|from) lagrange", body, re.MULTILINE) or not result:
+            result.append([body])
         else:
-            found[-1].append(body)
-    return found
+            result[-1].append(body)
+    return result
 
 
 def run(name: str, folder: Path) -> None:
@@ -67,12 +67,12 @@ def run_path(script: Path) -> None:
 def with_pictures(name: str, text: str) -> str:
     """Return the text of a page with each picture after the code that saves it."""
 
-    def shown(found: re.Match[str]) -> str:
-        pictures = [f"![{Path(one).stem}]({stem}-{one})" for one in SAVED.findall(found[1])]
-        return "\n\n".join([found[0], *pictures])
+    def with_its_pictures(block: re.Match[str]) -> str:
+        pictures = [f"![{Path(file).stem}]({stem}-{file})" for file in SAVED.findall(block[1])]
+        return "\n\n".join([block[0], *pictures])
 
     stem = Path(name).name
-    return BLOCK.sub(shown, text)
+    return BLOCK.sub(with_its_pictures, text)
 
 
 def write(source: Path) -> None:
@@ -81,8 +81,8 @@ def write(source: Path) -> None:
     folders = {name: KEPT / STORED["digest"]([DOCS / f"{name}.md", *package])[:16] for name in PAGES_WITH_PICTURES}
     missing = [(name, folder) for name, folder in folders.items() if not folder.exists()]
     with ProcessPoolExecutor(mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
-        for made in [pool.submit(run, *one) for one in missing]:
-            made.result()
+        for future in [pool.submit(run, *task) for task in missing]:
+            future.result()
     for name, folder in folders.items():
         page = source / f"{name}.md"
         write_changed(page, with_pictures(name, page.read_text("utf-8")))

@@ -49,8 +49,8 @@ def target_on_site(page: Path, target: str) -> str:
 def with_links(page: Path, text: str) -> str:
     """Return the text of a page with its links changed to those of the site. Code is not changed."""
 
-    def changed(found: re.Match[str]) -> str:
-        return f"{found[1]}{target_on_site(page, found[2])}{found[3] or ''}{found[4]}"
+    def changed(link: re.Match[str]) -> str:
+        return f"{link[1]}{target_on_site(page, link[2])}{link[3] or ''}{link[4]}"
 
     blocks = re.split(r"(^```.*?^```$)", text, flags=re.MULTILINE | re.DOTALL)
     return "".join(block if k % 2 else LINK.sub(changed, block) for k, block in enumerate(blocks))
@@ -58,20 +58,20 @@ def with_links(page: Path, text: str) -> str:
 
 def stage(source: Path) -> None:
     """Copy the pages and pictures of docs/ and the list of changes, and remove pages that no longer exist."""
-    kept = {source / "changes.md"}
+    staged = {source / "changes.md"}
     for path in sorted(DOCS.rglob("*")):
-        place = source / path.relative_to(DOCS)
+        target = source / path.relative_to(DOCS)
         if path.suffix == ".md":
             name = path.relative_to(DOCS).as_posix()
-            write_changed(place, with_links(path, path.read_text("utf-8")) + added(name, path.parent))
+            write_changed(target, with_links(path, path.read_text("utf-8")) + added(name, path.parent))
         elif path.suffix in (".png", ".svg", ".gif"):
-            place.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(path, place)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(path, target)
         else:
             continue
-        kept.add(place)
+        staged.add(target)
     changes = ROOT / "CHANGELOG.md"
     write_changed(source / "changes.md", with_links(changes, changes.read_text("utf-8")))
     for old in (*source.glob("*.md"), *(page for folder in COPIED for page in source.glob(f"{folder}/*.md"))):
-        if old not in kept and old.name not in MADE:
+        if old not in staged and old.name not in MADE:
             old.unlink()

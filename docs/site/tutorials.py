@@ -17,7 +17,7 @@ from stage import ROOT, with_links, write_changed
 
 EXAMPLES = ROOT / "examples"
 STORED = runpy.run_path(str(ROOT / "docs" / "notebooks.py"))
-"""The format of notebooks, and the folder of executed ones."""
+"""The functions of docs/notebooks.py, by name."""
 
 INTRODUCTION = """\
 # Tutorials
@@ -29,8 +29,8 @@ Lessons as notebooks, with what they print and draw. Each runs in under a minute
 
 def executed(path: Path) -> str:
     """Return a notebook with its outputs, which is run unless they are stored. An error in a cell is raised."""
-    place: Path = STORED["kept"](path)
-    if not place.exists():
+    outputs: Path = STORED["outputs_path"](path)
+    if not outputs.exists():
         import nbformat
         from nbclient import NotebookClient
 
@@ -38,8 +38,8 @@ def executed(path: Path) -> str:
         with TemporaryDirectory() as folder:
             resources = {"metadata": {"path": folder}}
             NotebookClient(notebook, timeout=300, kernel_name="python3", resources=resources).execute()
-        STORED["keep"](path, nbformat.writes(notebook))
-    return place.read_text("utf-8")
+        STORED["store_outputs"](path, nbformat.writes(notebook))
+    return outputs.read_text("utf-8")
 
 
 def on_site(path: Path, text: str) -> str:
@@ -72,13 +72,13 @@ def title_and_line(notebook: Path) -> tuple[str, str]:
 
 def write(folder: Path) -> None:
     """Write the executed notebooks, the page of scripts, and the page that lists them."""
-    found = sorted(EXAMPLES.glob("*.ipynb"))
+    notebooks = sorted(EXAMPLES.glob("*.ipynb"))
     lines = []
-    for path in found:
+    for path in notebooks:
         write_changed(folder / path.name, on_site(path, executed(path)))
         title, line = title_and_line(path)
         lines.append(f"1. [{title}]({path.name}): {line}\n" if line else f"1. [{title}]({path.name})\n")
     write_changed(folder / "scripts.md", script_page())
-    entries = "\n".join([path.stem for path in found] + ["scripts"])
+    entries = "\n".join([path.stem for path in notebooks] + ["scripts"])
     lines.append("\n[Scripts](scripts.md) are longer programs that print and draw.\n")
     write_changed(folder / "index.md", f"{INTRODUCTION}{''.join(lines)}\n```{{toctree}}\n:hidden:\n\n{entries}\n```\n")

@@ -186,7 +186,7 @@ def wrapper(module: SourceModule, procedure: Procedure) -> Iterator[str]:
 
 def _passed(name: str, kind: object) -> str:
     if isinstance(kind, Array):
-        return f"_given({name})" if kind.read else f"_written({name})"
+        return f"_read({name})" if kind.read else f"_written({name})"
     return f"float({name})" if kind is REAL else f"int({name})"
 
 
