@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from lagrange.errors import LagrangeError
 from lagrange.export.descriptions import TEXT_WIDTH, ascii_name, continued, wrapped
@@ -40,7 +40,7 @@ class BracedPrinter(SourcePrinter):
 
     language: ClassVar[str]
     functions: Mapping[str, str] = {}
-    helpers: ClassVar[Mapping[str, tuple[str, Any]]]
+    helpers: ClassVar[Mapping[str, tuple[str, str]]]
     index_type: str
     end_binds = COMMON["less"].operands[1]
 

@@ -179,7 +179,7 @@ class Modes:
     def without_time(self, expressions: Iterable[Any]) -> bool:
         """Return True if expressions depend on time through coordinates and velocities only."""
         stated = self.model.statement
-        rates, positions = ({x: sympy.Dummy() for x in of} for of in (stated.velocities, stated.coordinates))
+        rates, positions = ({x: sympy.Dummy() for x in symbols} for symbols in (stated.velocities, stated.coordinates))
         return not any(expression.xreplace(rates).xreplace(positions).has(time) for expression in expressions)
 
     def leaves_no_freedom(self, mode: Mode) -> bool:
@@ -211,7 +211,7 @@ class Modes:
             *(contact.slip for contact in self.contacts),
             [c.expression for c in stated.constraints if not c.holonomic],
         ]
-        return [all(sympy.expand(rate.xreplace(at_rest)).is_zero for rate in of) for of in rates]
+        return [all(sympy.expand(rate.xreplace(at_rest)).is_zero for rate in group) for group in rates]
 
     def constraint_count(self, mode: Mode) -> int:
         """Return the number of constraints of a mode: stated ones, and those of closed contacts."""
