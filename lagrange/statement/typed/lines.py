@@ -66,6 +66,7 @@ _REWRITTEN = (
         re.compile(r":=|=:|≔|≡|\\(?:equiv|coloneqq)(?![A-Za-z])|\\(?:stackrel|overset)\s*\{[^{}\n]*\}\s*\{\s*=\s*\}"),
         "=",
     ),
+    (re.compile(r"[,;.]?[ \t]*\\q?quad[ \t]*$", re.MULTILINE), ""),
     (re.compile(r"\b(?:i\.\s?e|d\.\s?h|viz)\.,?"), ";"),
     (re.compile(r"(=[^,;=\n]*[0-9]),(?=[0-9][^,;=\n]*=)"), r"\1;"),  # x'' = 1,2 y'' = 3 has no decimal comma
 )

@@ -37,7 +37,8 @@ _AFTER_COMMA = re.compile(rf"[^=,;.]*[,;.]\s*(?:{_CONNECTING.pattern})\b")
 
 # Words without a meaning of their own, so that they do not make prose out of symbols
 _JOINING = ("and", "or", "und", "oder", "by", "per", "pro", "of")
-_ENDING = (*_JOINING, "is", "be", "we", "ist", "sei", "wir")  # Words with which prose after an equation may begin
+# Words with which prose after an equation may begin
+_ENDING = (*_JOINING, "is", "be", "we", "this", "it", "ist", "sei", "wir", "das", "dies", "es")
 _ARROW = re.compile(rf"=>|//(?=[^\n]*=)|->|(?:[,;]\s*[\w()-]+(?:[ \t][\w()-]+)?\s*)?:|[⇒→⟹⟶∴⇔↔⟺⟷]|{ARROW}")
 _ASIDE = re.compile(rf"(?<!\\)\b(?:{_ASIDES})\b", re.IGNORECASE)
 _UNIT = r"(?:rad|degrees|deg|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
@@ -83,8 +84,8 @@ class Word:
 def kind_of(text: str) -> int:
     """Return the kind of a word that is not a symbol of the system.
 
-    It is `FORMULA` for a function or derivative, `NAME` for another name such as F_x, `WORD` for a word of a
-    sentence, and `SHORT` for a word of at most two letters, or one such as "and", which may stand among symbols
+    It is `FORMULA` for a function or derivative, `NAME` for another name such as F_x or Omega, `WORD` for a word of
+    a sentence, and `SHORT` for a word of at most two letters, or one such as "and", which may stand among symbols
     without making them prose.
     """
     lower = text.lower()
@@ -93,7 +94,7 @@ def kind_of(text: str) -> int:
     if lower in _JOINING:
         return SHORT
     spelled = text[1:].islower() or text in "aI" or (text.isupper() and len(text) > 2)
-    if not (spelled and text.isalpha()) or "dot" in lower:
+    if not (spelled and text.isalpha()) or "dot" in lower or lower in GREEK.values():
         return NAME
     return WORD if len(text) > 2 else SHORT
 
