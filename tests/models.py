@@ -32,14 +32,14 @@ m, M, g, l, k, c, omega, B = parameters("m M g l k c omega B")
 VALUES = {m: 1.3, M: 2.1, g: 9.81, l: 0.7, k: 3.2, c: 0.15, omega: 1.9, B: 0.8}
 
 
-def stated(**given: Any) -> Statement:
+def stated(**options: Any) -> Statement:
     """Declare a statement with default values for the parameters above, in their order.
 
     The order of parameters without a value is that of their latest declaration, which other tests may change.
     """
-    statement = declare(**given)
+    statement = declare(**options)
     missing = {p: value for p, value in VALUES.items() if p in statement.parameters and p not in statement.defaults}
-    return declare(**given | {"parameters": {**given.get("parameters", {}), **missing}}) if missing else statement
+    return declare(**options | {"parameters": {**options.get("parameters", {}), **missing}}) if missing else statement
 
 
 @cache
@@ -78,9 +78,9 @@ def model(name: str, target: str = "llvm") -> Model:
     return model_of(statement_of(name), machine(target), laws(name))
 
 
-def build(target: str = "llvm", **given: Any) -> Model:
+def build(target: str = "llvm", **options: Any) -> Model:
     """Return the model of a system from the arguments of its statement."""
-    statement = stated(**given)
+    statement = stated(**options)
     return model_of(statement, machine(target))
 
 

@@ -46,11 +46,11 @@ def values(statement: Statement) -> list[Any]:
 
 def sides(program: SeriesProgram, parameters: Sequence[Any], time: Any, y: Sequence[Any]) -> list[Any]:
     """Return the signs of the switching surfaces at a state. A surface may depend on the signs of others."""
-    found: list[Any] = [NUMBER(1)] * program.sides
+    result: list[Any] = [NUMBER(1)] * program.sides
     for _ in range(program.sides + 1):
-        x = jet(program, [*parameters, *found]).coefficients(NUMBER(time), numbers(y), 0)
-        found = [CONTEXT.sign(x[0, surface]) for surface in program.watched[: program.sides]]
-    return found
+        x = jet(program, [*parameters, *result]).coefficients(NUMBER(time), numbers(y), 0)
+        result = [CONTEXT.sign(x[0, surface]) for surface in program.watched[: program.sides]]
+    return result
 
 
 def series(statement: Statement, order: int, time: Any = 0.25, start: Sequence[Any] | None = None) -> Any:
@@ -66,38 +66,38 @@ def coefficients(
     y = statement.initial if start is None else start
     parameters = values(statement)
     parameters += sides(program, parameters, time, y)
-    found = jet(program, parameters).coefficients(NUMBER(time), numbers(y), order)
-    return found[:, : 2 * program.dimension]
+    result = jet(program, parameters).coefficients(NUMBER(time), numbers(y), order)
+    return result[:, : 2 * program.dimension]
 
 
 def all_forms(equations: Equations) -> list[SeriesProgram]:
     """Return the programs of all forms of the equations, with rates of sums whole and separate."""
-    found = assemblies(equations, switched_equations(equations))
-    return [assembly.program("series") for assembly in found]
+    result = assemblies(equations, switched_equations(equations))
+    return [assembly.program("series") for assembly in result]
 
 
-def right_orders(statement: Statement, found: Any, time: Any = 0.25) -> float:
+def right_orders(statement: Statement, result: Any, time: Any = 0.25) -> float:
     """Return the order up to which coefficients of q are right, from the residual of the equations of motion.
 
     A motion that is right up to order p, with an error d at the next order, has the residual p (p+1) d h^(p-1) at the
     time h. The power follows from doubling h from 1e-12, where later terms are smaller by a factor of 1e-12.
     """
-    near, far = (residual(statement, found, time, NUMBER(h) * NUMBER(10) ** -12) for h in (1, 2))
+    near, far = (residual(statement, result, time, NUMBER(h) * NUMBER(10) ** -12) for h in (1, 2))
     if near < NUMBER(10) ** (10 - DIGITS):  # a series that ends, as that of an oscillator at rest
         return math.inf
     return float(CONTEXT.log(far / near, 2)) + 1
 
 
-def residual(statement: Statement, found: Any, time: Any, h: Any) -> Any:
+def residual(statement: Statement, result: Any, time: Any, h: Any) -> Any:
     """Return |d/dt dL/dv - dL/dq - Q + dD/dv| at time + h for the polynomial with these coefficients.
 
     SymPy differentiates and mpmath evaluates, independent of the graph.
     """
     n = len(statement.coordinates)
-    powers = [h**k for k in range(len(found))]
-    q = [sum(c * s for c, s in zip(found[:, i], powers, strict=True)) for i in range(n)]
-    v = [sum(k * c * powers[k - 1] for k, c in enumerate(found[:, i]) if k) for i in range(n)]
-    a = [sum(k * (k - 1) * c * powers[k - 2] for k, c in enumerate(found[:, i]) if k > 1) for i in range(n)]
+    powers = [h**k for k in range(len(result))]
+    q = [sum(c * s for c, s in zip(result[:, i], powers, strict=True)) for i in range(n)]
+    v = [sum(k * c * powers[k - 1] for k, c in enumerate(result[:, i]) if k) for i in range(n)]
+    a = [sum(k * (k - 1) * c * powers[k - 2] for k, c in enumerate(result[:, i]) if k > 1) for i in range(n)]
     parameters = dict(zip(statement.parameters, values(statement), strict=True))
     rows = _law(statement)(q, v, NUMBER(time) + h, parameters)
     width = 2 * n + 1

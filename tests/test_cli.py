@@ -282,10 +282,10 @@ def test_scenes(capsys: pytest.CaptureFixture[str]) -> None:
     assert max(map(len, lines)) <= 100
     text = " ".join(" ".join(lines).split())
     assert main(["scenes", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert [entry["name"] for entry in found] == lg.scenes()
-    assert all(entry["source"] for entry in found)
-    assert all(entry["name"] in text and entry["about"] in text for entry in found)
+    result = json.loads(capsys.readouterr().out)
+    assert [entry["name"] for entry in result] == lg.scenes()
+    assert all(entry["source"] for entry in result)
+    assert all(entry["name"] in text and entry["about"] in text for entry in result)
 
 
 def test_new_writes_a_scene_that_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -33,9 +33,9 @@ def test_help_imports_nothing_heavy() -> None:
         "import sys\nfrom lagrange.cli.program import main\nmain(['--help'])\nmain(['scenes'])\n"
         "print(sorted({'numpy', 'scipy', 'sympy', 'mpmath', 'matplotlib', 'llvmlite', 'rich'} & set(sys.modules)))"
     )
-    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert found.stdout.startswith("usage: lagrange [-h] [--version] COMMAND ...")
-    assert found.stdout.endswith("\n[]\n")
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert result.stdout.startswith("usage: lagrange [-h] [--version] COMMAND ...")
+    assert result.stdout.endswith("\n[]\n")
 
 
 @pytest.mark.slow
@@ -44,8 +44,8 @@ def test_a_run_without_out_imports_neither_plotting_nor_statistics(scene: str) -
         f"import sys\nfrom lagrange.cli.program import main\nmain(['run', {scene!r}])\n"
         "print(sorted({'matplotlib', 'scipy.stats', 'scipy.interpolate'} & set(sys.modules)))"
     )
-    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert found.stdout.endswith("\n[]\n")
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert result.stdout.endswith("\n[]\n")
 
 
 @pytest.mark.slow
@@ -80,16 +80,16 @@ def test_a_reader_who_goes_away_is_told_by_the_exit_code_alone(arguments: tuple[
 @pytest.mark.parametrize("arguments", PRINTING, ids=" ".join)
 def test_standard_output_on_a_full_disk(arguments: tuple[str, ...]) -> None:
     with Path("/dev/full").open("w") as full:
-        found = printing_to(full, *arguments)
-    assert found == (1, "lagrange: the output cannot be written (No space left on device).\n")
+        result = printing_to(full, *arguments)
+    assert result == (1, "lagrange: the output cannot be written (No space left on device).\n")
 
 
 @pytest.mark.few(1)
 @pytest.mark.skipif(os.name != "posix", reason="the shell is that of POSIX")
 @pytest.mark.parametrize("arguments", PRINTING, ids=" ".join)
 def test_standard_output_that_is_closed(arguments: tuple[str, ...]) -> None:
-    found = printing_to(subprocess.DEVNULL, *arguments, before="exec >&-;")
-    assert found == (1, "lagrange: the output cannot be written (standard output is closed).\n")
+    result = printing_to(subprocess.DEVNULL, *arguments, before="exec >&-;")
+    assert result == (1, "lagrange: the output cannot be written (standard output is closed).\n")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="the shell is that of POSIX")

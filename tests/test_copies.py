@@ -134,15 +134,15 @@ def test_every_method_comes_back_equal(name: str) -> None:
 def test_a_solution_gives_the_same_numbers(method: str, target: str) -> None:
     solution = run(method, target)
     times = np.linspace(0.0, float(solution.t[-1]), 40)
-    for other in copies(solution):
-        assert other.message == solution.message
-        assert other.status is solution.status
-        np.testing.assert_array_equal(other.at(times), solution.at(times))
-        np.testing.assert_array_equal(other.energy, solution.energy)
-        np.testing.assert_array_equal(other[theta.dot], solution[theta.dot])
-        np.testing.assert_array_equal(other.evaluate(theta.ddot * g), solution.evaluate(theta.ddot * g))
-        for one, two in zip(other.t_events, solution.t_events, strict=True):
-            np.testing.assert_array_equal(one, two)
+    for second in copies(solution):
+        assert second.message == solution.message
+        assert second.status is solution.status
+        np.testing.assert_array_equal(second.at(times), solution.at(times))
+        np.testing.assert_array_equal(second.energy, solution.energy)
+        np.testing.assert_array_equal(second[theta.dot], solution[theta.dot])
+        np.testing.assert_array_equal(second.evaluate(theta.ddot * g), solution.evaluate(theta.ddot * g))
+        for first, two in zip(second.t_events, solution.t_events, strict=True):
+            np.testing.assert_array_equal(first, two)
 
 
 def test_a_flow_that_was_used_gives_the_same_numbers() -> None:

@@ -85,9 +85,11 @@ def test_what_a_run_takes(tmp_path: Path) -> None:
     default, everything, remaining, by_keyword, by_name = runs = [
         str(file), f"--all {file}", f"--remaining {file}", f"-k product {file}", f"{file}::test_long"
     ]  # fmt: skip
-    found = subprocess.run([sys.executable, "-c", COLLECT, *runs], cwd=ROOT, capture_output=True, text=True, check=True)
+    result = subprocess.run(
+        [sys.executable, "-c", COLLECT, *runs], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     taken: dict[str, list[str]] = {}
-    for line in found.stdout.splitlines():
+    for line in result.stdout.splitlines():
         if line.startswith("# "):
             cases = taken[line[2:]] = []
         elif "::" in line:

@@ -34,13 +34,13 @@ CHOSEN = ("rhs", "energy")
 def texts(name: str, quantities: Iterable[str] = QUANTITIES) -> dict[str, str]:
     """Return all generated text of a system: programs, and LLVM IR for one state and for columns."""
     equations = euler_lagrange(SYSTEMS[name]())
-    found = {}
+    result = {}
     for quantity in quantities:
         program = program_of(quantity, equations)
-        found[f"{name} {quantity} program"] = str(program)
-        found[f"{name} {quantity} scalar"] = KernelCode(program).scalar_module()
-        found[f"{name} {quantity} columns"] = KernelCode(program).column_module(4)
-    return found
+        result[f"{name} {quantity} program"] = str(program)
+        result[f"{name} {quantity} scalar"] = KernelCode(program).scalar_module()
+        result[f"{name} {quantity} columns"] = KernelCode(program).column_module(4)
+    return result
 
 
 def drivers() -> dict[str, str]:
@@ -55,10 +55,10 @@ def drivers() -> dict[str, str]:
 
 
 def digests(count: int) -> dict[str, str]:
-    found = drivers()
+    result = drivers()
     for name in NAMES[:count]:
-        found |= texts(name, CHOSEN)
-    return {key: hashlib.sha256(text.encode()).hexdigest() for key, text in found.items()}
+        result |= texts(name, CHOSEN)
+    return {key: hashlib.sha256(text.encode()).hexdigest() for key, text in result.items()}
 
 
 def reports() -> list[str]:

@@ -38,15 +38,15 @@ def blocks(page: Path, language: str) -> list[str]:
 
 def snippets() -> list[tuple[str, str]]:
     """Return the Python of all pages: each block that imports the package, with the blocks that continue it."""
-    found: list[tuple[str, str]] = []
+    result: list[tuple[str, str]] = []
     for page in PAGES:
         name = page.relative_to(ROOT).as_posix()
         for body in blocks(page, "python"):
-            if re.search(r"^(import|from) lagrange", body, re.MULTILINE) or not found or found[-1][0] != name:
-                found.append((name, body))
+            if re.search(r"^(import|from) lagrange", body, re.MULTILINE) or not result or result[-1][0] != name:
+                result.append((name, body))
             else:
-                found[-1] = name, f"{found[-1][1]}\n{body}"
-    return found
+                result[-1] = name, f"{result[-1][1]}\n{body}"
+    return result
 
 
 def anchors(page: Path) -> list[str]:

@@ -55,13 +55,13 @@ def test_period_of_a_pendulum(tmp_path: Path, capsys: pytest.CaptureFixture[str]
 
 
 def test_euler_against_rk4(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = euler_against_rk4.main(tmp_path)
+    result = euler_against_rk4.main(tmp_path)
     over_the_top = 2 * 9.81
     start = 9.81 * (1 - math.cos(1.5))
-    assert found["euler"][0] == pytest.approx(1.0, abs=0.05)
-    assert found["rk4"][0] == pytest.approx(4.0, abs=0.05)
-    assert found["euler"][1] > over_the_top
-    assert found["rk4"][1] == pytest.approx(start, rel=1e-6)
+    assert result["euler"][0] == pytest.approx(1.0, abs=0.05)
+    assert result["rk4"][0] == pytest.approx(4.0, abs=0.05)
+    assert result["euler"][1] > over_the_top
+    assert result["rk4"][1] == pytest.approx(start, rel=1e-6)
     table = [numbers(line) for line in capsys.readouterr().out.splitlines()[1:6]]
     assert [row[0] for row in table] == pytest.approx([0.02, 0.01, 0.005, 0.0025, 0.00125])
     assert [b[1] / a[1] for a, b in pairwise(table)] == pytest.approx([1 / 2] * 4, rel=0.01)
@@ -93,8 +93,8 @@ def test_double_pendulum(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.mark.slow
 def test_phase_portraits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = phase_portraits.main(tmp_path)
-    for (method, step), row in found.items():
+    result = phase_portraits.main(tmp_path)
+    for (method, step), row in result.items():
         assert row["order"] == pytest.approx(4 if method == "RK4" else 2, abs=0.05)
         if method != "RK4":
             # 3000 steps with angles up to 7000, whose spacing is 1e-12: two roundings of each are seen.
@@ -102,8 +102,8 @@ def test_phase_portraits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         exact = method == "integrable"
         assert (row["invariant"] < 1e-9) is exact, (method, step)
         assert row["energy"] > 1e-5
-    assert found["variational", 0.9]["invariant"] > 0.1
-    assert found["RK4", 0.9]["energy"] > 1.0
+    assert result["variational", 0.9]["invariant"] > 0.1
+    assert result["RK4", 0.9]["energy"] > 1.0
     # With the other sign the map is that of the inverted pendulum, off by twice the force.
     theta, _ = phase_portraits.orbit("integrable", 0.1, 100, 1.0, 0.0)
     middle = theta[1:-1]
@@ -117,12 +117,12 @@ def test_phase_portraits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
 @pytest.mark.slow
 def test_poincare_section(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     orbits = poincare_section.main(tmp_path)
-    found = np.concatenate(orbits)
-    assert len(found) == 10_000
+    result = np.concatenate(orbits)
+    assert len(result) == 10_000
     # An event is located to round-off, and 500 crossings at rtol 1e-12 leave the energy within some 1e-12.
-    assert np.abs(found[:, 0]).max() < 1e-14
-    assert (found[:, 2] > 0).all()
-    assert np.abs(poincare_section.energy(found) - poincare_section.ENERGY).max() < 1e-11
+    assert np.abs(result[:, 0]).max() < 1e-14
+    assert (result[:, 2] > 0).all()
+    assert np.abs(poincare_section.energy(result) - poincare_section.ENERGY).max() < 1e-11
     out = capsys.readouterr().out
     assert "10000 crossings of 20 orbits" in out
     assert_is_a_picture(tmp_path / "poincare_section.png")

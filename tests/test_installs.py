@@ -29,8 +29,8 @@ def named(requirement: str) -> tuple[str, list[str]]:
 
 
 def known() -> set[str]:
-    every = [*PROJECT["dependencies"], *(one for extra in EXTRAS.values() for one in extra)]
-    return {named(one)[0] for one in every} - {PROJECT["name"]}
+    every = [*PROJECT["dependencies"], *(item for extra in EXTRAS.values() for item in extra)]
+    return {named(item)[0] for item in every} - {PROJECT["name"]}
 
 
 def texts() -> Iterator[tuple[Path, str]]:
@@ -45,7 +45,7 @@ def texts() -> Iterator[tuple[Path, str]]:
         if "install" not in text:
             continue
         if path.suffix == ".py":
-            yield from ((path, one) for one in written(ast.parse(text)))
+            yield from ((path, item) for item in written(ast.parse(text)))
             yield from ((path, line) for line in re.findall(r"#(.*)", text))
         else:
             yield path, text
@@ -75,16 +75,16 @@ def wrong(requirement: str) -> str:
         extras = re.fullmatch(r"\.(?:\[([\w,-]+)\])?", requirement)
         if extras is None:
             return "no checkout"
-        missing = [one for one in (extras.group(1) or "").split(",") if one and one not in EXTRAS]
+        missing = [item for item in (extras.group(1) or "").split(",") if item and item not in EXTRAS]
         return f"no extra {missing}" if missing else ""
     return "" if requirement in known() else "not known to pyproject.toml"
 
 
 def test_what_is_advised_is_known() -> None:
-    found = [(path.relative_to(ROOT).as_posix(), one) for path, text in texts() for one in advised(text)]
-    assert [(path, one, wrong(one)) for path, one in found if wrong(one)] == []
+    result = [(path.relative_to(ROOT).as_posix(), item) for path, text in texts() for item in advised(text)]
+    assert [(path, item, wrong(item)) for path, item in result if wrong(item)] == []
     for path in ("README.md", "docs/limits.md", "docs/choosing-an-integrator.md", "lagrange/show/files/run_files.py"):
-        assert path in [place for place, _ in found], f"{path} advises nothing: is it still read?"
+        assert path in [place for place, _ in result], f"{path} advises nothing: is it still read?"
 
 
 def test_strangers_are_seen() -> None:
@@ -99,7 +99,7 @@ def test_strangers_are_seen() -> None:
         "pip install .        # in a checkout": [],
         "pip install scikit-sundae, or take": [],
     }.items():
-        assert [one for one in advised(text) if wrong(one)] == bad, text
+        assert [item for item in advised(text) if wrong(item)] == bad, text
 
 
 def test_extras_refer_to_this_distribution_by_its_name() -> None:

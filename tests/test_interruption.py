@@ -171,5 +171,5 @@ def test_the_handler_is_there_before_anything_heavy() -> None:
         "print(*sorted({'typing', 're', 'argparse', 'pathlib'} & (set(sys.modules) - before)))\n"
         "print(*sorted(name for name in sys.modules if name.startswith('lagrange')))"
     )
-    found = subprocess.run([sys.executable, "-S", "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert found.stdout == "\nlagrange lagrange.__main__ lagrange.cli lagrange.cli.interruption\n"
+    result = subprocess.run([sys.executable, "-S", "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert result.stdout == "\nlagrange lagrange.__main__ lagrange.cli lagrange.cli.interruption\n"

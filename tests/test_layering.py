@@ -138,16 +138,16 @@ def cycle(modules: Modules) -> list[str]:
 
 def hidden_imports(modules: Modules) -> list[str]:
     """Return imports of the package inside functions, and imports by name outside two tables."""
-    found = []
+    result = []
     for name, tree in modules.items():
         functions = [node for node in nodes(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
         for function in functions if name not in VIEWED else ():
-            found += [f"{name}:{line} imports {what}" for what, line in imports_of(function, modules)]
+            result += [f"{name}:{line} imports {what}" for what, line in imports_of(function, modules)]
             inside = statements_of_import(function)
-            found += [f"{name}:{function.lineno} imports relatively" for node in inside if relative(node)]
+            result += [f"{name}:{function.lineno} imports relatively" for node in inside if relative(node)]
         if name not in TABLES:
-            found += [f"{name} imports by name" for node in nodes(tree) if by_name(node)]
-    return found
+            result += [f"{name} imports by name" for node in nodes(tree) if by_name(node)]
+    return result
 
 
 MOST_LOADED = 120

@@ -49,11 +49,11 @@ def test_a_run_is_read_as_it_was_written(tmp_path: Path) -> None:
     run.to_npz(path)
     again = lg.load(path)
     assert again.card() == run.card() and again.status is run.status
-    for one, other in ((again.y, run.y), (again.energy, run.energy), (again.evaluate(x.ddot), run.evaluate(x.ddot))):
-        np.testing.assert_array_equal(one, other)
+    for first, second in ((again.y, run.y), (again.energy, run.energy), (again.evaluate(x.ddot), run.evaluate(x.ddot))):
+        np.testing.assert_array_equal(first, second)
     for ours, theirs in ((again.t_events, run.t_events), (again.y_events, run.y_events)):
-        for one, other in zip(ours, theirs, strict=True):
-            np.testing.assert_array_equal(one, other)
+        for first, second in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(first, second)
     np.testing.assert_array_equal(again.at(run.t[4]), run.y[:, 4])
     with pytest.raises(lg.RunError, match=r"there is no state at t = 0\.1234: a file has the outputs of a run"):
         again.at(0.1234)
@@ -62,8 +62,8 @@ def test_a_run_is_read_as_it_was_written(tmp_path: Path) -> None:
 
 def without_states_between(path: Path) -> Path:
     """Write a file in the format of older versions."""
-    with np.load(path) as found:
-        arrays = {name: found[name] for name in found.files if not name.endswith("_between")}
+    with np.load(path) as result:
+        arrays = {name: result[name] for name in result.files if not name.endswith("_between")}
     np.savez(path, **arrays)
     return path
 
@@ -73,19 +73,19 @@ def without_states_between(path: Path) -> Path:
 def test_a_run_from_a_file_moves_as_the_run(name: str, tmp_path: Path) -> None:
     """Animations of a loaded run agree to a pixel, a thousandth of the picture; it has four states for each step."""
     run = lg.scene(name).run()
-    found = lg.load(run.to_npz(tmp_path / "run.npz")).animate(tmp_path / "run.html")
+    result = lg.load(run.to_npz(tmp_path / "run.npz")).animate(tmp_path / "run.html")
     expected = run.animate()
     sizes = np.abs(expected.states).max(axis=1, keepdims=True)
-    assert (np.abs(found.states - expected.states) <= 1e-4 * sizes + 1e-12).all()
-    assert [*found.points] == [*expected.points] and "interpolated" in found.notes[0]
+    assert (np.abs(result.states - expected.states) <= 1e-4 * sizes + 1e-12).all()
+    assert [*result.points] == [*expected.points] and "interpolated" in result.notes[0]
 
 
 @pytest.mark.parametrize("span", [(0.0, 8.0), (8.0, 0.0)])
 def test_a_run_with_few_outputs_moves_from_its_file_too(span: tuple[float, float], tmp_path: Path) -> None:
     system = lg.scene("pendulum")
     run = lg.integrate(system.compile(), span, {"theta": 2.0}, t_eval=np.linspace(*span, 3))
-    found, expected = lg.load(run.to_npz(tmp_path / "run.npz")).animate(), run.animate()
-    np.testing.assert_allclose(found.states, expected.states, rtol=0, atol=1e-4 * np.abs(expected.states).max())
+    result, expected = lg.load(run.to_npz(tmp_path / "run.npz")).animate(), run.animate()
+    np.testing.assert_allclose(result.states, expected.states, rtol=0, atol=1e-4 * np.abs(expected.states).max())
 
 
 def test_an_older_file_moves_from_its_outputs_unless_they_are_too_far_apart(tmp_path: Path) -> None:
@@ -99,22 +99,22 @@ def test_an_older_file_moves_from_its_outputs_unless_they_are_too_far_apart(tmp_
 
 
 def _changed(path: Path, **changes: Any) -> Path:
-    with np.load(path) as found:
-        arrays = {**found, **changes}
+    with np.load(path) as result:
+        arrays = {**result, **changes}
     other = path.with_name("other.npz")
     np.savez(other, **{name: array for name, array in arrays.items() if array is not None})
     return other
 
 
 def _card_with(path: Path, **changes: Any) -> Path:
-    with np.load(path) as found:
-        card = json.loads(str(found["card"]))
+    with np.load(path) as result:
+        card = json.loads(str(result["card"]))
     return _changed(path, card=np.array(json.dumps({**card, **changes})))
 
 
 def _statement_with(path: Path, old: str, new: str) -> Path:
-    with np.load(path) as found:
-        text = str(found["statement"])
+    with np.load(path) as result:
+        text = str(result["statement"])
     assert old in text
     return _changed(path, statement=np.array(text.replace(old, new)))
 
@@ -183,11 +183,11 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
 
 def _rewritten(path: Path, name: str, content: bytes) -> Path:
     """Return an archive with changed bytes of one array."""
-    other = path.with_name("other.npz")
-    with zipfile.ZipFile(path) as old, zipfile.ZipFile(other, "w") as new:
-        for one in old.namelist():
-            new.writestr(one, content if one == f"{name}.npy" else old.read(one))
-    return other
+    second = path.with_name("other.npz")
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(second, "w") as new:
+        for first in old.namelist():
+            new.writestr(first, content if first == f"{name}.npy" else old.read(first))
+    return second
 
 
 def _array(shape: Any, kind: str = "<f8", data: bytes = b"") -> bytes:

@@ -31,8 +31,8 @@ notebooks = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.ste
 
 def cells(path: Path, kind: str) -> list[tuple[str, str]]:
     """Return the names and sources of the cells of one kind."""
-    found = json.loads(path.read_text("utf-8"))["cells"]
-    return [(cell["id"], "".join(cell["source"])) for cell in found if cell["cell_type"] == kind]
+    result = json.loads(path.read_text("utf-8"))["cells"]
+    return [(cell["id"], "".join(cell["source"])) for cell in result if cell["cell_type"] == kind]
 
 
 def imported(source: str) -> set[str]:

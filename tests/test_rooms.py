@@ -89,13 +89,13 @@ def room(module: str) -> str | None:
 
 def arrows(modules: Modules) -> dict[tuple[str, str], str]:
     """Return the imports between rooms, each with one example."""
-    found: dict[tuple[str, str], str] = {}
+    result: dict[tuple[str, str], str] = {}
     for name, tree in modules.items():
         for target, line in imports_of(tree, modules):
             here, there = room(name), room(target)
             if here and there and here != there:
-                found.setdefault((here, there), f"{name}:{line} imports {target}")
-    return found
+                result.setdefault((here, there), f"{name}:{line} imports {target}")
+    return result
 
 
 def strange(modules: Modules) -> list[str]:
@@ -113,8 +113,8 @@ def test_every_arrow_of_the_table_is_needed() -> None:
 
 
 def test_the_table_has_every_room_in_order_and_no_ring() -> None:
-    found = {room(name) for name in package()} - {None}
-    assert found == set(MAY_IMPORT)
+    result = {room(name) for name in package()} - {None}
+    assert result == set(MAY_IMPORT)
     TopologicalSorter(MAY_IMPORT).prepare()
     rooms = list(MAY_IMPORT)
     assert [rooms.index(there) < k for k, here in enumerate(rooms) for there in MAY_IMPORT[here]].count(False) == 0

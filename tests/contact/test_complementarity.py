@@ -40,13 +40,13 @@ def test_forces_push_rates_separate_and_friction_is_in_its_cone(plane: bool) -> 
     met: set[str] = set()
     for seed in range(150):
         matrix, bias, contacts = problem(seed, plane)
-        for found in solutions(matrix, bias, contacts):
-            met.update(found.states)
-            assert found.rates == pytest.approx(matrix @ found.forces + bias, abs=1e-9)
-            for (normal, along), contact, state in zip(rows_of(contacts), contacts, found.states, strict=True):
-                push, friction, rate = found.forces[normal], found.forces[along], found.rates[along]
-                assert push >= -1e-9 and found.rates[normal] >= -1e-9
-                assert push * found.rates[normal] == pytest.approx(0, abs=1e-9)
+        for result in solutions(matrix, bias, contacts):
+            met.update(result.states)
+            assert result.rates == pytest.approx(matrix @ result.forces + bias, abs=1e-9)
+            for (normal, along), contact, state in zip(rows_of(contacts), contacts, result.states, strict=True):
+                push, friction, rate = result.forces[normal], result.forces[along], result.rates[along]
+                assert push >= -1e-9 and result.rates[normal] >= -1e-9
+                assert push * result.rates[normal] == pytest.approx(0, abs=1e-9)
                 assert np.linalg.norm(friction) <= contact.static * push + 1e-9
                 if state == SLIDING:
                     way = contact.way if contact.way is not None else rate / np.linalg.norm(rate)
@@ -67,9 +67,9 @@ def test_surfaces_that_do_not_slide_yet_have_one_motion(plane: bool) -> None:
 def test_a_slip_that_nearly_stops_in_a_plane_has_a_direction() -> None:
     """Near the edge of the cone a whole turn of the direction overshoots 53 times."""
     matrix, bias = 0.6346490729175164 * np.eye(3), np.array([-13.482417610366966, -1.949435005702, -0.667553147002])
-    (found,) = solutions(matrix, bias, [Friction(2, 0.15, 0.15)])
-    assert found.states == (SLIDING,)
-    assert found.rates[1:] / np.linalg.norm(found.rates[1:]) == pytest.approx(bias[1:] / np.linalg.norm(bias[1:]))
+    (result,) = solutions(matrix, bias, [Friction(2, 0.15, 0.15)])
+    assert result.states == (SLIDING,)
+    assert result.rates[1:] / np.linalg.norm(result.rates[1:]) == pytest.approx(bias[1:] / np.linalg.norm(bias[1:]))
 
 
 def test_pivoting_finds_what_trying_all_states_finds(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,16 +79,16 @@ def test_pivoting_finds_what_trying_all_states_finds(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(complementarity, "MOST_CASES", 0)
     for seed, known in tried.items():
         if len(known) == 1:
-            (found,) = solutions(*problem(seed))
-            assert found.forces == pytest.approx(known[0].forces, abs=1e-8)
-            assert found.states == known[0].states
+            (result,) = solutions(*problem(seed))
+            assert result.forces == pytest.approx(known[0].forces, abs=1e-8)
+            assert result.states == known[0].states
 
 
 def test_contacts_that_depend_on_each_other_share_their_forces() -> None:
     one = np.array([[1.0, 0.5], [1.0, -0.5], [1.0, 0.0]])
-    (found,) = solutions(one @ one.T, np.full(3, -1.0), [Friction()] * 3)
-    assert found.forces == pytest.approx(np.full(3, 1 / 3))
-    assert found.rates == pytest.approx(np.zeros(3), abs=1e-15)
+    (result,) = solutions(one @ one.T, np.full(3, -1.0), [Friction()] * 3)
+    assert result.forces == pytest.approx(np.full(3, 1 / 3))
+    assert result.rates == pytest.approx(np.zeros(3), abs=1e-15)
 
 
 def test_static_friction_holds_what_kinetic_friction_would_let_slide() -> None:
@@ -97,12 +97,12 @@ def test_static_friction_holds_what_kinetic_friction_would_let_slide() -> None:
     There the other contact, which opens, has no force, or one of a corner that would slide as well.
     """
     apart = np.diag([0.8, 2.4, 0.5, 1.5]), np.array([-0.186, -0.11, 0.0, 0.514])
-    (found,) = solutions(*apart, [Friction(1, 0.3, 0.16), Friction(1, 0.1, 0.08)])
-    assert found.states == (STICKING, OPEN)
+    (result,) = solutions(*apart, [Friction(1, 0.3, 0.16), Friction(1, 0.1, 0.08)])
+    assert result.states == (STICKING, OPEN)
     corners = np.array([[2.94, -1.24, -1.08, -1.24], [-1.24, 1.7, 1.24, 1.7], [-1.08, 1.24, 2.94, 1.24]])
     matrix = np.vstack([corners, [-1.24, 1.7, 1.24, 1.7]])
-    (found,) = solutions(matrix, np.array([-4.02, -0.55, 0.0, -0.55]), [Friction(1, 1.2, 0.64)] * 2)
-    assert found.states == (STICKING, OPEN)
+    (result,) = solutions(matrix, np.array([-4.02, -0.55, 0.0, -0.55]), [Friction(1, 1.2, 0.64)] * 2)
+    assert result.states == (STICKING, OPEN)
 
 
 def test_kinetic_friction_acts_on_surfaces_that_slide_into_an_impact() -> None:

@@ -142,10 +142,10 @@ def test_friction_inside_the_loop_is_that_of_a_look_at_each_change(seed: int, mo
     assert looks == [0.0]
     monkeypatch.setattr(Kinematics, "held", lambda *_: False)
     outside = system.run(8.0, rtol=1e-12).require()
-    found, reference = inside.trajectory.contacts, outside.trajectory.contacts
-    assert found is not None and reference is not None
+    result, reference = inside.trajectory.contacts, outside.trajectory.contacts
+    assert result is not None and reference is not None
     assert len(looks) == 1 + len(reference.begins)
-    assert [mode.states for mode in found.modes] == [mode.states for mode in reference.modes]
+    assert [mode.states for mode in result.modes] == [mode.states for mode in reference.modes]
     # A time is known to the tolerance divided by the slope of the slip or of the force at its end, some 0.01 here.
-    assert np.abs(found.begins - reference.begins).max() < 1e-9
+    assert np.abs(result.begins - reference.begins).max() < 1e-9
     assert np.abs(inside.at(8.0) - outside.at(8.0)).max() < 1e-9

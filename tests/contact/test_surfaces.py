@@ -91,8 +91,8 @@ def test_frames_draw_a_moving_surface_without_marks(monkeypatch: pytest.MonkeyPa
 
 
 def test_scripts_find_the_points_of_surfaces_behind_the_named_ones() -> None:
-    found = description(ball(FLOOR | RING).statement, 1.0, ("E",), "E")
-    assert found["points"] == ["ball"] and found["surfaces"] == [[1, 2], [3, 65]] and found["drawn"] == 68
+    result = description(ball(FLOOR | RING).statement, 1.0, ("E",), "E")
+    assert result["points"] == ["ball"] and result["surfaces"] == [[1, 2], [3, 65]] and result["drawn"] == 68
 
 
 def test_exported_positions_have_the_points_of_surfaces(tmp_path: Any) -> None:

@@ -190,9 +190,9 @@ def motions(state: State, slips: dict[int, int]) -> list[Solution]:
     """Return the motions of a state whose contacts have closed gaps and `slips` of some sign, zero at rest."""
     _, force, _, _, bias = state.parts
     laws = {i: (*frictions(state, i), sign) for i, sign in slips.items()}
-    found = list(solutions(state, force, {row: bias[row] for i in slips for row in (2 * i, 2 * i + 1)}, laws))
+    result = list(solutions(state, force, {row: bias[row] for i in slips for row in (2 * i, 2 * i + 1)}, laws))
     # What static friction holds does not slide.
-    return [one for one in found if not any(displaces(other[0], one[0]) for other in found)]
+    return [first for first in result if not any(displaces(second[0], first[0]) for second in result)]
 
 
 def displaces(one: Any, other: Any) -> bool:
@@ -205,19 +205,19 @@ def frictions(state: State, i: int) -> tuple[float, float]:
     return [(state.values[mu_belt], state.values[nu_belt]), (state.values[mu_wall], state.values[nu_wall])][i]
 
 
-def assert_same_motion(state: State, found: Transition, expected: Solution, slips: dict[int, int]) -> None:
+def assert_same_motion(state: State, result: Transition, expected: Solution, slips: dict[int, int]) -> None:
     """Compare modes, and the accelerations and forces of the compiled model of the mode."""
     cases, accelerations, forces = expected
     states = dict(zip(slips, cases, strict=True))
-    assert found.mode.states == tuple(states.get(i, (OPEN, 0))[0] for i in range(2))
-    assert found.mode.ways == tuple(states.get(i, (OPEN, 0))[1] or None for i in range(2))
-    model = modes_of(system().compile()).model_of(found.mode)
+    assert result.mode.states == tuple(states.get(i, (OPEN, 0))[0] for i in range(2))
+    assert result.mode.ways == tuple(states.get(i, (OPEN, 0))[1] or None for i in range(2))
+    model = modes_of(system().compile()).model_of(result.mode)
     parameters = np.array(list(state.values.values()))
-    computed = model.accelerations(found.y[:5], found.y[5:], TIME, parameters)
+    computed = model.accelerations(result.y[:5], result.y[5:], TIME, parameters)
     exact = np.array([float(each) for each in accelerations])
     assert np.abs(computed - exact).max() < ERROR * np.abs(exact).max()
     multipliers = (
-        () if model.statement.constraints == () else model.multipliers(found.y[:5], found.y[5:], TIME, parameters)
+        () if model.statement.constraints == () else model.multipliers(result.y[:5], result.y[5:], TIME, parameters)
     )
     for constraint, force in zip(model.statement.constraints, multipliers, strict=True):
         row = 2 * ("wall" in constraint.name) + (constraint.name not in ("belt", "wall"))
@@ -242,8 +242,8 @@ def test_motion_after_a_transition(closed: tuple[int, ...], share: Share) -> Non
             with pytest.raises(lg.RunError):
                 transitions.after(TIME, at, mode, stopped=[i for i, slip in slips.items() if not slip])
             continue
-        found = transitions.after(TIME, at, mode, stopped=[i for i, slip in slips.items() if not slip])
-        assert_same_motion(state, found, expected[0], slips)
+        result = transitions.after(TIME, at, mode, stopped=[i for i, slip in slips.items() if not slip])
+        assert_same_motion(state, result, expected[0], slips)
         for (i, slip), case in zip(slips.items(), expected[0][0], strict=True):
             met.add((case[0], "reverses" if slip == 0 and case[1] == -before[i] else "goes on"))
     assert (SLIDING, "reverses") in met and len(met) >= 2
@@ -276,16 +276,16 @@ def test_velocities_and_impulses_of_an_impact(hits: tuple[int, ...], rests: tupl
             tuple(SLIDING if i in rests else OPEN for i in range(2)), tuple(1 if i in rests else None for i in range(2))
         )
         try:
-            found = transitions.after(TIME, at, mode, met=hits)
+            result = transitions.after(TIME, at, mode, met=hits)
         except lg.RunError:  # the motion after the impact may be undetermined
             continue
         met |= {case for i, (case, _) in zip(closed, cases, strict=True) if i in hits}
         exact = np.array([float(v + change) for v, change in zip(state.v, changes, strict=True)])
-        if not any(state != OPEN for state in found.mode.states):
-            assert np.abs(found.y[5:] - exact).max() < ERROR * np.abs(exact).max()
+        if not any(state != OPEN for state in result.mode.states):
+            assert np.abs(result.y[5:] - exact).max() < ERROR * np.abs(exact).max()
         none = np.zeros(FRICTION + 1)
         for i in closed:
-            _, push, _, friction = found.impacts.get(i, none)
+            _, push, _, friction = result.impacts.get(i, none)
             assert (push, friction) == pytest.approx(
                 [float(impulses[2 * i]), float(impulses[2 * i + 1])], abs=ERROR * 10
             )
@@ -293,7 +293,7 @@ def test_velocities_and_impulses_of_an_impact(hits: tuple[int, ...], rests: tupl
         # Surfaces that move do work: impulses times their own velocities.
         moved = before - directions * mpmath.matrix(state.v)
         work = float(sum(impulse * moved[row] for row, impulse in enumerate(impulses)))
-        assert sum(row[LOST] for row in found.impacts.values()) + work == pytest.approx(
+        assert sum(row[LOST] for row in result.impacts.values()) + work == pytest.approx(
             energy[0] - energy[1], abs=ERROR * 10
         )
     assert met >= {STICKING, SLIDING}
@@ -310,7 +310,7 @@ def test_sliding_begins_where_friction_reaches_its_cone(closed: tuple[int, ...])
             slips = {0: 0, 1: 1} if 1 in closed else {0: 0}
             state.with_rates({2 * i: 0.0 for i in closed} | {2 * i + 1: 0.4 * slip for i, slip in slips.items()})
             state.values[mu_belt] = state.values[nu_belt] = 1e3
-            held = [one for one in motions(state, slips) if one[0][0][0] == STICKING and (OPEN, 0) not in one[0]]
+            held = [item for item in motions(state, slips) if item[0][0][0] == STICKING and (OPEN, 0) not in item[0]]
             if len(held) != 1:
                 continue
             forces = held[0][2]
@@ -318,13 +318,13 @@ def test_sliding_begins_where_friction_reaches_its_cone(closed: tuple[int, ...])
             state.values[nu_belt] = 0.8 * state.values[mu_belt]
             way = -int(mpmath.sign(forces[1]))
             # Friction drops to the kinetic one, so the contact slides as it is pushed.
-            expected = [one for one in motions(state, slips | {0: way}) if one[0][0] == (SLIDING, way)]
+            expected = [item for item in motions(state, slips | {0: way}) if item[0][0] == (SLIDING, way)]
         transitions, _, at = state.of_program()
         mode = Mode(tuple((STICKING, SLIDING)[i] if i in closed else OPEN for i in range(2)), (None, slips.get(1)))
         if len(expected) != 1:
             continue
-        found = transitions.after(TIME, at, mode, freed=[0])
-        assert_same_motion(state, found, expected[0], slips)
+        result = transitions.after(TIME, at, mode, freed=[0])
+        assert_same_motion(state, result, expected[0], slips)
         count += 1
     assert count > 5
 
@@ -356,10 +356,10 @@ def test_a_contact_is_released_where_its_force_is_zero(closed: tuple[int, ...]) 
         )
         if len(expected) != 1:
             continue
-        found = transitions.after(TIME, at, mode, released=[0])
-        assert_same_motion(state, found, expected[0], slips)
+        result = transitions.after(TIME, at, mode, released=[0])
+        assert_same_motion(state, result, expected[0], slips)
         model = modes_of(system().compile()).model_of(mode)
-        closed_yet = model.accelerations(found.y[:5], found.y[5:], TIME, np.array(list(state.values.values())))
+        closed_yet = model.accelerations(result.y[:5], result.y[5:], TIME, np.array(list(state.values.values())))
         exact = np.array([float(each) for each in expected[0][1]])
         if expected[0][0] == ((SLIDING, 1),) * len(slips):
             assert np.abs(closed_yet - exact).max() < ERROR * np.abs(exact).max()

@@ -28,5 +28,5 @@ CASES: dict[str, tuple[dict[str, Any], tuple[bool, bool]]] = {
 
 @pytest.mark.parametrize("what", CASES)
 def test_a_turn_of_an_angle_changes_nothing(what: str) -> None:
-    stated, found = CASES[what]
-    assert angles(lg.System(kinetic=free, coordinates=[q, x], **stated).statement) == found
+    stated, result = CASES[what]
+    assert angles(lg.System(kinetic=free, coordinates=[q, x], **stated).statement) == result

@@ -16,25 +16,25 @@ from tests.dynamics.planar import F, double_well, driven_linear, duffing, hoop, 
 
 
 def swept(*arguments: Any, **named: Any) -> Bifurcation:
-    found = lg.bifurcation(*arguments, **named)
-    assert isinstance(found, Bifurcation)
-    return found
+    result = lg.bifurcation(*arguments, **named)
+    assert isinstance(result, Bifurcation)
+    return result
 
 
 def branched(*arguments: Any, **named: Any) -> EquilibriumBranches:
-    found = lg.bifurcation(*arguments, **named)
-    assert isinstance(found, EquilibriumBranches)
-    return found
+    result = lg.bifurcation(*arguments, **named)
+    assert isinstance(result, EquilibriumBranches)
+    return result
 
 
 def test_the_periods_of_the_driven_duffing_oscillator_are_the_published_ones() -> None:
     """D. W. Jordan, P. Smith, Nonlinear Ordinary Differential Equations, 4th ed., 2007, section 13.3: with damping 0.3
     and frequency 1.2, from x = 1 at rest, periods are 1, 2, 4 and 5, chaos at 0.5, and 2 at 0.65."""
-    found = swept(duffing(), F, [0.20, 0.28, 0.29, 0.37, 0.50, 0.65], follow=False, points=40, skip=400)
-    assert found.cycles[:, 0].tolist() == [1, 2, 4, 5, 0, 2]
-    assert found.states.shape == (6, 1, 40, 2)
-    assert found.periods == pytest.approx([2 * np.pi / 1.2] * 6)
-    assert found.status is lg.Status.SUCCESS
+    result = swept(duffing(), F, [0.20, 0.28, 0.29, 0.37, 0.50, 0.65], follow=False, points=40, skip=400)
+    assert result.cycles[:, 0].tolist() == [1, 2, 4, 5, 0, 2]
+    assert result.states.shape == (6, 1, 40, 2)
+    assert result.periods == pytest.approx([2 * np.pi / 1.2] * 6)
+    assert result.status is lg.Status.SUCCESS
 
 
 def test_rising_and_falling_values_show_hysteresis() -> None:
@@ -68,32 +68,32 @@ def test_any_system_is_looked_at_where_an_event_happens() -> None:
     system = lg.System(
         kinetic=x.dot**2 / 2, potential=x**2 / 2, forces={x: mu * (1 - x**2) * x.dot}, parameters={mu: 1.0}
     )
-    found = swept(
+    result = swept(
         system, "mu", [0.1, 2.0], section=lg.event(x, direction=1), starts=[{x: 1.0}, {x: 3.0}], points=6, skip=60
     )
-    assert found.cycles.tolist() == [[1, 1], [1, 1]]
-    assert found.states[0, :, :, 1] == pytest.approx(np.full((2, 6), 2.0), rel=0.01)
-    assert found.states[1, :, :, 1] == pytest.approx(np.full((2, 6), 2.614973), rel=1e-6)
-    assert found.event is not None
-    assert found.periods is None
+    assert result.cycles.tolist() == [[1, 1], [1, 1]]
+    assert result.states[0, :, :, 1] == pytest.approx(np.full((2, 6), 2.0), rel=0.01)
+    assert result.states[1, :, :, 1] == pytest.approx(np.full((2, 6), 2.614973), rel=1e-6)
+    assert result.event is not None
+    assert result.periods is None
 
 
 def test_a_bead_leaves_the_bottom_of_a_hoop_at_a_pitchfork() -> None:
     """theta = acos(g/(r w^2)) exists from w^2 = g/r on, where the bottom loses its stability."""
-    found = branched(hoop(), "w", (2.0, 8.0, 25))
+    result = branched(hoop(), "w", (2.0, 8.0, 25))
     critical = np.sqrt(9.81 / 0.5)
-    assert len(found.branches) == 4
-    by_end = sorted(found.branches, key=lambda branch: branch.coordinates[-1, 0])
+    assert len(result.branches) == 4
+    by_end = sorted(result.branches, key=lambda branch: branch.coordinates[-1, 0])
     low, bottom, high, top = by_end
     for branch, sign in ((high, 1), (low, -1)):
         there = np.isfinite(branch.coordinates[:, 0])
         assert branch.values[there].min() == pytest.approx(critical, rel=1e-12)
-        wanted = sign * np.arccos(np.minimum(1.0, critical**2 / branch.values[there] ** 2))
-        assert branch.coordinates[there, 0] == pytest.approx(wanted, abs=1e-6)
+        expected = sign * np.arccos(np.minimum(1.0, critical**2 / branch.values[there] ** 2))
+        assert branch.coordinates[there, 0] == pytest.approx(expected, abs=1e-6)
         assert (branch.stable[there][1:] == 1).all()
     assert np.array_equal(bottom.stable == 1, bottom.values < critical)
     assert (top.stable == 0).all()
-    assert found.axis == "theta"
+    assert result.axis == "theta"
 
 
 def test_branches_without_formulas_are_followed_from_several_values() -> None:
@@ -101,11 +101,11 @@ def test_branches_without_formulas_are_followed_from_several_values() -> None:
     system = lg.System(
         kinetic=x.dot**2 / 2, potential=-mu * x - x**2 / 2, forces={x: -sinh(x**3) - x.dot}, parameters={"mu": 0.0}
     )
-    found = branched(system, "mu", np.linspace(-1, 1, 41))
-    middle = [branch.coordinates[20, 0] for branch in found.branches if np.isfinite(branch.coordinates[20, 0])]
+    result = branched(system, "mu", np.linspace(-1, 1, 41))
+    middle = [branch.coordinates[20, 0] for branch in result.branches if np.isfinite(branch.coordinates[20, 0])]
     assert len(np.unique(np.round(middle, 6))) == 3
-    assert all(not branch.formula for branch in found.branches)
-    for branch in found.branches:
+    assert all(not branch.formula for branch in result.branches)
+    for branch in result.branches:
         there = np.isfinite(branch.coordinates[:, 0])
         place = branch.coordinates[there, 0]
         assert np.abs(branch.values[there] + place - np.sinh(place**3)).max() < 1e-9
@@ -135,21 +135,21 @@ def test_the_period_of_a_driving_is_read_from_its_waves() -> None:
 
 def test_ctrl_c_keeps_the_values_that_are_done(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Runs, "__call__", interrupting(3)(Runs.__call__))
-    found = swept(duffing(), F, (0.2, 0.3, 10), points=5, skip=1)
-    assert found.status is lg.Status.INTERRUPTED
-    assert found.message == "interrupted: 3 of 10 values of F were computed and are kept."
-    assert np.isfinite(found.states).all(axis=(1, 2, 3)).tolist() == [True] * 3 + [False] * 7
+    result = swept(duffing(), F, (0.2, 0.3, 10), points=5, skip=1)
+    assert result.status is lg.Status.INTERRUPTED
+    assert result.message == "interrupted: 3 of 10 values of F were computed and are kept."
+    assert np.isfinite(result.states).all(axis=(1, 2, 3)).tolist() == [True] * 3 + [False] * 7
 
 
 def test_motions_that_run_away_leave_gaps_and_begin_anew() -> None:
     system = lg.System(
         kinetic=x.dot**2 / 2, potential=x**2 / 2 - x**4 / 4, forces={x: -x.dot / 5 + F * cos(lg.t)}, parameters={F: 0.1}
     )
-    found = swept(system, F, [0.1, 5.0, 0.1], points=4, skip=40)
-    assert np.isfinite(found.states).all(axis=(1, 2, 3)).tolist() == [True, False, True]
-    assert "1 ended early" in found.message
-    assert not found.status.complete
-    assert found.states[2] == pytest.approx(found.states[0], abs=1e-3)
+    result = swept(system, F, [0.1, 5.0, 0.1], points=4, skip=40)
+    assert np.isfinite(result.states).all(axis=(1, 2, 3)).tolist() == [True, False, True]
+    assert "1 ended early" in result.message
+    assert not result.status.complete
+    assert result.states[2] == pytest.approx(result.states[0], abs=1e-3)
 
 
 @pytest.mark.parametrize(

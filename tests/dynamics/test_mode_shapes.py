@@ -32,11 +32,13 @@ def test_the_modes_of_a_triatomic_molecule_are_drawn_where_its_atoms_are() -> No
     """H. Goldstein et al., Classical Mechanics, 3rd ed., section 6.4: 0, sqrt(k/m) and sqrt(k/m (1 + 2 m/M))."""
     shapes = molecule().modes().shapes_in_numbers()
     assert shapes.frequencies == pytest.approx([0, np.sqrt(2 / 16), np.sqrt(2 / 16 * (1 + 32 / 12))])
-    wanted = np.array([[1, 1, 1], [1, 0, -1], [-0.375, 1, -0.375]])
-    assert shapes.components == pytest.approx(wanted, abs=1e-12)
+    expected = np.array([[1, 1, 1], [1, 0, -1], [-0.375, 1, -0.375]])
+    assert shapes.components == pytest.approx(expected, abs=1e-12)
     assert shapes.points["left"] == pytest.approx([-1.0, 0.0])
     for name, column in (("left", 0), ("middle", 1), ("right", 2)):
-        assert shapes.displacements[name] == pytest.approx(np.column_stack([wanted[:, column], np.zeros(3)]), abs=1e-12)
+        assert shapes.displacements[name] == pytest.approx(
+            np.column_stack([expected[:, column], np.zeros(3)]), abs=1e-12
+        )
 
 
 def test_displacements_are_the_derivatives_of_the_positions() -> None:

@@ -35,21 +35,21 @@ from tests.models import shared_scene
 
 def test_the_separatrix_of_the_pendulum_is_its_closed_form() -> None:
     """The separatrix is theta' = 2 cos(theta/2), and each branch ends at the other saddle, up to `LINEAR_ERROR`."""
-    found = lg.phase_portrait(pendulum())
-    assert [branch.stable for branch in found.separatrices].count(True) == 2
-    assert len(found.separatrices) == 4
-    for branch in found.separatrices:
+    result = lg.phase_portrait(pendulum())
+    assert [branch.stable for branch in result.separatrices].count(True) == 2
+    assert len(result.separatrices) == 4
+    for branch in result.separatrices:
         angles, rates = branch.orbit.states.T
-        assert np.abs(np.abs(rates) - 2 * np.abs(np.cos(angles / 2))).max() <= LINEAR_ERROR * found.plane[1].width
+        assert np.abs(np.abs(rates) - 2 * np.abs(np.cos(angles / 2))).max() <= LINEAR_ERROR * result.plane[1].width
         assert np.ptp(angles) == pytest.approx(2 * np.pi, abs=0.02)
-    assert sorted(np.sign(branch.orbit.states[:, 1].mean()) for branch in found.separatrices) == [-1, -1, 1, 1]
+    assert sorted(np.sign(branch.orbit.states[:, 1].mean()) for branch in result.separatrices) == [-1, -1, 1, 1]
 
 
 def test_a_separatrix_that_bends_at_its_saddle_is_on_the_level_of_its_energy() -> None:
     """In x^2/2 - x^3/3 the manifolds leave the eigenvectors in the second order: 1/3 = v^2 + x^2 - 2 x^3/3."""
-    found = lg.phase_portrait(escape(), {x: (-0.8, 1.5), x.dot: (-1, 1)})
-    assert len(found.separatrices) == 4
-    for branch in found.separatrices:
+    result = lg.phase_portrait(escape(), {x: (-0.8, 1.5), x.dot: (-1, 1)})
+    assert len(result.separatrices) == 4
+    for branch in result.separatrices:
         place, rate = branch.orbit.states.T
         # Beyond the saddle the motion runs away, and carries an offset along: it grows as the speed does.
         assert np.abs(rate**2 + place**2 - 2 * place**3 / 3 - 1 / 3).max() <= 20 * LINEAR_ERROR
@@ -80,20 +80,20 @@ def test_each_kind_of_equilibrium(potential: Any, force: Any, kind: str, stable:
 
 
 def test_equilibria_on_the_border_are_found_and_belong_together() -> None:
-    found = lg.phase_portrait(damped_pendulum())
-    assert [place.kind for place in found.equilibria] == ["saddle", "stable spiral", "saddle"]
-    assert [place.state[0] for place in found.equilibria] == pytest.approx([-np.pi, 0, np.pi], abs=1e-15)
-    assert {branch.saddle for branch in found.separatrices} == {0}
-    arriving = [branch.orbit.states[-1, 0] for branch in found.separatrices if not branch.stable]
+    result = lg.phase_portrait(damped_pendulum())
+    assert [place.kind for place in result.equilibria] == ["saddle", "stable spiral", "saddle"]
+    assert [place.state[0] for place in result.equilibria] == pytest.approx([-np.pi, 0, np.pi], abs=1e-15)
+    assert {branch.saddle for branch in result.separatrices} == {0}
+    arriving = [branch.orbit.states[-1, 0] for branch in result.separatrices if not branch.stable]
     assert np.abs((np.array(arriving) + np.pi) % (2 * np.pi) - np.pi).max() < 0.01
 
 
 def test_zero_lines_are_zeros_to_rounding() -> None:
     """The zero lines of van der Pol's equation are v = 0 and (1 - x^2) v = x, which has two poles."""
-    found = lg.phase_portrait(van_der_pol(), {x: (-3, 3), x.dot: (-4, 4)}, starts=[{x: 1.0}], t_end=0.1)
-    (rest,) = found.nullclines["x"]
+    result = lg.phase_portrait(van_der_pol(), {x: (-3, 3), x.dot: (-4, 4)}, starts=[{x: 1.0}], t_end=0.1)
+    (rest,) = result.nullclines["x"]
     assert np.abs(rest[:, 1]).max() == 0.0
-    lines = found.nullclines["x_dot"]
+    lines = result.nullclines["x_dot"]
     assert len(lines) == 3
     for place, rate in (line.T for line in lines):
         terms = np.abs(rate) + np.abs(place**2 * rate) + np.abs(place)
@@ -101,17 +101,17 @@ def test_zero_lines_are_zeros_to_rounding() -> None:
 
 
 def test_a_closed_orbit_has_the_period_of_the_pendulum_and_comes_back() -> None:
-    found = lg.phase_portrait(pendulum(), starts=[{theta: 1.0}, {theta: 3.0}])
-    for orbit, amplitude in zip(found.orbits, (1.0, 3.0), strict=True):
+    result = lg.phase_portrait(pendulum(), starts=[{theta: 1.0}, {theta: 3.0}])
+    for orbit, amplitude in zip(result.orbits, (1.0, 3.0), strict=True):
         assert orbit.closed
         assert orbit.t[-1] == pytest.approx(4 * ellipk(np.sin(amplitude / 2) ** 2), rel=1e-6)
-        assert np.abs(orbit.states[-1] - orbit.states[0]).max() <= CLOSED * found.plane[1].width
+        assert np.abs(orbit.states[-1] - orbit.states[0]).max() <= CLOSED * result.plane[1].width
         assert np.array_equal(orbit.at(orbit.t), orbit.states)
 
 
 def test_an_orbit_runs_both_ways_until_it_leaves_the_window() -> None:
-    found = lg.phase_portrait(van_der_pol(), {x: (-3, 3), x.dot: (-4, 4)}, starts=[{x: 2.5, x.dot: 2.0}])
-    (orbit,) = found.orbits
+    result = lg.phase_portrait(van_der_pol(), {x: (-3, 3), x.dot: (-4, 4)}, starts=[{x: 2.5, x.dot: 2.0}])
+    (orbit,) = result.orbits
     assert orbit.t[0] < 0 < orbit.t[-1]
     assert not orbit.closed
     assert np.all(np.diff(orbit.t) > 0)
@@ -120,49 +120,49 @@ def test_an_orbit_runs_both_ways_until_it_leaves_the_window() -> None:
 
 
 def test_the_field_and_the_window_are_those_of_the_system() -> None:
-    found = lg.phase_portrait(lg.System(kinetic=x.dot**2 / 2, potential=x**4 / 4 - x**2 / 2))
-    assert [place.kind for place in found.equilibria] == ["centre", "saddle", "centre"]
-    assert found.u.shape == found.v.shape == (len(found.y), len(found.x))
-    assert np.array_equal(found.u, np.broadcast_to(found.y[:, None], found.u.shape))
-    assert found.v == pytest.approx(np.broadcast_to(found.x - found.x**3, found.v.shape), abs=1e-12)
-    assert any(orbit.closed for orbit in found.orbits)
+    result = lg.phase_portrait(lg.System(kinetic=x.dot**2 / 2, potential=x**4 / 4 - x**2 / 2))
+    assert [place.kind for place in result.equilibria] == ["centre", "saddle", "centre"]
+    assert result.u.shape == result.v.shape == (len(result.y), len(result.x))
+    assert np.array_equal(result.u, np.broadcast_to(result.y[:, None], result.u.shape))
+    assert result.v == pytest.approx(np.broadcast_to(result.x - result.x**3, result.v.shape), abs=1e-12)
+    assert any(orbit.closed for orbit in result.orbits)
 
 
 def test_a_slice_of_two_coordinates_holds_the_others_and_says_so() -> None:
     system = shared_scene("double-pendulum")
     held = {"theta2": 0.5, "theta2_dot": 0.1}
-    found = lg.phase_portrait(system, {"theta1": (-3, 3, 5), "theta1_dot": (-8, 8, 4)}, at=held)
-    assert found.u.shape == (4, 5)
-    states = np.array([[q, 0.5, v, 0.1] for v in found.y for q in found.x]).T
-    assert found.v.ravel() == pytest.approx(system.compile().rhs(0.0, states)[2])
-    assert not found.equilibria
-    assert "slice" in found.message
-    assert all(orbit.t[0] == 0.0 for orbit in found.orbits)
+    result = lg.phase_portrait(system, {"theta1": (-3, 3, 5), "theta1_dot": (-8, 8, 4)}, at=held)
+    assert result.u.shape == (4, 5)
+    states = np.array([[q, 0.5, v, 0.1] for v in result.y for q in result.x]).T
+    assert result.v.ravel() == pytest.approx(system.compile().rhs(0.0, states)[2])
+    assert not result.equilibria
+    assert "slice" in result.message
+    assert all(orbit.t[0] == 0.0 for orbit in result.orbits)
 
 
 def test_a_driven_system_is_shown_at_a_time_and_says_so() -> None:
-    found = lg.phase_portrait(driven_linear(), {x: (-1, 1), x.dot: (-2, 2)}, t=0.3)
-    place, rate = np.meshgrid(found.x, found.y)
-    assert found.v == pytest.approx(-rate / 2 + np.cos(0.9) - 4 * place)
-    assert "depends on time: the field is that of t = 0.3" in found.message
-    assert found.orbits[0].t[0] == 0.3
+    result = lg.phase_portrait(driven_linear(), {x: (-1, 1), x.dot: (-2, 2)}, t=0.3)
+    place, rate = np.meshgrid(result.x, result.y)
+    assert result.v == pytest.approx(-rate / 2 + np.cos(0.9) - 4 * place)
+    assert "depends on time: the field is that of t = 0.3" in result.message
+    assert result.orbits[0].t[0] == 0.3
 
 
 @pytest.mark.filterwarnings("error")
 def test_forces_whose_products_are_beyond_all_doubles_have_their_equilibria() -> None:
     x, k = lg.coordinate("x"), lg.parameters("k")
     well = lg.System(x.dot**2 / 2, k * (x**4 / 4 - x**2 / 2), parameters={k: 1e200}, name="double well")
-    found = lg.phase_portrait(well, {x: (-2, 2), x.dot: (-1e100, 1e100)}, starts=[{x: 0.5}])
-    assert [(one.state[0], one.kind) for one in found.equilibria] == [(-1, "centre"), (0, "saddle"), (1, "centre")]
+    result = lg.phase_portrait(well, {x: (-2, 2), x.dot: (-1e100, 1e100)}, starts=[{x: 0.5}])
+    assert [(item.state[0], item.kind) for item in result.equilibria] == [(-1, "centre"), (0, "saddle"), (1, "centre")]
 
 
 @pytest.mark.slow
 def test_orbits_of_more_oscillations_than_a_picture_shows_end_and_that_is_said() -> None:
     x = lg.coordinate("x")
     driven = lg.System(x.dot**2 / 2, x**2 / 2, forces={x: cos(2 * lg.t)}, initial={x: 1}, name="driven")
-    found = lg.phase_portrait(driven, starts=[{x: 0.1}], t_end=1e9)
-    assert found.orbits[0].status is lg.Status.MAX_STEPS and "max_steps = 20000" in found.message
-    assert found.orbits[0].t[-1] > 2 * np.pi * 1000
+    result = lg.phase_portrait(driven, starts=[{x: 0.1}], t_end=1e9)
+    assert result.orbits[0].status is lg.Status.MAX_STEPS and "max_steps = 20000" in result.message
+    assert result.orbits[0].t[-1] > 2 * np.pi * 1000
     few = lg.phase_portrait(driven, starts=[{x: 0.1}], t_end=1e9, max_steps=50)
     assert len(few.orbits[0].t) == 51
     by_step = lg.phase_portrait(driven, starts=[{x: 0.1}], t_end=2.1, method="rk4", step=1e-4)
@@ -171,22 +171,22 @@ def test_orbits_of_more_oscillations_than_a_picture_shows_end_and_that_is_said()
 
 def test_ctrl_c_keeps_what_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Runs, "__call__", interrupting(8)(Runs.__call__))
-    found = lg.phase_portrait(pendulum(), {theta: (-np.pi, np.pi), theta.dot: (-3, 3)})
-    assert found.status is lg.Status.INTERRUPTED
-    assert (len(found.separatrices), len(found.orbits)) == (4, 4)
-    assert found.message.startswith("interrupted after 4 orbits, which are kept.")
-    assert found.x.size
+    result = lg.phase_portrait(pendulum(), {theta: (-np.pi, np.pi), theta.dot: (-3, 3)})
+    assert result.status is lg.Status.INTERRUPTED
+    assert (len(result.separatrices), len(result.orbits)) == (4, 4)
+    assert result.message.startswith("interrupted after 4 orbits, which are kept.")
+    assert result.x.size
 
 
 def test_a_free_particle_rests_everywhere() -> None:
-    found = lg.phase_portrait(lg.System(kinetic=x.dot**2 / 2), {x: (-1, 1), x.dot: (-1, 1)})
-    assert not found.equilibria
-    assert "Every place is an equilibrium" in found.message
+    result = lg.phase_portrait(lg.System(kinetic=x.dot**2 / 2), {x: (-1, 1), x.dot: (-1, 1)})
+    assert not result.equilibria
+    assert "Every place is an equilibrium" in result.message
 
 
 def test_a_portrait_pickles() -> None:
-    found = pickle.loads(pickle.dumps(lg.phase_portrait(pendulum(), starts=[{theta: 1.0}])))
-    assert found.orbits[0].at(np.array([0.5])).shape == (1, 2)
+    result = pickle.loads(pickle.dumps(lg.phase_portrait(pendulum(), starts=[{theta: 1.0}])))
+    assert result.orbits[0].at(np.array([0.5])).shape == (1, 2)
 
 
 @pytest.mark.parametrize(

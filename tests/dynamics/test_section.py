@@ -25,21 +25,21 @@ def galaxy(**more: Any) -> Any:
 
 def test_points_are_on_the_section_and_keep_the_energy() -> None:
     """The event is located to rounding, and the energy is kept as rtol = 1e-12 keeps it over 300 crossings."""
-    found = galaxy(crossings=300)
-    assert [len(states) for states in found.states] == [300, 300, 300]
-    assert set(found.statuses) == {lg.Status.EVENT}
-    assert found.status is lg.Status.SUCCESS
-    place, other, rate, other_rate = found.points.T
+    result = galaxy(crossings=300)
+    assert [len(states) for states in result.states] == [300, 300, 300]
+    assert set(result.statuses) == {lg.Status.EVENT}
+    assert result.status is lg.Status.SUCCESS
+    place, other, rate, other_rate = result.points.T
     assert np.abs(place).max() < 1e-13
     assert rate.min() > 0
     energies = (rate**2 + other_rate**2 + other**2) / 2 - other**3 / 3
     assert np.abs(energies - ENERGY).max() < 1e-10
-    assert found.drift == pytest.approx(np.abs(energies - ENERGY).max() / ENERGY, rel=0.1, abs=1e-14)
-    assert found.axes == ("y", "y_dot")
+    assert result.drift == pytest.approx(np.abs(energies - ENERGY).max() / ENERGY, rel=0.1, abs=1e-14)
+    assert result.axes == ("y", "y_dot")
 
 
 def test_an_orbit_is_that_of_a_single_run() -> None:
-    found = galaxy(crossings=40)
+    result = galaxy(crossings=40)
     alone = lg.integrate(
         star().compile(),
         (0.0, 300.0),
@@ -48,47 +48,47 @@ def test_an_orbit_is_that_of_a_single_run() -> None:
         events=[lg.event(x, direction=1, terminal=40)],
     )
     # The orbit is regular: differences of rounding grow in proportion to time.
-    assert found.times[0] == pytest.approx(alone.t_events[0], abs=1e-8)
-    assert found.states[0] == pytest.approx(alone.y_events[0], abs=1e-8)
+    assert result.times[0] == pytest.approx(alone.t_events[0], abs=1e-8)
+    assert result.states[0] == pytest.approx(alone.y_events[0], abs=1e-8)
 
 
 def test_the_border_is_around_all_points() -> None:
-    found = galaxy(crossings=100)
+    result = galaxy(crossings=100)
     model = star().compile()
-    (border,) = found.border
+    (border,) = result.border
     states = np.array([[0.0, q, 0.0, v] for q, v in border]).T
     assert np.abs(margin(model, model.parameter_array(), states, 2, ENERGY)).max() < 1e-14
-    assert (margin(model, model.parameter_array(), found.points.T, 2, ENERGY) > 0).all()
+    assert (margin(model, model.parameter_array(), result.points.T, 2, ENERGY) > 0).all()
 
 
 def test_the_velocity_of_an_energy_goes_with_the_direction_of_the_event() -> None:
     for direction in (1, -1):
         event = lg.event(x, direction=direction)
-        found = lg.poincare(star(), event, [{y: 0.1}], energy=ENERGY, solve_for="x_dot", crossings=1)
-        assert found.starts[0, 2] == pytest.approx(direction * np.sqrt(2 * ENERGY - 0.01 + 2e-3 / 3), rel=1e-14)
+        result = lg.poincare(star(), event, [{y: 0.1}], energy=ENERGY, solve_for="x_dot", crossings=1)
+        assert result.starts[0, 2] == pytest.approx(direction * np.sqrt(2 * ENERGY - 0.01 + 2e-3 / 3), rel=1e-14)
 
 
 def test_an_energy_that_is_not_quadratic_in_the_velocity_is_met() -> None:
     """The energy is that of a relativistic particle, 1/sqrt(1 - v^2)."""
     free = lg.System(lagrangian=-((1 - x.dot**2) ** 0.5) - x**2 / 2, coordinates=[x])
-    found = lg.poincare(free, x, [{x: 0.2, x.dot: 0.1}], energy=1.5, solve_for=x.dot, crossings=1)
-    assert 1 / np.sqrt(1 - found.starts[0, 1] ** 2) + 0.02 == pytest.approx(1.5, rel=1e-10)
+    result = lg.poincare(free, x, [{x: 0.2, x.dot: 0.1}], energy=1.5, solve_for=x.dot, crossings=1)
+    assert 1 / np.sqrt(1 - result.starts[0, 1] ** 2) + 0.02 == pytest.approx(1.5, rel=1e-10)
 
 
 def test_a_driven_oscillator_is_met_after_each_period() -> None:
     """The motion of x'' + x'/2 + 4 x = cos(3 t) tends to x = A cos(3 t) + B sin(3 t)."""
-    found = lg.poincare(driven_linear(), 2 * pi / 3, [{x: 1.0}, {x.dot: 2.0}], crossings=5, skip=30)
-    assert found.period == pytest.approx(2 * np.pi / 3)
-    assert found.times[0] == pytest.approx(2 * np.pi / 3 * np.arange(31, 36))
+    result = lg.poincare(driven_linear(), 2 * pi / 3, [{x: 1.0}, {x.dot: 2.0}], crossings=5, skip=30)
+    assert result.period == pytest.approx(2 * np.pi / 3)
+    assert result.times[0] == pytest.approx(2 * np.pi / 3 * np.arange(31, 36))
     a, b = np.linalg.solve([[4 - 9, 1.5], [-1.5, 4 - 9]], [1.0, 0.0])
-    for states in found.states:
+    for states in result.states:
         # After 31 periods e^(-t/4) has left 1e-7 of the start.
         assert states == pytest.approx(np.broadcast_to([a, 3 * b], (5, 2)), abs=1e-6)
 
 
 def test_a_period_may_be_an_expression_in_parameters() -> None:
-    found = lg.poincare(duffing(), 2 * pi / w, crossings=2, parameters={w: 2.0})
-    assert found.times[0] == pytest.approx([np.pi, 2 * np.pi])
+    result = lg.poincare(duffing(), 2 * pi / w, crossings=2, parameters={w: 2.0})
+    assert result.times[0] == pytest.approx([np.pi, 2 * np.pi])
 
 
 def test_an_orbit_goes_on_in_several_runs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,32 +101,32 @@ def test_an_orbit_goes_on_in_several_runs(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_section_that_is_never_met_is_said_so() -> None:
-    found = lg.poincare(pendulum(), theta - 3, [{theta: 1.0}, {theta: 0.5}])
-    assert [len(times) for times in found.times] == [0, 0]
-    assert found.statuses == (lg.Status.SUCCESS, lg.Status.SUCCESS)
-    assert "no orbit passes theta - 3 = 0. Start 0: passed the section 0 times, and not again between" in found.message
-    assert "longest=..." in found.message
-    assert "theta - 3 = 0" in repr(found).splitlines()[1]
+    result = lg.poincare(pendulum(), theta - 3, [{theta: 1.0}, {theta: 0.5}])
+    assert [len(times) for times in result.times] == [0, 0]
+    assert result.statuses == (lg.Status.SUCCESS, lg.Status.SUCCESS)
+    assert "no orbit passes theta - 3 = 0. Start 0: passed the section 0 times, and not again between" in result.message
+    assert "longest=..." in result.message
+    assert "theta - 3 = 0" in repr(result).splitlines()[1]
     with pytest.raises(StatementError, match="there is nothing to draw: no orbit passes"):
-        found.plot()
-    assert "there is nothing to draw" in found._repr_html_()
+        result.plot()
+    assert "there is nothing to draw" in result._repr_html_()
 
 
 def test_a_run_that_fails_keeps_its_crossings() -> None:
     """The solution of x'' = 6 x^2 becomes infinite at a finite time."""
     falling = lg.System(kinetic=x.dot**2 / 2, potential=-2 * x**3)
-    found = lg.poincare(falling, x, [{x: -1.0, x.dot: 3.0}], crossings=5)
-    assert len(found.times[0]) == 1
-    assert found.status not in (lg.Status.SUCCESS, lg.Status.INTERRUPTED)
-    assert found.message.startswith("1 crossing of 1 orbit. Start 0: ")
+    result = lg.poincare(falling, x, [{x: -1.0, x.dot: 3.0}], crossings=5)
+    assert len(result.times[0]) == 1
+    assert result.status not in (lg.Status.SUCCESS, lg.Status.INTERRUPTED)
+    assert result.message.startswith("1 crossing of 1 orbit. Start 0: ")
 
 
 def test_ctrl_c_keeps_the_orbits_that_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Runs, "__call__", interrupting(2)(Runs.__call__))
-    found = galaxy(crossings=10)
-    assert found.status is lg.Status.INTERRUPTED
-    assert len(found.points) == 20
-    assert found.message == "interrupted: 20 crossings of 3 among 3 orbits were computed and are kept."
+    result = galaxy(crossings=10)
+    assert result.status is lg.Status.INTERRUPTED
+    assert len(result.points) == 20
+    assert result.message == "interrupted: 20 crossings of 3 among 3 orbits were computed and are kept."
 
 
 @pytest.mark.parametrize(

@@ -98,8 +98,8 @@ def test_formulas_agree_with_the_compiled_system(stated: dict[str, Any]) -> None
         (derivation.accelerations, model.accelerations(q, v)),
         (derivation.multipliers, model.multipliers(q, v)),
     ):
-        found = [model.evaluate_expression(formula, [0.0], state)[0] for formula in formulas.values()]
-        np.testing.assert_allclose(found, numbers, rtol=1e-12, atol=1e-13)  # some ten roundings of numbers near 1
+        result = [model.evaluate_expression(formula, [0.0], state)[0] for formula in formulas.values()]
+        np.testing.assert_allclose(result, numbers, rtol=1e-12, atol=1e-13)  # some ten roundings of numbers near 1
     forces = [
         [model.evaluate_expression(force, [0.0], state)[0] for force in row.values()]
         for row in system.constraint_forces.values()

@@ -63,7 +63,7 @@ def test_what_cancels_is_not_there(name: str) -> None:
     turning = "Jacobi integral v.p - L is conserved (T + V is not this integral)."
     kept = turning if name == "hoop" else "energy is conserved."
     assert f"no force acts besides the potential: the {kept}" in told
-    assert all(f"{one} d" in told for one in ignorable.split()) and "not conserved" not in told
+    assert all(f"{item} d" in told for item in ignorable.split()) and "not conserved" not in told
 
 
 def test_an_integral_that_is_not_the_sum_of_the_energies_is_named() -> None:

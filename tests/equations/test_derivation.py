@@ -136,8 +136,8 @@ def test_second_derivatives_of_kinks_have_no_delta() -> None:
         assert not equation.atoms(sympy.Subs)
     values = {"q": (0.7, -0.4), "v": (1.0, 2.0)}
     statement = declare(kinetic=kinetic, coordinates=[x, y], parameters={m: 2.0})
-    found = value(derive(statement).mass_matrix[1, 1], statement, values["q"], values["v"], 0.0)
-    assert found == pytest.approx(2 * 2.0 * (2 + 0.7 + 0.7))
+    result = value(derive(statement).mass_matrix[1, 1], statement, values["q"], values["v"], 0.0)
+    assert result == pytest.approx(2 * 2.0 * (2 + 0.7 + 0.7))
 
 
 # --- solving -------------------------------------------------------------------------------------------------------
@@ -237,8 +237,8 @@ def test_wide_sums_of_products_stay_products() -> None:
     derivation = derive(statement)
     expected = -sympy.diff(statement.potential.xreplace({x: Symbol("z")}), Symbol("z")).xreplace({Symbol("z"): x})
     with mpmath.workdps(40):
-        found = value(derivation.accelerations[x], statement, [0.3], [0.0], 0.0)
-        assert abs(found - value(expected, statement, [0.3], [0.0], 0.0)) < 1e-30 * abs(found)
+        result = value(derivation.accelerations[x], statement, [0.3], [0.0], 0.0)
+        assert abs(result - value(expected, statement, [0.3], [0.0], 0.0)) < 1e-30 * abs(result)
 
 
 def test_forces_between_all_pairs_are_refused_before_they_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -154,12 +154,12 @@ def test_programs_read_the_state_as_it_is_laid_out() -> None:
 
 
 def test_nothing_that_runs_or_shows_takes_a_state_for_two_halves() -> None:
-    found = [
+    result = [
         f"{path.relative_to(PACKAGE)}:{number}"
         for folder in ("trajectory", "evidence", "show", "machine/kernel")
         for path in sorted((PACKAGE / folder).rglob("*.py"))
         for number, line in enumerate(path.read_text("utf-8").splitlines(), 1)
         if HALVES.search(line)
     ]
-    assert not found
+    assert not result
     assert HALVES.search("n = len(y0) // 2") and HALVES.search("q, v = np.split(after, 2)")

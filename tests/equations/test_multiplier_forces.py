@@ -146,9 +146,9 @@ def test_random_systems_solve_the_bordered_equations(seed: int) -> None:
     border = np.block([[plain.mass_matrix(q, v=v), -(gradient.T + b)], [gradient, np.zeros((2, 2))]])
     right = [*plain.evaluate("bias", q, v), *-plain.evaluate("constraint_bias", q, v)]
     expected = np.linalg.solve(border, right)
-    found = [*model.accelerations(q, v), *model.multipliers(q, v)]
+    result = [*model.accelerations(q, v), *model.multipliers(q, v)]
     # Both solve in doubles, by other eliminations of a matrix with a condition below 1e3.
-    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-11)
+    np.testing.assert_allclose(result, expected, rtol=1e-10, atol=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -220,8 +220,8 @@ def test_a_block_slides_on_a_floor_of_any_functions(curve: Any) -> None:
     # Rows: m x'' = m g sin - (mu + slope) lambda, m y'' = -m g cos + lambda, y'' = slope x'' + bend x'^2.
     rows = np.array([[2, 0, 0.2 + slope], [0, 2, -1], [-slope, 1, 0]])
     expected = np.linalg.solve(rows, [2 * 9.81 * np.sin(0.6), -2 * 9.81 * np.cos(0.6), bend * 0.25])
-    found = [*model.accelerations(q, v), *model.multipliers(q, v)]
-    np.testing.assert_allclose(found, expected, rtol=1e-12)  # a regular 3 x 3 system in doubles
+    result = [*model.accelerations(q, v), *model.multipliers(q, v)]
+    np.testing.assert_allclose(result, expected, rtol=1e-12)  # a regular 3 x 3 system in doubles
 
 
 def chain_on_a_rough_rail(links: int) -> lg.System:

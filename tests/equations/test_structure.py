@@ -41,17 +41,17 @@ FINDINGS = {
 
 @pytest.mark.parametrize("name", FINDINGS)
 def test_findings(name: str) -> None:
-    found = structure(name)
+    result = structure(name)
     assert (
-        found.blocks,
-        found.constant_mass,
-        found.separable,
-        found.autonomous,
-        found.forced,
-        found.cyclic,
-        found.position_only,
+        result.blocks,
+        result.constant_mass,
+        result.separable,
+        result.autonomous,
+        result.forced,
+        result.cyclic,
+        result.position_only,
     ) == FINDINGS[name]
-    assert found.conservative == (not found.forced)
+    assert result.conservative == (not result.forced)
 
 
 FREE = {"kinetic": m * (x.dot**2 + y.dot**2) / 2, "coordinates": [x, y]}
@@ -68,8 +68,8 @@ FREE = {"kinetic": m * (x.dot**2 + y.dot**2) / 2, "coordinates": [x, y]}
     ],
 )
 def test_a_coordinate_with_a_force_on_it_is_not_cyclic(parts: dict[str, Any], cyclic: tuple[int, ...]) -> None:
-    found = euler_lagrange(stated(**parts)).structure
-    assert found.cyclic == cyclic and found.blocks == ((0,), (1,))
+    result = euler_lagrange(stated(**parts)).structure
+    assert result.cyclic == cyclic and result.blocks == ((0,), (1,))
 
 
 def test_a_mass_that_depends_on_time_is_not_constant() -> None:
@@ -127,20 +127,20 @@ def test_sentences_for_the_user() -> None:
 
 
 def test_what_constraints_leave() -> None:
-    found = {name: euler_lagrange(HELD[name]()).structure for name in ("1 rod", "3 rods", "sleigh")}
-    assert found["1 rod"].sentences()[2] == (
+    result = {name: euler_lagrange(HELD[name]()).structure for name in ("1 rod", "3 rods", "sleigh")}
+    assert result["1 rod"].sentences()[2] == (
         "The constraint constraint_1 leaves 1 of 2 velocities free. Its forces do no work."
     )
-    assert found["3 rods"].sentences()[2] == (
+    assert result["3 rods"].sentences()[2] == (
         "The constraints constraint_1, constraint_2 and constraint_3 leave 3 of 6 velocities free. Their forces do no "
         "work."
     )
-    assert found["sleigh"].sentences()[2:4] == [
+    assert result["sleigh"].sentences()[2:4] == [
         "The constraint blade leaves 2 of 3 velocities free.",
         "The energy was not found to be conserved: constraints that depend on time, or on velocities other than in "
         "proportion, may do work.",
     ]
-    assert found["3 rods"].conservative and not found["sleigh"].conservative
+    assert result["3 rods"].conservative and not result["sleigh"].conservative
     bent = stated(kinetic=x.dot**2 + y.dot**2, coordinates=[x, y], constraints={"speed": x.dot**2 + y.dot**2 - 1})
     assert euler_lagrange(bent).structure.sentences()[3] == (
         "The constraint speed is not linear in the velocities: its force is along its derivative in the velocities "

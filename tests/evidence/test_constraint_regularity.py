@@ -16,12 +16,12 @@ METHODS = ("taylor", "dop853", "tsit5", "radau5")
 a, b, s = lg.coordinates("a b s")
 
 
-def system(constraints: Any, kinetic: Any = None, **given: Any) -> lg.System:
+def system(constraints: Any, kinetic: Any = None, **options: Any) -> lg.System:
     return lg.System(
         kinetic=m * (x.dot**2 + y.dot**2) / 2 if kinetic is None else kinetic,
         potential=m * g * y,
         constraints=constraints,
-        **{"parameters": {m: 1.3, g: 9.81, l: 0.7}, **given},
+        **{"parameters": {m: 1.3, g: 9.81, l: 0.7}, **options},
     )
 
 

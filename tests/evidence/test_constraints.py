@@ -137,7 +137,7 @@ BUILT_WRONG: dict[str, Change] = {
 @pytest.mark.parametrize("fault", BUILT_WRONG)
 def test_constraints_that_are_derived_wrong_are_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     right, change = constraint_equations, BUILT_WRONG[fault]
-    monkeypatch.setattr(euler_lagrange, "constraint_equations", lambda *given: change(right(*given)))
+    monkeypatch.setattr(euler_lagrange, "constraint_equations", lambda *arguments: change(right(*arguments)))
     model = mixed().compile("numpy", check=False)
     assert not check(model, points=1)
     if fault not in ("G negated", "rates scaled"):  # the accelerations of these are right

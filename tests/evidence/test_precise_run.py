@@ -91,9 +91,9 @@ def test_what_doubles_propose_does_not_decide(monkeypatch: pytest.MonkeyPatch) -
     statement = double_pendulum()
     expected = run(statement, [0.5], digits=20)[0]
     right = Model.rhs
-    monkeypatch.setattr(Model, "rhs", lambda *given: right(*given) * (1 + 1e-4))
-    found = run(statement, [0.5], digits=20)[0]
-    assert off(found, expected) < 1e-19
+    monkeypatch.setattr(Model, "rhs", lambda *arguments: right(*arguments) * (1 + 1e-4))
+    result = run(statement, [0.5], digits=20)[0]
+    assert off(result, expected) < 1e-19
 
 
 def test_the_start_is_there_at_its_own_time() -> None:
@@ -155,7 +155,7 @@ def solving(lower: Sequence[float]) -> Program:
     ],
 )
 def test_pivots_that_vanish(lower: Sequence[float], x: list[float]) -> None:
-    assert [float(one) for one in evaluate(solving(lower), 0.0, [1.0, 2.0], [])] == x
+    assert [float(item) for item in evaluate(solving(lower), 0.0, [1.0, 2.0], [])] == x
 
 
 def test_a_singular_matrix_has_no_solution() -> None:

@@ -47,10 +47,10 @@ def test_every_quantity_agrees_with_symbolic_differentiation(make: Callable[[], 
     replace |= {t: point.t, **point.parameters}
     exact = {symbol: sp.Rational(number) for symbol, number in replace.items()}
     for name, part in entries.items():
-        wanted = symbolic.expressions[name]
+        target = symbolic.expressions[name]
         if name == "jacobian":
-            wanted = [wanted[i * 2 * n + j] for j in range(2 * n) for i in range(2 * n)]
-        for expression, value, error, size in zip(wanted, part.value, part.error, part.size, strict=True):
+            target = [target[i * 2 * n + j] for j in range(2 * n) for i in range(2 * n)]
+        for expression, value, error, size in zip(target, part.value, part.error, part.size, strict=True):
             expected = MP.mpf(str(sp.N(expression.xreplace(exact), 60)))
             assert abs(value - expected) <= error + 1e-19 * size, (name, expression)
             assert error <= 1e-19 * size
@@ -174,8 +174,8 @@ def derivative(function: Callable[[Any], Sequence[Any]], step: Any) -> Estimate:
 
 
 def test_a_derivative_is_good_to_50_digits_and_says_so() -> None:
-    found = derivative(lambda h: [FINE.sin(1 + h), FINE.exp(3 * h), 1 / (2 + h)], H)
-    for value, error, slope in zip(found.value, found.error, [FINE.cos(1), 3, FINE.mpf(-1) / 4], strict=True):
+    result = derivative(lambda h: [FINE.sin(1 + h), FINE.exp(3 * h), 1 / (2 + h)], H)
+    for value, error, slope in zip(result.value, result.error, [FINE.cos(1), 3, FINE.mpf(-1) / 4], strict=True):
         assert abs(value - slope) < 1e-50
         assert abs(value - slope) <= error < 1e-30
 
@@ -184,10 +184,10 @@ def test_mixed_derivatives() -> None:
     def slope(step: Any) -> Sequence[Any]:
         return central_mixed(lambda a, b: [FINE.sin(1 + a) * FINE.exp(b + a * b), a, a * b], step, 2 * step)
 
-    found = extrapolated(slope(H), slope(H / 2))
+    result = extrapolated(slope(H), slope(H / 2))
     expected = [FINE.cos(1) + FINE.sin(1), 0, 1]
-    assert all(abs(value - e) < 1e-45 for value, e in zip(found.value, expected, strict=True))
-    assert all(error < 1e-30 for error in found.error)
+    assert all(abs(value - e) < 1e-45 for value, e in zip(result.value, expected, strict=True))
+    assert all(error < 1e-30 for error in result.error)
 
 
 def test_a_kink_shows_in_the_error_estimate() -> None:
@@ -213,7 +213,7 @@ def row(length: int) -> Statement:
     k, m, c = lg.parameters("k m c")
     pairs = list(itertools.pairwise(x))
     return declare(
-        kinetic=m / 2 * sum(one.dot**2 * (1 + x[0] ** 2 / 9) for one in x),
+        kinetic=m / 2 * sum(item.dot**2 * (1 + x[0] ** 2 / 9) for item in x),
         potential=k * sum(sp.sqrt(1 + (a - b) ** 2) for a, b in pairs),
         dissipation=c / 2 * sum((a.dot - b.dot) ** 2 for a, b in pairs),
         forces={x[-1]: sp.sin(lg.t) * x[-2]},

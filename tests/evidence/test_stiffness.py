@@ -89,16 +89,16 @@ def test_a_limit_is_where_growth_begins(polynomial: tuple[float, ...]) -> None:
     ids=["van der Pol", "damped", "weakly damped"],
 )
 def test_stiff_decay_is_seen(method: Any, rtol: float, system: lg.System, t_end: float, rate: float) -> None:
-    found = system.run(t_end, method=method, rtol=rtol, atol=rtol / 1e3).stiff
-    assert found and found.share >= 0.8
-    assert found.rate == pytest.approx(rate, rel=0.1)
-    assert found.product == pytest.approx(found.limit, rel=0.3) and found.slower > 1e3
+    result = system.run(t_end, method=method, rtol=rtol, atol=rtol / 1e3).stiff
+    assert result and result.share >= 0.8
+    assert result.rate == pytest.approx(rate, rel=0.1)
+    assert result.product == pytest.approx(result.limit, rel=0.3) and result.slower > 1e3
 
 
 @pytest.mark.parametrize("method", EXPLICIT, ids=NAMES)
 def test_a_stiff_spring_is_seen_where_it_hardly_moves(method: Any) -> None:
-    found = pendulum(1e8, t_end=0.3, method=method, rtol=1e-6, atol=1e-9).stiff
-    assert found and found.rate == pytest.approx(1e4, rel=0.05) and found.slower > 30
+    result = pendulum(1e8, t_end=0.3, method=method, rtol=1e-6, atol=1e-9).stiff
+    assert result and result.rate == pytest.approx(1e4, rel=0.05) and result.slower > 30
 
 
 @pytest.mark.parametrize("method", UNDAMPED)
@@ -109,9 +109,9 @@ def test_an_undamped_stiff_oscillation_is_seen(method: str, rtol: float) -> None
         kinetic=(x.dot**2 + y.dot**2) / 2, potential=(1e8 * x**2 + y**2) / 2, initial={x: 1e-12, y: 1.0}
     )
     solution = springs.run(2.0, method=method, rtol=rtol, atol=rtol / 1e3)
-    found = solution.stiff
-    assert found and found.rate == pytest.approx(1e4, rel=1e-6) and "use radau5" in repr(solution)
-    assert found.product == pytest.approx(found.limit, rel=0.3)
+    result = solution.stiff
+    assert result and result.rate == pytest.approx(1e4, rel=1e-6) and "use radau5" in repr(solution)
+    assert result.product == pytest.approx(result.limit, rel=0.3)
 
 
 def test_the_limit_on_the_imaginary_axis_is_where_growth_begins() -> None:
@@ -124,7 +124,9 @@ def test_the_limit_on_the_imaginary_axis_is_where_growth_begins() -> None:
 
 def test_equal_steps_near_the_limit_are_seen() -> None:
     system = oscillator(-1e3 * x.dot)
-    assert (found := system.run(1.0, method="rk4", step=2.5e-3).stiff) and found.limit == pytest.approx(2.785, abs=0.01)
+    assert (result := system.run(1.0, method="rk4", step=2.5e-3).stiff) and result.limit == pytest.approx(
+        2.785, abs=0.01
+    )
     assert system.run(1.0, method="rk4", step=1e-3).stiff is None
     lost = system.run(2.0, method="euler", step=1e-2)
     assert lost.stiff and "h * 1e+03 = 10 is beyond the stability limit 2 of euler" in repr(lost)
@@ -177,7 +179,7 @@ def test_the_card_says_it_in_numbers_and_names_a_remedy() -> None:
 
 def test_nothing_is_analysed_until_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
-    monkeypatch.setattr("lagrange.trajectory.solution.stiffness", lambda *given: asked.append(1))
+    monkeypatch.setattr("lagrange.trajectory.solution.stiffness", lambda *arguments: asked.append(1))
     solution = oscillator(-1e4 * x.dot).run(1.0, method="dopri5")
     assert solution.t[-1] == 1.0 and not asked
     assert solution.stiff is None and solution.stiff is None and asked == [1]
@@ -200,14 +202,14 @@ the damping of phi becomes stiff without bound, while the motion comes to rest i
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5"])
 def test_a_stiff_run_that_gives_up_names_the_cause_and_an_implicit_method(method: str) -> None:
-    found = DAMPED.run(5.0, method=method, max_steps=8000)
-    assert found.status is lg.Status.MAX_STEPS
-    reached = f"{found.trajectory.span[1]:.6g}"
-    assert reached.startswith("0.88") and found.message.startswith(
-        f"{method} stopped at t = {reached} on the way from 0 to 5, after {found.steps} steps: max_steps is used up. "
+    result = DAMPED.run(5.0, method=method, max_steps=8000)
+    assert result.status is lg.Status.MAX_STEPS
+    reached = f"{result.trajectory.span[1]:.6g}"
+    assert reached.startswith("0.88") and result.message.startswith(
+        f"{method} stopped at t = {reached} on the way from 0 to 5, after {result.steps} steps: max_steps is used up. "
         "The run is stiff: at "
     )
-    assert found.message.endswith(
+    assert result.message.endswith(
         "times more slowly; use radau5. radau5 is an implicit method, whose steps stability does not limit."
     )
 
@@ -219,8 +221,8 @@ def test_the_method_that_is_named_gets_through() -> None:
 
 @pytest.mark.parametrize("status", LIMITS)
 def test_each_limit_is_said(status: lg.Status) -> None:
-    found = DAMPED.run(5.0, method="dop853", max_steps=8000)
-    ended = with_stiff_end(found.model, replace(found.trajectory, status=status), found.parameters, 5.0)
+    result = DAMPED.run(5.0, method="dop853", max_steps=8000)
+    ended = with_stiff_end(result.model, replace(result.trajectory, status=status), result.parameters, 5.0)
     assert f"steps: {LIMITS[status]}. The run is stiff: at " in ended.message
     assert "singularity" not in ended.message
 
@@ -255,17 +257,17 @@ def test_published_limits(name: str, real: float, imaginary: float) -> None:
 
     The imaginary axis is unstable from the start for orders 1 and 2, by y^2/2 and y^4/8.
     """
-    found = stability(name)
-    assert found.real == pytest.approx(real, rel=1e-4)
-    assert found.imaginary == pytest.approx(imaginary, rel=1e-3, abs=1e-12)
+    result = stability(name)
+    assert result.real == pytest.approx(real, rel=1e-4)
+    assert result.imaginary == pytest.approx(imaginary, rel=1e-3, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["symplectic-euler", "verlet", "velocity-verlet", "leapfrog", "forest-ruth4"])
 def test_splittings_on_the_imaginary_axis(name: str) -> None:
     """Stormer-Verlet up to 2; the triple jump up to 1.5734 (Hairer, Lubich, Wanner, Geometric Integration, VIII.4)."""
-    found = stability(name)
-    assert math.isnan(found.real)
-    assert found.imaginary == pytest.approx(1.5734 if name == "forest-ruth4" else 2.0, rel=1e-4)
+    result = stability(name)
+    assert math.isnan(result.real)
+    assert result.imaginary == pytest.approx(1.5734 if name == "forest-ruth4" else 2.0, rel=1e-4)
 
 
 @pytest.mark.parametrize("name", DISSIPATING)
@@ -311,8 +313,8 @@ def test_the_picture_of_regions(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_pole_is_infinite_growth() -> None:
     """Backward Euler's function 1/(1 - z) has a pole. One pole among many rates does not affect the others."""
-    found = growth("backward-euler", [1.0, -1.0, 3.0])
-    assert found == pytest.approx([math.inf, 1 / 1.99, 1 / 1.97])
+    result = growth("backward-euler", [1.0, -1.0, 3.0])
+    assert result == pytest.approx([math.inf, 1 / 1.99, 1 / 1.97])
 
 
 @pytest.mark.parametrize("name", ["heun", "midpoint", "euler"])

@@ -29,8 +29,8 @@ def test_euler_on_an_oscillator_holds_as_long_as_its_formula_says() -> None:
 
 def test_a_run_that_holds_to_its_end_says_so() -> None:
     horizon = lg.trust_horizon(OSCILLATOR, (0.0, 10.0), error=1e-6)
-    found = lg.integrate(OSCILLATOR, (0.0, 10.0))
-    wrong = np.abs(found["x"] - np.cos(found.t)).max()
+    result = lg.integrate(OSCILLATOR, (0.0, 10.0))
+    wrong = np.abs(result["x"] - np.cos(result.t)).max()
     assert horizon.complete and horizon.time == 10.0
     assert wrong <= horizon.bounds[-1] <= 1e-6
     assert "until the end" in repr(horizon)

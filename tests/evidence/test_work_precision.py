@@ -43,40 +43,40 @@ class Scripted:
     claims: Claims = field(default_factory=lambda: Claims(order=4))
 
     def integrate(self, problem: Problem) -> Trajectory:
-        found: Trajectory = lg.methods.RK4().integrate(problem)
-        return replace(found, status=self.status, message="as told")
+        result: Trajectory = lg.methods.RK4().integrate(problem)
+        return replace(result, status=self.status, message="as told")
 
 
 # --- errors, times and costs --------------------------------------------------------------------------------
 
 
 def test_errors_are_those_against_the_closed_form() -> None:
-    found = race(methods=["rk4", "dop853"], tolerances=[1e-4, 1e-8], steps=[0.05, 0.025])
-    for entry in found:
+    result = race(methods=["rk4", "dop853"], tolerances=[1e-4, 1e-8], steps=[0.05, 0.025])
+    for entry in result:
         options: dict[str, Any] = {"rtol": entry.setting} if entry.adaptive else {"step": entry.setting}
         end = lg.flow(SPRING.compile(), method=entry.method, **options)([1.0, 0.0], 0.0, END)
         assert entry.error == pytest.approx(np.abs(end - EXACT).max(), rel=1e-3)
         assert entry.resolved and entry.complete and entry.status == "success"
-    assert [(entry.method, entry.setting) for entry in found] == [
+    assert [(entry.method, entry.setting) for entry in result] == [
         ("rk4", 0.05),
         ("rk4", 0.025),
         ("dop853", 1e-4),
         ("dop853", 1e-8),
     ]
-    assert found[0].error / found[1].error == pytest.approx(16, rel=0.1)
-    assert (found[0].steps, found[0].evaluations) == (100, 401)
+    assert result[0].error / result[1].error == pytest.approx(16, rel=0.1)
+    assert (result[0].steps, result[0].evaluations) == (100, 401)
 
 
 def test_the_reference_says_how_well_it_is_known() -> None:
-    found = race()
-    assert 0 < found.uncertainty < 1e-15
+    result = race()
+    assert 0 < result.uncertainty < 1e-15
     assert race(digits=30).uncertainty < 1e-22
     assert "30 digits" in race(digits=30).result.reference.about
 
 
 def test_times_are_the_least_of_so_many_warm_runs() -> None:
-    found = race(methods=["dop853", "scipy-rk23"], tolerances=[1e-3], repeats=3)
-    ours, theirs = found
+    result = race(methods=["dop853", "scipy-rk23"], tolerances=[1e-3], repeats=3)
+    ours, theirs = result
     assert ours.timed == theirs.timed == 3
     assert 0 < ours.time < theirs.time < 1
 
@@ -115,11 +115,11 @@ def test_relative_errors_are_in_parts_of_each_entry() -> None:
 
 
 def test_errors_along_the_way() -> None:
-    found = race(methods=["rk4"], outputs=10)
-    assert found.result.reference.times == pytest.approx(np.linspace(0.5, 5.0, 10))
-    solution = SPRING.run(END, method="rk4", step=0.01, t_eval=found.result.reference.times)
+    result = race(methods=["rk4"], outputs=10)
+    assert result.result.reference.times == pytest.approx(np.linspace(0.5, 5.0, 10))
+    solution = SPRING.run(END, method="rk4", step=0.01, t_eval=result.result.reference.times)
     exact = np.array([np.cos(2 * solution.t), -2 * np.sin(2 * solution.t)])
-    assert found[0].error == pytest.approx(np.abs(solution.y - exact).max(), rel=1e-3)
+    assert result[0].error == pytest.approx(np.abs(solution.y - exact).max(), rel=1e-3)
 
 
 def test_an_error_below_the_reference_is_not_told() -> None:
@@ -153,11 +153,11 @@ def test_the_default_choice() -> None:
 
 
 def test_a_run_out_of_time_is_kept_and_finer_ones_are_skipped() -> None:
-    found = race(methods=["scipy-rk23"], tolerances=[1e-12, 1e-11, 1e-2], max_wall=0.5, end=40.0)
-    assert [entry.status for entry in found] == ["success", "max_wall", "skipped"]
-    assert [entry.setting for entry in found] == [1e-2, 1e-11, 1e-12]
-    assert [entry.complete for entry in found] == [True, False, False]
-    assert "1e-11" in found[2].message and "0.5 s" in found[2].message
+    result = race(methods=["scipy-rk23"], tolerances=[1e-12, 1e-11, 1e-2], max_wall=0.5, end=40.0)
+    assert [entry.status for entry in result] == ["success", "max_wall", "skipped"]
+    assert [entry.setting for entry in result] == [1e-2, 1e-11, 1e-12]
+    assert [entry.complete for entry in result] == [True, False, False]
+    assert "1e-11" in result[2].message and "0.5 s" in result[2].message
 
 
 def test_a_run_that_blows_up_is_kept() -> None:
@@ -188,17 +188,17 @@ def test_two_of_a_name_are_told_apart() -> None:
 
 def test_a_reference_of_the_users() -> None:
     assert race(reference=EXACT + 1e-3)[0].error == pytest.approx(1e-3, rel=1e-2)
-    found = race(reference=EXACT)
-    assert found[0].error == pytest.approx(race()[0].error, rel=1e-3)
-    assert found.uncertainty == np.spacing(np.abs(EXACT)).max() / 2
+    result = race(reference=EXACT)
+    assert result[0].error == pytest.approx(race()[0].error, rel=1e-3)
+    assert result.uncertainty == np.spacing(np.abs(EXACT)).max() / 2
 
 
 @pytest.mark.parametrize("reference", ["dop853", "dopri5", lg.methods.RK4(step=1e-3)])
 def test_a_method_as_reference_is_held_against_another(reference: Any) -> None:
-    found = race(reference=reference, outputs=2)
-    assert 0 < found.uncertainty < 1e-10
-    assert found[0].error == pytest.approx(race(outputs=2)[0].error, rel=1e-3)
-    assert "compared with" in found.result.reference.about
+    result = race(reference=reference, outputs=2)
+    assert 0 < result.uncertainty < 1e-10
+    assert result[0].error == pytest.approx(race(outputs=2)[0].error, rel=1e-3)
+    assert "compared with" in result.result.reference.about
 
 
 def test_a_poor_reference_is_refused() -> None:
@@ -241,10 +241,10 @@ def test_the_reference_has_a_time_limit(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_errors_on_a_hill_grow_with_the_exponential() -> None:
     end = 12.0
-    found = race(HILL, end)
-    assert found.growth == pytest.approx(math.cosh(end) + math.sinh(end), rel=1e-3)
-    assert found.floor == pytest.approx(2.0**-53 * math.cosh(end), rel=1e-3)
-    assert any("grow up to" in note and "chance" in note for note in found.notes)
+    result = race(HILL, end)
+    assert result.growth == pytest.approx(math.cosh(end) + math.sinh(end), rel=1e-3)
+    assert result.floor == pytest.approx(2.0**-53 * math.cosh(end), rel=1e-3)
+    assert any("grow up to" in note and "chance" in note for note in result.notes)
     assert race(SPRING).notes == ()
 
 
@@ -252,8 +252,8 @@ def test_growth_on_the_way_counts_too() -> None:
     statement_model = SPRING.compile()
     run = SPRING.run(END, method="dop853", rtol=1e-11, atol=1e-11).trajectory
     size = np.abs(run.y).max(axis=1)
-    found = sensitivity(statement_model, run, statement_model.parameter_values(), size, np.ones(2))
-    assert found.growth == pytest.approx(math.sqrt(2), rel=2e-2)
+    result = sensitivity(statement_model, run, statement_model.parameter_values(), size, np.ones(2))
+    assert result.growth == pytest.approx(math.sqrt(2), rel=2e-2)
     backwards = HILL.run(-3.0, method="dop853", rtol=1e-11, atol=1e-11).trajectory
     hill = HILL.compile()
     there = sensitivity(hill, backwards, hill.parameter_values(), np.ones(2), np.ones(2))
@@ -262,10 +262,10 @@ def test_growth_on_the_way_counts_too() -> None:
 
 def test_chaos_has_no_winner() -> None:
     pendulum, start = shared_scene("double-pendulum"), {"theta1": 2.0, "theta2": 2.5}
-    found = race(pendulum, 24.0, initial=start, reference=np.zeros(4))
-    assert found.growth > 1e14
-    assert found.floor > 1e-2
-    assert found.notes[0].startswith("No method can win")
+    result = race(pendulum, 24.0, initial=start, reference=np.zeros(4))
+    assert result.growth > 1e14
+    assert result.floor > 1e-2
+    assert result.notes[0].startswith("No method can win")
     with pytest.raises(RunError, match=r"grows .* times .* of 22 digits"):
         lg.race(pendulum, 40.0, start)
 

@@ -202,8 +202,8 @@ PAGES = Path(__file__).resolve().parents[2] / "docs" / "export"
 def section(title: str) -> str:
     """Return a section of the pages on exports, such as "Rust"."""
     pages = [(PAGES / name).read_text("utf-8") for name in ("README.md", "languages.md")]
-    (found,) = (part for page in pages for part in page.split("\n## ")[1:] if part.startswith(f"{title}\n"))
-    return found
+    (result,) = (part for page in pages for part in page.split("\n## ")[1:] if part.startswith(f"{title}\n"))
+    return result
 
 
 def missing(target: str) -> str:
@@ -251,7 +251,7 @@ def called(target: str, file: Path, calls: Sequence[Call], parameters: Sequence[
     for command in language.commands:
         printed = run(command.format(module=file.stem), file.parent)
     rows = [line.split() for line in printed.splitlines()]
-    return [Found(int(status), [float(one) for one in values]) for status, *values in rows]
+    return [Found(int(status), [float(item) for item in values]) for status, *values in rows]
 
 
 def main_command(start: str, end: float, intervals: int) -> str:

@@ -39,8 +39,8 @@ def graph(seed: int, without: Sequence[str] = ()) -> Program:
     for _ in range(LENGTH):
         op = rng.choice(names)
         holds = 1 if op == "select" else CONDITIONS.get(op, 0)
-        flags = [k for k, one in enumerate(code) if one.op in CONDITIONS]
-        reals = [k for k, one in enumerate(code) if one.op not in CONDITIONS]
+        flags = [k for k, item in enumerate(code) if item.op in CONDITIONS]
+        reals = [k for k, item in enumerate(code) if item.op not in CONDITIONS]
         args = [rng.choice(flags if place < holds else reals[-6:]) for place in range(ARITY[op] or 0)]
         code.append(Instruction(op, tuple(args)))
     return _with_results(f"graph_{seed}", code)
@@ -73,13 +73,13 @@ def points(seed: int, count: int) -> list[list[float]]:
 def as_module(programs: Sequence[Program], more: Sequence[Procedure] = (), name: str = "graphs") -> SourceModule:
     """Return a module that consists of programs without parameters and other procedures."""
     prepared, first = PreparedLayout.of(programs), with_outputs(programs[0], programs[0].instructions, (0,))
-    made = [(one, kernel(one, prepared, one.name, "Random operations.")) for one in programs]
-    made += [(programs[0], one) for one in more]
+    made = [(item, kernel(item, prepared, item.name, "Random operations.")) for item in programs]
+    made += [(programs[0], item) for item in more]
     quantities = [
         ExportedQuantity(
-            one.name, one.about, program, one, tuple(f"r{k}" for k in range(_results(one))), (_results(one),)
+            item.name, item.about, program, item, tuple(f"r{k}" for k in range(_results(item))), (_results(item),)
         )
-        for program, one in made
+        for program, item in made
     ]
     return SourceModule(
         name=name,
@@ -96,18 +96,18 @@ def as_module(programs: Sequence[Program], more: Sequence[Procedure] = (), name:
 
 
 def _results(procedure: Procedure) -> int:
-    (out,) = (one.type for one in procedure.parameters if one.name == "out")
+    (out,) = (item.type for item in procedure.parameters if item.name == "out")
     size = getattr(out, "size", None)
     assert isinstance(size, int)
     return size
 
 
-def wrong(program: Program, y: Sequence[float], found: Sequence[float], least: float = 0.0) -> Iterator[str]:
+def wrong(program: Program, y: Sequence[float], result: Sequence[float], least: float = 0.0) -> Iterator[str]:
     """Yield the operations with an error above 4 ulp, or whose result is NaN or infinite unlike ours.
 
     Results below `least` may be zero.
     """
-    values: list[Any] = [*y, *found]
+    values: list[Any] = [*y, *result]
     for ref in range(STATES, len(program.instructions)):
         one, value = program.instructions[ref], values[ref]
         args = [values[arg] for arg in one.args]

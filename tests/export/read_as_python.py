@@ -26,8 +26,8 @@ class Places:
 
     def _at(self, place: Any) -> Any:
         places = place if isinstance(place, tuple) else (place,)
-        assert all(1 <= one <= size for one, size in zip(places, self.values.shape, strict=True)), place
-        return tuple(one - 1 for one in places)
+        assert all(1 <= item <= size for item, size in zip(places, self.values.shape, strict=True)), place
+        return tuple(item - 1 for item in places)
 
     def __getitem__(self, place: Any) -> Any:
         return self.values[self._at(place)]
@@ -119,17 +119,17 @@ def expression(text: str) -> str:
         text = GROUP.sub(stash, text)
     text = _chosen(text)
     while "§" in text:
-        text = re.sub(r"§(\d+)§", lambda found: stashed[int(found[1])], text)
+        text = re.sub(r"§(\d+)§", lambda result: stashed[int(result[1])], text)
     return text.strip()
 
 
 def _chosen(text: str) -> str:
     """Return a text without parentheses, with its conditional expression in Python's order."""
-    found = CHOICE.fullmatch(text)
-    if found is None:
+    result = CHOICE.fullmatch(text)
+    if result is None:
         return text
-    holds, then, other = (one for one in found.groups() if one is not None)
-    return f"(({then}) if ({holds}) else ({_chosen(other.strip())}))"
+    holds, then, second = (first for first in result.groups() if first is not None)
+    return f"(({then}) if ({holds}) else ({_chosen(second.strip())}))"
 
 
 def _loop(rest: str) -> str:
@@ -190,7 +190,9 @@ def of_modelica(lines: list[str]) -> dict[str, Any]:
         elif word in ("algorithm", "external"):
             out.append(f"def {name}({', '.join(inputs)}):")
             out += [
-                f"    {one} = fill(_double('nan'), {size})" for one, size in sizes.items() if size and one not in inputs
+                f"    {item} = fill(_double('nan'), {size})"
+                for item, size in sizes.items()
+                if size and item not in inputs
             ]
             depth = 1
             if word == "external":
@@ -221,5 +223,5 @@ def _statement(body: str, declared: Mapping[str, str]) -> str:
 
 
 def _names(lines: list[str], known: Mapping[str, Any]) -> dict[str, Any]:
-    found: dict[str, Any] = defined("\n".join([*lines, "def _names(): return globals()", ""]), "_names", known)()
-    return found
+    result: dict[str, Any] = defined("\n".join([*lines, "def _names(): return globals()", ""]), "_names", known)()
+    return result

@@ -21,25 +21,25 @@ def every_scene(*few: str) -> list[Any]:
 def held(system: lg.System) -> list[str]:
     """Return the optional contents that this system has."""
     statement = system.statement
-    found = {
+    result = {
         "multipliers": bool(statement.constraints),
         "positions": bool(statement.positions),
         "energies": not statement.lagrangian_alone,
     }
-    return [name for name, there in found.items() if there]
+    return [name for name, there in result.items() if there]
 
 
 def named(coordinates: Sequence[str], parameters: Sequence[str], name: str = "named") -> lg.System:
     """Return coupled pendulums whose coordinates and parameters have given names."""
-    q = [lg.coordinates(one) for one in coordinates]
-    p = [lg.parameters(one) for one in parameters]
-    kinetic = sum((1 + k) * one.dot**2 / 2 for k, one in enumerate(q))
+    q = [lg.coordinates(item) for item in coordinates]
+    p = [lg.parameters(item) for item in parameters]
+    kinetic = sum((1 + k) * item.dot**2 / 2 for k, item in enumerate(q))
     coupled = sum(a.dot * b.dot * cos(a - b) / 4 for a, b in pairwise(q))
     return lg.System(
         kinetic=kinetic + coupled,
-        potential=sum(one * (1 - cos(q[k % len(q)] * (1 + k / 8))) for k, one in enumerate(p)),
+        potential=sum(item * (1 - cos(q[k % len(q)] * (1 + k / 8))) for k, item in enumerate(p)),
         coordinates=q,
-        parameters={one: 1 + k / 16 for k, one in enumerate(p)},
-        initial={one: 0.5 - k / 32 for k, one in enumerate(q)},
+        parameters={item: 1 + k / 16 for k, item in enumerate(p)},
+        initial={item: 0.5 - k / 32 for k, item in enumerate(q)},
         name=name,
     )

@@ -63,10 +63,10 @@ def test_main_writes_the_trajectory(tmp_path: Path) -> None:
     run("cc -O1 -o main double_pendulum.c double_pendulum_main.c -lm", tmp_path)
     head, *rows = run("./main 2 4", tmp_path).splitlines()
     assert head == "t,theta1,theta2,theta1_dot,theta2_dot"
-    found = [[float(cell) for cell in row.split(",")] for row in rows]
+    result = [[float(cell) for cell in row.split(",")] for row in rows]
     ours = system.run(2.0, t_eval=[0.0, 0.5, 1.0, 1.5, 2.0], rtol=1e-12)
-    assert [row[0] for row in found] == [0.0, 0.5, 1.0, 1.5, 2.0]
-    for row, state in zip(found, ours.y.T, strict=True):
+    assert [row[0] for row in result] == [0.0, 0.5, 1.0, 1.5, 2.0]
+    for row, state in zip(result, ours.y.T, strict=True):
         # dop853 at the default tolerance of main, 1e-10, over two units of time.
         assert row[1:] == pytest.approx(state, abs=1e-7)
 
@@ -109,10 +109,10 @@ def test_the_program_of_the_page_runs(tmp_path: Path) -> None:
     system.export("c", tmp_path, ["rhs", "energy", "dop853"])
     (tmp_path / "program.c").write_text(program[0])
     run(build[1], tmp_path)
-    found = [float(number) for number in run("./program", tmp_path).split()]
+    result = [float(number) for number in run("./program", tmp_path).split()]
     ours = system.run(2.0, {"theta1": 1.0, "theta2": 0.5}, parameters={"l2": 0.5}, rtol=1e-12)
     # the tolerance of the page is 1e-10; two units of time multiply an error by less than a thousand
-    assert found == pytest.approx([*ours.y[:2, -1], ours.energy[-1]], abs=1e-7)
+    assert result == pytest.approx([*ours.y[:2, -1], ours.energy[-1]], abs=1e-7)
 
 
 @needs_cc

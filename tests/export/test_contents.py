@@ -219,15 +219,15 @@ def test_named_entries_are_those_of_the_equations(scene: str) -> None:
     program = model.law("rhs").program
     named = {ref: name for ref, name in names_of(model).of(program).items() if name in ENTRIES[scene]}
     state, values = statement.initial, model.parameter_array(None).tolist()
-    found = evaluate(with_outputs(program, program.instructions, tuple(named)), 0.0, state, values)
+    result = evaluate(with_outputs(program, program.instructions, tuple(named)), 0.0, state, values)
     at = {**dict(zip(statement.parameters, values, strict=True)), sympy.Symbol("t"): 0.0}
     at |= dict(zip((*statement.velocities, *statement.coordinates), (*state[len(state) // 2 :], *state), strict=False))
     every = dict(zip(statement.names, zip(statement.coordinates, statement.velocities, strict=True), strict=True))
-    for name, value in zip(named.values(), found, strict=True):
+    for name, value in zip(named.values(), result, strict=True):
         kind, a, b = name.split("_")
         if kind == "mass":
             exact = sympy.diff(statement.kinetic, every[a][1], every[b][1])
         else:
-            (constraint,) = (one.expression for one in statement.constraints if one.name == a)
+            (constraint,) = (item.expression for item in statement.constraints if item.name == a)
             exact = sympy.diff(constraint, every[b][0])
         assert float(value) == pytest.approx(float(exact.subs(at)), rel=1e-12), name

@@ -53,7 +53,7 @@ def found(word: str) -> bool:
 
 def strict(command: str) -> str:
     """Return a command whose warnings are errors."""
-    plain = next((one for one in STRICT if command.startswith(f"{one} ")), "")
+    plain = next((item for item in STRICT if command.startswith(f"{item} ")), "")
     return command.replace(plain, STRICT[plain], 1) if plain else command
 
 
@@ -91,7 +91,7 @@ AT_ONCE, COORDINATES = 250, 8
 
 def awkward() -> Iterator[str]:
     """Return words, in several cases, as names of coordinates and parameters."""
-    cases = dict.fromkeys(one for word in WORDS for one in (word, word.capitalize(), word.upper()))
+    cases = dict.fromkeys(item for word in WORDS for item in (word, word.capitalize(), word.upper()))
     return (word for word in cases if accepted(word))
 
 
@@ -156,16 +156,16 @@ def printed(
     target: str, programs: Sequence[Program], folder: Path
 ) -> Iterator[tuple[Program, list[float], list[float]]]:
     """Yield programs with inputs and the results that the self-test prints, because its expected values are wrong."""
-    states = {one.name: [usual(target, y) for y in points(k, POINTS)] for k, one in enumerate(programs)}
+    states = {item.name: [usual(target, y) for y in points(k, POINTS)] for k, item in enumerate(programs)}
     checks = [
         Check(
-            one.name,
+            item.name,
             (0.0,) * POINTS,
-            tuple(map(tuple, states[one.name])),
-            ((0.0,) * len(one.outputs),) * POINTS,
-            ((-1.0,) * len(one.outputs),) * POINTS,
+            tuple(map(tuple, states[item.name])),
+            ((0.0,) * len(item.outputs),) * POINTS,
+            ((-1.0,) * len(item.outputs),) * POINTS,
         )
-        for one in programs
+        for item in programs
     ]
     module = replace(as_module(programs), checks=tuple(checks))
     write(target, module, folder)
@@ -174,29 +174,29 @@ def printed(
         run(strict(command), folder)
     words = [sys.executable if word == "python" else word for word in shlex.split(start)]
     done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
-    count = sum(len(one.outputs) for one in programs) * POINTS
+    count = sum(len(item.outputs) for item in programs) * POINTS
     assert done.returncode == 1 and done.stdout.endswith(f"graphs: 0 of {count} results are right\n"), done.stderr
     values: dict[tuple[str, int], list[float]] = {}
     for name, state, value in re.findall(r"(\w+), state (\d+), result \d+: (\S+) instead of", done.stdout):
         values.setdefault((name, int(state)), []).append(float(value))
-    for one in programs:
-        for k, y in enumerate(states[one.name]):
-            yield one, y, values[one.name, k]
+    for item in programs:
+        for k, y in enumerate(states[item.name]):
+            yield item, y, values[item.name, k]
 
 
 def usual(target: str, y: Sequence[float]) -> list[float]:
     """Return inputs that a target supports."""
-    return [0.0 if abs(one) < LEAST.get(target, 0.0) else one for one in y]
+    return [0.0 if abs(item) < LEAST.get(target, 0.0) else item for item in y]
 
 
 def usual_graph(target: str, seed: int) -> Program:
     """Return random operations that a target supports."""
     program = graph(seed, without=sorted(find(target).inexpressible))
     code = [
-        one._replace(args=(one.args[0], 1 if one.args[0] == 0 else 0))
-        if one.op in SIMPLIFIED.get(target, ()) and one.args[0] == one.args[1]
-        else one
-        for one in program.instructions
+        item._replace(args=(item.args[0], 1 if item.args[0] == 0 else 0))
+        if item.op in SIMPLIFIED.get(target, ()) and item.args[0] == item.args[1]
+        else item
+        for item in program.instructions
     ]
     return replace(program, instructions=tuple(code))
 
@@ -211,7 +211,7 @@ def test_random_graphs(target: str, tmp_path: Path, share: Share) -> None:
     programs = [usual_graph(target, seed) for seed in range(share(36))]
     complaints = [
         line
-        for one, y, values in printed(target, programs, tmp_path)
-        for line in wrong(one, y, values, LEAST.get(target, 0.0))
+        for item, y, values in printed(target, programs, tmp_path)
+        for line in wrong(item, y, values, LEAST.get(target, 0.0))
     ]
     assert not complaints, "\n".join(complaints[:20])

@@ -37,13 +37,13 @@ def _without_optimization(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(target, "COMPILER", tuple(quick))
 
 
-def written(system: lg.System, folder: Path, *contents: str, **given: Any) -> dict[int, Path]:
+def written(system: lg.System, folder: Path, *contents: str, **options: Any) -> dict[int, Path]:
     """Write both FMUs, check them, and return their paths by version."""
-    made = system.export("fmu", folder, contents or None, **given)
-    found = dict(zip((2, 3), made.files, strict=True))
-    for path in found.values():
+    made = system.export("fmu", folder, contents or None, **options)
+    result = dict(zip((2, 3), made.files, strict=True))
+    for path in result.values():
         assert validation.validate_fmu(str(path)) == []
-    return found
+    return result
 
 
 def simulated(path: Path, kind: str, end: float) -> Any:
@@ -59,13 +59,13 @@ def instance(path: Path, kind: str, folder: Path, messages: list[str] | None = N
     described = fmpy.read_model_description(unpacked)
     heard = [] if messages is None else messages
 
-    def told(*given: Any) -> None:
-        heard.append(given[-1].decode() if isinstance(given[-1], bytes) else str(given[-1]))
+    def told(*arguments: Any) -> None:
+        heard.append(arguments[-1].decode() if isinstance(arguments[-1], bytes) else str(arguments[-1]))
 
     made = fmpy.instantiate_fmu(
         unpacked, described, kind, **({"logger": told} if messages is not None else {}), debug_logging=True
     )
-    made.references = {one.name: one.valueReference for one in described.modelVariables}
+    made.references = {item.name: item.valueReference for item in described.modelVariables}
     if described.fmiVersion == "2.0":
         made.setupExperiment(tolerance=1e-12, startTime=0.0)
         made.enterInitializationMode()
@@ -147,8 +147,8 @@ def test_parameters_and_states_are_set_and_results_are_read(tmp_path: Path) -> N
             knowns = [at["theta1"], at["theta2_dot"]]
             unknowns = [at["der(theta1_dot)"], at["der(theta2_dot)"], at["theta1"]]
             jacobian = model.jacobian(0.0, y, given)
-            wanted = [*(jacobian[2:, 0] * 2.0 - jacobian[2:, 3]), 2.0]
-            assert made.getDirectionalDerivative(unknowns, knowns, [2.0, -1.0]) == pytest.approx(wanted, rel=1e-12)
+            expected = [*(jacobian[2:, 0] * 2.0 - jacobian[2:, 3]), 2.0]
+            assert made.getDirectionalDerivative(unknowns, knowns, [2.0, -1.0]) == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_saved_state_is_restored(tmp_path: Path) -> None:
@@ -201,7 +201,7 @@ def test_a_singular_matrix_is_a_status_with_a_message(tmp_path: Path) -> None:
             made.setContinuousStates(np.ctypeslib.as_ctypes(np.array([0.0, 0.1, 0.0, 0.0])), 4)
             with pytest.raises(Exception, match="2"):  # discard
                 made.read([made.references["der(x_dot)"]])
-        assert any("a matrix is singular to round-off at this state" in one for one in messages)
+        assert any("a matrix is singular to round-off at this state" in item for item in messages)
 
 
 @pytest.mark.slow
@@ -215,19 +215,19 @@ def test_a_parameter_that_makes_a_matrix_singular_is_named_as_the_cause(tmp_path
             made.put([made.references["m"]], [0.0])
             with pytest.raises(Exception, match="2"):  # discard
                 made.read([made.references["der(x_dot)"]])
-        assert any("a matrix is singular to round-off with these parameters" in one for one in messages)
+        assert any("a matrix is singular to round-off with these parameters" in item for item in messages)
 
 
 @pytest.mark.slow
 def test_both_archives_are_the_same_bytes_again(tmp_path: Path) -> None:
-    first, second = (lg.scene("pendulum").export("fmu", tmp_path / one) for one in "ab")
+    first, second = (lg.scene("pendulum").export("fmu", tmp_path / item) for item in "ab")
     assert [path.read_bytes() for path in first.files] == [path.read_bytes() for path in second.files]
 
 
 @pytest.mark.slow
 def test_greek_names_are_kept(tmp_path: Path) -> None:
     for path in written(named(["θ", "x1"], ["Ω", "m"]), tmp_path).values():
-        names = [one.name for one in fmpy.read_model_description(str(path)).modelVariables]
+        names = [item.name for item in fmpy.read_model_description(str(path)).modelVariables]
         assert {"θ", "θ_dot", "der(θ)", "Ω", "m"} <= set(names)
         with zipfile.ZipFile(path) as packed:
             assert packed.read("modelDescription.xml").isascii()
@@ -246,9 +246,9 @@ def test_units_are_defined_and_given(tmp_path: Path) -> None:
     )
     for path in written(system, tmp_path, "energy").values():
         described = fmpy.read_model_description(str(path))
-        about = {one.name: one.description for one in described.modelVariables}
+        about = {item.name: item.description for item in described.modelVariables}
         assert (about["x"], about["x_dot"], about["m"]) == ("coordinate", "velocity of x", "parameter")
-        assert {one.name: one.unit for one in described.modelVariables if one.unit and one.name != "time"} == {
+        assert {item.name: item.unit for item in described.modelVariables if item.unit and item.name != "time"} == {
             "x": "m",
             "x_dot": "m/s",
             "der(x)": "m/s",

@@ -22,8 +22,8 @@ STATE, TIME = [0.7, -1.3], 0.4
 @pytest.fixture(scope="module")
 def wanted() -> list[float]:
     """Return the right-hand side at a state for values of the inputs."""
-    found: list[float] = driven().substitute(VALUES).compile("numpy").rhs(TIME, STATE).tolist()
-    return found
+    result: list[float] = driven().substitute(VALUES).compile("numpy").rhs(TIME, STATE).tolist()
+    return result
 
 
 @pytest.mark.parametrize("target", [target for target in lg.targets() if target != "fmu"])
@@ -35,7 +35,7 @@ def test_every_target_takes_inputs(target: str, tmp_path: Path) -> None:
         assert any("  input Real u(start = " in text for text in texts)
 
 
-def test_an_input_is_written_into_what_was_prepared(tmp_path: Path, wanted: list[float]) -> None:
+def test_an_input_is_written_into_what_was_prepared(tmp_path: Path, expected: list[float]) -> None:
     driven().export("c", tmp_path, ["rhs"])
     command = ["cc", "-shared", "-fPIC", "-O1", "-o", "driven.so", "driven.c", "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True)
@@ -44,7 +44,7 @@ def test_an_input_is_written_into_what_was_prepared(tmp_path: Path, wanted: list
     assert library.driven_prepare((ctypes.c_double * 7)(1.5, 9.81, 2.0), prepared) == 0
     prepared[3:7] = list(at(TIME).values())
     assert library.driven_rhs(ctypes.c_double(TIME), (ctypes.c_double * 2)(*STATE), prepared, out) == 0
-    np.testing.assert_allclose(list(out), wanted, rtol=1e-13)
+    np.testing.assert_allclose(list(out), expected, rtol=1e-13)
 
 
 def test_an_fmu_has_variables_of_causality_input(tmp_path: Path) -> None:
@@ -53,10 +53,10 @@ def test_an_fmu_has_variables_of_causality_input(tmp_path: Path) -> None:
         with zipfile.ZipFile(path) as packed:
             root = ElementTree.fromstring(packed.read("modelDescription.xml"))
         scalars = [*root.iter("ScalarVariable"), *root.iter("Float64")]
-        inputs = [one for one in scalars if one.get("causality") == "input"]
-        assert [one.get("name") for one in inputs] == ["X", "X_dot", "X_ddot", "u"]
-        assert {one.get("variability") for one in inputs} == {"continuous"}
-        assert {one.get("initial") for one in inputs} == {None}
+        inputs = [item for item in scalars if item.get("causality") == "input"]
+        assert [item.get("name") for item in inputs] == ["X", "X_dot", "X_ddot", "u"]
+        assert {item.get("variability") for item in inputs} == {"continuous"}
+        assert {item.get("initial") for item in inputs} == {None}
         exchange = root.find("ModelExchange")
         assert exchange is not None
         key = "providesDirectionalDerivative" + "s" * ("fmi3" in path.name)
@@ -64,7 +64,7 @@ def test_an_fmu_has_variables_of_causality_input(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_an_fmu_is_driven_through_its_inputs(tmp_path: Path, wanted: list[float]) -> None:
+def test_an_fmu_is_driven_through_its_inputs(tmp_path: Path, expected: list[float]) -> None:
     fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
     made = driven().export("fmu", tmp_path, ["rhs"])
     for path in made.files:
@@ -79,7 +79,7 @@ def test_an_fmu_is_driven_through_its_inputs(tmp_path: Path, wanted: list[float]
             model.enterInitializationMode()
         model.exitInitializationMode()
         model.enterContinuousTimeMode()
-        references = [one.valueReference for one in described.modelVariables if one.causality == "input"]
+        references = [item.valueReference for item in described.modelVariables if item.causality == "input"]
         values = list(at(TIME).values())
         model.setFloat64(references, values) if modern else model.setReal(references, values)
         model.setTime(TIME)
@@ -90,7 +90,7 @@ def test_an_fmu_is_driven_through_its_inputs(tmp_path: Path, wanted: list[float]
         else:
             model.setContinuousStates(state, 2)
             model.getDerivatives(rates, 2)
-        np.testing.assert_allclose(list(rates), wanted, rtol=1e-13)
+        np.testing.assert_allclose(list(rates), expected, rtol=1e-13)
         model.terminate()
         model.freeInstance()
 
@@ -101,17 +101,17 @@ def test_a_series_of_an_open_input_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_casadi_and_jax_take_inputs_in_the_parameters(wanted: list[float]) -> None:
+def test_casadi_and_jax_take_inputs_in_the_parameters(expected: list[float]) -> None:
     model = driven().compile("numpy")
     p = model.parameter_array(at(TIME))
     casadi = pytest.importorskip("casadi", reason="CasADi is not installed")
     rhs, symbol = model.as_casadi("rhs"), casadi.SX.sym("p", 7)
-    np.testing.assert_allclose(rhs(TIME, STATE, p.tolist()).full().ravel(), wanted, rtol=1e-13)
+    np.testing.assert_allclose(rhs(TIME, STATE, p.tolist()).full().ravel(), expected, rtol=1e-13)
     slope = casadi.Function("B", [symbol], [casadi.jacobian(rhs(TIME, STATE, symbol), symbol[6])])
     np.testing.assert_allclose(slope(p.tolist()).full().ravel(), [0, 1 / (1.5 * 4)], rtol=1e-13)
     jax = pytest.importorskip("jax", reason="JAX is not installed")
     jax.config.update("jax_enable_x64", val=True)
-    np.testing.assert_allclose(model.as_jax("rhs")(TIME, STATE, p), wanted, rtol=1e-13)
+    np.testing.assert_allclose(model.as_jax("rhs")(TIME, STATE, p), expected, rtol=1e-13)
 
 
 def test_a_run_without_values_of_inputs_is_refused(tmp_path: Path) -> None:

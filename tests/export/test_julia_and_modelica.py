@@ -73,10 +73,10 @@ def right(target: str, made: SourceModule) -> Read:
     """Return the functions of a module, after a check that they give the results in its self-test."""
     read = Read(target, made)
     p = read.prepared(made.values)
-    for one in made.checks:
-        for t, y, expected, allowed in zip(one.times, one.states, one.results, one.allowed, strict=True):
-            found = read.values(one.name, t, y, p, len(expected))
-            assert (np.abs(np.subtract(found, expected)) <= allowed).all(), one.name
+    for item in made.checks:
+        for t, y, expected, allowed in zip(item.times, item.states, item.results, item.allowed, strict=True):
+            result = read.values(item.name, t, y, p, len(expected))
+            assert (np.abs(np.subtract(result, expected)) <= allowed).all(), item.name
     return read
 
 
@@ -92,9 +92,9 @@ def test_random_graphs(target: str, share: Share) -> None:
     programs = [graph(seed, without=sorted(find(target).inexpressible)) for seed in range(share(60))]
     read = Read(target, as_module(programs))
     p = read.prepared([])
-    for k, one in enumerate(programs):
+    for k, item in enumerate(programs):
         for y in points(k, 6):
-            assert list(wrong(one, y, read.values(one.name, 0.0, y, p, len(one.outputs)))) == []
+            assert list(wrong(item, y, read.values(item.name, 0.0, y, p, len(item.outputs)))) == []
 
 
 AWKWARD = (

@@ -40,8 +40,8 @@ with_steps = pytest.mark.parametrize("target", [one for one in TARGETS if steppi
 def every_second(first: int) -> pytest.MarkDecorator:
     """Return all languages as test parameters; a default run takes every second one, because compilers are slow."""
     return pytest.mark.parametrize("target", [
-        pytest.param(*one.values, marks=[*one.marks, *[pytest.mark.slow] * ((k + first) % 2)])
-        for k, one in enumerate(TARGETS)
+        pytest.param(*item.values, marks=[*item.marks, *[pytest.mark.slow] * ((k + first) % 2)])
+        for k, item in enumerate(TARGETS)
     ])  # fmt: skip
 
 
@@ -50,7 +50,7 @@ def every_second(first: int) -> pytest.MarkDecorator:
 def test_a_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
     """Compile all contents of a scene, run the self-test, and compare the table of main with our trajectory."""
     system = lg.scene(scene)
-    contents = [one for one in CONTENTS if one in QUANTITIES or stepping(target)]
+    contents = [item for item in CONTENTS if item in QUANTITIES or stepping(target)]
     made = system.export(target, tmp_path, [*contents, *held(system)])
     for text in (file.read_text() for file in made.files):
         assert text.isascii() and text.endswith("\n") and not text.endswith("\n\n")
@@ -65,12 +65,12 @@ def test_a_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
         run(command, tmp_path)
     head, *rows = run(main_command(start, end, 4), tmp_path).splitlines()
     assert head.split(",") == ["t", *find_names(system)]
-    found = np.array([row.split(",") for row in rows], dtype=float)
+    result = np.array([row.split(",") for row in rows], dtype=float)
     # Both take the tolerance of main. Ours is interpolated where main stops, so the steps are not the same.
     rtol = min(MAIN_RTOL, float(system.statement.run.rtol or MAIN_RTOL))
-    ours = system.run(end, method="dop853", rtol=rtol, atol=rtol, t_eval=found[:, 0]).y.T
-    assert found[:, 0] == pytest.approx(np.linspace(0.0, end, 5), rel=1e-15)
-    assert found[:, 1:] == pytest.approx(ours, rel=1000 * rtol, abs=1000 * rtol * np.abs(ours).max())
+    ours = system.run(end, method="dop853", rtol=rtol, atol=rtol, t_eval=result[:, 0]).y.T
+    assert result[:, 0] == pytest.approx(np.linspace(0.0, end, 5), rel=1e-15)
+    assert result[:, 1:] == pytest.approx(ours, rel=1000 * rtol, abs=1000 * rtol * np.abs(ours).max())
 
 
 def find_names(system: lg.System) -> list[str]:
@@ -90,7 +90,7 @@ WRONG: dict[str, tuple[str, str]] = {
 @every_target
 def test_a_wrong_number_fails_the_self_test(target: str, tmp_path: Path) -> None:
     made = lg.scene("pendulum").export(target, tmp_path)
-    file = next(one for one in made.files if WRONG[target][0] in one.read_text())
+    file = next(item for item in made.files if WRONG[target][0] in item.read_text())
     assert WRONG[target][0] in file.read_text()
     file.write_text(file.read_text().replace(*WRONG[target], 1))
     *build, start = made.commands
@@ -110,18 +110,20 @@ def test_random_graphs(target: str, tmp_path: Path, share: Share) -> None:
     file = write(target, as_module(programs, others), tmp_path)
     states = {program.name: points(k, 6) for k, program in enumerate(programs)}
     states["edges"] = [[a, b, 0.0, 0.0] for a in SPECIAL for b in (*SPECIAL, 0.5, -2.5)]
-    calls = [Call(one.name, 0.0, y, len(one.outputs)) for one in programs for y in states[one.name]]
+    calls = [Call(item.name, 0.0, y, len(item.outputs)) for item in programs for y in states[item.name]]
     pairs = [(2.5, -7.0), (-0.4, -0.0), (3.5, 9.0), (-1e300, 4.0), (5e-324, -3.0), (math.inf, 1.0), (math.nan, -2.0)]
     rare = [Call("rarer", 0.0, [*pair, 0.0, 0.0], 8) for pair in pairs if others]
-    _, *found = called(target, file, [*calls, *rare])
+    _, *result = called(target, file, [*calls, *rare])
     by_name = {program.name: program for program in programs}
     complaints = [
-        line for call, one in zip(calls, found, strict=False) for line in wrong(by_name[call.name], call.y, one.values)
+        line
+        for call, item in zip(calls, result, strict=False)
+        for line in wrong(by_name[call.name], call.y, item.values)
     ]
     assert not complaints, "\n".join(complaints[:20])
-    for (a, b), one in zip(pairs, found[len(calls) :], strict=bool(others)):
+    for (a, b), item in zip(pairs, result[len(calls) :], strict=bool(others)):
         rest = slice(0, 8) if math.isfinite(a) and abs(a) >= 2.3e-308 else [0, 1, 2, 4, 5, 6, 7]  # else no mantissa
-        np.testing.assert_array_equal(np.array(one.values)[rest], np.array(rarer_results(a, b))[rest])
+        np.testing.assert_array_equal(np.array(item.values)[rest], np.array(rarer_results(a, b))[rest])
 
 
 def on_a_sphere() -> lg.System:
@@ -162,13 +164,13 @@ def test_a_singular_matrix_is_a_status(target: str, stated: Callable[[], lg.Syst
     if stepping(target):
         calls += [Call("rk4", 0.0, zero, step=0.1), Call("dop853", 0.0, zero, end=1.0)]
         calls += [Call("rk4", 0.0, good, step=0.1), Call("dop853", 0.0, good, end=0.1)]
-    prepared, *found = called(target, file, calls, [1.0, 2.0])
+    prepared, *result = called(target, file, calls, [1.0, 2.0])
     assert prepared.status == 0
-    assert [one.status for one in found[:4]] == [1, 1, 0, 0]
-    assert found[3].values[2:] == pytest.approx(system.compile().accelerations(good[:2], good[2:]), rel=1e-14)
+    assert [item.status for item in result[:4]] == [1, 1, 0, 0]
+    assert result[3].values[2:] == pytest.approx(system.compile().accelerations(good[:2], good[2:]), rel=1e-14)
     if stepping(target):
-        steps, singular, done = found[4:], int(Outcome.SINGULAR), int(Outcome.DONE)
-        assert [one.status for one in steps] == [singular, steps[1].status, done, done]
+        steps, singular, done = result[4:], int(Outcome.SINGULAR), int(Outcome.DONE)
+        assert [item.status for item in steps] == [singular, steps[1].status, done, done]
         # The controller takes a singular matrix for a step that is too long. What was given is kept.
         assert steps[1].status in (singular, Outcome.STEP_TOO_SMALL)
         assert steps[0].values == steps[1].values == zero
@@ -188,7 +190,7 @@ def test_a_matrix_of_parameters_that_is_singular_is_a_status(target: str, tmp_pa
     system.export(target, tmp_path, ["rhs"])
     file = tmp_path / "masses"
     call = Call("rhs", 0.0, [1.0, 0.5, 0.0, 0.0], 4)
-    assert [max(one.status for one in called(target, file, [call], [2.0, k])) for k in (1.0, 2.0)] == [0, 1]
+    assert [max(item.status for item in called(target, file, [call], [2.0, k])) for k in (1.0, 2.0)] == [0, 1]
 
 
 @pytest.mark.parametrize("target", ["javascript", "rust"])
@@ -221,16 +223,16 @@ def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     lines = [line for kind, body in FENCE.findall(page) if kind == "sh" for line in body.splitlines()]
     if target == "rust":
         run(next(line for line in lines if name in line), tmp_path)
-    found = [float(word) for word in run(start, tmp_path).split()]
+    result = [float(word) for word in run(start, tmp_path).split()]
     if stepping(target):
         ours = system.run(2.0, initial={"theta1": 1.0, "theta2": 0.5}, parameters={"l2": 0.5}, rtol=1e-12)
         # dop853 at 1e-10 over two units of time
-        assert found[:2] == pytest.approx(ours.y[:2, -1], abs=1e-8)
-        assert found[2] == pytest.approx(ours.energy[0], rel=1e-9)
+        assert result[:2] == pytest.approx(ours.y[:2, -1], abs=1e-8)
+        assert result[2] == pytest.approx(ours.energy[0], rel=1e-9)
     else:
         q, v, model = [1.0, 0.5], [0.0, 0.0], system.compile()
         expected = [*model.accelerations(q, v, 0.0, {"l2": 0.5}), model.energy(q, v, 0.0, {"l2": 0.5})]
-        assert found == pytest.approx(expected, rel=1e-12)
+        assert result == pytest.approx(expected, rel=1e-12)
     assert " && ".join(made.commands) in lines  # how the self-test is run
 
 
@@ -250,9 +252,9 @@ def test_operations_on_constants_have_the_values_of_doubles(target: str, tmp_pat
     file = write(target, as_module([program]), tmp_path)
     for command in LANGUAGES[target].strict:
         run(command.format(module=file.stem), tmp_path)
-    _, found = called(target, file, [Call("constants", 0.0, [0.0] * 4, 7)])
+    _, result = called(target, file, [Call("constants", 0.0, [0.0] * 4, 7)])
     inf, nan = math.inf, math.nan
-    np.testing.assert_array_equal(found.values, [inf, inf, nan, -inf, nan, -inf, 1e-300])
+    np.testing.assert_array_equal(result.values, [inf, inf, nan, -inf, nan, -inf, 1e-300])
 
 
 @with_steps

@@ -48,15 +48,15 @@ def operations(names: Sequence[str], count: int) -> Program:
     code = [Instruction("state", place=i) for i in range(count)]
     code += [Instruction("constant", value=value) for value in (0.5, 2.0, 3.0)]
     code += [Instruction("less", (i, count)) for i in range(count)]
-    found = []
+    result = []
     for op in names:
         conditions = {"select": 1, "and": 2, "or": 2, "not": 1}.get(op, 0)
         args = [i + count + 3 if i < conditions else i for i in range(count)]
         code.append(Instruction(op, tuple(args)))
         if op in CONDITIONS:
             code.append(Instruction("select", (len(code) - 1, count + 1, count + 2)))
-        found.append(len(code) - 1)
-    return program_of(code, count, found)
+        result.append(len(code) - 1)
+    return program_of(code, count, result)
 
 
 def values_of(package: str, program: Program, y: Any, p: Any = ()) -> Any:
@@ -66,11 +66,11 @@ def values_of(package: str, program: Program, y: Any, p: Any = ()) -> Any:
     if package == "jax":
         module.config.update("jax_enable_x64", val=True)
         return np.asarray(module.jit(module.vmap(defined(text, "f", {}), (None, 1, None), 1))(0.0, y, np.array(p)))
-    found = [
+    result = [
         defined(text, "f", {})(kind).map(y.shape[1])(0.0, y, np.array(p)).full() for kind in (module.SX, module.MX)
     ]
-    np.testing.assert_array_equal(found[0], found[1])
-    return found[0]
+    np.testing.assert_array_equal(result[0], result[1])
+    return result[0]
 
 
 @every_package
@@ -80,16 +80,16 @@ def test_every_operation_is_that_of_numpy(package: str) -> None:
         names = [op for op in MATHEMATICS if ARITY[op] == count]
         program = operations(names, count)
         y = np.array(list(itertools.product(VALUES if count < 3 else (*VALUES[::3], math.nan), repeat=count))).T
-        for op, exact, found in zip(
+        for op, exact, result in zip(
             names, InterpretedKernel(program)(0.0, y, np.zeros(0)), values_of(package, program, y), strict=True
         ):
             with np.errstate(all="ignore"):
                 size = np.abs(y[0] * y[1]) + np.abs(y[2]) if op == "fma" else np.abs(exact)
-                off = np.abs(found - exact) / np.spacing(np.maximum(size, NORMAL))
-            same = (found == exact) | (np.isnan(found) & np.isnan(exact))
-            tiny = (np.abs(exact) < NORMAL) & (found == 0.0) & (package == "jax")
-            bad = ~(same | tiny | (np.isfinite(exact) & np.isfinite(found) & (off <= 4)))
-            assert not bad.any(), (op, y[:, bad][:, 0], exact[bad][0], found[bad][0])
+                off = np.abs(result - exact) / np.spacing(np.maximum(size, NORMAL))
+            same = (result == exact) | (np.isnan(result) & np.isnan(exact))
+            tiny = (np.abs(exact) < NORMAL) & (result == 0.0) & (package == "jax")
+            bad = ~(same | tiny | (np.isfinite(exact) & np.isfinite(result) & (off <= 4)))
+            assert not bad.any(), (op, y[:, bad][:, 0], exact[bad][0], result[bad][0])
 
 
 @every_package
@@ -108,9 +108,9 @@ def test_every_regular_matrix_is_solved(package: str, everything: bool) -> None:
             a[:10] *= 1 - np.eye(n)
         right, (i, j) = draw.normal(size=(20, n)), np.tril_indices(n)
         program = program_of(code, count + n, range(count + n + 2, count + 2 * n + 2))
-        found = values_of(package, program, np.concatenate([a[:, i, j], right], axis=1).T).T
+        result = values_of(package, program, np.concatenate([a[:, i, j], right], axis=1).T).T
         exact = np.linalg.solve(a, right[..., None])[..., 0]
-        off = np.abs(found - exact).max(axis=1) / (np.linalg.cond(a) * np.abs(exact).max(axis=1))
+        off = np.abs(result - exact).max(axis=1) / (np.linalg.cond(a) * np.abs(exact).max(axis=1))
         assert off.max() < 1e-14, n  # elimination is off by some roundings for each unknown
 
 
@@ -128,7 +128,7 @@ def test_every_table_is_complete(language: Language) -> None:
 
 
 def test_mathematics_that_a_library_does_not_have_is_refused_by_name() -> None:
-    fewer = {op: one for op, one in casadi.OPERATIONS.items() if op != "erf"}
+    fewer = {op: item for op, item in casadi.OPERATIONS.items() if op != "erf"}
     poorer = replace(casadi.LIBRARY.language, operations=fewer)
     with pytest.raises(StatementError, match="f contains erf, which CasADi does not have: state the system without it"):
         StraightLinePrinter(operations(["erf"], 1), poorer)
@@ -136,8 +136,8 @@ def test_mathematics_that_a_library_does_not_have_is_refused_by_name() -> None:
 
 @pytest.mark.parametrize("value", [0.1, -0.1, 1e-320, -0.0, 1 / 3, math.pi, math.inf, -math.inf, math.nan, 2.0**70])
 def test_literals_are_read_back_as_the_same_double(value: float) -> None:
-    found = defined(f"def f():\n    return {LITERALS.real(value)}\n", "f", {})()
-    assert np.float64(found).tobytes() == np.float64(value).tobytes() or (math.isnan(found) and math.isnan(value))
+    result = defined(f"def f():\n    return {LITERALS.real(value)}\n", "f", {})()
+    assert np.float64(result).tobytes() == np.float64(value).tobytes() or (math.isnan(result) and math.isnan(value))
 
 
 @every_package

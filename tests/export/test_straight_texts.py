@@ -110,13 +110,13 @@ def test_every_regular_matrix_is_solved(kind: str) -> None:
         if kind.startswith("nothing"):
             matrix -= np.diag(np.diagonal(matrix)) * (n > 1)
         units = 10.0 ** rng.integers(-4, 5, size=n)
-        wanted, scaled = rng.normal(size=n) / units, units[:, None] * matrix * units
+        expected, scaled = rng.normal(size=n) / units, units[:, None] * matrix * units
         a, x = np.zeros((n + ROWS, n)), np.zeros(n)
         a[:n] = np.tril(scaled)
         assert not factored(n, a)
-        solved(n, a, scaled @ wanted, x)
+        solved(n, a, scaled @ expected, x)
         off = 1e-14 * np.linalg.cond(matrix) * n
-        assert x * units == pytest.approx(wanted * units, rel=off, abs=off)
+        assert x * units == pytest.approx(expected * units, rel=off, abs=off)
 
 
 @pytest.mark.parametrize("entries", [[0.0], [1.0, 1.0, 1.0], [0.0] * 6, [1.0, 2.0, 4.0, 3.0, 6.0, 9.0]])
@@ -149,14 +149,14 @@ def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     printed = run(behind.partition("```sh\n")[2].partition("\n")[0], tmp_path)
     if target == "fortran":
         printed += run("./program", tmp_path)
-    found = [float(one) for one in printed.split()]
+    result = [float(item) for item in printed.split()]
     model = system.compile()
     ours = system.run(2.0, initial={"theta1": 1.0, "theta2": 0.5}, rtol=1e-12, parameters={"l2": 0.5}).y[:, -1]
     q, v, changed = [1.0, 0.5], [0.0, 0.0], {"l2": 0.5}
     expected = [*model.accelerations(q, v, parameters=changed), model.energy(q, v, parameters=changed)]
-    assert found[:3] == pytest.approx(expected, abs=1e-11)  # twelve decimals are printed
+    assert result[:3] == pytest.approx(expected, abs=1e-11)  # twelve decimals are printed
     # ode45 has a relative tolerance of 1e-8, and five digits are printed.
-    assert found[3:] == pytest.approx(ours[: len(found) - 3], abs=1e-5)
+    assert result[3:] == pytest.approx(ours[: len(result) - 3], abs=1e-5)
 
 
 @pytest.mark.parametrize("target", ["fortran", "octave", "julia"])

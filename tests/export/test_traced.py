@@ -101,7 +101,7 @@ def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     slope = [(energy(y + 1e-5 * step) - energy(y - 1e-5 * step)) / 2e-5 for step in np.eye(4)]
     assert np.array(rows[1], dtype=float) == pytest.approx(slope, abs=1e-8)  # of a central difference
     if target == "jax":
-        assert [float(one) for one in rows[2]] == pytest.approx([energy(y), energy(2 * y)], rel=1e-14)
+        assert [float(item) for item in rows[2]] == pytest.approx([energy(y), energy(2 * y)], rel=1e-14)
         assert rows[3] == ["False"]
     else:
         end = system.run(1.0, initial={"theta1": 1.0, "theta2": 0.5}, rtol=1e-12, parameters=given).y[:, -1]

@@ -52,10 +52,10 @@ def swing(start: float, mass: float = 1.0) -> Callable[[FloatArray], FloatArray]
     def states(times: FloatArray) -> FloatArray:
         if not times.size:
             return np.empty((4, 0))
-        found = solve_ivp(
+        result = solve_ivp(
             lambda _, s: [s[1], -np.sin(s[0])], (0, times[-1]), [start, 0], "DOP853", times, rtol=1e-12, atol=1e-13
         )
-        angle, turn = found.y
+        angle, turn = result.y
         return np.array([np.sin(angle), -np.cos(angle), turn * np.cos(angle), turn * np.sin(angle)])
 
     return states
@@ -89,7 +89,7 @@ def parallel(times: FloatArray) -> FloatArray:
     """Return the states of the motion in which the rods stay parallel."""
     if not times.size:
         return np.empty((12, 0))
-    found = solve_ivp(
+    result = solve_ivp(
         lambda _, s: [s[1], parallelogram_acceleration(2, s[0])],
         (0, times[-1]),
         [np.pi / 2, -1],
@@ -98,7 +98,7 @@ def parallel(times: FloatArray) -> FloatArray:
         rtol=1e-12,
         atol=1e-13,
     )
-    angle, turn = found.y
+    angle, turn = result.y
     pins = [place for i in range(3) for place in (i + np.cos(angle), np.sin(angle))]
     return np.array([*pins, *[-turn * np.sin(angle), turn * np.cos(angle)] * 3])
 

@@ -143,9 +143,9 @@ def take(fault: Fault, given: Any) -> Cell:
     status = ""
     try:
         with guarded(ENDLESS):
-            found = run(fault, given, claims)
-        status = found.status.value
-        verdict, detail = judged(fault, method, claims, found)
+            result = run(fault, given, claims)
+        status = result.status.value
+        verdict, detail = judged(fault, method, claims, result)
     except StatementError as error:
         verdict, detail = refused(fault, given, claims, str(error))
     except _Endless:
@@ -192,89 +192,89 @@ def _refuses_system(fault: Fault, method: Any, words: str) -> bool:
     return False
 
 
-def judged(fault: Fault, method: str, claims: Claims, found: Trajectory) -> tuple[str, str]:
+def judged(fault: Fault, method: str, claims: Claims, result: Trajectory) -> tuple[str, str]:
     """Judge a run that returned a trajectory."""
-    broken = [*_unsound(fault, method, found), *_untrue(fault, claims, found)]
+    broken = [*_unsound(fault, method, result), *_untrue(fault, claims, result)]
     answerless = fault.truth is None or fault.until is not None
-    if found.status is Status.UNRELIABLE:
-        return _unreliable(found, due=answerless or bool(broken))
-    if found.status is Status.SUCCESS and (answerless or broken):
-        if UNTRUSTED.search(found.message):
-            return "warned", found.message
-        return "silent", "; ".join(broken) or f"an answer where there is none: {found.message}"
-    if found.status.complete and not broken:
-        if found.status is Status.EVENT and Status.EVENT not in fault.statuses:
-            return "wrong", f"ended at an event without being told to: {found.message}"
-        return "right", found.message
-    if found.status.complete:
+    if result.status is Status.UNRELIABLE:
+        return _unreliable(result, due=answerless or bool(broken))
+    if result.status is Status.SUCCESS and (answerless or broken):
+        if UNTRUSTED.search(result.message):
+            return "warned", result.message
+        return "silent", "; ".join(broken) or f"an answer where there is none: {result.message}"
+    if result.status.complete and not broken:
+        if result.status is Status.EVENT and Status.EVENT not in fault.statuses:
+            return "wrong", f"ended at an event without being told to: {result.message}"
+        return "right", result.message
+    if result.status.complete:
         return "silent", "; ".join(broken)
-    broken += _undue(fault, found)
-    return ("wrong", f"{'; '.join(broken)}: {found.message}") if broken else ("ended", found.message)
+    broken += _undue(fault, result)
+    return ("wrong", f"{'; '.join(broken)}: {result.message}") if broken else ("ended", result.message)
 
 
-def _unreliable(found: Trajectory, due: bool) -> tuple[str, str]:
+def _unreliable(result: Trajectory, due: bool) -> tuple[str, str]:
     """Judge a run with the status UNRELIABLE. It must be wrong, and its message must name a remedy."""
     if not due:
-        return "wrong", f"called unreliable, and right: {found.message}"
-    if not re.search(r"does not follow the motion. (Shorten|Lower)", found.message):
-        return "wrong", f"unreliable without a cause and a remedy: {found.message}"
-    return "unreliable", found.message
+        return "wrong", f"called unreliable, and right: {result.message}"
+    if not re.search(r"does not follow the motion. (Shorten|Lower)", result.message):
+        return "wrong", f"unreliable without a cause and a remedy: {result.message}"
+    return "unreliable", result.message
 
 
-def _unsound(fault: Fault, method: str, found: Trajectory) -> Iterator[str]:
+def _unsound(fault: Fault, method: str, result: Trajectory) -> Iterator[str]:
     """Yield faults that no trajectory may have, whatever its status."""
     rows = 2 * fault.model().dimension
-    if not (np.isfinite(found.t).all() and np.isfinite(found.y).all()):
+    if not (np.isfinite(result.t).all() and np.isfinite(result.y).all()):
         yield "kept states are not finite"
-    if found.y.shape != (rows, len(found.t)) or not len(found.t):
-        yield f"y has the shape {found.y.shape} for {len(found.t)} times"
-    if not found.message.startswith(method):
+    if result.y.shape != (rows, len(result.t)) or not len(result.t):
+        yield f"y has the shape {result.y.shape} for {len(result.t)} times"
+    if not result.message.startswith(method):
         yield "the message does not begin with the method"
     direction = 1 if fault.end >= fault.start else -1
-    if (np.diff(found.t) * direction < 0).any():
+    if (np.diff(result.t) * direction < 0).any():
         yield "times go back"
-    if (found.span[1] - fault.end) * direction > 0 or (found.t[-1] - found.span[1]) * direction > 0:
+    if (result.span[1] - fault.end) * direction > 0 or (result.t[-1] - result.span[1]) * direction > 0:
         yield "states beyond the last accepted one"
-    if found.status is Status.SUCCESS and found.span[1] != fault.end:
-        yield f"success at t = {found.span[1]}"
+    if result.status is Status.SUCCESS and result.span[1] != fault.end:
+        yield f"success at t = {result.span[1]}"
 
 
-def _untrue(fault: Fault, claims: Claims, found: Trajectory) -> Iterator[str]:
+def _untrue(fault: Fault, claims: Claims, result: Trajectory) -> Iterator[str]:
     """Yield differences of the stored states and events from the exact ones."""
     allowed = fault.close if claims.adaptive else fault.fine if claims.order > 1 else fault.rough
     direction = 1 if fault.end >= fault.start else -1
     if fault.truth is not None:
-        until = found.t[-1] if found.status.complete else fault.compared
+        until = result.t[-1] if result.status.complete else fault.compared
         until = until if fault.until is None else fault.until
-        kept = (found.t - until) * direction <= 0
-        right = fault.truth(found.t[kept])
+        kept = (result.t - until) * direction <= 0
+        right = fault.truth(result.t[kept])
         if right.size:
             size = np.maximum(np.abs(right).max(axis=1), 1e-308)
-            error = float((np.abs(found.y[:, kept] - right).max(axis=1) / size).max())
+            error = float((np.abs(result.y[:, kept] - right).max(axis=1) / size).max())
             if not error <= allowed:
                 yield f"the states are off by {error:.1e} of their size, where {allowed:.1e} is due"
-    if fault.events and found.status.complete:
-        for place, (times, right_times) in enumerate(zip(found.t_events, fault.events, strict=True)):
+    if fault.events and result.status.complete:
+        for place, (times, right_times) in enumerate(zip(result.t_events, fault.events, strict=True)):
             if len(times) != len(right_times):
                 yield f"event {place} was found {len(times)} times in place of {len(right_times)}"
             elif len(times) and not np.abs(np.subtract(times, right_times)).max() <= allowed:
                 yield f"event {place} was found at {times} in place of {right_times}"
 
 
-def _undue(fault: Fault, found: Trajectory) -> Iterator[str]:
+def _undue(fault: Fault, result: Trajectory) -> Iterator[str]:
     """Yield the faults of an early end: its status, its time, and what its message does not name."""
-    place = TIME.search(found.message)
+    place = TIME.search(result.message)
     low, high = fault.window
     if place is None:
         yield "the message names no time"
     names = [name for base in fault.model().statement.names for name in (base, f"{base}_dot")]
-    if found.status is not Status.INTERRUPTED and not any(re.search(rf"\b{n}\b", found.message) for n in names):
+    if result.status is not Status.INTERRUPTED and not any(re.search(rf"\b{n}\b", result.message) for n in names):
         yield "the message names no coordinate"
-    if _slow(found.method) and found.status in GAVE_UP:
+    if _slow(result.method) and result.status in GAVE_UP:
         return
-    if found.status not in fault.statuses:
-        yield f"{found.status.value} is not due"
+    if result.status not in fault.statuses:
+        yield f"{result.status.value} is not due"
     if place and not low <= float(place[1]) <= high:
         yield f"it ended at t = {place[1]}, outside {fault.window}"
-    if fault.words and not re.search(fault.words, found.message):
+    if fault.words and not re.search(fault.words, result.message):
         yield f"the message does not say {fault.words!r}"

@@ -108,7 +108,7 @@ def shrinking(times: FloatArray) -> FloatArray:
 
 @cache
 def _swing() -> Any:
-    found = solve_ivp(
+    result = solve_ivp(
         lambda _, s: [s[1], -math.sin(s[0])],
         (0, 4),
         [1.0, -0.3],
@@ -117,7 +117,7 @@ def _swing() -> Any:
         atol=1e-12,
         dense_output=True,
     )
-    return found.sol
+    return result.sol
 
 
 def through_the_pole(times: FloatArray) -> FloatArray:

@@ -34,54 +34,54 @@ class Changed:
         self.change = change
 
     def integrate(self, problem: Problem) -> Trajectory:
-        found = DOP853().integrate(problem)
-        return self.change(replace(found, message=found.message.replace("dop853", "changed")))
+        result = DOP853().integrate(problem)
+        return self.change(replace(result, message=result.message.replace("dop853", "changed")))
 
 
-def off(found: Trajectory) -> Trajectory:
-    return replace(found, y=found.y * 1.001)
+def off(result: Trajectory) -> Trajectory:
+    return replace(result, y=result.y * 1.001)
 
 
-def hopeful(found: Trajectory) -> Trajectory:
-    return replace(found, status=Status.SUCCESS)
+def hopeful(result: Trajectory) -> Trajectory:
+    return replace(result, status=Status.SUCCESS)
 
 
-def hang(found: Trajectory) -> Trajectory:
+def hang(result: Trajectory) -> Trajectory:
     while True:
         time.sleep(0.01)
 
 
-def fall(found: Trajectory) -> Trajectory:
+def fall(result: Trajectory) -> Trajectory:
     raise RuntimeError("no idea")
 
 
-def refuse(found: Trajectory) -> Trajectory:
+def refuse(result: Trajectory) -> Trajectory:
     raise StatementError("changed is not made for particles.")
 
 
-def tire(found: Trajectory) -> Trajectory:
-    return refuse(found) if found.span[1] > found.span[0] else found
+def tire(result: Trajectory) -> Trajectory:
+    return refuse(result) if result.span[1] > result.span[0] else result
 
 
-def doubtful(found: Trajectory) -> Trajectory:
+def doubtful(result: Trajectory) -> Trajectory:
     note = "The run does not follow the motion. Shorten the step."
-    return replace(found, status=Status.UNRELIABLE, message=f"{found.message} {note}")
+    return replace(result, status=Status.UNRELIABLE, message=f"{result.message} {note}")
 
 
-def excused(found: Trajectory) -> Trajectory:
-    return replace(doubtful(found), status=Status.SUCCESS)
+def excused(result: Trajectory) -> Trajectory:
+    return replace(doubtful(result), status=Status.SUCCESS)
 
 
-def infinite(found: Trajectory) -> Trajectory:
-    return replace(found, y=np.append(found.y[:, :-1], [[math.inf], [0.0]], axis=1))
+def infinite(result: Trajectory) -> Trajectory:
+    return replace(result, y=np.append(result.y[:, :-1], [[math.inf], [0.0]], axis=1))
 
 
-def mute(found: Trajectory) -> Trajectory:
-    return replace(found, message="changed stopped.")
+def mute(result: Trajectory) -> Trajectory:
+    return replace(result, message="changed stopped.")
 
 
-def other(found: Trajectory) -> Trajectory:
-    return replace(found, status=Status.DIVERGED if found.status is Status.SUCCESS else Status.INTERRUPTED)
+def other(result: Trajectory) -> Trajectory:
+    return replace(result, status=Status.DIVERGED if result.status is Status.SUCCESS else Status.INTERRUPTED)
 
 
 @pytest.mark.parametrize(
@@ -125,12 +125,12 @@ def test_a_missed_event_is_silent() -> None:
         claims = Claims(order=8, adaptive=True, events=True)
 
         def integrate(self, problem: Problem) -> Trajectory:
-            found = super().integrate(replace(problem, events=()))
-            return replace(found, t_events=(np.array([]),), y_events=(np.empty((0, 2)),))
+            result = super().integrate(replace(problem, events=()))
+            return replace(result, t_events=(np.array([]),), y_events=(np.empty((0, 2)),))
 
     crossing: dict[str, Any] = {"options": {"events": [x]}, "events": ((1.0,),)}
     passing = Fault("passing", "", lambda: particle(0, -1.0, 1.0), end=2.0, **crossing)
-    cell = take(replace(passing, truth=lambda t: np.array([t - 1, np.ones_like(t)])), Blind(lambda found: found))
+    cell = take(replace(passing, truth=lambda t: np.array([t - 1, np.ones_like(t)])), Blind(lambda result: result))
     assert cell.verdict == "silent" and "found 0 times" in cell.detail
 
 

@@ -49,8 +49,8 @@ def test_a_node_has_the_value_of_what_it_was_built_from(forms: Forms) -> None:
         for point in POINTS:
             at = {name: mpmath.mpf(text) for name, text in point.items()}
             expected = forms.value(at)
-            found = evaluate(node, {symbols[name]: value for name, value in at.items()})
-            assert abs(found - expected) <= mpmath.mpf(10) ** -22 * (1 + abs(expected))
+            result = evaluate(node, {symbols[name]: value for name, value in at.items()})
+            assert abs(result - expected) <= mpmath.mpf(10) ** -22 * (1 + abs(expected))
 
 
 @given(expressions())
@@ -306,11 +306,11 @@ def values_of(*expressions: sp.Expr) -> list[float]:
     """Return the sizes and the values of expressions at the state above."""
     graph = Graph()
     leaves = {name: graph.symbol(str(name), Binding.CONFIGURATION) for name in AT}
-    nodes: list[Node] = [Translator(graph, leaves)(one) for one in expressions]
+    nodes: list[Node] = [Translator(graph, leaves)(item) for item in expressions]
     time = graph.symbol("t", Binding.TIME)
     program = lower("sizes", {"all": [*term_sizes(nodes), *nodes]}, {"q": list(leaves.values())}, time, ())
-    found = FLOATS.evaluate(program, 0.0, list(AT.values()), [])
-    return list(map(float, found))
+    result = FLOATS.evaluate(program, 0.0, list(AT.values()), [])
+    return list(map(float, result))
 
 
 @pytest.mark.parametrize(
@@ -331,15 +331,15 @@ def values_of(*expressions: sp.Expr) -> list[float]:
     ],
 )
 def test_sizes_add_where_terms_add_and_multiply_where_factors_do(stated: sp.Expr, size: float) -> None:
-    found, value = values_of(stated)
-    assert found == pytest.approx(size, rel=1e-14)
-    assert abs(value) <= found * (1 + 1e-15)
+    result, value = values_of(stated)
+    assert result == pytest.approx(size, rel=1e-14)
+    assert abs(value) <= result * (1 + 1e-15)
 
 
 def test_a_term_with_a_sine_counts_at_every_angle() -> None:
     """A term with a sine counts also at angles where the sine is zero."""
-    (found, *_) = values_of(l * sp.sin(x - sp.Rational(-3, 10)))
-    assert found == 2.0
+    (result, *_) = values_of(l * sp.sin(x - sp.Rational(-3, 10)))
+    assert result == 2.0
 
 
 # --- evaluate -------------------------------------------------------------------------------------------------
@@ -357,11 +357,11 @@ def test_values_and_the_largest_number() -> None:
     x = graph.symbol("x", Binding.CONFIGURATION)
     wave = graph.call("sin", x) ** 2 * 3 - graph.call("exp", x) / 7
     branch = graph.piecewise([(graph.call("less", x, graph.constant(2)), wave)], x)
-    found = values([wave, branch, x**-1], {x: CONTEXT.mpf("1.5")}, CONTEXT)
-    assert found is not None
+    result = values([wave, branch, x**-1], {x: CONTEXT.mpf("1.5")}, CONTEXT)
+    assert result is not None
     expected = 3 * math.sin(1.5) ** 2 - math.exp(1.5) / 7
-    assert [float(value) for value in found[0]] == pytest.approx([expected, expected, 1 / 1.5], rel=1e-14)
-    assert float(found[1]) >= math.exp(1.5)
+    assert [float(value) for value in result[0]] == pytest.approx([expected, expected, 1 / 1.5], rel=1e-14)
+    assert float(result[1]) >= math.exp(1.5)
 
 
 @pytest.mark.parametrize("value", [0, -2])

@@ -126,8 +126,8 @@ def test_values_of_forms_that_are_spelled_by_others(expression: Any) -> None:
     ],
 )
 def test_numbers_come_in_exactly(expression: Any, number: Any) -> None:
-    found = translated(expression)[0].data
-    assert found == number and type(found) is type(number)
+    result = translated(expression)[0].data
+    assert result == number and type(result) is type(number)
     assert translated(sp.Float("0.1", 50))[0].data != Fraction(0.1)
 
 
@@ -206,8 +206,8 @@ def test_gradient_and_tangents_agree_with_numerical_differentiation(forms: Forms
         for i, name in enumerate(names):
             expected = slope(lambda *x: forms.value(dict(zip(names, x, strict=True))), at, i)
             forward = tangents([node], {symbols[name]: graph.one})(node)
-            for found in (evaluate(reverse[i], values), evaluate(forward, values)):
-                assert abs(found - expected) <= mpmath.mpf(10) ** -15 * (1 + abs(expected))
+            for result in (evaluate(reverse[i], values), evaluate(forward, values)):
+                assert abs(result - expected) <= mpmath.mpf(10) ** -15 * (1 + abs(expected))
 
 
 @given(expressions())
@@ -280,9 +280,9 @@ def test_derivatives_of_long_products_grow_with_their_length() -> None:
         slopes = gradient(whole, (x, y))
         sizes.append(sum(len(node.args) for node in reachable(slopes)))
         point = {x: mpmath.mpf("0.02"), y: mpmath.mpf("1.5")}
-        found = values([*slopes, whole], point, mpmath.mp)
-        assert found is not None
-        by_x, by_y, value = found[0]
+        result = values([*slopes, whole], point, mpmath.mp)
+        assert result is not None
+        by_x, by_y, value = result[0]
         assert mpmath.almosteq(by_y * point[y], value, 1e-13)
         tangent = -sum(mpmath.tan(point[x] / (k + 1)) / (k + 1) for k in range(length))
         assert mpmath.almosteq(by_x, value * tangent, 1e-13)
@@ -421,12 +421,12 @@ def test_a_sum_of_many_terms_through_sympy(terms: int, factors: int) -> None:
     direction = dict.fromkeys(leaves[:3], graph.one)
     program = program_of([node, *slopes[:3], tangents([node], direction)(node)], leaves)
     x = np.sqrt(np.arange(float(factors)) + 1)
-    found = NumpyMachine().load(program)(0.0, x, np.empty(0))
+    result = NumpyMachine().load(program)(0.0, x, np.empty(0))
     rows = np.cumsum(x) - x  # row i of the triangle has the terms x_i x_j, j < i
     cut = terms - (factors - 1) * (factors - 2) // 2
     total = (x * rows)[:-1].sum() + x[-1] * x[:cut].sum()
     partial = [x.sum() - x[k] for k in range(3)]
-    assert found == pytest.approx([total, *partial, sum(partial)], rel=1e-12)
+    assert result == pytest.approx([total, *partial, sum(partial)], rel=1e-12)
     assert KernelCode(program).scalar_module().count("fma") > terms
 
 
@@ -447,11 +447,11 @@ def test_a_deep_nesting_built_directly(depth: int) -> None:
     assert share_sums(graph, [node]) == [node]
     (slope,) = gradient(node, [x])
     program = program_of([node, slope], [x])
-    found = NumpyMachine().load(program)(0.0, np.array([0.3]), np.empty(0))
+    result = NumpyMachine().load(program)(0.0, np.array([0.3]), np.empty(0))
     value, expected = 0.3, 1.0
     for _ in range(depth):
         value, expected = np.sin(value) + 0.3, np.cos(value) * expected + 1
-    assert found == pytest.approx([value, expected], rel=1e-9)
+    assert result == pytest.approx([value, expected], rel=1e-9)
     text = KernelCode(program).scalar_module()
     assert text.count("@sin") > depth
 
@@ -472,8 +472,8 @@ def test_a_long_nesting_runs_in_machine_code() -> None:
     node = nest(graph, x, 1000)
     program = program_of([node, *gradient(node, [x])], [x])
     state = np.array([0.3])
-    found = LlvmMachine().load(program)(0.0, state, np.empty(0))
-    assert found == pytest.approx(NumpyMachine().load(program)(0.0, state, np.empty(0)), rel=1e-13)
+    result = LlvmMachine().load(program)(0.0, state, np.empty(0))
+    assert result == pytest.approx(NumpyMachine().load(program)(0.0, state, np.empty(0)), rel=1e-13)
 
 
 def test_a_deep_choice_is_walked_too() -> None:
@@ -484,6 +484,6 @@ def test_a_deep_choice_is_walked_too() -> None:
         node = graph.piecewise([(graph.call("less", x, graph.constant(k)), node * x)], node + 1)
     (slope,) = gradient(node, [x])
     forward = tangents([node], {x: graph.one})(node)
-    found = NumpyMachine().load(program_of([slope, forward], [x]))(0.0, np.array([0.9]), np.empty(0))
-    assert found[0] == pytest.approx(found[1], rel=1e-12)
+    result = NumpyMachine().load(program_of([slope, forward], [x]))(0.0, np.array([0.9]), np.empty(0))
+    assert result[0] == pytest.approx(result[1], rel=1e-12)
     assert len(reachable([slope])) < 10 * len(reachable([node]))

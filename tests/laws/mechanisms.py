@@ -90,20 +90,20 @@ class Mechanism:
 
     def at(self, expression: Any) -> float:
         """Return the value of an expression at the state, by SymPy."""
-        found = sp.sympify(expression)
+        result = sp.sympify(expression)
         for leaves, values in ((RATES, self.v), (PLACES, self.q), ((t,), (self.time,))):  # t stands inside x(t)
-            found = found.xreplace(dict(zip(leaves, map(sp.Float, values), strict=True)))
-        return float(found)
+            result = result.xreplace(dict(zip(leaves, map(sp.Float, values), strict=True)))
+        return float(result)
 
     @cached_property
     def gradient(self) -> Vector:
         """The rows of G, by SymPy."""
-        return np.array([[self.at(one) for one in row] for row in map(gradient_of, self.constraints.values())])
+        return np.array([[self.at(item) for item in row] for row in map(gradient_of, self.constraints.values())])
 
     def accelerations(self, model: Model | None = None) -> Vector:
         """Return the accelerations of this or another model at the state."""
-        found: Vector = (model or self.model).accelerations(self.q, self.v, self.time)
-        return found
+        result: Vector = (model or self.model).accelerations(self.q, self.v, self.time)
+        return result
 
     def multipliers(self, model: Model | None = None) -> Vector:
         """Return the multipliers of this or another model at the state."""
@@ -111,8 +111,8 @@ class Mechanism:
 
     def reaction(self, model: Model | None = None) -> Vector:
         """Return the generalized forces of all constraints together."""
-        found: Vector = self.gradient.T @ self.multipliers(model)
-        return found
+        result: Vector = self.gradient.T @ self.multipliers(model)
+        return result
 
 
 def has_velocities(constraint: Any) -> bool:
@@ -160,11 +160,11 @@ def put(energies: Mapping[str, Any], constraints: list[Any], seed: int, time: fl
     q, v = random.uniform(-0.9, 0.9, 3), random.uniform(-0.9, 0.9, 3)
     there = Mechanism(energies, {}, q, v, time)
     names = [f"c{i}" for i in range(len(constraints))]
-    shifted = [one if has_velocities(one) else one - there.at(one) for one in constraints]
+    shifted = [item if has_velocities(item) else item - there.at(item) for item in constraints]
     held = Mechanism(energies, dict(zip(names, shifted, strict=True)), q, v, time)
     G = held.gradient
     assume(np.linalg.svd(G, compute_uv=False).min() > 0.3)
-    off = np.array([held.at(rate_of(one)) for one in shifted])
+    off = np.array([held.at(rate_of(item)) for item in shifted])
     return Mechanism(energies, held.constraints, q, v - np.linalg.pinv(G) @ off, time)
 
 
@@ -182,7 +182,7 @@ def moving() -> st.SearchStrategy[Mechanism]:
     """Return random mechanisms whose constraints depend on time."""
 
     def swung(constraints: list[Any], f: Any, w: Any) -> list[Any]:
-        return [one + f * cos(w * t) / 4 for one in constraints]
+        return [item + f * cos(w * t) / 4 for item in constraints]
 
     energies = st.fixed_dictionaries({"kinetic": kinetic_energies(*PLACES), "potential": potentials(*PLACES)})
     return st.builds(put, energies, st.builds(swung, kinds(PLACES), functions_of(*PLACES), rationals), seeds)
@@ -192,7 +192,7 @@ def slope(f: Any) -> float:
     """Return f'(0) by differences; the error is about 1e-11 of f."""
     h = 1e-3
     rows = [(f(d) - f(-d)) / (2 * d) for d in (h, h / 2, h / 4)]
-    rows = [(4 * two - one) / 3 for one, two in pairwise(rows)]
+    rows = [(4 * second - first) / 3 for first, second in pairwise(rows)]
     return float((16 * rows[1] - rows[0]) / 15)
 
 

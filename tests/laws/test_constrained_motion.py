@@ -51,10 +51,10 @@ def run(model: Model, state: Vector, method: Any = None, end: float = LENGTH, be
     names = [*(q.func.__name__ for q in PLACES), *(f"{q.func.__name__}_dot" for q in PLACES)]
     options = RunOptions(method or Taylor(rtol=1e-12, atol=1e-14), max_steps=5_000)
     start = dict(zip(names, map(float, state), strict=True))
-    found, _ = trajectory_of(model, (begin, begin + end), start, options)
-    assume(found.status not in (Status.SINGULAR, Status.MAX_STEPS))
-    assert found.status is Status.SUCCESS, found.message
-    states: Vector = found.y
+    result, _ = trajectory_of(model, (begin, begin + end), start, options)
+    assume(result.status not in (Status.SINGULAR, Status.MAX_STEPS))
+    assert result.status is Status.SUCCESS, result.message
+    states: Vector = result.y
     return states
 
 
@@ -66,8 +66,8 @@ def run(model: Model, state: Vector, method: Any = None, end: float = LENGTH, be
 def test_energy_is_conserved_along_a_run(mechanism: Mechanism) -> None:
     compiled = mechanism.compile("llvm")
     assert compiled.conservative
-    found = run(compiled, mechanism.state)
-    energy = compiled.energy(found[:3], found[3:])
+    result = run(compiled, mechanism.state)
+    energy = compiled.energy(result[:3], result[3:])
     assert energy == close(np.full(energy.shape, energy[0]), 1e-9)
 
 
@@ -75,11 +75,11 @@ def test_energy_is_conserved_along_a_run(mechanism: Mechanism) -> None:
 @given(kinetic_energies(x, y), potentials(x, y), kinds((x, y)), seeds)
 def test_a_momentum_that_no_constraint_holds_is_conserved(T: Any, V: Any, held: Any, seed: int) -> None:
     """Neither the energies nor the constraints contain z, and the constraints do not contain its velocity."""
-    free = [one.subs(z.dot, 0).subs(z, 0) for one in held][:1]
+    free = [item.subs(z.dot, 0).subs(z, 0) for item in held][:1]
     mechanism = put({"kinetic": T, "potential": V}, free, seed)
     compiled = mechanism.compile("llvm")
-    found = run(compiled, mechanism.state)
-    momentum = compiled.momenta(found[:3], found[3:])[2]
+    result = run(compiled, mechanism.state)
+    momentum = compiled.momenta(result[:3], result[3:])[2]
     assert momentum == close(np.full(momentum.shape, momentum[0]), 1e-9)
 
 
@@ -88,8 +88,8 @@ def test_a_momentum_that_no_constraint_holds_is_conserved(T: Any, V: Any, held: 
 def test_series_of_any_order_give_the_motion(mechanism: Mechanism, order: int) -> None:
     compiled = mechanism.compile("llvm")
     rtol = 1e-10 if order > 8 else 1e-7
-    found = run(compiled, mechanism.state, Taylor(rtol=rtol, atol=rtol, order=order), 0.1)[:, -1]
-    assert found == close(run(compiled, mechanism.state, "dop853", 0.1)[:, -1], 100 * rtol if order <= 8 else 1e-7)
+    result = run(compiled, mechanism.state, Taylor(rtol=rtol, atol=rtol, order=order), 0.1)[:, -1]
+    assert result == close(run(compiled, mechanism.state, "dop853", 0.1)[:, -1], 100 * rtol if order <= 8 else 1e-7)
 
 
 # --- power ----------------------------------------------------------------------------------------------------
@@ -133,13 +133,13 @@ def test_machine_code_and_numpy_agree(mechanism: Mechanism) -> None:
 @given(mechanisms(forces=True) | moving(), st.sampled_from(["llvm", "numpy"]))
 def test_the_jacobian_is_the_slope_of_the_right_hand_side(mechanism: Mechanism, target: str) -> None:
     compiled = mechanism.compile(target)
-    found = compiled.jacobian(mechanism.time, mechanism.state)
-    for column, unit in zip(found.T, np.eye(6), strict=True):
+    result = compiled.jacobian(mechanism.time, mechanism.state)
+    for column, unit in zip(result.T, np.eye(6), strict=True):
         slopes = [
             slope(lambda s, i=i, unit=unit: float(compiled.rhs(mechanism.time, mechanism.state + s * unit)[i]))
             for i in range(6)
         ]
-        assert column == close(slopes, 1e-6 * max(1.0, float(np.abs(found).max())))
+        assert column == close(slopes, 1e-6 * max(1.0, float(np.abs(result).max())))
 
 
 # --- other coordinates ----------------------------------------------------------------------------------------
@@ -149,8 +149,8 @@ def test_the_jacobian_is_the_slope_of_the_right_hand_side(mechanism: Mechanism, 
 @given(mechanisms(forces=True), st.permutations(range(3)))
 def test_the_order_of_coordinates_does_not_matter(mechanism: Mechanism, order: list[int]) -> None:
     other = mechanism.compile(coordinates=[PLACES[i] for i in order])
-    found = other.accelerations(mechanism.q[order], mechanism.v[order], mechanism.time)
-    assert found == close(mechanism.accelerations()[order])
+    result = other.accelerations(mechanism.q[order], mechanism.v[order], mechanism.time)
+    assert result == close(mechanism.accelerations()[order])
     assert other.multipliers(mechanism.q[order], mechanism.v[order], mechanism.time) == close(mechanism.multipliers())
 
 
@@ -168,7 +168,7 @@ def test_the_motion_is_the_same_in_other_coordinates(mechanism: Mechanism, a: An
         return expression.subs(dict(zip(RATES, rates, strict=True))).subs(dict(zip(PLACES, places, strict=True)))
 
     energies = {name: moved(mechanism.energies[name]) for name in ("kinetic", "potential")}
-    constraints = {name: moved(one) for name, one in mechanism.constraints.items()}
+    constraints = {name: moved(item) for name, item in mechanism.constraints.items()}
     there = model_of(declare(coordinates=[u, w, s], constraints=constraints, **energies), machine("numpy"))
     inner = nearest(places, [u, w, s], mechanism.q)
     jacobian = np.array(J.subs(dict(zip((u, w, s), inner, strict=True))), dtype=float)
@@ -183,11 +183,11 @@ def nearest(places: Any, symbols: list[Any], q: Vector) -> Vector:
     """Return the coordinates (u, w, s) of a point (x, y, z), by Newton's method."""
     plain = [sp.Dummy() for _ in symbols]
     both = sp.lambdify(plain, [expression.subs(dict(zip(symbols, plain, strict=True))) for expression in places])
-    found = q.copy()
+    result = q.copy()
     for _ in range(200):
-        found = found - (np.array(both(*found), dtype=float) - q) / 2
-    assume(np.abs(np.array(both(*found), dtype=float) - q).max() < 1e-14)
-    return found
+        result = result - (np.array(both(*result), dtype=float) - q) / 2
+    assume(np.abs(np.array(both(*result), dtype=float) - q).max() < 1e-14)
+    return result
 
 
 # --- constrained series ---------------------------------------------------------------------------------------
@@ -210,12 +210,12 @@ def law(lagrangian: Any) -> list[Any]:
     return mass + rest
 
 
-def residuals(judge: Precise, found: Any, h: Any) -> tuple[Any, Any]:
+def residuals(judge: Precise, result: Any, h: Any) -> tuple[Any, Any]:
     """Return the residuals of a polynomial motion at the time h: of M a + rest perpendicular to G, and of phi."""
-    powers = [h**k for k in range(len(found))]
-    q = [sum(c * s for c, s in zip(found[:, i], powers, strict=True)) for i in range(3)]
-    v = [sum(k * found[k, i] * powers[k - 1] for k in range(1, len(found))) for i in range(3)]
-    a = [sum(k * (k - 1) * found[k, i] * powers[k - 2] for k in range(2, len(found))) for i in range(3)]
+    powers = [h**k for k in range(len(result))]
+    q = [sum(c * s for c, s in zip(result[:, i], powers, strict=True)) for i in range(3)]
+    v = [sum(k * result[k, i] * powers[k - 1] for k in range(1, len(result))) for i in range(3)]
+    a = [sum(k * (k - 1) * result[k, i] * powers[k - 2] for k in range(2, len(result))) for i in range(3)]
     *mass, r1, r2, r3, g1, g2, g3, off = judge(q, v, TIME + h, {})
     e1, e2, e3 = (
         sum(c * x for c, x in zip(mass[3 * i : 3 * i + 3], a, strict=True)) + r for i, r in enumerate((r1, r2, r3))
@@ -227,11 +227,11 @@ def start(statement: Statement, place: Sequence[Any], wish: Sequence[Any]) -> li
     """Return a point and the admissible velocities nearest to given ones, in multiple precision."""
     phi = statement.constraints[0].expression
     rows = Precise([*(sp.diff(phi, q) for q in PLACES), sp.diff(phi, t).doit()], statement, DIGITS)
-    q, w = ([NUMBER(one.p) / one.q for one in numbers] for numbers in (place, wish))
+    q, w = ([NUMBER(first.p) / first.q for first in numbers] for numbers in (place, wish))
     *G, rate = rows(q, w, TIME, {})
-    size = sum(one**2 for one in G)
+    size = sum(first**2 for first in G)
     assume(size > 0.1)
-    return [*q, *(one - rate / size * two for one, two in zip(w, G, strict=True))]
+    return [*q, *(first - rate / size * second for first, second in zip(w, G, strict=True))]
 
 
 @pytest.mark.slow
@@ -242,10 +242,10 @@ def test_a_series_is_that_of_the_motion(T: Any, V: Any, phi: Any, moving: Any, p
     phi = phi + moving / 8
     phi -= phi.subs(dict(zip(PLACES, place, strict=True))).subs(t, sp.Rational(1, 4))
     statement = declare(coordinates=list(PLACES), kinetic=T, potential=V, constraints=[phi])
-    found = series(statement, ORDER, TIME, start(statement, place, wish))
+    result = series(statement, ORDER, TIME, start(statement, place, wish))
     judge = Precise([*law(T - V), *(sp.diff(phi, q) for q in PLACES), phi], statement, DIGITS)
     step = NUMBER(10) ** -12
-    both = zip(residuals(judge, found, step), residuals(judge, found, 2 * step), strict=True)
+    both = zip(residuals(judge, result, step), residuals(judge, result, 2 * step), strict=True)
     for (near, far), expected in zip(both, (ORDER - 1, ORDER + 1), strict=True):
         assert near < step ** (expected - 1)
         if near > NUMBER(10) ** (20 - DIGITS):  # a series that ends leaves nothing

@@ -45,7 +45,7 @@ def course(mechanism: Mechanism, s: float) -> dict[Any, float]:
 @given(mechanisms(forces=True) | moving())
 def test_the_accelerations_keep_the_constraints(mechanism: Mechanism) -> None:
     """d psi/dt = G a + gamma = 0, by differences of the stated constraints."""
-    kept = sp.lambdify([*RATES, t, *PLACES], [rate_of(one) for one in mechanism.constraints.values()])
+    kept = sp.lambdify([*RATES, t, *PLACES], [rate_of(item) for item in mechanism.constraints.values()])
     for i in range(len(mechanism.constraints)):
         assert slope(lambda s, i=i: kept(*course(mechanism, s).values())[i]) == close(0.0, 1e-7)
 
@@ -89,9 +89,9 @@ def test_each_constraint_pushes_along_its_own_gradient(mechanism: Mechanism) -> 
 @some
 @given(mechanisms(forces=True) | moving())
 def test_a_holonomic_constraint_may_be_stated_as_its_rate(mechanism: Mechanism) -> None:
-    other = mechanism.compile(constraints={name: rate_of(one) for name, one in mechanism.constraints.items()})
-    assert mechanism.accelerations(other) == close(mechanism.accelerations())
-    assert mechanism.multipliers(other) == close(mechanism.multipliers())
+    second = mechanism.compile(constraints={name: rate_of(first) for name, first in mechanism.constraints.items()})
+    assert mechanism.accelerations(second) == close(mechanism.accelerations())
+    assert mechanism.multipliers(second) == close(mechanism.multipliers())
 
 
 @some
@@ -155,8 +155,8 @@ def test_eliminating_a_coordinate_by_hand_gives_the_motion(mechanism: Mechanism)
 
     energies = {name: inside(mechanism.energies[name]) for name in ("kinetic", "potential")}
     small = model_of(declare(coordinates=[x, y], **energies), machine("numpy"))
-    found = small.accelerations(mechanism.q[:2], mechanism.v[:2])
-    assert found == close(mechanism.accelerations()[:2], 1e-8)
+    result = small.accelerations(mechanism.q[:2], mechanism.v[:2])
+    assert result == close(mechanism.accelerations()[:2], 1e-8)
 
 
 @some
@@ -173,10 +173,10 @@ def test_a_driven_coordinate_may_be_put_into_the_energies(mechanism: Mechanism, 
 
     energies = {name: inside(mechanism.energies[name]) for name in ("kinetic", "potential")}
     small = model_of(declare(coordinates=[x, y], **energies), machine("numpy"))
-    found = held.accelerations(q, v, time)
-    assert found[:2] == close(small.accelerations(q[:2], v[:2], time), 1e-8)
-    assert found[2] == close(float(sp.diff(drive, t, 2).subs(t, time)))
-    needed = held.mass_matrix(q, time) @ found - held.evaluate("bias", q, v, time)
+    result = held.accelerations(q, v, time)
+    assert result[:2] == close(small.accelerations(q[:2], v[:2], time), 1e-8)
+    assert result[2] == close(float(sp.diff(drive, t, 2).subs(t, time)))
+    needed = held.mass_matrix(q, time) @ result - held.evaluate("bias", q, v, time)
     assert needed == close([0.0, 0.0, held.multipliers(q, v, time)[0]], 1e-8)
 
 

@@ -50,8 +50,8 @@ velocities = st.tuples(st.floats(0.3, 0.9), st.sampled_from([-1.0, 1.0])).map(la
 states = st.lists(st.floats(-0.9, 0.9), min_size=4, max_size=4).map(np.array)
 
 
-def model(target: str = "numpy", **given: Any) -> Model:
-    statement = declare(**{"coordinates": [x, y]} | given)
+def model(target: str = "numpy", **options: Any) -> Model:
+    statement = declare(**{"coordinates": [x, y]} | options)
     return model_of(statement, machine(target))
 
 
@@ -109,9 +109,9 @@ def test_explicit_time_changes_the_energy_by_its_own_slope(T: Any, V: Any, U: An
 
 def run(compiled: Model, state: Any, end: float) -> Any:
     start = dict(zip(("x", "y", "x_dot", "y_dot"), map(float, state), strict=True))
-    found, _ = trajectory_of(compiled, (0.0, end), start, RunOptions("dop853", 1e-11, 1e-12, max_steps=20_000))
-    assert found.status is Status.SUCCESS, found.message
-    return found
+    result, _ = trajectory_of(compiled, (0.0, end), start, RunOptions("dop853", 1e-11, 1e-12, max_steps=20_000))
+    assert result.status is Status.SUCCESS, result.message
+    return result
 
 
 @few
@@ -120,8 +120,8 @@ def test_energy_is_conserved_along_a_run(T: Any, V: Any, A: Any, state: Any) -> 
     """Energy is conserved also with a potential linear in velocities, whose forces do no work."""
     compiled = model("llvm", lagrangian=T - V + A * x.dot - x * y.dot)
     assert compiled.conservative
-    found = run(compiled, state, 1.0)
-    energy = compiled.energy(found.y[:2], found.y[2:])
+    result = run(compiled, state, 1.0)
+    energy = compiled.energy(result.y[:2], result.y[2:])
     assert np.abs(energy - energy[0]).max() < 1e-8 * (1 + np.abs(energy[0]))
 
 
@@ -130,8 +130,8 @@ def test_energy_is_conserved_along_a_run(T: Any, V: Any, A: Any, state: Any) -> 
 def test_the_momentum_of_a_cyclic_coordinate_is_conserved(T: Any, V: Any, A: Any, state: Any) -> None:
     compiled = model("llvm", lagrangian=T - V + A * y.dot, forces={x: -y.dot})
     assert compiled.equations.structure.cyclic == (1,)
-    found = run(compiled, state, 1.0)
-    momentum = compiled.momenta(found.y[:2], found.y[2:])[1]
+    result = run(compiled, state, 1.0)
+    momentum = compiled.momenta(result.y[:2], result.y[2:])[1]
     assert np.abs(momentum - momentum[0]).max() < 1e-8 * (1 + np.abs(momentum[0]))
 
 
@@ -187,12 +187,12 @@ def test_series_of_any_order_give_the_motion(T: Any, V: Any, state: Any, order: 
     compiled = model(target, lagrangian=T - V)
     start = dict(zip(("x", "y", "x_dot", "y_dot"), map(float, state), strict=True))
     rtol = 1e-9 if order > 8 else 1e-6
-    found, _ = trajectory_of(compiled, (0.0, 0.1), start, RunOptions(Taylor(rtol=rtol, atol=rtol, order=order)))
-    if found.status is Status.SINGULAR:
+    result, _ = trajectory_of(compiled, (0.0, 0.1), start, RunOptions(Taylor(rtol=rtol, atol=rtol, order=order)))
+    if result.status is Status.SINGULAR:
         # Now and then a system is drawn that loses its inertia on the way: then that is so.
-        masses = (compiled.mass_matrix(y[:2], v=y[2:]) for y in (found.y[:, 0], found.y[:, -1]))
+        masses = (compiled.mass_matrix(y[:2], v=y[2:]) for y in (result.y[:, 0], result.y[:, -1]))
         first, last = (np.abs(np.linalg.eigvalsh(mass)).min() for mass in masses)
         assert last < 1e-3 * first
         return
-    assert found.status is Status.SUCCESS, found.message
-    assert found.y[:, -1] == pytest.approx(run(compiled, state, 0.1).y[:, -1], abs=100 * rtol)
+    assert result.status is Status.SUCCESS, result.message
+    assert result.y[:, -1] == pytest.approx(run(compiled, state, 0.1).y[:, -1], abs=100 * rtol)

@@ -71,9 +71,9 @@ def test_the_motion_of_rods_is_the_same_in_all_units(seed: int) -> None:
     unit = (10.0 ** draw.uniform(-FAR, FAR), 10.0 ** draw.uniform(-FAR, FAR), 10.0 ** draw.uniform(-FAR, FAR))
     method = draw.choice([name for name in ADAPTIVE if name != UNSCALED])
     expected = ended(seed, (1.0, 1.0, 1.0), "taylor", 1e-14)
-    found = ended(seed, unit, method, 1e-7)
+    result = ended(seed, unit, method, 1e-7)
     # Runs of a tenth of a second to a second multiply the errors of steps by less than 1,000.
-    assert found == pytest.approx(expected, abs=1e-4)
+    assert result == pytest.approx(expected, abs=1e-4)
 
 
 @pytest.mark.few(1)
@@ -97,10 +97,12 @@ def test_accelerations_of_rods_are_the_same_in_all_units(seed: int, target: str)
     draw = random.Random(2000 + seed)
     mass, length, time = (10.0 ** draw.uniform(-FAR, FAR) for _ in range(3))
     plain, _ = rods(random.Random(seed), (1.0, 1.0, 1.0))
-    other, _ = rods(random.Random(seed), (mass, length, time))
-    expected, found = (one.compile(target, check=False).rhs(0.0, list(one.statement.initial)) for one in (plain, other))
+    second, _ = rods(random.Random(seed), (mass, length, time))
+    expected, result = (
+        first.compile(target, check=False).rhs(0.0, list(first.statement.initial)) for first in (plain, second)
+    )
     # A light body is accelerated by forces that are a thousand times as large: 1e3 of 1e-16.
-    assert found * time**2 / length == pytest.approx(expected, abs=1e-11 * max(1.0, np.abs(expected).max()))
+    assert result * time**2 / length == pytest.approx(expected, abs=1e-11 * max(1.0, np.abs(expected).max()))
 
 
 def in_units(seed: int) -> tuple[lg.System, float]:
@@ -166,5 +168,5 @@ def test_floors_of_entries_at_rest_follow_no_unit_of_time(time: float) -> None:
     )
     model = chain.compile(check=False)
     # Entries of 1 that err by 1e-9 in each of 200 steps.
-    found, exact = (lg.integrate(model, (0.0, 1.8 * time), rtol=rtol).y[:4, -1] for rtol in (1e-9, 1e-13))
-    assert found == pytest.approx(exact, abs=2e-7)
+    result, exact = (lg.integrate(model, (0.0, 1.8 * time), rtol=rtol).y[:4, -1] for rtol in (1e-9, 1e-13))
+    assert result == pytest.approx(exact, abs=2e-7)

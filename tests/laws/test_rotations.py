@@ -86,9 +86,9 @@ def test_the_series_in_rates_is_that_of_the_quaternion() -> None:
         q[rows] /= np.linalg.norm(q[rows])
         v[rows] -= q[rows] * (q[rows] @ v[rows])
     state, values = np.concatenate([q, v]), np.array([0.7])
-    programs = [series_program(one)[0] for one in (equations, replace(equations, turning=None))]
-    found, expected = (NumpySeries(program).rows(8, 0.3, state, 1.0, values)[:, :20] for program in programs)
-    assert np.abs(found - expected).max() < 1e-13 * np.abs(expected).max()
+    programs = [series_program(item)[0] for item in (equations, replace(equations, turning=None))]
+    result, expected = (NumpySeries(program).rows(8, 0.3, state, 1.0, values)[:, :20] for program in programs)
+    assert np.abs(result - expected).max() < 1e-13 * np.abs(expected).max()
     sums, others = (convolutions(program.rules) for program in programs)
     assert sums < others / 2
 
@@ -180,8 +180,8 @@ def test_linear_equations_on_constraints_agree_with_the_compiled_model_anywhere(
     place, rates = sympy.Matrix(matrix_of(lg.turn((1, 2, 3), 1.1))), sympy.Matrix([0.4, -0.7, 1.3])
     centre, velocity = place[:, 2] / 10, place * rates.cross(sympy.Matrix([0, 0, 1])) / 10
     start = dict(zip(("x", "y", "z", "x_dot", "y_dot", "z_dot"), (*centre, *velocity), strict=True))
-    found = held.substitute({a: sympy.Rational(1, 10)}).linearize({R: place, R.body: tuple(rates)} | start)
-    assert found.note.startswith("Away from equilibrium") and found.A.shape == (6, 6)
+    result = held.substitute({a: sympy.Rational(1, 10)}).linearize({R: place, R.body: tuple(rates)} | start)
+    assert result.note.startswith("Away from equilibrium") and result.A.shape == (6, 6)
     with pytest.raises(lg.StatementError, match=r"the point is not on the constraint 'joint_z', which is -a there"):
         held.linearize({R.body: (0, 0, 50)})
 
@@ -335,11 +335,11 @@ def random_top(seed: int) -> tuple[lg.System, lg.System]:
 def test_the_motion_is_that_of_euler_angles(seed: int) -> None:
     """The motion stays away from the pole, for a time in which errors grow by at most a factor of ten."""
     rotating, angles = random_top(seed)
-    one, other = rotating.run(0.5, rtol=1e-14), angles.run(0.5, rtol=1e-14)
+    first, second = rotating.run(0.5, rtol=1e-14), angles.run(0.5, rtol=1e-14)
     phi, theta, psi = (sympy.Symbol(name) for name in "fts")
     turned = sympy.rot_axis3(-phi) * sympy.rot_axis1(-theta) * sympy.rot_axis3(-psi)
-    place = dict(zip((phi, theta, psi), other.y[:3, -1], strict=True))
-    assert np.abs(one[R][-1] - np.array(turned.xreplace(place), dtype=float)).max() < 1e-12
+    place = dict(zip((phi, theta, psi), second.y[:3, -1], strict=True))
+    assert np.abs(first[R][-1] - np.array(turned.xreplace(place), dtype=float)).max() < 1e-12
 
 
 @pytest.mark.slow

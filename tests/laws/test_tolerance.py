@@ -79,8 +79,8 @@ def test_the_error_is_within_the_tolerance(name: str, tolerance: float) -> None:
     """Steps aim at a tenth of the tolerance, so that their sum stays within it. At 1e-14 rounding counts as well."""
     end, last, size, growth = course(name)
     flow = flow_of(compiled(name), rtol=tolerance, atol=tolerance * 1e-3)
-    found = flow(compiled(name).statement.initial, 0.0, end)
-    assert (np.abs(found - last) / size).max() <= growth * (tolerance + 2e-14)
+    result = flow(compiled(name).statement.initial, 0.0, end)
+    assert (np.abs(result - last) / size).max() <= growth * (tolerance + 2e-14)
 
 
 # --- energy growth --------------------------------------------------------------------------------------------

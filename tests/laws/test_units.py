@@ -139,10 +139,10 @@ def run(name: str, method: str, powers: tuple[int, int, int], *, base: float = 1
     for key, value in one.values.items():
         p, q, s = UNITS_OF[key]
         values[key] = value * mass**p * length**q * time**s
-    found = lg.integrate(model, (0.0, one.end * time), start, method=method, parameters=values, **options)
-    assert found.status is lg.Status.SUCCESS, found.message
+    result = lg.integrate(model, (0.0, one.end * time), start, method=method, parameters=values, **options)
+    assert result.status is lg.Status.SUCCESS, result.message
     sizes = np.array([factor[q] for q in one.names] + [factor[q] / time for q in one.names])
-    return np.asarray(found.y / sizes[:, None])
+    return np.asarray(result.y / sizes[:, None])
 
 
 def _factor(key: Any, factor: dict[Any, float], time: float) -> float:

@@ -120,11 +120,11 @@ def test_the_inverse_is_that_of_lapack(n: int) -> None:
             matrix = draw.normal(size=(n, n))
             if hollow:
                 np.fill_diagonal(matrix, 0.0)
-            found, singular = invert(matrix)
+            result, singular = invert(matrix)
             expected = np.linalg.inv(matrix)
             # Gauss-Jordan with pivots errs by some n units of round-off times the condition number.
             bound = 10 * n * 2.0**-52 * np.linalg.cond(matrix)
-            assert not singular and np.abs(found - expected).max() <= bound * np.abs(expected).max()
+            assert not singular and np.abs(result - expected).max() <= bound * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("n", ORDERS)

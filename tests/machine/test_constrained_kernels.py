@@ -40,8 +40,8 @@ def motion(model: Model, q: Any, v: Any) -> tuple[Any, Any]:
     m, n = len(held), model.dimension
     y = np.concatenate([q, v])
     nodes = (*(entry for row in held.gradient for entry in row), *held.bias)
-    found = model.function("rows", nodes)(0.25, y, model.parameter_array())
-    gradient, gamma = found[: m * n].reshape(m, n), found[m * n :]
+    result = model.function("rows", nodes)(0.25, y, model.parameter_array())
+    gradient, gamma = result[: m * n].reshape(m, n), result[m * n :]
     mass, bias = model.mass_matrix(q, 0.25, v=v), model.evaluate("bias", q, v, 0.25)
     whole = np.block([[mass, -gradient.T], [gradient, np.zeros((m, m))]])
     solution = np.linalg.solve(whole, np.concatenate([bias, -gamma]))
@@ -65,10 +65,10 @@ def test_accelerations_and_multipliers_are_those_of_the_whole_system(name: str, 
     for k in range(6):
         a, multipliers = motion(held, q[:, k], v[:, k])
         # Both solve to some hundred rounding errors: the systems are well conditioned.
-        for found, expected in ((held.accelerations(q[:, k], v[:, k], 0.25), a), (many[0][:, k], a)):
-            assert found == pytest.approx(expected, rel=1e-11, abs=1e-12 * np.abs(a).max())
-        for found in (held.multipliers(q[:, k], v[:, k], 0.25), many[1][:, k]):
-            assert found == pytest.approx(multipliers, rel=1e-11, abs=1e-12 * np.abs(multipliers).max())
+        for result, expected in ((held.accelerations(q[:, k], v[:, k], 0.25), a), (many[0][:, k], a)):
+            assert result == pytest.approx(expected, rel=1e-11, abs=1e-12 * np.abs(a).max())
+        for result in (held.multipliers(q[:, k], v[:, k], 0.25), many[1][:, k]):
+            assert result == pytest.approx(multipliers, rel=1e-11, abs=1e-12 * np.abs(multipliers).max())
 
 
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
@@ -78,8 +78,8 @@ def test_near_a_configuration_where_constraints_depend_on_one_another_pivots_are
     angle = np.pi / 2 - 1e-4
     q = np.ravel([(i + np.sin(angle), np.cos(angle)) for i in range(4)])
     v = np.ravel([(np.cos(angle), -np.sin(angle)) for _ in range(4)])
-    found, (expected, _) = held.accelerations(q, v, 0.25), motion(held, q, v)
-    assert found == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
+    result, (expected, _) = held.accelerations(q, v, 0.25), motion(held, q, v)
+    assert result == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
     straight = np.ravel([(i + 1.0, 0.0) for i in range(4)])
     with pytest.raises(RunError):
         held.accelerations(straight, np.zeros(8), 0.25)
@@ -146,15 +146,15 @@ def random_program(rng: np.random.Generator, n: int, *, hoisted: bool = False, m
     known: list[Node] = list(state)
     outputs: list[Node] = []
     for count in rng.integers(1, 45, size=3):
-        found: list[Node] = []
+        result: list[Node] = []
         for _ in range(count):
             right = [
                 known[a] * float(rng.normal()) + known[b] for a, b in rng.integers(0, len(known), size=(n, 2)).tolist()
             ]
             chosen = rows[int(rng.integers(0, 4) == 0)]
-            found += graph.solve(chosen, right, tuple(range(n - multipliers, n)))
-        known += found
-        outputs += [one + other for one, other in zip(found, found[::-1], strict=True)] + found
+            result += graph.solve(chosen, right, tuple(range(n - multipliers, n)))
+        known += result
+        outputs += [first + second for first, second in zip(result, result[::-1], strict=True)] + result
     time = graph.symbol("t", Binding.TIME)
     return lower("systems", {"x": outputs}, {"y": state if hoisted else [*given, *state]}, time, given * hoisted)
 
@@ -172,8 +172,8 @@ def at(y: FloatArray, kernel: LlvmKernel) -> FloatArray:
 
 
 def triangle(matrix: Any) -> FloatArray:
-    found: FloatArray = np.asarray(matrix[np.tril_indices(len(matrix))], dtype=float)
-    return found
+    result: FloatArray = np.asarray(matrix[np.tril_indices(len(matrix))], dtype=float)
+    return result
 
 
 def steps_of(program: Program, most: int = 32) -> list[int | SolveGroup]:
@@ -257,6 +257,6 @@ def test_units_decide_no_pivot(mass: float, length: float, target: str) -> None:
     (a, b), ell = lg.coordinates("a b"), lg.parameters("ell")
     kinetic, rod = m * (a.dot**2 + b.dot**2) / 2, {"rod": a**2 + b**2 - ell**2}
     pendulum = stated(kinetic=kinetic, potential=m * b, constraints=rod, parameters={m: mass, ell: length})
-    found = model_of(pendulum, machine(target)).accelerations([0.0, -length], [0.5 * length, 0.0])
+    result = model_of(pendulum, machine(target)).accelerations([0.0, -length], [0.5 * length, 0.0])
     # The centripetal acceleration, the speed squared over the length.
-    assert found / length == pytest.approx([0.0, 0.25], rel=1e-13)
+    assert result / length == pytest.approx([0.0, 0.25], rel=1e-13)

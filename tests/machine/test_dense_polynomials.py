@@ -68,9 +68,9 @@ def test_a_path_of_stages_is_the_formula_of_its_tableau(target: str) -> None:
         slopes[i] = compiled.rhs(GRID[3] + abscissae[i] * h, states[3] + h * row @ slopes)
     for theta in (0.0, 0.3, 0.77, 1.0):
         share = weights @ theta ** np.arange(1, weights.shape[1] + 1)
-        found = np.polynomial.polynomial.polyval(theta, c)
+        result = np.polynomial.polynomial.polyval(theta, c)
         # Weights up to 545 multiply what rounding does to 16 slopes near 1.
-        assert found == pytest.approx(states[3] + h * share @ slopes, abs=1e-12)
+        assert result == pytest.approx(states[3] + h * share @ slopes, abs=1e-12)
 
 
 @pytest.mark.few(2)
@@ -91,8 +91,8 @@ def test_accepted_states_are_exact_forwards_and_back(kind: str, target: str) -> 
     states = states_of(compiled)
     for times, rows in ((GRID, states), (GRID[::-1].copy(), states[::-1].copy())):
         out = np.empty((states.shape[1] + 1, 3 * len(times)))
-        wanted = np.repeat(times, 3)
-        dense_of(compiled, KINDS[kind]).at(times, rows, wanted, out[1:])
+        expected = np.repeat(times, 3)
+        dense_of(compiled, KINDS[kind]).at(times, rows, expected, out[1:])
         assert (out[1:] == np.repeat(rows, 3, axis=0).T).all()
 
 
@@ -107,12 +107,12 @@ def test_each_time_is_evaluated_on_its_step(target: str, direction: float) -> No
     dense = dense_of(compiled, hermite_polynomial(3))
     c = dense.coefficients(times, states, np.arange(len(times) - 1))
     for count in (1, 2, 9, 5000):
-        wanted = direction * np.sort(rng.uniform(direction * times[0], direction * times[-1], count))
+        expected = direction * np.sort(rng.uniform(direction * times[0], direction * times[-1], count))
         out = np.empty((4, count))
-        dense.at(times, states, wanted, out)
-        found = np.searchsorted(direction * times, direction * wanted, side="right") - 1
-        theta = (wanted - times[found]) / (times[found + 1] - times[found])
-        assert out == pytest.approx(np.polynomial.polynomial.polyval(theta, c[:, :, found], tensor=False), abs=1e-12)
+        dense.at(times, states, expected, out)
+        result = np.searchsorted(direction * times, direction * expected, side="right") - 1
+        theta = (expected - times[result]) / (times[result + 1] - times[result])
+        assert out == pytest.approx(np.polynomial.polynomial.polyval(theta, c[:, :, result], tensor=False), abs=1e-12)
     jump = np.array([direction * 4.0])
     out = np.empty((4, 1))
     dense.at(times, states, jump, out)
@@ -152,11 +152,11 @@ def test_the_stages_of_a_step_alone_solve_their_equations(stages: int, target: s
     states = np.ascontiguousarray(exact(compiled, h, t_eval=[0.0, h]).y.T)
     c = dense_of(compiled, of_points(stages)).coefficients(np.array([0.0, h]), states, np.array([0]))[:, :, 0]
     points = POINTS[stages]
-    found = np.array([np.polynomial.polynomial.polyval(point, c) for point in points])
-    slopes = [compiled.rhs(h * point, state) for point, state in zip(points, found, strict=True)]
+    result = np.array([np.polynomial.polynomial.polyval(point, c) for point in points])
+    slopes = [compiled.rhs(h * point, state) for point, state in zip(points, result, strict=True)]
     A, _, _ = collocation_tableau(points)
-    assert (found - states[0])[:-1] == pytest.approx((h * np.array(A) @ slopes)[:-1], abs=1e-14)
-    assert found[-1] == pytest.approx(states[1], abs=1e-14)
+    assert (result - states[0])[:-1] == pytest.approx((h * np.array(A) @ slopes)[:-1], abs=1e-14)
+    assert result[-1] == pytest.approx(states[1], abs=1e-14)
 
 
 def test_inverses_of_many_matrices_are_those_of_each() -> None:
@@ -168,10 +168,10 @@ def test_inverses_of_many_matrices_are_those_of_each() -> None:
     a[:, :order] = np.moveaxis(matrices, 0, -1)
     flat = a.ravel().tolist()
     run(invert_columns.form(), order, count, flat, [0.0] * count)
-    found = np.moveaxis(np.array(flat).reshape(a.shape)[:, order:], -1, 0)
+    result = np.moveaxis(np.array(flat).reshape(a.shape)[:, order:], -1, 0)
     for i in (0, 1, 3, 4, 5):
-        assert found[i] @ matrices[i] == pytest.approx(np.eye(order), abs=1e-12)
-    assert not np.isfinite(found[2]).all()
+        assert result[i] @ matrices[i] == pytest.approx(np.eye(order), abs=1e-12)
+    assert not np.isfinite(result[2]).all()
 
 
 @pytest.mark.few(2)
@@ -199,9 +199,9 @@ def test_a_step_whose_stages_have_no_solution_is_a_straight_line(length: float, 
     times, states = np.array([0.0, 2.0, 3.0]), np.array([[1.0, 0.0], [2.0, 1.0], [2.5, 1.5]])
     step = int(length == 1.0)
     part = slice(step, step + 2)
-    found = dense_of(compiled, kind).coefficients(times[part], states[part], np.array([0]))[:, :, 0]
+    result = dense_of(compiled, kind).coefficients(times[part], states[part], np.array([0]))[:, :, 0]
     straight = np.array([states[step], states[step + 1] - states[step]])
-    assert found[:2] == pytest.approx(straight, abs=1e-15) if step == 0 else np.isfinite(found).all()
-    assert (np.abs(found[2]).max() < 1e-15) == (step == 0)
+    assert result[:2] == pytest.approx(straight, abs=1e-15) if step == 0 else np.isfinite(result).all()
+    assert (np.abs(result[2]).max() < 1e-15) == (step == 0)
     both = dense_of(compiled, kind).coefficients(times, states, np.arange(2))
     assert np.isfinite(both).all()

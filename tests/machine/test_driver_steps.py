@@ -118,12 +118,12 @@ def assert_same(ours: DriverState, theirs: DriverState) -> None:
 
 
 def drivers(name: str, system: str) -> list[Any]:
-    found = []
+    result = []
     for compiled in models(system):
         start = np.array(compiled.statement.initial)
         problem = Problem(compiled, compiled.parameter_values(), 0.0, 1.0, start)
-        found.append(planned(name, problem).driver(compiled, compiled.parameter_array()))
-    return found
+        result.append(planned(name, problem).driver(compiled, compiled.parameter_array()))
+    return result
 
 
 def test_procedures_know_the_entries_of_a_run_by_name() -> None:
@@ -182,8 +182,8 @@ def made(large: int) -> StepProgram:
 def test_no_part_of_a_step_may_be_beyond_all_numbers(large: int) -> None:
     step, compiled = made(large), models("driven")
     both: list[Any] = [
-        StepDriver(machine(target), step, one.kernel("rhs"), one.parameter_array())
-        for target, one in zip(TARGETS, compiled, strict=True)
+        StepDriver(machine(target), step, item.kernel("rhs"), item.parameter_array())
+        for target, item in zip(TARGETS, compiled, strict=True)
     ]
     start = 100 * np.array(compiled[0].statement.initial)
     states = [S(0.0, 1.0, start, 1e-6, 1e-6, 0.01) for _ in both]

@@ -29,8 +29,8 @@ def test_an_input_with_the_values_of_a_function_gives_what_the_function_gives(ta
     opened, valued = models(target)
     for t in (0.0, 0.4, 2.5):
         for name in ("rhs", "jacobian", "energy", "momenta", "bias", "mass_matrix"):
-            wanted = valued.evaluate(name, STATE[:1], STATE[1:], t)
-            np.testing.assert_allclose(opened.evaluate(name, STATE[:1], STATE[1:], t, at(t)), wanted, **CLOSE)
+            expected = valued.evaluate(name, STATE[:1], STATE[1:], t)
+            np.testing.assert_allclose(opened.evaluate(name, STATE[:1], STATE[1:], t, at(t)), expected, **CLOSE)
 
 
 def test_the_inputs_are_the_last_parameters_and_none_that_is_not_needed() -> None:
@@ -77,13 +77,13 @@ def test_solve_ivp_takes_inputs_as_functions_of_time() -> None:
     opened, valued = models("numpy")
     functions = {name: (lambda t, name=name: at(t)[name]) for name in opened.inputs}
     problem = opened.as_scipy(inputs=functions, events=[theta - 0.5])
-    other = valued.as_scipy(events=[theta - 0.5])
-    found, wanted = (
-        solve_ivp(**one.arguments((0, 0.5), {theta: 1}, method="RK45", rtol=1e-6)) for one in (problem, other)
+    second = valued.as_scipy(events=[theta - 0.5])
+    result, expected = (
+        solve_ivp(**first.arguments((0, 0.5), {theta: 1}, method="RK45", rtol=1e-6)) for first in (problem, second)
     )
-    np.testing.assert_allclose(found.y[:, -1], wanted.y[:, -1], rtol=1e-9)
-    assert found.t_events is not None and wanted.t_events is not None
-    np.testing.assert_allclose(found.t_events[0], wanted.t_events[0], rtol=1e-9)
+    np.testing.assert_allclose(result.y[:, -1], expected.y[:, -1], rtol=1e-9)
+    assert result.t_events is not None and expected.t_events is not None
+    np.testing.assert_allclose(result.t_events[0], expected.t_events[0], rtol=1e-9)
 
 
 def test_functions_of_inputs_are_asked_for_by_name() -> None:
@@ -119,8 +119,8 @@ QUARTIC = {"kinetic": x.dot**4 / 4 + (1 + z**2) * z.dot**2 / 2 + y.dot**2 / 2, "
 def relativistic(v: np.ndarray) -> np.ndarray:
     """d2L/dv2 of the free particle of unit mass: gamma (1 + gamma^2 v v^T / c^2)."""
     gamma = 1 / np.sqrt(1 - v @ v / 9)
-    found: np.ndarray = gamma * (np.eye(2) + gamma**2 * np.outer(v, v) / 9)
-    return found
+    result: np.ndarray = gamma * (np.eye(2) + gamma**2 * np.outer(v, v) / 9)
+    return result
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -131,7 +131,7 @@ def test_a_mass_matrix_that_depends_on_velocities_is_evaluated_at_them(target: s
         single = model.mass_matrix([0.1, 0.2], v=v[:, k])
         np.testing.assert_allclose(single, relativistic(v[:, k]), rtol=1e-13, atol=1e-15)
     batch = model.mass_matrix(np.zeros((2, 4)), 0.0, None, v)
-    np.testing.assert_allclose(np.moveaxis(batch, -1, 0), [relativistic(one) for one in v.T], rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(np.moveaxis(batch, -1, 0), [relativistic(item) for item in v.T], rtol=1e-13, atol=1e-15)
     heavy = model.mass_matrix([0.0, 0.0], parameters={c: 1e9}, v=[1.2, 0.4])
     np.testing.assert_allclose(heavy, np.eye(2), atol=1e-15)
 

@@ -160,8 +160,8 @@ def test_an_entry_that_is_not_finite_is_no_verdict_wherever_it_stands(target: st
             assert not np.isfinite(solve(target, a, np.ones(n))).all(), (n, i, j)
             a = np.eye(n)
             a[i, i] = bad  # nothing moves what is infinitely heavy, unless it counts as no number
-            found = solve(target, a, np.ones(n))
-            assert not np.isfinite(found).all() or abs(found[i]) == 0.0, (n, i)
+            result = solve(target, a, np.ones(n))
+            assert not np.isfinite(result).all() or abs(result[i]) == 0.0, (n, i)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -218,10 +218,10 @@ def test_a_system_too_large_for_lanes() -> None:
     program = lower("large", {"x": outputs}, {"y": symbols}, graph.symbol("t", Binding.TIME), [])
     kernel = machine("llvm").load(program)
     states = np.array([np.linspace(3, 4, 9), np.linspace(0.5, 0.9, 9), np.linspace(-1, 1, 9), np.zeros(9)])
-    found = kernel(0.0, states, np.empty(0))
+    result = kernel(0.0, states, np.empty(0))
     for k, (a, b, c, _) in enumerate(states.T):
         x = np.linalg.solve(np.full((n, n), b) + (a - b) * np.eye(n), np.append(c, np.ones(n - 1)))
-        assert found[:, k] == pytest.approx(x, rel=1e-10)
+        assert result[:, k] == pytest.approx(x, rel=1e-10)
         assert kernel(0.0, states[:, k], np.empty(0)) == pytest.approx(x, rel=1e-10)
     states[0, 5] = states[1, 5] = 1.0
     with pytest.raises(SingularMassMatrix) as raised:
@@ -317,11 +317,11 @@ def test_every_size(kind: Matrix) -> None:
     rng = np.random.default_rng(1)
     for n in ORDERS:
         a = kind(rng, n)
-        status, found = invert(a)
+        status, result = invert(a)
         expected = np.linalg.inv(a)
         assert status == 0, n
         bound = 100 * n * EPS * np.linalg.cond(a) * np.abs(expected).max()
-        assert np.abs(found - expected).max() < bound, n
+        assert np.abs(result - expected).max() < bound, n
 
 
 def test_units_that_differ_by_many_orders() -> None:
@@ -345,10 +345,10 @@ def test_a_pivot_that_cancels_is_not_trusted() -> None:
         a[0, n - 1] = a[n - 1, 0] = a[0, n - 1] + 3.0
         if n == 2:
             a = np.array([[1e-17, 1.0], [1.0, 1.0]])
-        status, found = invert(a)
+        status, result = invert(a)
         assert status == 0
-        residual = np.abs(a @ found - np.eye(n)).max()
-        assert residual < 1e-12 * max(1.0, np.abs(found).max() * np.abs(a).max()), n
+        residual = np.abs(a @ result - np.eye(n)).max()
+        assert residual < 1e-12 * max(1.0, np.abs(result).max() * np.abs(a).max()), n
 
 
 @pytest.mark.parametrize("kind", SINGULAR, ids=lambda kind: kind.__name__)

@@ -32,9 +32,9 @@ def compiled(entry: Procedure, *, optimize: bool) -> Any:
     """Return an entry procedure in machine code as a function of numbers and arrays."""
     code = Module(module([entry]), optimize=optimize)
 
-    def call(*given: Any) -> None:
-        types = [ctypes.c_void_p if isinstance(one, np.ndarray) else ctypes.c_int64 for one in given]
-        values = [one.ctypes.data if isinstance(one, np.ndarray) else one for one in given]
+    def call(*arguments: Any) -> None:
+        types = [ctypes.c_void_p if isinstance(item, np.ndarray) else ctypes.c_int64 for item in arguments]
+        values = [item.ctypes.data if isinstance(item, np.ndarray) else item for item in arguments]
         ctypes.CFUNCTYPE(None, *types)(code.address(entry.name))(*values)
 
     return call
@@ -43,11 +43,11 @@ def compiled(entry: Procedure, *, optimize: bool) -> Any:
 def interpreted(entry: Procedure) -> Any:
     """Return an entry procedure in the interpreter as a function of numbers and arrays."""
 
-    def call(*given: Any) -> None:
-        arrays: list[Any] = [one.ravel() if isinstance(one, np.ndarray) else one for one in given]
-        records = [one.type.structure if isinstance(one.type, Record) else None for one in entry.parameters]
+    def call(*arguments: Any) -> None:
+        arrays: list[Any] = [item.ravel() if isinstance(item, np.ndarray) else item for item in arguments]
+        records = [item.type.structure if isinstance(item.type, Record) else None for item in entry.parameters]
         pairs = zip(arrays, records, strict=True)
-        run(entry, *[one if record is None else record.from_buffer(one) for one, record in pairs])
+        run(entry, *[item if record is None else record.from_buffer(item) for item, record in pairs])
 
     return call
 
@@ -61,32 +61,34 @@ def in_lanes(procedure: Procedure, members: Any, lanes: int, active: int, life: 
     kept[0], kept.view(np.int64)[1] = 0.25, 3
     shares = {"x": OWN, "y": OWN, "n": OWN if own_n else COMMON, "data": OWN, "table": COMMON, "kept": OWN}
     memory = {"x": xs, "y": ys, "n": ns, "data": data, "table": np.array(TABLE), "kept": kept}
-    signature = tuple(shares[one.name] for one in procedure.parameters)
+    signature = tuple(shares[item.name] for item in procedure.parameters)
     entry = MemberProcedures(lanes).entry(procedure, signature)
-    for one in (*entry.callees, entry):
-        verify(one)
+    for item in (*entry.callees, entry):
+        verify(item)
     results = [np.zeros(lanes, dtype=float if kind is REAL else np.int64) for kind in procedure.results]
     memory |= {f"result{k}": row for k, row in enumerate(results)}
     memory[ACTIVE] = np.array([active >> k & 1 for k in range(lanes)])
-    given = [int(ns[0]) if one.name == "n" and not own_n else memory[one.name] for one in entry.parameters]
+    given = [int(ns[0]) if item.name == "n" and not own_n else memory[item.name] for item in entry.parameters]
     call = interpreted(entry) if life == "interpreter" else compiled(entry, optimize=life == "optimized")
     call(*given)
-    found = []
+    result = []
     for k in range(lanes):
         values: list[Any] = [row[k].item() for row in results]
         after = [*map(float, data[:SIZE, k]), float(kept[0, k]), int(kept.view(np.int64)[1, k])]
-        found.append([bits(one) for one in (*values, *after)])
-    return found
+        result.append([bits(item) for item in (*values, *after)])
+    return result
 
 
 def alone(procedure: Procedure, member: Any) -> list[Any]:
     """Run a member in the interpreter."""
-    (structure,) = (one.type.structure for one in procedure.parameters if isinstance(one.type, Record))
+    (structure,) = (item.type.structure for item in procedure.parameters if isinstance(item.type, Record))
     data, kept = [*DATA, *[0.0] * 8], structure(0.25, 3)
     given = {"x": member[0], "y": member[1], "n": member[2], "data": data, "table": TABLE, "kept": kept}
-    results = run(procedure, *(given[one.name] for one in procedure.parameters))
-    plain = [int(one) if kind is not REAL else float(one) for one, kind in zip(results, procedure.results, strict=True)]
-    return [bits(one) for one in (*plain, *map(float, data[:SIZE]), kept.x, kept.count)]
+    results = run(procedure, *(given[item.name] for item in procedure.parameters))
+    plain = [
+        int(item) if kind is not REAL else float(item) for item, kind in zip(results, procedure.results, strict=True)
+    ]
+    return [bits(item) for item in (*plain, *map(float, data[:SIZE]), kept.x, kept.count)]
 
 
 @pytest.mark.few(2)
@@ -104,7 +106,7 @@ def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int, tmp_path: 
         ]
         active = draw.randrange(1, 2**lanes)
         for life in ("plain", "interpreter") if seed % 2 else ("optimized",):
-            found = in_lanes(procedure, members, lanes, active, life, own_n=own_n)
+            result = in_lanes(procedure, members, lanes, active, life, own_n=own_n)
             for k, member in enumerate(members):
                 if active >> k & 1:
-                    assert found[k] == alone(procedure, member), (life, k, member)
+                    assert result[k] == alone(procedure, member), (life, k, member)

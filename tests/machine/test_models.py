@@ -201,9 +201,9 @@ class TestSingular:
             parameters={m1: 1.0, m2: 1e-12},
         )
         for q in ([0.7, 0.2], [0.0, 0.0], [np.pi / 2, np.pi / 2], [0.4, 0.4]):
-            found = compiled.accelerations(q, [0.3, 0.1])
-            assert found[0] == pytest.approx(-np.sin(q[0]) / VALUES[l], rel=1e-9, abs=1e-9)
-            assert np.isfinite(found).all()
+            result = compiled.accelerations(q, [0.3, 0.1])
+            assert result[0] == pytest.approx(-np.sin(q[0]) / VALUES[l], rel=1e-9, abs=1e-9)
+            assert np.isfinite(result).all()
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -235,12 +235,12 @@ def test_threads_share_a_model(target: str) -> None:
         ]
 
     with ThreadPoolExecutor(8) as pool:
-        found = list(pool.map(work, range(8)))
-    for i, results in enumerate(found):
+        result = list(pool.map(work, range(8)))
+    for i, results in enumerate(result):
         together = model("double pendulum", target).accelerations(q, v, parameters={"l": lengths[i]})
-        for many, one in results:
+        for many, item in results:
             assert (many == together).all()
-            assert one == pytest.approx(together[:, 0], rel=1e-12)
+            assert item == pytest.approx(together[:, 0], rel=1e-12)
 
 
 def test_machine_code_that_is_being_freed_is_not_given_to_another_thread(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -276,8 +276,8 @@ def test_threads_compile_their_first_models_at_once() -> None:
         return fresh.accelerations(np.full(n, 0.4), np.full(n, 0.2))
 
     with ThreadPoolExecutor(len(statements)) as pool:
-        found = list(pool.map(work, range(len(statements))))
-    for i, values in enumerate(found):
+        result = list(pool.map(work, range(len(statements))))
+    for i, values in enumerate(result):
         reference = model_of(statements[i], machine("numpy"), equations[i])
         n = reference.dimension
         assert values == pytest.approx(reference.accelerations(np.full(n, 0.4), np.full(n, 0.2)), rel=1e-10)
@@ -288,9 +288,9 @@ def test_any_expression_along_states(target: str) -> None:
     compiled = model("double pendulum", target)
     a0, a1 = compiled.statement.coordinates
     y = np.concatenate(states("double pendulum", 5)[:2])
-    found = compiled.evaluate_expression(a0.ddot * a1.dot + sin(a1) * m - sp.Symbol("t"), np.arange(5.0), y)
+    result = compiled.evaluate_expression(a0.ddot * a1.dot + sin(a1) * m - sp.Symbol("t"), np.arange(5.0), y)
     expected = compiled.accelerations(y[:2], y[2:])[0] * y[3] + np.sin(y[1]) * VALUES[m] - np.arange(5)
-    assert found == pytest.approx(expected, rel=1e-12)
+    assert result == pytest.approx(expected, rel=1e-12)
     assert (compiled.evaluate_expression(sp.Integer(3), 0.0, y) == np.full(5, 3.0)).all()
 
 
@@ -298,18 +298,18 @@ def test_any_expression_along_states(target: str) -> None:
 def test_the_name_of_a_program_means_nothing(target: str) -> None:
     """Whether arguments and results are passed in registers is stated in the record."""
     program = program_of("rhs", euler_lagrange(SYSTEMS["double pendulum"]()))
-    other = machine(target).load(replace(program, name="momentum"))
+    second = machine(target).load(replace(program, name="momentum"))
     kernel = machine(target).load(program)
     state, values = np.array([0.3, 0.4, -0.2, 0.5]), model("double pendulum", target).parameter_array()
-    assert (other(0.0, state, values) == kernel(0.0, state, values)).all()
+    assert (second(0.0, state, values) == kernel(0.0, state, values)).all()
     many = np.stack([state, 2 * state], axis=1)
-    assert (other(0.0, many, values) == kernel(0.0, many, values)).all()
+    assert (second(0.0, many, values) == kernel(0.0, many, values)).all()
     assert [str(block) for block in (*program.inputs, *program.results)] == [
         "q[2]", "v[2]", "rate[2]", "acceleration[2]",
     ]  # fmt: skip
     assert program.returned == ("acceleration",) and program.solved
     if target == "llvm":
-        alone, text = (KernelCode(one).scalar_module() for one in (other.program, program))
+        alone, text = (KernelCode(first).scalar_module() for first in (second.program, program))
         assert alone.replace("@momentum", "@rhs") == text
         silent = KernelCode(replace(program, returned=())).scalar_module()
         assert "rhs_registers" in text and "rhs_registers" not in silent

@@ -55,8 +55,8 @@ def judgements(adaptive: bool) -> tuple[Callable[..., int], ...]:
     def compiled(newton: Any, *numbers: Any, code: Module = code) -> int:
         return int(machine(ctypes.addressof(newton), *numbers))
 
-    def interpreted(*given: Any) -> int:
-        return int(run(procedure, *given)[0])
+    def interpreted(*arguments: Any) -> int:
+        return int(run(procedure, *arguments)[0])
 
     return interpreted, loaded(procedure), compiled
 
@@ -70,13 +70,13 @@ class Solve:
 
     def outcome(self, iteration: int, norm: float, previous: float, since: int) -> Outcome:
         """Return the decision about a correction, after a check that all printers agree on it and on the record."""
-        before, found = bytes(self.known), []
+        before, result = bytes(self.known), []
         for judgement in judgements(self.adaptive):
             made = NEWTON.structure.from_buffer_copy(before)
-            found.append((judgement(made, iteration, norm, previous, since), bytes(made)))
-        assert found[0] == found[1] == found[2]
-        self.known = NEWTON.structure.from_buffer_copy(found[0][1])
-        return Outcome(found[0][0])
+            result.append((judgement(made, iteration, norm, previous, since), bytes(made)))
+        assert result[0] == result[1] == result[2]
+        self.known = NEWTON.structure.from_buffer_copy(result[0][1])
+        return Outcome(result[0][0])
 
     def enough(self, iteration: int, norm: float, previous: float, since: int) -> bool:
         """True if the method has converged, after a check that it has not given up."""
@@ -87,10 +87,10 @@ def newton(*, adaptive: bool = False, rate: float = 0.1, noise: float = 1.0, age
     return Solve(adaptive=adaptive, rate=rate, noise=noise, age=age)
 
 
-def renewed(found: Solve) -> bool:
+def renewed(result: Solve) -> bool:
     """Return whether the next correction, or the next step, updates the matrix and the derivative."""
-    assert (found.known.matrix_step == 0.0) == (not found.known.differentiated)
-    return bool(found.known.matrix_step == 0.0)
+    assert (result.known.matrix_step == 0.0) == (not result.known.differentiated)
+    return bool(result.known.matrix_step == 0.0)
 
 
 # --- enough ---------------------------------------------------------------------------------------------------
@@ -105,10 +105,10 @@ def test_what_is_left_is_the_rest_of_a_geometric_series(
     rate = 0.2
     norm = part * bound * (1 - rate) / rate
     assert newton(adaptive=adaptive, rate=rate).enough(0, norm, 0.0, FAR) is enough
-    found = newton(adaptive=adaptive, rate=0.9, noise=1.0)
-    assert found.enough(1, norm, norm / rate, FAR) is (enough or (not adaptive and norm / rate <= 1))
+    result = newton(adaptive=adaptive, rate=0.9, noise=1.0)
+    assert result.enough(1, norm, norm / rate, FAR) is (enough or (not adaptive and norm / rate <= 1))
     if enough:
-        assert found.known.rate == pytest.approx(rate)
+        assert result.known.rate == pytest.approx(rate)
 
 
 def test_two_corrections_in_a_row_are_round_off() -> None:
@@ -121,19 +121,19 @@ def test_two_corrections_in_a_row_are_round_off() -> None:
 
 def test_a_rate_that_is_not_measured_ages() -> None:
     for before, after in ((0.1, 0.1 * RATE_INCREASE), (0.85, LARGEST_RATE)):
-        found = newton(rate=before)
-        assert found.enough(0, 1e-6, 0.0, FAR)
-        assert found.known.rate == pytest.approx(after)
-    found = newton()
-    assert found.enough(1, 1e-9, 1.0, FAR)
-    assert found.known.rate == LEAST_RATE
+        result = newton(rate=before)
+        assert result.enough(0, 1e-6, 0.0, FAR)
+        assert result.known.rate == pytest.approx(after)
+    result = newton()
+    assert result.enough(1, 1e-9, 1.0, FAR)
+    assert result.known.rate == LEAST_RATE
 
 
 def test_noise_is_forgotten_down_to_one() -> None:
     for before, after in ((5.0, 5.0 * NOISE_DECAY), (1.05, 1.0), (1.0, 1.0)):
-        found = newton(noise=before)
-        assert found.enough(0, 1e-6, 0.0, FAR)
-        assert found.known.noise == pytest.approx(after)
+        result = newton(noise=before)
+        assert result.enough(0, 1e-6, 0.0, FAR)
+        assert result.known.noise == pytest.approx(after)
 
 
 @pytest.mark.parametrize(
@@ -148,18 +148,18 @@ def test_noise_is_forgotten_down_to_one() -> None:
     ],
 )
 def test_a_step_of_many_corrections_or_an_old_matrix_wants_a_new_one(iteration: int, age: int, new: bool) -> None:
-    found = newton(age=age)
-    assert found.enough(iteration, 1e-6, 1e-3, FAR)
-    assert found.known.age == age + 1 and renewed(found) is new
+    result = newton(age=age)
+    assert result.enough(iteration, 1e-6, 1e-3, FAR)
+    assert result.known.age == age + 1 and renewed(result) is new
 
 
 @pytest.mark.parametrize(
     ("iteration", "rate", "new"), [(0, 0.1, False), (1, 2 * FRESH_RATE, True), (1, FRESH_RATE / 2, False)]
 )
 def test_where_steps_follow_the_error_a_slow_step_wants_a_new_matrix(iteration: int, rate: float, new: bool) -> None:
-    found = newton(adaptive=True)
-    assert found.enough(iteration, 1e-6, 1e-6 / rate, FAR)
-    assert renewed(found) is new
+    result = newton(adaptive=True)
+    assert result.enough(iteration, 1e-6, 1e-6 / rate, FAR)
+    assert renewed(result) is new
 
 
 # --- not enough -----------------------------------------------------------------------------------------------
@@ -168,9 +168,9 @@ def test_where_steps_follow_the_error_a_slow_step_wants_a_new_matrix(iteration: 
 @pytest.mark.parametrize("rate", [SLOW_RATE / 2, 2 * SLOW_RATE, 1.5])
 def test_corrections_that_shrink_slowly_want_a_new_matrix_where_it_is_old(rate: float) -> None:
     for since, old in ((0, False), (FRESH, False), (MATRIX_AGE - 1, False), (MATRIX_AGE, True), (FAR, True)):
-        found = newton()
-        assert not found.enough(1, 2 * STAGNATION_NORM, 2 * STAGNATION_NORM / rate, since)
-        assert renewed(found) is (old and rate > SLOW_RATE)
+        result = newton()
+        assert not result.enough(1, 2 * STAGNATION_NORM, 2 * STAGNATION_NORM / rate, since)
+        assert renewed(result) is (old and rate > SLOW_RATE)
         assert not newton(rate=rate).enough(0, 2 * STAGNATION_NORM, 0.0, since), "nothing is measured by the first"
 
 
@@ -184,9 +184,9 @@ def test_with_a_new_matrix_small_corrections_that_stall_are_round_off() -> None:
         (0.9 * STAGNATION_RATE, STAGNATION_NORM / 2, FRESH, False),
         (3 * DIVERGENCE_GROWTH, STAGNATION_NORM / 2, FRESH, True),
     ):
-        found = newton()
-        assert found.enough(1, norm, norm / rate, since) is enough
-        assert found.known.noise == (2 * norm if enough else 1.0)
+        result = newton()
+        assert result.enough(1, norm, norm / rate, since) is enough
+        assert result.known.noise == (2 * norm if enough else 1.0)
         assert not newton(adaptive=True).enough(1, norm, norm / min(rate, 0.8), since)
 
 

@@ -66,8 +66,8 @@ def test_printed_and_interpreted_are_the_same(name: str, quantity: str) -> None:
     states = np.random.default_rng(1).normal(size=(2 * n, 300))
     with np.errstate(all="ignore"):
         for column in range(0, 300, 37):
-            found = kernel(0.3, states[:, column], parameters)
-            assert found == pytest.approx(interpreted(0.3, states[:, column], parameters), rel=1e-11, abs=1e-11)
+            result = kernel(0.3, states[:, column], parameters)
+            assert result == pytest.approx(interpreted(0.3, states[:, column], parameters), rel=1e-11, abs=1e-11)
         many, expected = kernel(0.3, states, parameters), interpreted(0.3, states, parameters)
     assert many.shape == expected.shape == (*kernel.program.shape, 300)
     assert many == pytest.approx(expected, rel=1e-11, abs=1e-11)
@@ -83,14 +83,14 @@ def test_quick_calls_have_the_bits_of_the_kernel(name: str, quantity: str) -> No
     assert quick is not None and quick is kernel.quick(parameters.copy())
     for y in np.random.default_rng(4).normal(size=(8, 2 * n)):
         expected = kernel(0.3, y, parameters)
-        for found in (quick.whole(0.3, y), quick.parts(np.float64(0.3), y[:n].copy(), y[n:].copy())):
-            if found is None:  # where Python raises in a branch that is not taken, or there is no finite value
+        for result in (quick.whole(0.3, y), quick.parts(np.float64(0.3), y[:n].copy(), y[n:].copy())):
+            if result is None:  # where Python raises in a branch that is not taken, or there is no finite value
                 assert name == "branches"
                 continue
-            assert found is not None and found.dtype == float and found.shape == expected.shape
-            assert np.array_equal(found, expected) and found.flags.writeable
+            assert result is not None and result.dtype == float and result.shape == expected.shape
+            assert np.array_equal(result, expected) and result.flags.writeable
         wrong: list[Any] = [y[:-1], y.astype(int), y.astype(">f8"), y.tolist(), y[None], np.ma.array(y)]
-        assert all(quick.whole(0.3, one) is None for one in wrong)
+        assert all(quick.whole(0.3, item) is None for item in wrong)
         y[-1] = math.nan
         assert quick.whole(0, y) is quick.whole(math.inf, y) is quick.parts(0.3, y[:n], y) is None
         assert (quick.whole(0.3, y) is None) == (not np.isfinite(kernel(0.3, y, parameters)).all())
@@ -123,10 +123,10 @@ def test_rows_are_written_in_place_where_nothing_reads_them_later() -> None:
     y = np.random.default_rng(5).normal(size=(2, 333))
     given = y.copy()
     kernel = PythonKernel(program)
-    found = kernel(0.0, y, parameters)
-    assert found == pytest.approx(InterpretedKernel(program)(0.0, y, parameters), rel=1e-14) and (y == given).all()
+    result = kernel(0.0, y, parameters)
+    assert result == pytest.approx(InterpretedKernel(program)(0.0, y, parameters), rel=1e-14) and (y == given).all()
     for column in range(0, 333, 50):
-        assert kernel(0.0, y[:, column].copy(), parameters) == pytest.approx(found[:, column], rel=1e-14)
+        assert kernel(0.0, y[:, column].copy(), parameters) == pytest.approx(result[:, column], rel=1e-14)
     text, buffers = StraightLines(program).columns()
     assert buffers == 4 and "np.add(y0, y1, b0)" in text and "np.multiply(b0, y0, o0)" in text
 
@@ -155,10 +155,10 @@ def test_sines_of_many_angles_are_made_of_the_tangents_of_their_halves(monkeypat
     for fast in (False, True):
         monkeypatch.setattr("lagrange.machine.kernel.python_kernel.tangents_are_fast", lambda fast=fast: fast)
         kernel = PythonKernel(program)
-        found = kernel.columns(0.0, [y], none)
+        result = kernel.columns(0.0, [y], none)
         assert np.array_equal(kernel(0.0, y, none), expected)
-        assert np.abs(found - expected).max() <= 2 * np.finfo(float).eps
-        assert found[2] == pytest.approx(expected[2], rel=1e-15, abs=0.0)  # sines keep their digits near zeros
+        assert np.abs(result - expected).max() <= 2 * np.finfo(float).eps
+        assert result[2] == pytest.approx(expected[2], rel=1e-15, abs=0.0)  # sines keep their digits near zeros
         assert ("np.tan(" in printed(program)) == fast == ("np.sin(" not in printed(program))
     assert np.isnan(kernel.columns(0.0, [np.full((3, 2), np.inf)], none)).all()
 
@@ -168,10 +168,10 @@ def test_blocks_of_every_length_join(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("lagrange.machine.kernel.python_kernel.MOST_COLUMNS", 64)
     states = np.random.default_rng(2).normal(size=(4, 200))
     for count in (0, 1, 63, 64, 65, 200):
-        found = kernel(np.linspace(0, 1, count), states[:, :count], np.empty(0))
-        assert found.shape == (4, count)
+        result = kernel(np.linspace(0, 1, count), states[:, :count], np.empty(0))
+        assert result.shape == (4, count)
         for column in range(0, count, 31):
-            assert found[:, column] == pytest.approx(kernel(0.0, states[:, column], np.empty(0)), rel=1e-13)
+            assert result[:, column] == pytest.approx(kernel(0.0, states[:, column], np.empty(0)), rel=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -236,8 +236,8 @@ def test_the_source_is_what_runs(quantity: str, target: str) -> None:
     many = defined(text, f"{quantity}_columns", {**FUNCTIONS, "np": np})
     state, parameters = np.array([0.3, -0.4, 0.2, 0.6]), model.parameter_array()
     expected = model.kernel(quantity)(0.25, state, parameters)
-    found = one(parameters.tolist())(0.25, state.tolist())
-    assert np.reshape(found, expected.shape) == pytest.approx(expected, rel=1e-13)
+    result = one(parameters.tolist())(0.25, state.tolist())
+    assert np.reshape(result, expected.shape) == pytest.approx(expected, rel=1e-13)
     buffers = int(text.split(" rows b to work with")[0].rsplit(" ", 1)[1])
     out, columns = np.empty((expected.size, 3)), np.tile(state[:, None], 3)
     assert many(parameters.tolist())(np.full(3, 0.25), columns, out, np.empty((buffers, 3)))
@@ -355,9 +355,9 @@ def test_both_machines_agree_at_the_edges(op: str) -> None:
         product, total = points[0] * points[1], points[0] * points[1] + points[2]
         points = points[:, (np.abs(product) < 1e300) & ~(np.abs(total) < 1e-9 * np.abs(product))]
     reference = run("numpy", op, points)
-    found = run("llvm", op, points)
-    wrong = ~same(found, reference)
-    assert not wrong.any(), (points[:, wrong][:, :3], found[wrong][:3], reference[wrong][:3])
+    result = run("llvm", op, points)
+    wrong = ~same(result, reference)
+    assert not wrong.any(), (points[:, wrong][:, :3], result[wrong][:3], reference[wrong][:3])
     alone = np.array([run("llvm", op, column) for column in points.T])
     wrong = ~same(alone, reference)
     assert not wrong.any(), (points[:, wrong][:, :3], alone[wrong][:3], reference[wrong][:3])
@@ -401,18 +401,18 @@ def test_sine_and_cosine_are_good_to_little_more_than_a_unit(where: str, everyth
     )
     both = machine("llvm").load(program)
     columns = np.stack([angles, np.zeros_like(angles)])
-    found = both(0.0, columns, np.empty(0))
+    result = both(0.0, columns, np.empty(0))
     with mpmath.workprec(1200):
-        for values, exact in zip(found, (mpmath.sin, mpmath.cos), strict=True):
+        for values, exact in zip(result, (mpmath.sin, mpmath.cos), strict=True):
             expected = [exact(mpmath.mpf(angle)) for angle in angles]
             for angle, value, true in zip(angles, values, expected, strict=True):
                 unit = math.ulp(float(true))
                 assert abs(mpmath.mpf(value) - true) <= 1.3 * unit, (angle, value)
     alone = np.array([both(0.0, column, np.empty(0)) for column in columns[:, ::17].T]).T
-    assert (alone == found[:, ::17]).all() or where in ("huge", "at the end of the range")
+    assert (alone == result[:, ::17]).all() or where in ("huge", "at the end of the range")
 
 
 def test_sine_of_zero_keeps_its_sign() -> None:
     for zero in (0.0, -0.0):
-        for found in (run("llvm", "sin", [zero]), run("llvm", "sin", [[zero] * 9])[4]):
-            assert math.copysign(1.0, float(found)) == math.copysign(1.0, zero)
+        for result in (run("llvm", "sin", [zero]), run("llvm", "sin", [[zero] * 9])[4]):
+            assert math.copysign(1.0, float(result)) == math.copysign(1.0, zero)

@@ -120,8 +120,8 @@ def test_quick_calls_are_made_once_for_the_same_parameters(model: Model) -> None
     for given in (other, values):
         calls = kernel.quick(given)
         assert calls is not None
-        found = calls.whole(0.0, STATE)
-        assert found is not None and np.array_equal(found, kernel(0.0, STATE, given))
+        result = calls.whole(0.0, STATE)
+        assert result is not None and np.array_equal(result, kernel(0.0, STATE, given))
 
 
 @pytest.mark.parametrize("given", [STATE.astype(np.float32), np.array([1, 0, 0, 1]), np.zeros(4, dtype=complex), None])
@@ -144,8 +144,8 @@ def test_quick_calls_outlive_their_kernel_and_count_what_they_hold(model: Model)
     held, nothing = sys.getrefcount(STATE), sys.getrefcount(None)
     for _ in range(10_000):
         quick.whole(0.0, bad)
-        found = quick.whole(0.0, STATE)
-    assert found is not None and np.array_equal(found, expected) and sys.getrefcount(found) == 2
+        result = quick.whole(0.0, STATE)
+    assert result is not None and np.array_equal(result, expected) and sys.getrefcount(result) == 2
     assert sys.getrefcount(STATE) == held and abs(sys.getrefcount(None) - nothing) < 1000
 
 
@@ -228,10 +228,10 @@ def test_no_run_lets_a_warning_out(name: str, method: str) -> None:
             with pytest.raises(lg.StatementError, match=r"at the initial state .* Look for an overflow, a division by"):
                 system.run(1.0, start, method=method)
             continue
-        found = system.run(1.0, start, method=method, max_steps=100)
-        assert len(found.energy) == len(found.t) and str(found) and found.message
-        found.at(np.linspace(0.0, found.t[-1], 5))
-        found.evaluate(exp(1000 * x) / x)
+        result = system.run(1.0, start, method=method, max_steps=100)
+        assert len(result.energy) == len(result.t) and str(result) and result.message
+        result.at(np.linspace(0.0, result.t[-1], 5))
+        result.evaluate(exp(1000 * x) / x)
 
 
 def test_what_is_finite_is_told_from_what_is_not() -> None:
@@ -308,9 +308,9 @@ def test_a_series_in_many_blocks_is_that_of_the_interpreter(equations: Equations
     program = series_program(equations)[0]
     y, none = np.array([0.3, 0.1]), np.empty(0)
     expected = NumpySeries(program).rows(12, 0.0, y, 0.5, none)
-    found = CompiledJet(pack(program, lanes()), 0).rows(12, 0.0, y, 0.5, none)
+    result = CompiledJet(pack(program, lanes()), 0).rows(12, 0.0, y, 0.5, none)
     # Derivatives of 100 sines in one another lose a digit or so: the two sum in another order.
-    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(result, expected, rtol=1e-11, atol=1e-13)
 
 
 @pytest.mark.few(1)

@@ -130,14 +130,14 @@ KERNELS = [(name, order) for name in ALL for order in (WRITTEN_OUT[8], 0)]
 def test_what_was_in_memory_before_does_not_matter(name: str, order: int) -> None:
     rng = np.random.default_rng(3)
     statement, program = system(name)
-    kernel, wanted = compiled(name, 8, order), order or 9
+    kernel, target = compiled(name, 8, order), order or 9
     state, given = near(statement, rng), parameters(statement, program, rng)
-    expected = kernel.rows(wanted, 0.3, state, 0.25, given)
-    work = np.full(kernel.layout.size(wanted), np.nan)
+    expected = kernel.rows(target, 0.3, state, 0.25, given)
+    work = np.full(kernel.layout.size(target), np.nan)
     padded = np.zeros(2 * kernel.layout.padded)
     padded[: len(state)] = state
-    assert kernel._series(0.3, 0.25, *map(address, (padded, *kernel.numbers(given), work)), wanted) == 0
-    assert (kernel.layout.coefficients(work, wanted) == expected).all()
+    assert kernel._series(0.3, 0.25, *map(address, (padded, *kernel.numbers(given), work)), target) == 0
+    assert (kernel.layout.coefficients(work, target) == expected).all()
     assert np.isfinite(expected).all()
 
 
@@ -147,14 +147,14 @@ def test_the_same_bits_twice_and_on_every_scale(name: str, order: int) -> None:
     """A scale that is a power of two changes exponents only, so x[k] scale**k has the same digits."""
     rng = np.random.default_rng(4)
     statement, program = system(name)
-    kernel, wanted = compiled(name, 8, order), order or 9
+    kernel, expected = compiled(name, 8, order), order or 9
     state, given = near(statement, rng), parameters(statement, program, rng)
-    first = kernel.rows(wanted, 0.3, state, 1.0, given)
-    kernel.rows(wanted, 0.9, state + 0.05, 0.125, given)
-    assert (kernel.rows(wanted, 0.3, state, 1.0, given) == first).all()
+    first = kernel.rows(expected, 0.3, state, 1.0, given)
+    kernel.rows(expected, 0.9, state + 0.05, 0.125, given)
+    assert (kernel.rows(expected, 0.3, state, 1.0, given) == first).all()
     for scale in (2.0**-20, 0.25, -1.0, 2.0**9, -(2.0**-3)):
-        powers = scale ** np.arange(wanted + 1.0)
-        assert (kernel.rows(wanted, 0.3, state, scale, given) == first * powers[:, None]).all()
+        powers = scale ** np.arange(expected + 1.0)
+        assert (kernel.rows(expected, 0.3, state, scale, given) == first * powers[:, None]).all()
 
 
 @pytest.mark.parametrize("constant", [True, False])
@@ -168,7 +168,7 @@ def test_all_machines_call_the_same_matrices_singular(constant: bool) -> None:
     kernels = [machine(target).load(program_of("rhs", equations)) for target in TARGETS]
     for pivot, singular in ((1e-14, True), (2e-14, False)):
         given, state = np.array([pivot] * constant), np.array([0.1, np.sqrt(pivot), 0.0, 0.0])
-        runs = [partial(one.rows, 4, 0.0, state, 1.0, given) for one in series]
+        runs = [partial(item.rows, 4, 0.0, state, 1.0, given) for item in series]
         for run in (*runs, *(partial(kernel, 0.0, state, given) for kernel in kernels)):
             with pytest.raises(SingularMassMatrix) if singular else nullcontext():
                 assert np.isfinite(run()).all()
@@ -257,8 +257,8 @@ def test_unknowns_may_be_found_in_stages(name: str, order: int) -> None:
     state = np.array(statement.initial) + np.linspace(0.1, 0.3, 2 * program.dimension)
     expected = NumpySeries(program).rows(6, 0.25, state, 0.5, given)
     for lanes_ in LANES:
-        found = CompiledJet(pack(staged, lanes_), order).rows(6, 0.25, state, 0.5, given)
-        assert found == pytest.approx(expected, rel=1e-11, abs=1e-13)
+        result = CompiledJet(pack(staged, lanes_), order).rows(6, 0.25, state, 0.5, given)
+        assert result == pytest.approx(expected, rel=1e-11, abs=1e-13)
     assert NumpySeries(staged).rows(6, 0.25, state, 0.5, given) == pytest.approx(expected, rel=1e-13, abs=1e-14)
 
 
@@ -279,8 +279,8 @@ def test_coordinates_are_integrated_from_their_rates(name: str, order: int) -> N
     second = 0.25 * (expected[0, n] * cosine[1] + expected[1, n] * cosine[0])
     assert expected[2, 0] == pytest.approx(second, rel=1e-13)
     for lanes_ in LANES:
-        found = CompiledJet(pack(program, lanes_), order).rows(6, 0.25, state, 0.5, given)
-        assert found == pytest.approx(expected, rel=1e-11, abs=1e-13)
+        result = CompiledJet(pack(program, lanes_), order).rows(6, 0.25, state, 0.5, given)
+        assert result == pytest.approx(expected, rel=1e-11, abs=1e-13)
 
 
 # --- taylor cost ----------------------------------------------------------------------------------------------
@@ -351,5 +351,5 @@ def test_eliminated_rows_are_swapped_in_every_right_hand_side(exact: bool) -> No
     given = np.array([[sp.Rational(int(entry)) for entry in row] for row in matrix]) if exact else matrix
     eliminated = interpreted_series.Eliminated(given)
     for solution in np.array([[1.0, -2.0, 3.0, 0.5], [0.0, 1.0, 0.0, 0.0]]):
-        found = eliminated.solve([sp.nsimplify(entry) for entry in matrix @ solution] if exact else matrix @ solution)
-        assert np.array(found, dtype=float) == pytest.approx(solution, rel=1e-15, abs=1e-15)
+        result = eliminated.solve([sp.nsimplify(entry) for entry in matrix @ solution] if exact else matrix @ solution)
+        assert np.array(result, dtype=float) == pytest.approx(solution, rel=1e-15, abs=1e-15)

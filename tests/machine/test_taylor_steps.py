@@ -203,9 +203,9 @@ def test_what_is_probed_does_not_depend_on_how_a_run_is_cut(monkeypatch: pytest.
     looks: list[float] = []
     real = NumpySeries.rows
 
-    def counted(self: NumpySeries, order: int, t: float, *given: Any) -> Any:
+    def counted(self: NumpySeries, order: int, t: float, *arguments: Any) -> Any:
         looks.append(t)
-        return real(self, order, t, *given)
+        return real(self, order, t, *arguments)
 
     monkeypatch.setattr(NumpySeries, "rows", counted)
     counts = []
@@ -232,21 +232,21 @@ TOLERANCES = [10.0**-k for k in range(3, 17)]
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Return a list to which the text of each compiled module is appended."""
-    found = []
+    result = []
     compiling = Module.__init__
 
     def noted(self: Module, text: str, **how: bool) -> None:
-        found.append(text)
+        result.append(text)
         compiling(self, text, **how)
 
     monkeypatch.setattr(Module, "__init__", noted)
-    return found
+    return result
 
 
 def ran(model: Any, method: str, **options: Any) -> tuple[bytes, bytes]:
-    found = lg.integrate(model, (0.0, 9.0), method=method, **options)
-    assert found.status is lg.Status.SUCCESS
-    return found.t.tobytes(), found.y.tobytes()
+    result = lg.integrate(model, (0.0, 9.0), method=method, **options)
+    assert result.status is lg.Status.SUCCESS
+    return result.t.tobytes(), result.y.tobytes()
 
 
 RUNS = {"taylor": {"rtol": 1e-9}, "dop853": {"rtol": 1e-7}, "rk4": {"step": 0.01}, "radau5": {"rtol": 1e-6}}

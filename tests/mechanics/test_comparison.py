@@ -25,8 +25,8 @@ SCENES = ("pendulum", "double-pendulum", "elastic-pendulum", "bead-on-hoop", "sw
 @cache
 def rows(name: str) -> tuple[Any, ...]:
     """Return the left-hand sides of the equations of a scene (right-hand sides are zero), in plain symbols."""
-    found = shared_scene(name)
-    return tuple((law.lhs - law.rhs).xreplace(found.statement.plain) for law in found.equations())
+    result = shared_scene(name)
+    return tuple((law.lhs - law.rhs).xreplace(result.statement.plain) for law in result.equations())
 
 
 @cache
@@ -43,8 +43,8 @@ def texts(zeros: Any) -> list[str]:
 def sides(zero: Any) -> str:
     """Return an equation with its negative terms on the right-hand side."""
     terms = sp.Add.make_args(sp.expand(zero))
-    left = [one for one in terms if not one.could_extract_minus_sign()]
-    right = [-one for one in terms if one.could_extract_minus_sign()]
+    left = [item for item in terms if not item.could_extract_minus_sign()]
+    right = [-item for item in terms if item.could_extract_minus_sign()]
     return f"{spelled(sp.Add(*left))} == {spelled(sp.Add(*right))}"
 
 
@@ -54,8 +54,8 @@ def first_parameter(name: str) -> Any:
 
 def mixed(name: str) -> list[Any]:
     """Return linear combinations of the equations, with coefficients that depend on the state."""
-    found, (x, *_) = rows(name), shared_scene(name).statement.plain.values()
-    return [zero + (2 + sp.cos(x)) * found[0] for zero in found]
+    result, (x, *_) = rows(name), shared_scene(name).statement.plain.values()
+    return [zero + (2 + sp.cos(x)) * result[0] for zero in result]
 
 
 REWRITINGS: dict[str, Callable[[str], Any]] = {
@@ -118,8 +118,8 @@ def leaves(name: str, term: Any) -> list[str]:
     plain = tuple(shared_scene(name).statement.plain.values())
     depends = term.as_independent(*plain, as_Add=False)[1]
     if depends != 1:
-        return [spelled(one) for one in sp.Mul.make_args(depends)]
-    return sorted({spelled(one) for one in term.free_symbols} - {spelled(first_parameter(name))})[:1]
+        return [spelled(item) for item in sp.Mul.make_args(depends)]
+    return sorted({spelled(item) for item in term.free_symbols} - {spelled(first_parameter(name))})[:1]
 
 
 @pytest.mark.slow
@@ -129,11 +129,11 @@ def test_wrong_terms_are_named() -> None:
     assert len(mutated) >= 60 and {how for _, _, how, _, _ in mutated} == set(MUTATIONS)
     missed = []
     for name, place, how, term, zero in mutated:
-        given = [zero if i == place else other for i, other in enumerate(rows(name))]
+        given = [zero if i == place else second for i, second in enumerate(rows(name))]
         result = shared_scene(name).compare(texts(given))
         assert not result and result.wrong == (place,)
         message = result.message
-        if not all(one in message for one in leaves(name, term)):
+        if not all(first in message for first in leaves(name, term)):
             missed.append((name, how, term, message))
     assert len(missed) <= len(mutated) / 6, missed
 
@@ -150,9 +150,9 @@ def test_the_counterexample_is_one() -> None:
 
 
 def test_a_term_that_stands_for_another_is_named_with_it() -> None:
-    one, two = rows("double-pendulum")
+    first, second = rows("double-pendulum")
     v = sp.Symbol("theta1_dot", real=True)
-    result = shared_scene("double-pendulum").compare([one, two.subs(v**2, v)])
+    result = shared_scene("double-pendulum").compare([first, second.subs(v**2, v)])
     assert (
         " the term -m2*l1*l2*theta1_dot*sin(theta1 - theta2) is wrong: it should be -m2*l1*l2*theta1_dot**2*sin("
         in str(result)
@@ -160,8 +160,8 @@ def test_a_term_that_stands_for_another_is_named_with_it() -> None:
 
 
 def test_all_wrong_equations_are_told() -> None:
-    one, two = rows("double-pendulum")
-    result = shared_scene("double-pendulum").compare([one + 1, two - 1])
+    first, second = rows("double-pendulum")
+    result = shared_scene("double-pendulum").compare([first + 1, second - 1])
     assert result.wrong == (0, 1) and result.message.endswith(" Equation 2 is wrong, too.")
 
 
@@ -176,12 +176,12 @@ def test_equations_must_determine_the_accelerations() -> None:
 
 
 def test_a_sum_of_equations_with_a_wrong_term() -> None:
-    one, two = rows("double-pendulum")
+    first, second = rows("double-pendulum")
     theta2 = sp.Symbol("theta2", real=True)
     g, l2, m2 = (
         p for n in ("g", "l2", "m2") for p in shared_scene("double-pendulum").statement.parameters if p.name == n
     )
-    result = shared_scene("double-pendulum").compare([one + two - 2 * g * l2 * m2 * sp.sin(theta2), two])
+    result = shared_scene("double-pendulum").compare([first + second - 2 * g * l2 * m2 * sp.sin(theta2), second])
     assert result.message.startswith(
         "In equation 1, that of theta1 and theta2 together, the term -m2*g*l2*sin(theta2) has the wrong sign: it "
         "should be m2*g*l2*sin(theta2)."
@@ -197,9 +197,9 @@ def test_a_sum_of_equations_with_a_wrong_term() -> None:
 )
 def test_accelerations_of_zero_and_states_near_a_crossing(name: str) -> None:
     """One coordinate moves freely and one is near zero. With five coordinates the message has no state."""
-    found = shared_scene(name)
-    assert found.compare(texts(rows(name)))
-    result = found.compare(texts([*rows(name)[:-1], rows(name)[-1] + 1]))
+    actual = shared_scene(name)
+    assert actual.compare(texts(rows(name)))
+    result = actual.compare(texts([*rows(name)[:-1], rows(name)[-1] + 1]))
     assert "the term 1 should not be there." in result.message
     assert ("At the state in .counterexample the two" in result.details) == (name == "chain-of-springs")
 
@@ -207,14 +207,14 @@ def test_accelerations_of_zero_and_states_near_a_crossing(name: str) -> None:
 @pytest.mark.parametrize("sign", [1, -1])
 def test_equations_with_multipliers(sign: int) -> None:
     """Multipliers may have either sign, or be eliminated."""
-    found = shared_scene("cartesian-pendulum")
-    plain = found.statement.plain
-    zeros = [(law.lhs - law.rhs).xreplace(plain) for law in found.equations()]
-    multipliers = {one.multiplier: sign * one.multiplier for one in found.statement.constraints}
-    result = found.compare([zero.xreplace(multipliers) for zero in zeros])
+    actual = shared_scene("cartesian-pendulum")
+    plain = actual.statement.plain
+    zeros = [(law.lhs - law.rhs).xreplace(plain) for law in actual.equations()]
+    multipliers = {item.multiplier: sign * item.multiplier for item in actual.statement.constraints}
+    result = actual.compare([zero.xreplace(multipliers) for zero in zeros])
     assert result and result.message.endswith("opposite sign." if sign < 0 else "states tried.")
-    assert found.compare("x*y_ddot - y*x_ddot + g*x = 0")
-    wrong = found.compare("x*y_ddot - y*x_ddot - g*x = 0")
+    assert actual.compare("x*y_ddot - y*x_ddot + g*x = 0")
+    wrong = actual.compare("x*y_ddot - y*x_ddot - g*x = 0")
     assert not wrong and wrong.wrong == (0,)
 
 

@@ -56,12 +56,12 @@ def values(model: lg.Model, expression: Any, at: States, shift: float = 0.0) -> 
     return model.evaluate_expression(expression, at.t + shift, at.y + moved, at.parameters)
 
 
-def outside(wanted: Any, found: list[Any]) -> float:
+def outside(expected: Any, result: list[Any]) -> float:
     """Return the part of a row that is no linear combination of the others and a constant."""
-    columns = np.array([*found, np.ones_like(wanted)]).T
+    columns = np.array([*result, np.ones_like(expected)]).T
     columns /= np.linalg.norm(columns, axis=0)
-    fit, *_ = np.linalg.lstsq(columns, wanted, rcond=None)
-    return float(np.linalg.norm(wanted - columns @ fit) / np.linalg.norm(wanted))
+    fit, *_ = np.linalg.lstsq(columns, expected, rcond=None)
+    return float(np.linalg.norm(expected - columns @ fit) / np.linalg.norm(expected))
 
 
 def states(model: lg.Model, seed: int) -> States:
@@ -89,41 +89,43 @@ def test_what_is_conserved_is_found_and_nothing_else(name: str, k: int) -> None:
     listed = SYSTEMS[name]
     way = listed.ways[k]
     system = lg.System(**way.statement)
-    found = system.conserved()
-    assert len(found) == listed.counts[k], [one.name for one in found]
+    result = system.conserved()
+    assert len(result) == listed.counts[k], [item.name for item in result]
     model = system.compile("numpy", check=False)
     at = states(model, seed=5)
-    rows = [values(model, one.expression, at) for one in found]
-    for one in found:
+    rows = [values(model, item.expression, at) for item in result]
+    for item in result:
         # A difference along the compiled motion: its error is some 1e-9 of what moves.
-        ahead, behind = (values(model, one.expression, at, way * STEP) for way in (1, -1))
+        ahead, behind = (values(model, item.expression, at, way * STEP) for way in (1, -1))
         scale = np.abs(ahead).max() * max(1.0, np.abs(model.rhs(at.t, at.y, at.parameters)).max() ** 2)
-        assert np.abs(ahead - behind).max() / (2 * STEP) < 1e-6 * scale, one.name
-    combined = [outside(values(model, wanted, at), rows) < 1e-6 for wanted in listed.conserved(*way.places)]
+        assert np.abs(ahead - behind).max() / (2 * STEP) < 1e-6 * scale, item.name
+    combined = [outside(values(model, expected, at), rows) < 1e-6 for expected in listed.conserved(*way.places)]
     assert sum(combined) == listed.counts[k]
 
 
 def names(**statement: Any) -> list[str]:
-    return [one.name for one in lg.System(**statement).conserved()]
+    return [item.name for item in lg.System(**statement).conserved()]
 
 
 def test_names_and_reasons() -> None:
     kepler = lg.System(T((x, y, z)), -k / sqrt(x**2 + y**2 + z**2), coordinates=[x, y, z]).conserved()
-    assert sorted(one.name for one in kepler) == [
+    assert sorted(item.name for item in kepler) == [
         *(f"Runge-Lenz vector {axis}" for axis in "xyz"),
         *(f"angular momentum {axis}" for axis in "xyz"),
         "energy",
     ]
-    about = {one.name: one for one in kepler}
+    about = {item.name: item for item in kepler}
     assert about["angular momentum z"].expression == m * x * y.dot - m * y * x.dot
     assert about["angular momentum z"].reason == (
         "The symmetry delta x = -y and delta y = x leaves the Lagrangian as it is."
     )
     assert str(about["energy"]).endswith("and no force acts besides the potential.")
     thrown = lg.System(T(FLAT), m * g * y, coordinates=list(FLAT)).conserved()
-    assert {one.name: one.expression for one in thrown}["momentum y"] == m * y.dot + g * m * lg.t
+    assert {item.name: item.expression for item in thrown}["momentum y"] == m * y.dot + g * m * lg.t
     polar = lg.System(POLAR_T, -k / r).conserved()
-    assert [one.name for one in polar][:2] == ["energy", "p_phi"] and polar[1].reason == "phi is not in the Lagrangian."
+    assert [item.name for item in polar][:2] == ["energy", "p_phi"] and polar[
+        1
+    ].reason == "phi is not in the Lagrangian."
     assert names(kinetic=POLAR_T + m * r**2 * omega**2 / 2, potential=k * r**2)[0] == "Jacobi integral"
     x1, x2, y1, y2 = lg.coordinates("x1 x2 y1 y2")
     chained = names(kinetic=x1.dot**2 + 2 * x2.dot**2, potential=(x1 - x2) ** 2)
@@ -133,15 +135,15 @@ def test_names_and_reasons() -> None:
 
 
 def test_an_energy_has_a_positive_kinetic_part_and_p_is_a_conjugate_momentum() -> None:
-    dropped = {one.name: one for one in lg.System(m * x.dot**2 / 2, 0, forces={x: -m * g}).conserved()}
+    dropped = {item.name: item for item in lg.System(m * x.dot**2 / 2, 0, forces={x: -m * g}).conserved()}
     assert dropped["energy"].expression == m * x.dot**2 / 2 + g * m * x
     assert dropped["energy"].reason.startswith("The symmetry delta t = 1 changes")
     assert dropped["momentum x"].expression == m * x.dot + g * m * lg.t
     for potential, canonical in ((-c * x * y.dot, ["p_y"]), (c * (y * x.dot - x * y.dot) / 2, [])):
         charge = lg.System(T(FLAT), potential)
-        found = {one.name: one.expression for one in charge.conserved()}
-        assert [name for name in found if name.startswith("p_")] == canonical
-        assert found["momentum x"] == m * x.dot - c * y and found["energy"] == T(FLAT).expand()
+        result = {item.name: item.expression for item in charge.conserved()}
+        assert [name for name in result if name.startswith("p_")] == canonical
+        assert result["momentum x"] == m * x.dot - c * y and result["energy"] == T(FLAT).expand()
 
 
 def test_the_jacobi_integral_is_named_with_and_without_a_potential() -> None:
@@ -159,9 +161,9 @@ def test_the_jacobi_integral_is_named_with_and_without_a_potential() -> None:
 
 
 def test_several_bodies_turn_together() -> None:
-    names = [one.name for one in lg.scene("sun-earth-moon").conserved()]
+    names = [item.name for item in lg.scene("sun-earth-moon").conserved()]
     assert {*(f"{what} {axis}" for what in ("momentum", "angular momentum") for axis in "xyz"), "energy"} <= set(names)
-    vortices = {one.name: one.expression for one in lg.scene("two-point-vortices").conserved()}
+    vortices = {item.name: item.expression for item in lg.scene("two-point-vortices").conserved()}
     assert {"energy", "momentum x", "momentum y", "angular momentum z"} <= set(vortices)
 
 
@@ -182,7 +184,7 @@ def test_a_knife_edge_keeps_what_its_blade_allows() -> None:
     # The momenta along x and y change: the blade holds. Its turn is free, and so is the energy.
     theta = lg.coordinate("theta")
     sleigh = lg.System(T(FLAT) + m * theta.dot**2 / 2, constraints={"blade": x.dot * sin(theta) - y.dot * cos(theta)})
-    assert [one.name for one in sleigh.conserved()] == ["energy", "p_theta"]
+    assert [item.name for item in sleigh.conserved()] == ["energy", "p_theta"]
 
 
 def test_a_false_proof_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,8 +196,8 @@ def test_a_false_proof_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_coupled_coordinates_are_compared_with_no_body(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[Any] = []
-    monkeypatch.setattr("lagrange.mechanics.symmetries._rest", lambda *given: tried.append(given))
-    assert [one.name for one in lg.scene("double-pendulum").conserved()] == ["energy"]
+    monkeypatch.setattr("lagrange.mechanics.symmetries._rest", lambda *arguments: tried.append(arguments))
+    assert [item.name for item in lg.scene("double-pendulum").conserved()] == ["energy"]
     assert not tried
 
 
@@ -210,13 +212,13 @@ def test_terms_linear_in_velocities_leave_the_names_of_momenta() -> None:
         parameters={inertia: 1, axial: 2},
         initial={theta: 1.0, phi: 0.3, theta.dot: 0.4, phi.dot: 0.7, psi.dot: 3.0},
     ).routhian(psi)
-    assert [one.name for one in top.conserved()] == ["energy", "p_phi", "angular momentum x", "angular momentum y"]
+    assert [item.name for item in top.conserved()] == ["energy", "p_phi", "angular momentum x", "angular momentum y"]
     run = top.run(2.0)
-    for one in top.conserved():
-        along = run.evaluate(one.expression)
+    for item in top.conserved():
+        along = run.evaluate(item.expression)
         assert np.ptp(along) <= 1e-8 * np.abs(along).max()  # the run keeps 1e-9 a step
     flat = lg.System(m * (r.dot**2 + r**2 * phi.dot**2) / 2 + g * r**2 * phi.dot, coordinates=[r, phi], initial={r: 1})
-    assert [one.name for one in flat.conserved()] == ["energy", "p_phi", "momentum x", "momentum y"]
+    assert [item.name for item in flat.conserved()] == ["energy", "p_phi", "momentum x", "momentum y"]
 
 
 # --- The quantity of a symmetry that is given, and what is said of one that is none ---
@@ -225,8 +227,8 @@ def test_terms_linear_in_velocities_leave_the_names_of_momenta() -> None:
 KEPLER = lg.System(T(FLAT), -k / sqrt(x**2 + y**2), name="kepler")
 
 
-def same(found: Any, wanted: Any) -> bool:
-    return bool(sympy.simplify(found - wanted) == 0)
+def same(result: Any, expected: Any) -> bool:
+    return bool(sympy.simplify(result - expected) == 0)
 
 
 def test_quantities_of_symmetries() -> None:
@@ -254,13 +256,13 @@ def test_quantities_of_symmetries() -> None:
         ({"kinetic": T(FLAT), "potential": m * g * y, "constraints": {"rod": x**2 + y**2 - 1}}, {lg.t: 1}, None),
     ],
 )
-def test_total_derivatives_forces_and_constraints(statement: Any, generator: Any, wanted: Any) -> None:
+def test_total_derivatives_forces_and_constraints(statement: Any, generator: Any, expected: Any) -> None:
     system = lg.System(**statement)
-    found = system.noether(generator)
-    if wanted is None:
-        wanted = -system.energy
+    result = system.noether(generator)
+    if expected is None:
+        expected = -system.energy
     # Additive constants are arbitrary.
-    assert same(sympy.diff(found - wanted, lg.t), 0)
+    assert same(sympy.diff(result - expected, lg.t), 0)
 
 
 def test_what_is_no_symmetry_is_refused_with_its_rate() -> None:

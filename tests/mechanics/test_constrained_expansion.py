@@ -67,11 +67,11 @@ def test_a_disc_that_rolls_straight_is_stable_above_its_critical_spin() -> None:
 
 
 def test_independent_coordinates_may_be_any() -> None:
-    found = disc(spin, lean, heading, x, y).linearize({x.dot: r * w, spin.dot: w})
-    assert found.velocity_coordinates == (lean, heading, x)
-    assert found.coordinates == (spin, lean, heading, x, y)
-    assert found.equilibrium
-    assert found.C[0, 1] * found.C[1, 0] == -3 * m**2 * r**4 * w**2 / 4
+    result = disc(spin, lean, heading, x, y).linearize({x.dot: r * w, spin.dot: w})
+    assert result.velocity_coordinates == (lean, heading, x)
+    assert result.coordinates == (spin, lean, heading, x, y)
+    assert result.equilibrium
+    assert result.C[0, 1] * result.C[1, 0] == -3 * m**2 * r**4 * w**2 / 4
 
 
 @pytest.mark.slow
@@ -169,8 +169,8 @@ def test_the_eigenvalues_of_a_bicycle_are_those_published() -> None:
     for row, expected in zip(path.eigenvalues, PUBLISHED.values(), strict=True):
         whole = [*expected, *(value.conjugate() for value in expected if isinstance(value, complex))]
         # Published with 14 decimals; the other eigenvalues are zero, those of steering a new course, to 1e-6.
-        found = sorted(row, key=abs)[-4:]
-        assert np.abs(np.sort_complex(found) - np.sort_complex(whole)).max() <= 2e-12
+        result = sorted(row, key=abs)[-4:]
+        assert np.abs(np.sort_complex(result) - np.sort_complex(whole)).max() <= 2e-12
 
 
 @pytest.mark.parametrize(

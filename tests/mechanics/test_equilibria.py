@@ -29,19 +29,24 @@ def hoop(**values: float) -> lg.System:
 
 
 def test_a_bead_on_a_hoop_has_four_and_knows_when() -> None:
-    found = hoop(m=1, g=9.81, R=1, w=5).equilibria()
-    side, other, bottom, top = found
+    result = hoop(m=1, g=9.81, R=1, w=5).equilibria()
+    side, second, bottom, top = result
     assert side.coordinates == {theta: acos(g / (R * w**2))}
-    assert other.coordinates == {theta: -acos(g / (R * w**2))}
+    assert second.coordinates == {theta: -acos(g / (R * w**2))}
     assert side.condition == sympy.Le(g / (R * w**2), 1)
     assert (bottom.coordinates, top.coordinates) == ({theta: 0}, {theta: pi})
-    assert [one.stable for one in found] == [True, True, False, False]
+    assert [first.stable for first in result] == [True, True, False, False]
     assert sympy.simplify(side.energy + m * (R**2 * w**2 + g**2 / w**2) / 2) == 0
     assert sympy.simplify(bottom.criterion[0] - m * R * (g - R * w**2)) == 0
     slow = hoop(m=1, g=9.81, R=1, w=2).equilibria()
-    assert [(one.stable, one.exists) for one in slow] == [(True, True), (False, True), (None, False), (None, False)]
+    assert [(first.stable, first.exists) for first in slow] == [
+        (True, True),
+        (False, True),
+        (None, False),
+        (None, False),
+    ]
     free = hoop().equilibria()
-    assert [(one.stable, one.exists) for one in free] == [(None, True), (False, True), (None, None), (None, None)]
+    assert [(first.stable, first.exists) for first in free] == [(None, True), (False, True), (None, None), (None, None)]
     assert repr(side) == "<Equilibrium: theta(t) = acos(g/(R*w**2)); stable, where g/(R*w**2) <= 1>"
     assert pickle.loads(pickle.dumps(side)).coordinates == side.coordinates
 
@@ -54,13 +59,13 @@ def test_steady_motions_of_ignorable_coordinates() -> None:
         coordinates=[theta, phi],
         parameters={m: 1, g: 9.81, l: 1, w: 5},
     )
-    cone = next(one for one in pendulum.equilibria({phi: w}) if one.stable)
+    cone = next(item for item in pendulum.equilibria({phi: w}) if item.stable)
     assert cone.coordinates == {theta: acos(g / (l * w**2)), phi: phi}
     assert cone.velocities == {phi.dot: w}
     assert sympy.simplify(cone.criterion[0] - m * (l**2 * w**4 + 3 * g**2) / w**2) == 0  # at a fixed momentum of phi
     assert cone.at == {theta: acos(g / (l * w**2)), phi.dot: w}
-    poles = [one for one in pendulum.equilibria({"phi": w}) if one.coordinates[theta] in (0, pi)]
-    assert [one.reason for one in poles] == [
+    poles = [item for item in pendulum.equilibria({"phi": w}) if item.coordinates[theta] in (0, pi)]
+    assert [item.reason for item in poles] == [
         "the mass matrix is singular there: choose coordinates that are regular there."
     ] * 2
     with pytest.raises(
@@ -102,20 +107,20 @@ SYSTEMS = {
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_symbols_and_search_find_the_same(name: str) -> None:
     system = SYSTEMS[name]
-    found = system.equilibria()
-    assert all(one.exact for one in found)
+    result = system.equilibria()
+    assert all(item.exact for item in result)
     values = system.parameters
     exact = sorted(
-        tuple(round(float(sympy.N(q.subs(values))), 6) + 0.0 for q in one.coordinates.values())
-        for one in found
-        if one.exists
+        tuple(round(float(sympy.N(q.subs(values))), 6) + 0.0 for q in item.coordinates.values())
+        for item in result
+        if item.exists
     )
     problem = equilibria_module._Problem(system.statement, None)
     ends = problem.searched()
     searched = sorted(tuple(round(float(end[q]), 6) + 0.0 for q in problem.unknowns) for end in ends)
     np.testing.assert_allclose(exact, searched, atol=2e-6)
-    for one in found:
-        point = [float(sympy.N(q.subs(values))) for q in one.coordinates.values()] if one.exists else []
+    for item in result:
+        point = [float(sympy.N(q.subs(values))) for q in item.coordinates.values()] if item.exists else []
         if point:
             a0 = system.compile("numpy").accelerations(point, [0.0] * len(point))
             # Forces of order 1 that cancel, in doubles.
@@ -126,7 +131,7 @@ def test_decimals_are_taken_as_they_are_written() -> None:
     spun = lg.System(
         (theta.dot**2 + sin(theta) ** 2 * phi.dot**2) * 0.5, -9.81 * cos(theta), coordinates=[theta, phi]
     ).equilibria({phi: 4.5})
-    cone = next(one for one in spun if one.stable)
+    cone = next(item for item in spun if item.stable)
     assert sympy.simplify(cos(cone.coordinates[theta]) - sympy.Rational(981, 2025)) == 0
     assert cone.velocities == {phi.dot: sympy.Rational(9, 2)}
     slow = lg.System(0.37 * x.dot**2, 0.11 * x**2 + 0.2 * x * k, dissipation=0.123 * x.dot**2)
@@ -136,16 +141,16 @@ def test_decimals_are_taken_as_they_are_written() -> None:
 
 @pytest.mark.slow
 def test_what_is_not_solved_in_symbols_is_searched() -> None:
-    found = lg.System(
+    result = lg.System(
         m * x.dot**2 / 2, k * cosh(x) - c * x**2 + x * exp(-x), parameters={m: 1, k: 1, c: 2}
     ).equilibria()
-    assert [one.exact for one in found] == [False, False]
-    assert [one.stable for one in found] == [True, False]
-    for one in found:
-        s = one.coordinates[x]
+    assert [item.exact for item in result] == [False, False]
+    assert [item.stable for item in result] == [True, False]
+    for item in result:
+        s = item.coordinates[x]
         assert abs(sympy.sinh(s) - 4 * s + (1 - s) * exp(-s)) < 1e-8
     bar = shared_scene("four-bar").equilibria()
-    assert [one.stable for one in bar] == [True, False, True, False]
+    assert [item.stable for item in bar] == [True, False, True, False]
 
 
 def test_coordinates_at_which_forces_are_infinite_are_none() -> None:
@@ -242,11 +247,11 @@ def test_eigenvalues_show_the_bifurcation_of_the_hoop() -> None:
 
 def test_each_column_follows_one_eigenvalue_through_crossings() -> None:
     pair = lg.System((x.dot**2 + y.dot**2) / 2, (x**2 + k * y**2) / 2, coordinates=[x, y], parameters={k: 1})
-    found = pair.eigenvalues(k, np.linspace(0.5, 2.0, 16)).eigenvalues
-    still = np.abs(found.imag) - 1.0
+    result = pair.eigenvalues(k, np.linspace(0.5, 2.0, 16)).eigenvalues
+    still = np.abs(result.imag) - 1.0
     # Two stay at -+1, and two grow with sqrt(k) without a jump.
     assert sorted(np.abs(still).max(axis=0).round(12))[:2] == [0.0, 0.0]
-    assert np.abs(np.diff(found, axis=0)).max() < 0.1
+    assert np.abs(np.diff(result, axis=0)).max() < 0.1
 
 
 def test_the_picture_has_a_line_for_each_eigenvalue_in_both_parts() -> None:
@@ -271,8 +276,8 @@ def test_paths_that_are_none(parameter: Any, values: Any, at: Any, words: str) -
 
 def test_roots_that_are_never_real_are_no_equilibria() -> None:
     well = lg.System(x.dot**2 / 2, x**4 / 4 + k * x**2 / 2).equilibria()
-    assert [one.coordinates[x] for one in well] == [0]
-    assert sqrt(2) in {one.coordinates[x] for one in lg.System(x.dot**2 / 2, x**4 / 4 - x**2).equilibria()}
+    assert [item.coordinates[x] for item in well] == [0]
+    assert sqrt(2) in {item.coordinates[x] for item in lg.System(x.dot**2 / 2, x**4 / 4 - x**2).equilibria()}
 
 
 def test_cubics_are_solved_by_number() -> None:
@@ -281,11 +286,11 @@ def test_cubics_are_solved_by_number() -> None:
     tilted = lg.System(x.dot**2 / 2, x**4 / 4 - x**2 / 2 + c * x, name="tilted")
     with pytest.raises(StatementError, match=r"the equilibria of tilted are not found in symbols, and for a search by"):
         tilted.equilibria()
-    found = tilted.substitute({c: sympy.Rational(1, 10)}).equilibria()
-    assert [one.stable for one in found] == [True, True, False]
-    assert all(abs(one.coordinates[x] ** 3 - one.coordinates[x] + 0.1) < 1e-12 for one in found)
+    result = tilted.substitute({c: sympy.Rational(1, 10)}).equilibria()
+    assert [item.stable for item in result] == [True, True, False]
+    assert all(abs(item.coordinates[x] ** 3 - item.coordinates[x] + 0.1) < 1e-12 for item in result)
     pair = lg.System(x.dot**2 / 2, k * (x**-12 - 2 * x**-6)).equilibria()
-    assert {one.coordinates[x] for one in pair} == {1, -1}
+    assert {item.coordinates[x] for item in pair} == {1, -1}
 
 
 def test_corners_and_poles_leave_the_verdict_open() -> None:
@@ -299,7 +304,7 @@ def test_corners_and_poles_leave_the_verdict_open() -> None:
 @pytest.mark.slow
 def test_flat_places_are_found_and_surfaces_are_not_listed() -> None:
     flat = lg.System(m * x.dot**2 / 2, k * cos(x**2), parameters={m: 1, k: 1})
-    assert 0.0 in [float(one.coordinates[x]) for one in flat.equilibria()]
+    assert 0.0 in [float(item.coordinates[x]) for item in flat.equilibria()]
     (bowl,) = lg.System((x.dot**2 + y.dot**2) / 2, cosh(x) + y**4 / 4, coordinates=[x, y]).equilibria()
     assert abs(bowl.coordinates[y]) < 1e-3
     with pytest.raises(StatementError, match=r"no equilibrium of tail was found"):  # the force is small far out alone

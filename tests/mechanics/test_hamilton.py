@@ -43,13 +43,13 @@ def wagons_form() -> Hamiltonian:
 
 def test_both_forms_run_alike() -> None:
     system, form = wagon(), wagons_form()
-    one, other = system.run(3.0, rtol=1e-12), form.run(3.0, rtol=1e-12)
+    first, second = system.run(3.0, rtol=1e-12), form.run(3.0, rtol=1e-12)
     # Both err by some 1e-12 a step, and friction lets no error grow.
     for key in (x, theta, theta.dot):
-        assert other[key][-1] == pytest.approx(one[key][-1], abs=1e-10)
-    momenta = system.compile().momenta(one.y[:2, -1], one.y[2:, -1])
-    found = [other[p][-1] for p in form.momenta.values()]
-    assert found == pytest.approx(momenta, abs=1e-10)
+        assert second[key][-1] == pytest.approx(first[key][-1], abs=1e-10)
+    momenta = system.compile().momenta(first.y[:2, -1], first.y[2:, -1])
+    result = [second[p][-1] for p in form.momenta.values()]
+    assert result == pytest.approx(momenta, abs=1e-10)
 
 
 def test_hamiltons_equations_are_those_of_the_book() -> None:
@@ -109,7 +109,7 @@ def test_a_given_motion_stays_one() -> None:
 def test_brackets() -> None:
     """Angular momenta of a free particle: {Lx, Ly} = Lz, and Jacobi's identity with H and a velocity."""
     form = lg.System(m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, k * x * y * z, coordinates=[x, y, z]).hamiltonian()
-    p, q, r = (form.momenta[one] for one in (x, y, z))
+    p, q, r = (form.momenta[item] for item in (x, y, z))
     lx, ly, lz = y * r - z * q, z * p - x * r, x * q - y * p
     assert form.poisson(x, p) == 1
     assert sympy.expand(form.poisson(lx, ly) - lz) == 0

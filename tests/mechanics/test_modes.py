@@ -30,17 +30,17 @@ def plane(potential: Any, *, turn: Any = 0, **more: Any) -> lg.System:
 def test_numbers_and_symbols_agree_with_the_motion() -> None:
     """A mode keeps its shape: a run started in it returns after one period."""
     system = shared_scene("double-pendulum")
-    found = system.modes()
+    result = system.modes()
     values = system.parameters
-    fast = float(found.frequencies[1].subs(values))
-    shape = [1e-7 * float(s) for s in found.shapes[1].subs(values)]
+    fast = float(result.frequencies[1].subs(values))
+    shape = [1e-7 * float(s) for s in result.shapes[1].subs(values)]
     q = dict(zip(system.coordinates, shape, strict=True))
     rest = dict.fromkeys(system.statement.velocities, 0.0)
     run = system.run(2 * np.pi / fast, {**q, **rest}, rtol=1e-12)
     # The cubic terms are 1e-14 of the linear ones.
     np.testing.assert_allclose(run.y[:2, -1], shape, rtol=1e-8)
-    assert found.symbolic and found.stable is True
-    assert sorted(abs(x.imag) for x in found.eigenvalues)[-1] == pytest.approx(fast, rel=1e-12)
+    assert result.symbolic and result.stable is True
+    assert sorted(abs(x.imag) for x in result.eigenvalues)[-1] == pytest.approx(fast, rel=1e-12)
 
 
 def test_a_chain_of_five_is_numbers() -> None:
@@ -49,12 +49,12 @@ def test_a_chain_of_five_is_numbers() -> None:
     system = lg.System(
         sum(q.dot**2 for q in MANY) / 2, k * sum(s**2 for s in springs) / 2, coordinates=MANY, parameters={k: 4}
     )
-    found = system.modes()
-    assert not found.symbolic
+    result = system.modes()
+    assert not result.symbolic
     expected = [4 * np.sin(j * np.pi / 12) for j in range(1, 6)]
-    np.testing.assert_allclose([float(w) for w in found.frequencies], expected, rtol=1e-12)
-    np.testing.assert_allclose([float(s) for s in found.shapes[1]], [1, 1, 0, -1, -1], atol=1e-12)
-    assert found.stable is True
+    np.testing.assert_allclose([float(w) for w in result.frequencies], expected, rtol=1e-12)
+    np.testing.assert_allclose([float(s) for s in result.shapes[1]], [1, 1, 0, -1, -1], atol=1e-12)
+    assert result.stable is True
     free = lg.System(
         sum(q.dot**2 for q in MANY) / 2, k * sum(s**2 for s in springs[1:-1]) / 2, coordinates=MANY, parameters={k: 4}
     ).modes()
@@ -102,9 +102,11 @@ def test_numbers_lose_no_mode_and_give_every_eigenvalue() -> None:
     slow = lg.System(kinetic, sum(q**2 for q in MANY[:3]) / 2, dissipation=drag, coordinates=MANY)
     saddle = lg.System(kinetic, -sum(q**2 for q in MANY[1:]), dissipation=drag, coordinates=MANY)
     for system in (free, slow, saddle):
-        found = system.modes()
-        pairs = [complex(-d + s * I * f) for f, d in zip(found.frequencies, found.decay, strict=True) for s in (1, -1)]
-        apart = np.abs(np.array(pairs)[:, None] - np.array(found.eigenvalues))
+        result = system.modes()
+        pairs = [
+            complex(-d + s * I * f) for f, d in zip(result.frequencies, result.decay, strict=True) for s in (1, -1)
+        ]
+        apart = np.abs(np.array(pairs)[:, None] - np.array(result.eigenvalues))
         assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1e-7
     shapes = np.array([[complex(x) for x in shape] for shape in free.modes().shapes])
     assert np.linalg.matrix_rank(shapes) == 5
@@ -166,14 +168,14 @@ def test_verdicts(system: Any, stable: Any) -> None:
 def test_the_general_double_pendulum_has_short_shapes(values: dict[str, float]) -> None:
     """Fractions of such roots, which SymPy simplifies for hours, are rationalised as polynomials in the roots."""
     m1, m2, l1, l2 = lg.parameters("m1 m2 l1 l2")
-    one, two = lg.coordinates("one two")
-    kinetic = (m1 + m2) * l1**2 * one.dot**2 / 2 + m2 * l2**2 * two.dot**2 / 2
-    kinetic += m2 * l1 * l2 * one.dot * two.dot * cos(one - two)
-    potential = -(m1 + m2) * g * l1 * cos(one) - m2 * g * l2 * cos(two)
-    found = lg.System(kinetic, potential, parameters=values).modes({})
-    assert found.symbolic and found.stable is True
+    first, second = lg.coordinates("one two")
+    kinetic = (m1 + m2) * l1**2 * first.dot**2 / 2 + m2 * l2**2 * second.dot**2 / 2
+    kinetic += m2 * l1 * l2 * first.dot * second.dot * cos(first - second)
+    potential = -(m1 + m2) * g * l1 * cos(first) - m2 * g * l2 * cos(second)
+    result = lg.System(kinetic, potential, parameters=values).modes({})
+    assert result.symbolic and result.stable is True
     root = sqrt((m1 + m2) * (m1 * (l1 - l2) ** 2 + m2 * (l1 + l2) ** 2))
-    for shape, sign in zip(found.shapes, (1, -1), strict=True):
+    for shape, sign in zip(result.shapes, (1, -1), strict=True):
         difference = shape[1] - ((m1 + m2) * (l2 - l1) + sign * root) / (2 * l2 * m2)
         assert sympy.expand(difference.subs({l1: 3, l2: 2, m1: 5, m2: 7})).equals(0)
         assert sympy.count_ops(shape[1]) < 60  # with the root in the denominator 64
@@ -181,18 +183,18 @@ def test_the_general_double_pendulum_has_short_shapes(values: dict[str, float]) 
 
 def test_a_minimum_of_order_four_is_not_denied() -> None:
     """x^4 has a strict minimum, which second derivatives do not show."""
-    found = [lg.System(m * x.dot**2 / 2, x**4, parameters=values).modes() for values in ({m: 1.0}, {})]
+    result = [lg.System(m * x.dot**2 / 2, x**4, parameters=values).modes() for values in ({m: 1.0}, {})]
     flat = plane(x**4 + y**2).modes()
-    assert [one.stable for one in (*found, flat)] == [None] * 3
-    assert all("no strict minimum to second order" in one.reason for one in (*found, flat))
+    assert [item.stable for item in (*result, flat)] == [None] * 3
+    assert all("no strict minimum to second order" in item.reason for item in (*result, flat))
 
 
 def test_time_that_cancels_from_the_energy_is_no_time() -> None:
     """A bead on a rotating hoop, stated by positions, has the energy of the system stated in its angle."""
     turning = (l * sin(theta) * cos(w * lg.t), l * sin(theta) * sin(w * lg.t), -l * cos(theta))
     values = {m: 1, g: 9.81, l: 1, w: 2}
-    found = lg.System(lg.kinetic_energy(m, turning), m * g * turning[2], parameters=values).modes()
-    assert (found.stable, found.reason) == (True, "the energy has a strict minimum there.")
+    result = lg.System(lg.kinetic_energy(m, turning), m * g * turning[2], parameters=values).modes()
+    assert (result.stable, result.reason) == (True, "the energy has a strict minimum there.")
     pushed = lg.System(
         m * l**2 * theta.dot**2 / 2, m * g * l * (1 + theta**4 * cos(w * lg.t)) * theta**2, parameters=values
     )
@@ -228,24 +230,24 @@ def test_frequencies_are_written_short_and_have_the_right_values() -> None:
     ).modes()
     # seen from a table that turns, the frequency sqrt(k/m) is shifted by that of the table
     natural = sqrt(k) / sqrt(m)
-    for found, known in zip(turning.frequencies, (sympy.Abs(natural - w), natural + w), strict=True):
-        assert sympy.simplify(found**2 - known**2) == 0 and sympy.count_ops(found) <= 10
+    for result, known in zip(turning.frequencies, (sympy.Abs(natural - w), natural + w), strict=True):
+        assert sympy.simplify(result**2 - known**2) == 0 and sympy.count_ops(result) <= 10
     chain = lg.System(
         kinetic=m1 * x.dot**2 / 2 + m2 * y.dot**2 / 2, potential=k1 * x**2 / 2 + k2 * (x - y) ** 2 / 2
     ).modes()
-    for number, found in enumerate(chain.frequencies):
-        assert sympy.count_ops(found) <= 31  # 46 with the discriminant multiplied out
+    for number, result in enumerate(chain.frequencies):
+        assert sympy.count_ops(result) <= 31  # 46 with the discriminant multiplied out
         values = {m1: sympy.Rational(3, 2), m2: 2, k1: 5, k2: sympy.Rational(7, 3)}
         stiffness = sympy.Matrix([[k1 + k2, -k2], [-k2, k2]]).subs(values)
         squares = sorted((sympy.diag(m1, m2).subs(values).inv() * stiffness).eigenvals(), key=sympy.N)
-        assert abs(sympy.N(found.subs(values) ** 2 - squares[number], 30)) < 1e-25
+        assert abs(sympy.N(result.subs(values) ** 2 - squares[number], 30)) < 1e-25
 
 
 def test_a_mass_of_zero_is_refused_in_a_sentence() -> None:
     massless = lg.System(m * l**2 * theta.dot**2 / 2, -m * g * l * cos(theta), parameters={m: 0, g: 9.81, l: 1})
     with pytest.raises(StatementError, match="the mass matrix is singular at these values of the parameters"):
         massless.modes()
-    assert {one.stable for one in massless.equilibria()} == {None}
+    assert {item.stable for item in massless.equilibria()} == {None}
 
 
 def test_modes_print_frequencies_with_one_root() -> None:

@@ -122,7 +122,7 @@ def test_several_go_one_after_another_and_other_constraints_stay() -> None:
     )
     small = system.eliminate(y, z)
     assert small.statement.names == ("x", "u")
-    assert [one.name for one in small.statement.constraints] == ["edge"]
+    assert [item.name for item in small.statement.constraints] == ["edge"]
     assert small.statement.constraints[0].expression == u.dot - x**2 * x.dot
 
 
@@ -222,8 +222,8 @@ def pair(**constraints: Any) -> lg.System:
         ({"tie": y - x, "same": theta - x}, (y, theta, x), "x is the only coordinate left: without it nothing moves."),
     ],
 )
-def test_what_cannot_be_eliminated_is_refused(constraints: Any, wanted: Any, words: str) -> None:
-    assert refusal(pair(**constraints).eliminate, *wanted).startswith(words)
+def test_what_cannot_be_eliminated_is_refused(constraints: Any, expected: Any, words: str) -> None:
+    assert refusal(pair(**constraints).eliminate, *expected).startswith(words)
 
 
 @pytest.mark.parametrize("root", [sqrt(l**2 - x**2), (l**2 - x**2) ** 0.5])
@@ -233,7 +233,7 @@ def test_a_branch_of_another_sign_is_one_too(root: Any) -> None:
 
 
 @pytest.mark.parametrize("wanted", [y, "floor", {y: 0}])
-def test_a_multiplier_in_a_force_keeps_its_constraint(wanted: Any) -> None:
+def test_a_multiplier_in_a_force_keeps_its_constraint(expected: Any) -> None:
     """The message was "a force contains lambda[floor], but system has no constraints"."""
     block = lg.System(
         kinetic=m * (x.dot**2 + y.dot**2) / 2,
@@ -242,7 +242,7 @@ def test_a_multiplier_in_a_force_keeps_its_constraint(wanted: Any) -> None:
         forces={x: -c * lg.multiplier("floor") * sympy.sign(x.dot)},
     )
     with pytest.raises(StatementError, match="the force on x contains the multiplier of floor, which has no value"):
-        block.eliminate(wanted)
+        block.eliminate(expected)
 
 
 def test_a_branch_has_to_hold_near_the_initial_state_alone() -> None:

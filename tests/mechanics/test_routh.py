@@ -43,10 +43,10 @@ def test_a_top_runs_alike_and_its_angles_come_back() -> None:
     part = small.run(4.0, rtol=1e-12)
     # Both err by some 1e-12 a step, at speeds of 12 a second.
     assert part[theta][-1] == pytest.approx(whole[theta][-1], abs=1e-9)
-    found = system.ignored(part)
+    result = system.ignored(part)
     for key in (phi, psi, phi.dot, psi.dot):
         row = whole.at(part.t)[whole.names.index(f"{key.expr.func}_dot" if key.is_Derivative else str(key.func))]
-        np.testing.assert_allclose(found[key], row, atol=1e-9 * (1 + np.abs(row).max()))
+        np.testing.assert_allclose(result[key], row, atol=1e-9 * (1 + np.abs(row).max()))
 
 
 def test_one_after_the_other_is_both_at_once() -> None:
@@ -66,9 +66,9 @@ def test_a_term_that_is_linear_in_velocities_stays() -> None:
         initial={y: 0.3, x.dot: 1.0, y.dot: 0.1},
     )
     small = system.routhian(x)
-    one, other = system.run(2.0, rtol=1e-12), small.run(2.0, rtol=1e-12)
-    assert other[y][-1] == pytest.approx(one[y][-1], abs=1e-11)
-    assert system.ignored(other)[x][-1] == pytest.approx(one[x][-1], abs=1e-11)
+    first, second = system.run(2.0, rtol=1e-12), small.run(2.0, rtol=1e-12)
+    assert second[y][-1] == pytest.approx(first[y][-1], abs=1e-11)
+    assert system.ignored(second)[x][-1] == pytest.approx(first[x][-1], abs=1e-11)
 
 
 def test_without_values_the_momentum_has_none() -> None:
@@ -109,8 +109,8 @@ def plain(**more: Any) -> lg.System:
         ),
     ],
 )
-def test_refusals(make: Any, wanted: Any, words: str) -> None:
-    assert refusal(make().routhian, *wanted).startswith(words)
+def test_refusals(make: Any, expected: Any, words: str) -> None:
+    assert refusal(make().routhian, *expected).startswith(words)
 
 
 def test_a_run_of_another_system_is_refused() -> None:

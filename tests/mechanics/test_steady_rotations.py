@@ -21,17 +21,17 @@ def body(moments: Any, potential: Any = 0, **more: Any) -> lg.System:
     return lg.System(R.body.dot(diag(*moments) * R.body) / 2, potential, **more)
 
 
-def rates(found: Any) -> list[float]:
-    return [float(found.velocities.get(rate, 0)) for rate in R.body]
+def rates(result: Any) -> list[float]:
+    return [float(result.velocities.get(rate, 0)) for rate in R.body]
 
 
 def test_a_free_body_turns_about_its_principal_axes() -> None:
     """Both ways about each, with the energy J w^2/2; the middle axis alone is unstable."""
-    found = body((1, 2, 3)).equilibria({R.space[2]: 1.5})
-    assert sorted(map(rates, found)) == sorted(
+    result = body((1, 2, 3)).equilibria({R.space[2]: 1.5})
+    assert sorted(map(rates, result)) == sorted(
         [s * 1.5 * (k == i) for i in range(3)] for k in range(3) for s in (1, -1)
     )
-    for each in found:
+    for each in result:
         axis = int(np.argmax(np.abs(rates(each))))
         assert float(each.energy) == (1 + axis) * 1.5**2 / 2
         assert each.stable is (axis != 1)
@@ -66,13 +66,13 @@ def test_both_rates_of_precession_at_a_tilt(axis: int) -> None:
     """They are the roots of J1 cos(tilt) W^2 - J3 w W + m g a, for an axis of symmetry z or x of the body."""
     attitude, spin = lg.turn((0.3, 0.2, 0.5), 2.5), 10.0
     top = body([0.5 if k == axis else 1 for k in range(3)], R[2, axis])
-    found = top.equilibria({R: attitude, R.body[axis]: spin})
+    result = top.equilibria({R: attitude, R.body[axis]: spin})
     matrix = top.run(0.01, {R: attitude})[R][0]
     tilt = np.arccos(matrix[2, axis])
     roots = np.sort(np.abs(np.roots([np.cos(tilt), -0.5 * spin, 1])))
-    across = sorted(np.linalg.norm(np.delete(rates(each), axis)) / np.sin(tilt) for each in found)
+    across = sorted(np.linalg.norm(np.delete(rates(each), axis)) / np.sin(tilt) for each in result)
     assert across == pytest.approx(roots, rel=1e-12)
-    for each in found:
+    for each in result:
         assert each.stable
         path = top.run(1.0, each.at, rtol=1e-13)[R][:, 2, axis]
         assert np.abs(path - np.cos(tilt)).max() < 1e-12
@@ -93,9 +93,9 @@ def test_a_body_on_a_spring_turns_with_its_spring_stretched() -> None:
     """The spring and the pull of the body, x (R z)_z, balance at x = -(R z)_z / 2."""
     x = lg.coordinate("x")
     kinetic = R.body.dot(diag(1, 1, 0.25) * R.body) / 2 + x.dot**2 / 2
-    found = lg.System(kinetic, x**2 + x * R[2, 2]).equilibria({R.space[2]: 1})
-    w, i, j, k = (np.array([float(each.coordinates[q]) for each in found]) for q in R.quaternion)
-    assert [float(each.coordinates[x]) for each in found] == pytest.approx(-(w**2 - i**2 - j**2 + k**2) / 2)
+    result = lg.System(kinetic, x**2 + x * R[2, 2]).equilibria({R.space[2]: 1})
+    w, i, j, k = (np.array([float(each.coordinates[q]) for each in result]) for q in R.quaternion)
+    assert [float(each.coordinates[x]) for each in result] == pytest.approx(-(w**2 - i**2 - j**2 + k**2) / 2)
 
 
 S, y = lg.rotation("S"), lg.coordinate("y")

@@ -21,17 +21,17 @@ x, y, z, X, Y, r, u, s = lg.coordinates("x y z X Y r u s")
 theta, phi, psi, theta1, theta2 = lg.coordinates("theta phi psi theta1 theta2")
 
 
-def same(found: Any, book: Any) -> bool:
-    return bool(sympy.simplify(sympy.expand(found - book)) == 0)
+def same(result: Any, book: Any) -> bool:
+    return bool(sympy.simplify(sympy.expand(result - book)) == 0)
 
 
 def squares(system: lg.System, at: Any = None) -> list[Any]:
     return [sympy.simplify(frequency**2) for frequency in system.modes(at).frequencies]
 
 
-def match(found: list[Any], book: list[Any]) -> None:
-    assert len(found) == len(book)
-    assert all(same(one, other) for one, other in zip(found, book, strict=True)), found
+def match(result: list[Any], book: list[Any]) -> None:
+    assert len(result) == len(book)
+    assert all(same(first, second) for first, second in zip(result, book, strict=True)), result
 
 
 def test_double_pendulum() -> None:
@@ -68,10 +68,10 @@ def test_elastic_pendulum() -> None:
         initial={r: 1.0},
     )
     assert same(spring.accelerations()[r], r * theta.dot**2 + g * cos(theta) - k * (r - l) / m)
-    hanging = next(one for one in spring.equilibria() if one.coordinates[theta] == 0)
+    hanging = next(item for item in spring.equilibria() if item.coordinates[theta] == 0)
     assert same(hanging.coordinates[r], l + m * g / k)
-    found = squares(spring, hanging.at)
-    assert sum(same(one, k / m) for one in found) == sum(same(one, g / (l + m * g / k)) for one in found) == 1
+    result = squares(spring, hanging.at)
+    assert sum(same(item, k / m) for item in result) == sum(same(item, g / (l + m * g / k)) for item in result) == 1
 
 
 def central(potential: Any) -> lg.System:
@@ -215,9 +215,9 @@ def test_kapitza() -> None:
     force = sympy.expand(m * l**2 * shaken.accelerations()[theta]).coeff(cos(gamma * lg.t))
     averaged = force**2 / (4 * m * l**2 * gamma**2)  # of f cos(gamma t): f^2/(4 M gamma^2)
     mean = lg.System(m * l**2 * theta.dot**2 / 2, -m * g * l * cos(theta) + averaged)
-    up = next(one for one in mean.equilibria() if one.coordinates[theta] == pi)
+    up = next(item for item in mean.equilibria() if item.coordinates[theta] == pi)
     assert same(up.criterion[0], m * (a**2 * gamma**2 - 2 * g * l) / 2)
-    tilted = next(one for one in mean.equilibria() if one.coordinates[theta].has(acos))
+    tilted = next(item for item in mean.equilibria() if item.coordinates[theta].has(acos))
     assert same(cos(tilted.coordinates[theta]), -2 * g * l / (a**2 * gamma**2))
 
 
@@ -232,10 +232,10 @@ def test_cycloid() -> None:
 
 def test_henon_heiles() -> None:
     """M. Henon, C. Heiles, Astronomical Journal 69, 1964: three saddles at the energy 1/6 about the minimum."""
-    found = shared_scene("henon-heiles").equilibria()
-    assert [one.energy for one in found] == [0, *[Rational(1, 6)] * 3]
-    assert [one.stable for one in found] == [True, False, False, False]
-    places = {tuple(one.coordinates.values()) for one in found[1:]}
+    result = shared_scene("henon-heiles").equilibria()
+    assert [item.energy for item in result] == [0, *[Rational(1, 6)] * 3]
+    assert [item.stable for item in result] == [True, False, False, False]
+    places = {tuple(item.coordinates.values()) for item in result[1:]}
     assert places == {(0, 1), (sqrt(3) / 2, -Rational(1, 2)), (-sqrt(3) / 2, -Rational(1, 2))}
 
 
@@ -274,10 +274,10 @@ def test_critical_mass_ratio() -> None:
 @pytest.mark.slow
 def test_collinear_points() -> None:
     """Szebehely, section 4.6: with equal masses the inner point is the middle, the outer ones 1.19841 away."""
-    found = three_bodies().substitute({mu: Rational(1, 2)}).equilibria()
-    line = sorted(float(one.coordinates[x]) for one in found if abs(one.coordinates[y]) < 1e-9)
+    result = three_bodies().substitute({mu: Rational(1, 2)}).equilibria()
+    line = sorted(float(item.coordinates[x]) for item in result if abs(item.coordinates[y]) < 1e-9)
     assert line == pytest.approx([-1.1984061, 0.0, 1.1984061], abs=1e-7)
-    assert len(found) == 5
+    assert len(result) == 5
 
 
 def test_two_bodies() -> None:
@@ -297,7 +297,7 @@ def test_centrifugal_governor() -> None:
         m1 * a**2 * (theta.dot**2 + w**2 * sin(theta) ** 2) + 2 * m2 * a**2 * theta.dot**2 * sin(theta) ** 2,
         -2 * (m1 + m2) * g * a * cos(theta),
     )
-    tilted = next(one for one in governor.equilibria() if one.coordinates[theta].has(acos))
+    tilted = next(item for item in governor.equilibria() if item.coordinates[theta].has(acos))
     assert same(cos(tilted.coordinates[theta]), (m1 + m2) * g / (m1 * a * w**2))
 
 

@@ -43,10 +43,10 @@ BALL = {x: r * sin(theta) * cos(phi), y: r * sin(theta) * sin(phi), z: r * cos(t
 def test_the_motion_is_the_same(given: Any) -> None:
     system = particle()
     new = system.transform(given)
-    one, other = system.run(1.5, rtol=1e-12), new.run(1.5, rtol=1e-12)
+    first, second = system.run(1.5, rtol=1e-12), new.run(1.5, rtol=1e-12)
     for row, point in enumerate(new.statement.positions["body"]):
         # Both err by some 1e-12 a step.
-        assert other.evaluate(point)[-1] == pytest.approx(one.y[row, -1], abs=1e-10)
+        assert second.evaluate(point)[-1] == pytest.approx(first.y[row, -1], abs=1e-10)
 
 
 def test_kepler_in_polar_coordinates_is_that_of_the_book() -> None:
@@ -178,9 +178,9 @@ def test_expressions_stand_wherever_the_parameter_stood() -> None:
     assert {p.name for p in changed.statement.parameters} == {"m", "g", "mu"}
     assert not {k, l} & {p for e in changed.statement.positions["bob"] for p in e.free_symbols}
     q, v = np.array([0.4, 0.2]), np.array([0.3, -0.1])
-    found = changed.compile("numpy").accelerations(q, v, parameters={"mu": 1.3})
+    result = changed.compile("numpy").accelerations(q, v, parameters={"mu": 1.3})
     # The same formulas with two numbers in them; rounded differently.
-    assert found == pytest.approx(wagon().compile("numpy").accelerations(q, v), rel=1e-13)
+    assert result == pytest.approx(wagon().compile("numpy").accelerations(q, v), rel=1e-13)
     assert changed.statement.initial == wagon().statement.initial
 
 

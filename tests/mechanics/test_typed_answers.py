@@ -44,9 +44,9 @@ def test_printed_equations_are_read_back(name: str, style: str) -> None:
         values = {
             symbol: dice.uniform(0.5, 1.5) for symbol in sorted(zero.free_symbols | read.zero.free_symbols, key=str)
         }
-        expected, found = (float(sp.N(one.xreplace(values))) for one in (zero, read.zero))
+        expected, result = (float(sp.N(item.xreplace(values))) for item in (zero, read.zero))
         # Both are sums of the same terms, of order one to a hundred, added in another order.
-        assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+        assert result == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize("style", ["text", "unicode", "latex", "markdown"])
@@ -131,8 +131,8 @@ def test_a_decimal_may_stand_for_a_root_or_a_longer_decimal() -> None:
 
 
 def test_of_two_readings_only_that_of_the_wrong_equation_is_quoted() -> None:
-    found = shared_scene("double-pendulum")
-    result = found.compare(
+    actual = shared_scene("double-pendulum")
+    result = actual.compare(
         "l2 theta2'' + l1 theta1'' cos(theta1 - theta2) - l1 theta1'^2 sin(theta1 - theta2) + g sin theta2 = 0\n"
         "(m1 + m2) l1 theta1'' + m2 l2 theta2'' cos(theta1 - theta2) + (m1 + m2) g sin(theta1) = 0"
     )

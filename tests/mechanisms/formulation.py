@@ -46,7 +46,7 @@ class Formulation:
     @cached_property
     def first(self) -> Vector:
         """The state z at the start of the scene."""
-        return np.array([float(sympy.sympify(one).subs(self.values)) for one in self.start])
+        return np.array([float(sympy.sympify(item).subs(self.values)) for item in self.start])
 
     @cached_property
     def lift(self) -> Slope:
@@ -67,8 +67,8 @@ class Formulation:
     def accelerations(self, z: Vector, time: float) -> Vector:
         """Return dv/dt."""
         change = self._change(z, time).reshape(len(self.rates), len(self.state) + 1)
-        found: Vector = change[:, :-1] @ self.rate(z, time) + change[:, -1]
-        return found
+        result: Vector = change[:, :-1] @ self.rate(z, time) + change[:, -1]
+        return result
 
     def draws(self, count: int) -> list[Vector]:
         """Return some random states."""
@@ -77,7 +77,7 @@ class Formulation:
 
     def states(self, times: Vector) -> Vector:
         """Return (q, v) at some times, (2n, K), by DOP853 with errors near round-off."""
-        found = solve_ivp(
+        result = solve_ivp(
             lambda time, z: self.rate(z, time),
             (0.0, times[-1]),
             self.first,
@@ -86,8 +86,8 @@ class Formulation:
             rtol=1e-13,
             atol=1e-14,
         )
-        assert found.success
-        return np.array([self.lift(z, time) for z, time in zip(found.y.T, times, strict=True)]).T
+        assert result.success
+        return np.array([self.lift(z, time) for z, time in zip(result.y.T, times, strict=True)]).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,26 +107,28 @@ class Bodies:
 def reduced(values: Mapping[Any, float], places: Sequence[Any], bodies: Bodies, **more: Any) -> Formulation:
     """Return the motion in reduced coordinates `bodies.names`, by Lagrange's equations in SymPy."""
     s = list(bodies.names)
-    u = [sympy.Symbol(f"{one.name}_rate", real=True) for one in s]
+    u = [sympy.Symbol(f"{first.name}_rate", real=True) for first in s]
 
     def rate(expression: Any) -> Any:
-        return sum((sympy.diff(expression, one) * two for one, two in zip(s, u, strict=True)), sympy.Integer(0))
+        return sum(
+            (sympy.diff(expression, first) * second for first, second in zip(s, u, strict=True)), sympy.Integer(0)
+        )
 
-    kinetic = sum(mass * rate(one) ** 2 / 2 for mass, point in bodies.masses for one in point)
+    kinetic = sum(mass * rate(first) ** 2 / 2 for mass, point in bodies.masses for first in point)
     kinetic += sum(inertia * rate(angle) ** 2 / 2 for inertia, angle in bodies.spins)
-    momenta = [sympy.diff(kinetic, one) for one in u]
+    momenta = [sympy.diff(kinetic, first) for first in u]
     applied = bodies.force(s, u) if bodies.force else [0] * len(s)
     forces = [
-        sympy.diff(kinetic - bodies.potential, one) - rate(p) + extra
-        for one, p, extra in zip(s, momenta, applied, strict=True)
+        sympy.diff(kinetic - bodies.potential, first) - rate(p) + extra
+        for first, p, extra in zip(s, momenta, applied, strict=True)
     ]
-    mass = [sympy.diff(p, one) for p in momenta for one in u]
+    mass = [sympy.diff(p, first) for p in momenta for first in u]
     n = len(s)
-    plain = Formulation(values, [*s, *u], places, [rate(one) for one in places], [], ())
+    plain = Formulation(values, [*s, *u], places, [rate(first) for first in places], [], ())
     both = plain.numbers([*mass, *forces])
 
     def slope(z: Vector, time: float) -> Vector:
-        found = both(z, time)
-        return np.concatenate([z[n:], np.linalg.solve(found[: n * n].reshape(n, n), found[n * n :])])
+        result = both(z, time)
+        return np.concatenate([z[n:], np.linalg.solve(result[: n * n].reshape(n, n), result[n * n :])])
 
     return Formulation(values, [*s, *u], places, plain.rates, slope, **more)

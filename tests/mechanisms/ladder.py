@@ -26,16 +26,16 @@ def four_bar_ladder(loops: int) -> Statement:
     pins = [lg.coordinates(f"x{i} y{i}") for i in range(loops + 1)]
     feet = [(i * l, 0) for i in range(loops + 1)]
 
-    def rod(one: Any, other: Any) -> Any:
-        return (other[0] - one[0]) ** 2 + (other[1] - one[1]) ** 2 - l**2
+    def rod(first: Any, other: Any) -> Any:
+        return (other[0] - first[0]) ** 2 + (other[1] - first[1]) ** 2 - l**2
 
     kinetic = sum(m * (x.dot**2 + y.dot**2) / 6 for x, y in pins)
     height = sum((y / 2 for _, y in pins), 0)
     constraints = {f"rod{i}": rod(foot, pin) for i, (foot, pin) in enumerate(zip(feet, pins, strict=True))}
-    for i, (one, two) in enumerate(pairwise(pins), start=1):
-        kinetic += m * sum(p.dot**2 + p.dot * q.dot + q.dot**2 for p, q in zip(one, two, strict=True)) / 6
-        height += (one[1] + two[1]) / 2
-        constraints[f"coupler{i}"] = rod(one, two)
+    for i, (first, second) in enumerate(pairwise(pins), start=1):
+        kinetic += m * sum(p.dot**2 + p.dot * q.dot + q.dot**2 for p, q in zip(first, second, strict=True)) / 6
+        height += (first[1] + second[1]) / 2
+        constraints[f"coupler{i}"] = rod(first, second)
     initial: dict[Any, float] = {}
     for i, (x, y) in enumerate(pins):
         initial |= {x: float(i), y: 1.0, x.dot: 1.0}

@@ -150,8 +150,8 @@ def kane_of_the_disc() -> Any:
     kinematics = [dot(disc.ang_vel_in(plane) - turning, axis) for axis in lean]
     method = KanesMethod(plane, q_ind=[q1, q2, q3], u_ind=[u1, u2, u3], kd_eqs=kinematics)
     method.kanes_equations([body], [(centre, -m * g * yaw.z)])
-    found = (method.mass_matrix.inv() * method.forcing).subs(method.kindiffdict())
-    return found.subs(dict(zip((q1, q2, q3, u1, u2, u3), (z0, z1, z2, z5, z6, z7), strict=True)))
+    result = (method.mass_matrix.inv() * method.forcing).subs(method.kindiffdict())
+    return result.subs(dict(zip((q1, q2, q3, u1, u2, u3), (z0, z1, z2, z5, z6, z7), strict=True)))
 
 
 def rolling_disc() -> Formulation:
@@ -206,8 +206,8 @@ def turned(quaternion: Sequence[Any], spin: Sequence[Any]) -> list[Any]:
 def rigid_body(scene: str, inertias: Sequence[Any], weight: Any, start: Sequence[Any]) -> Formulation:
     """Formulate by Euler's equations. `weight` is m g l of a body that is fixed at a point of its third axis."""
     raw, spin = [z0, z1, z2, z3], [z4, z5, z6]
-    size = sqrt(sum(one**2 for one in raw))
-    w, x, y, z = unit = [one / size for one in raw]
+    size = sqrt(sum(item**2 for item in raw))
+    w, x, y, z = unit = [item / size for item in raw]
     up = [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x**2 + y**2)]  # the vertical, seen from the body
     torque = [weight * up[1], -weight * up[0], 0]  # l e3 x (-m g up)
     I1, I2, I3 = inertias
@@ -236,16 +236,16 @@ def spinning_top() -> Formulation:
 
 def hanging_chain() -> Formulation:
     """Formulate by the angles of the first two links; the joint of the others is at the intersection of two circles."""
-    one = l * direction(z0)
-    two = one + l * direction(z1)
-    away = Matrix([d, symbol("h")]) - two
+    first = l * direction(z0)
+    second = first + l * direction(z1)
+    away = Matrix([d, symbol("h")]) - second
     distance = sqrt(away.dot(away))
     aside = Matrix([-away[1], away[0]]) / distance
-    three = two + away / 2 - aside * sqrt(l**2 - distance**2 / 4)
-    potential = m * g * (one[1] + two[1] + three[1])
-    bodies = Bodies([(m, one), (m, two), (m, three)], potential=potential, names=(z0, z1))
+    three = second + away / 2 - aside * sqrt(l**2 - distance**2 / 4)
+    potential = m * g * (first[1] + second[1] + three[1])
+    bodies = Bodies([(m, first), (m, second), (m, three)], potential=potential, names=(z0, z1))
     start = [-pi / 2, -atan(Rational(4, 3)), 0, 0]
-    return reduced(of("hanging-chain"), [*one, *two, *three], bodies, start=start, spread=0.1)
+    return reduced(of("hanging-chain"), [*first, *second, *three], bodies, start=start, spread=0.1)
 
 
 def ladder() -> Formulation:

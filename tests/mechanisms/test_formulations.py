@@ -48,9 +48,9 @@ def test_the_accelerations_are_those_of_the_formulation(name: str, target: str, 
     for z in expected.draws(share(20)):
         time = 0.7
         state = expected.lift(z, time)
-        found = compiled.accelerations(state[:n], state[n:], time)
+        result = compiled.accelerations(state[:n], state[n:], time)
         right = expected.accelerations(z, time)
-        assert np.abs(found - right).max() <= 1e-11 * max(1.0, np.abs(right).max()), z
+        assert np.abs(result - right).max() <= 1e-11 * max(1.0, np.abs(right).max()), z
 
 
 @cache
@@ -67,8 +67,8 @@ def test_the_run_is_that_of_the_formulation(name: str) -> None:
     run: Any = flow(model(name), rtol=1e-13, atol=1e-15)
     size = np.maximum(np.abs(right).max(axis=1), 1.0)
     for time, expected in zip(times, right.T, strict=True):
-        found = run(np.array(loaded(name).initial), 0.0, time)
-        assert (np.abs(found - expected) / size).max() <= 1e-8, time
+        result = run(np.array(loaded(name).initial), 0.0, time)
+        assert (np.abs(result - expected) / size).max() <= 1e-8, time
 
 
 @pytest.mark.few(1)
@@ -78,8 +78,8 @@ def test_other_methods_run_to_the_same_end(name: str, method: str) -> None:
     """At the tolerance 1e-9 the largest error is 5e-6, in the scene with flips; that of the others is 1e-6."""
     times, right = expected_states(name)
     run: Any = flow(model(name), method=method, rtol=1e-9, atol=1e-12)
-    found = run(np.array(loaded(name).initial), 0.0, times[-1])
-    assert np.abs(found - right[:, -1]).max() <= 2e-5 * max(1.0, np.abs(right[:, -1]).max())
+    result = run(np.array(loaded(name).initial), 0.0, times[-1])
+    assert np.abs(result - right[:, -1]).max() <= 2e-5 * max(1.0, np.abs(right[:, -1]).max())
 
 
 def test_two_vortices_turn_evenly_about_their_centre() -> None:
@@ -89,5 +89,5 @@ def test_two_vortices_turn_evenly_about_their_centre() -> None:
     for time in (3.0, 20.0):
         angle = 4 / (2 * np.pi) * time
         way = np.array([np.cos(angle), np.sin(angle)])
-        found = run(start, 0.0, time)
-        assert found[:4] == pytest.approx([*([0.25, 0.0] - way / 4), *([0.25, 0.0] + way * 3 / 4)], abs=1e-12)
+        result = run(start, 0.0, time)
+        assert result[:4] == pytest.approx([*([0.25, 0.0] - way / 4), *([0.25, 0.0] + way * 3 / 4)], abs=1e-12)

@@ -75,8 +75,8 @@ def test_the_rods_of_a_double_pendulum_carry_what_hangs_on_them() -> None:
         },
         parameters={m1: 1.0, m2: 5.0, g: 10.0, l: 1.0},
     )
-    found = model_of(statement, machine("llvm")).multipliers([0.0, -1.0, 0.0, -3.0], [0.0] * 4)
-    assert found == pytest.approx([-60.0, -50.0], rel=1e-13)
+    result = model_of(statement, machine("llvm")).multipliers([0.0, -1.0, 0.0, -3.0], [0.0] * 4)
+    assert result == pytest.approx([-60.0, -50.0], rel=1e-13)
 
 
 # --- weights, walls and surfaces ------------------------------------------------------------------------------
@@ -87,9 +87,9 @@ def test_the_two_sides_of_a_heavy_wheel_pull_differently() -> None:
     m1, m2, J, r, gravity = (value("atwood-machine", name) for name in ("m1", "m2", "J", "r", "g"))
     a = (m1 - m2) * gravity / (m1 + m2 + J / r**2)
     start = np.array(loaded("atwood-machine").initial)
-    found = model("atwood-machine").multipliers(start[:3], start[3:])
-    assert found == pytest.approx([-m1 * (gravity - a), -m2 * (gravity + a)], rel=1e-13)
-    assert found[0] != pytest.approx(found[1], rel=0.01)
+    result = model("atwood-machine").multipliers(start[:3], start[3:])
+    assert result == pytest.approx([-m1 * (gravity - a), -m2 * (gravity + a)], rel=1e-13)
+    assert result[0] != pytest.approx(result[1], rel=0.01)
 
 
 @pytest.mark.parametrize("angle", [0.3, 0.9, 1.4])
@@ -101,8 +101,8 @@ def test_wall_and_floor_push_a_ladder(angle: float, turn: float) -> None:
     v = turn * np.array([-q[1], q[0], 1.0])
     bend = -3 * gravity / (2 * length) * np.cos(angle)
     along, up = -q[1] * bend - q[0] * turn**2, q[0] * bend - q[1] * turn**2
-    found = model("ladder").multipliers(q, v)
-    assert found == pytest.approx([mass * along, mass * (up + gravity)], rel=1e-12, abs=1e-12)
+    result = model("ladder").multipliers(q, v)
+    assert result == pytest.approx([mass * along, mass * (up + gravity)], rel=1e-12, abs=1e-12)
 
 
 # --- linkages: virtual work -----------------------------------------------------------------------------------
@@ -140,9 +140,9 @@ def test_the_multipliers_of_linkages_are_those_of_virtual_work(name: str, time: 
     run: Any = flow(model(name), rtol=1e-12)
     state = run(np.array(loaded(name).initial), 0.0, time * loaded(name).run.t_end)
     q, v = np.split(state, 2)
-    found = model(name).multipliers(q, v)
-    expected = [virtual_work(name, q, v, i) for i in range(len(found))]
-    assert found == pytest.approx(expected, rel=1e-7, abs=1e-7 * np.abs(found).max())
+    result = model(name).multipliers(q, v)
+    expected = [virtual_work(name, q, v, i) for i in range(len(result))]
+    assert result == pytest.approx(expected, rel=1e-7, abs=1e-7 * np.abs(result).max())
 
 
 # --- published ------------------------------------------------------------------------------------------------
@@ -182,8 +182,8 @@ ANDREWS_LAST_MULTIPLIERS = (
 
 def test_the_seven_body_mechanism_begins_as_published() -> None:
     model, start = compiled("seven-body-mechanism"), np.array(loaded("seven-body-mechanism").initial)
-    found = model.accelerations(start[:7], start[7:])
-    assert found == pytest.approx(ANDREWS_FIRST_ACCELERATIONS, rel=1e-13, abs=1e-9)
+    result = model.accelerations(start[:7], start[7:])
+    assert result == pytest.approx(ANDREWS_FIRST_ACCELERATIONS, rel=1e-13, abs=1e-9)
     pulls = model.multipliers(start[:7], start[7:])
     assert -pulls == pytest.approx(ANDREWS_FIRST_MULTIPLIERS, rel=1e-13, abs=1e-11)
 
@@ -193,11 +193,11 @@ def test_the_seven_body_mechanism_ends_as_published() -> None:
 
     Our end states by taylor, dop853 and verner9 differ among themselves by less than 1e-12.
     """
-    model, found = compiled("seven-body-mechanism"), end("seven-body-mechanism")
+    model, result = compiled("seven-body-mechanism"), end("seven-body-mechanism")
     last = np.array(ANDREWS_END)
     assert np.abs(model.evaluate("constraints", last[:7], last[7:])[6:]).max() > 5e-10
-    assert found[:7] == pytest.approx(last[:7], rel=0, abs=2e-9)
-    assert found[7:] == pytest.approx(last[7:], rel=1e-7, abs=0)
+    assert result[:7] == pytest.approx(last[:7], rel=0, abs=2e-9)
+    assert result[7:] == pytest.approx(last[7:], rel=1e-7, abs=0)
     accelerations = model.accelerations(last[:7], last[7:])
     assert accelerations == pytest.approx(ANDREWS_LAST_ACCELERATIONS, rel=0, abs=3e-7 * 5.7e5)
     assert -model.multipliers(last[:7], last[7:]) == pytest.approx(ANDREWS_LAST_MULTIPLIERS, rel=0, abs=3e-7 * 200)
@@ -224,8 +224,8 @@ def test_the_ladder_of_two_loops_is_the_scene() -> None:
 def test_the_ladder_passes_where_its_rods_lie_in_one_line_as_published(method: str, rtol: float) -> None:
     """The position of B0 at t = 10 is compared with EXUDYN (steps of 1.25e-4) and with the reduced motion."""
     run: Any = flow(compiled("four-bar-ladder"), method=method, rtol=rtol)
-    found = run(np.array(loaded("four-bar-ladder").initial), 0.0, 10.0)
-    x, y, x_rate, y_rate = found[[0, 1, 6, 7]]
+    result = run(np.array(loaded("four-bar-ladder").initial), 0.0, 10.0)
+    x, y, x_rate, y_rate = result[[0, 1, 6, 7]]
     assert (x, y, x_rate, y_rate) == pytest.approx((0.3284573768, 0.9445187937, 1.423050003, -0.4948670827), abs=5e-6)
     reduced = (0.32845811153906, 0.94451853817921, 1.42305147020307, -0.49486884548273)
     assert (x, y, x_rate, y_rate) == pytest.approx(reduced, abs=1e-6)

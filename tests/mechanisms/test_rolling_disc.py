@@ -54,8 +54,8 @@ def test_kanes_method_gives_what_sympy_publishes() -> None:
         -2 * z5 * z7 / 3,
         z5 * (-2 * z6 + z7 * tan(z1)),
     ]
-    found = kane_of_the_disc()
-    assert [sympy.simplify(one - two) for one, two in zip(found, published, strict=True)] == [0, 0, 0]
+    result = kane_of_the_disc()
+    assert [sympy.simplify(first - second) for first, second in zip(result, published, strict=True)] == [0, 0, 0]
 
 
 @pytest.mark.parametrize("given", STATES)
@@ -93,8 +93,8 @@ def test_putting_the_constraint_into_the_lagrangian_gives_what_sympys_lagrange_t
         w3 = u2 - u3 * np.tan(lean)
         second = (-8 * np.sin(lean) + (5 * np.sin(2 * lean) * w1 + 12 * np.cos(lean) * w3) * w1) / 10
         third = (-5 * np.cos(lean) * w1 + 6 * np.tan(lean) * w3 + 4 * w1 / np.cos(lean)) * w2
-        found = accelerations(np.array([0.4, lean, 1.3]), np.array([w1, w2, w3]))
-        assert found[1:] == pytest.approx([second, third], rel=1e-12, abs=1e-12)
+        result = accelerations(np.array([0.4, lean, 1.3]), np.array([w1, w2, w3]))
+        assert result[1:] == pytest.approx([second, third], rel=1e-12, abs=1e-12)
 
 
 def test_neither_that_nor_the_same_with_the_sign_mended_is_the_motion() -> None:

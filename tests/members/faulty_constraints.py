@@ -28,7 +28,7 @@ def held(*constraints: Any, **initial: float) -> Model:
         coordinates=[x, y],
         constraints=dict(zip("ab", constraints, strict=False)),
         initial={entry: initial[name] for name, entry in (("x", x), ("y", y)) if name in initial},
-        parameters={c: initial.get("c", 1.0)} if any(one.has(c) for one in constraints) else {},
+        parameters={c: initial.get("c", 1.0)} if any(item.has(c) for item in constraints) else {},
         name="held mass",
     ).compile()
 

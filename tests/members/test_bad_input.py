@@ -264,8 +264,8 @@ def test_a_store_that_would_never_end(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_all_digits_of_a_seed_count() -> None:
-    one, other = (lg.sample({"theta": (0, 1)}, 4, seed=seed)["theta"] for seed in (2**53, 2**53 + 1))
-    assert not np.array_equal(one, other)
+    first, second = (lg.sample({"theta": (0, 1)}, 4, seed=seed)["theta"] for seed in (2**53, 2**53 + 1))
+    assert not np.array_equal(first, second)
 
 
 def test_a_sample_of_more_than_a_sequence_has(monkeypatch: pytest.MonkeyPatch) -> None:

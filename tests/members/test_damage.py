@@ -71,15 +71,15 @@ def is_right_or_refused(make: Callable[[], dict[str, Any]], right: dict[str, Any
     """Return True if all results are right, or if the store is refused. A member without results counts as not run."""
     caught = Caught()
     with caught:
-        found = make()
+        result = make()
     if caught.error is not None:
         said = str(caught.error)
         assert isinstance(caught.error, lg.LagrangeError) and said.isprintable() and 20 < len(said) <= 400
         # A second call finds the same file.
         assert "same call again" not in said
         return False
-    done = found["status"] == right["status"]
-    for name, rows in found.items():
+    done = result["status"] == right["status"]
+    for name, rows in result.items():
         assert np.array_equal(rows[done], right[name][done], equal_nan=True), name
     return bool(done.all())
 
@@ -88,9 +88,11 @@ def is_right_or_refused(make: Callable[[], dict[str, Any]], right: dict[str, Any
 def test_every_file_of_a_store_that_is_damaged_in_every_way(tmp_path: Path, whole: Path, everything: bool) -> None:
     """Damaged files of a block are written again. Damaged files that describe the store may be refused."""
     right = columns(run(whole))
-    files = [str(one.relative_to(whole)) for one in sorted(whole.rglob("*")) if one.is_file()]
+    files = [str(item.relative_to(whole)) for item in sorted(whole.rglob("*")) if item.is_file()]
     kinds = ("checksum/", "status/", "t/", "x/", "x_end/", "x_start/", "steps/", "zarr.json")
-    chosen = [one for one in files if one.startswith(kinds) and ("/c/" not in one or "/c/1" in one or one[0] == "t")]
+    chosen = [
+        item for item in files if item.startswith(kinds) and ("/c/" not in item or "/c/1" in item or item[0] == "t")
+    ]
     changes = [*CHANGES]
     for number, file in list(enumerate(chosen))[:: 1 if everything else 5]:
         for change in (changes[number % len(changes)], changes[-1 - number // 2 % len(changes)]):

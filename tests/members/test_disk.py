@@ -62,12 +62,12 @@ def goes_on_after(room: int, disk: Filling, target: Path, whole: dict[str, bytes
         run(target)
     assert "make the same call again" in str(error.value) and "\n" not in str(error.value)
     made = target.exists()
-    written = {one.parent.name for one in (target / "checksum" / "c").glob("*/0")}
+    written = {item.parent.name for item in (target / "checksum" / "c").glob("*/0")}
     disk.room, disk.writes = 10**9, 0
-    found = run(target)
-    assert lg.Status.INTERRUPTED not in found.status
+    result = run(target)
+    assert lg.Status.INTERRUPTED not in result.status
     assert files(target) == whole
-    assert not [one for one in target.parent.iterdir() if one.name.startswith(".")]
+    assert not [item for item in target.parent.iterdir() if item.name.startswith(".")]
     if made:
         block = sum(name.endswith(("/c/0", "/c/0/0")) for name in whole)
         assert disk.writes == (3 - len(written)) * block, "what was stored was written again"

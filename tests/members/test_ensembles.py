@@ -105,7 +105,7 @@ def test_how_members_are_divided_does_not_change_a_bit(
 
 def test_a_member_that_fails_says_why_and_stops_where_a_run_stops() -> None:
     runs = lg.ensemble(system("henon-heiles"), 15.0, {"x": [0.1, 1.0, 0.2]}, t_eval=[1.0, 14.0, 15.0])
-    assert [one.value for one in runs.status] == ["success", "step_too_small", "success"]
+    assert [item.value for item in runs.status] == ["success", "step_too_small", "success"]
     alone = system("henon-heiles").run(15.0, {"x": 1.0}, t_eval=[1.0, 14.0, 15.0])
     assert list(runs.messages) == [1] and "singularity there" in runs.messages[1]
     assert repr(runs.messages).startswith("<messages of 1 member, of member 1: taylor stopped at")
@@ -126,17 +126,17 @@ def test_an_energy_that_moves_is_told_as_in_a_run() -> None:
 def test_a_grid_is_every_combination_and_a_sample_is_repeated_by_its_seed() -> None:
     runs = lg.ensemble(system("pendulum"), 0.1, lg.grid({"theta": (0.0, 1.0, 3), "l": [1.0, 2.0]}))
     assert runs["l"].tolist() == [1.0, 2.0] * 3 and runs.given("theta").tolist() == [0.0, 0.0, 0.5, 0.5, 1.0, 1.0]
-    found = runs.to_xarray()
-    assert dict(found.sizes) == {"theta": 3, "l": 2} and found["theta_dot"].dims == ("theta", "l")
+    result = runs.to_xarray()
+    assert dict(result.sizes) == {"theta": 3, "l": 2} and result["theta_dot"].dims == ("theta", "l")
     path = lg.ensemble(system("pendulum"), 0.1, lg.grid({"theta": (0.0, 1.0, 3)}), t_eval=[0.0, 0.1]).to_xarray()
     assert path["theta"].dims == ("theta_start", "t")
     assert np.array_equal(path["theta"][:, 0], path["theta_start"]) and path["theta_start"][2] == 1.0
     for method in ("sobol", "latin", "random"):
-        one, other, third = (lg.sample({"m": (0.9, 1.1)}, 37, seed=seed, method=method) for seed in (5, 5, 6))
+        first, second, third = (lg.sample({"m": (0.9, 1.1)}, 37, seed=seed, method=method) for seed in (5, 5, 6))
         every = np.arange(37)
-        assert np.array_equal(one.values("m", every), other.values("m", every))
-        assert not np.array_equal(one.values("m", every), third.values("m", every))
-        assert one.values("m", every).min() >= 0.9 and one.values("m", every).max() <= 1.1
+        assert np.array_equal(first.values("m", every), second.values("m", every))
+        assert not np.array_equal(first.values("m", every), third.values("m", every))
+        assert first.values("m", every).min() >= 0.9 and first.values("m", every).max() <= 1.1
 
 
 @pytest.mark.slow

@@ -61,9 +61,9 @@ def check_member(runs: lg.Ensemble, i: int, own: Trajectory | str) -> None:
         return
     assert runs.messages.get(i, own.message) == own.message
     assert runs.t[i] == pytest.approx(own.span[1], rel=1e-5)
-    for times, found in zip(runs.t_events, own.t_events, strict=True):
-        assert times[i][: len(found)] == pytest.approx(found[:2], rel=1e-9)
-        assert np.isnan(times[i][len(found) :]).all()
+    for times, result in zip(runs.t_events, own.t_events, strict=True):
+        assert times[i][: len(result)] == pytest.approx(result[:2], rel=1e-9)
+        assert np.isnan(times[i][len(result) :]).all()
 
 
 @pytest.mark.few(1)

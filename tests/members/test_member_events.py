@@ -68,8 +68,8 @@ def agree(one: lg.Ensemble, other: lg.Ensemble, tolerance: float = 1e-12, method
     vain = ("evaluations",) if method == "taylor" else ("evaluations", "rejected")
     for column in one.columns:
         if column.name not in vain:
-            found, expected = (runs.results.column(column.name) for runs in (one, other))
-            assert np.allclose(found, expected, rtol=tolerance, atol=tolerance, equal_nan=True), column.name
+            result, expected = (runs.results.column(column.name) for runs in (one, other))
+            assert np.allclose(result, expected, rtol=tolerance, atol=tolerance, equal_nan=True), column.name
 
 
 def test_times_of_a_thrown_ball_have_closed_forms(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,7 +81,7 @@ def test_times_of_a_thrown_ball_have_closed_forms(monkeypatch: pytest.MonkeyPatc
         runs = lg.ensemble(ball(), 4.0, {"y_dot": speeds}, events=events, keep=("end", ("events", 2)))
     assert "side by side" in runs.form and sum(alone) == 0
     landed = (speeds + np.sqrt(speeds**2 + 20.0)) / 10.0
-    assert [one.value for one in runs.status] == [*["event"] * 20, "success"]
+    assert [item.value for item in runs.status] == [*["event"] * 20, "success"]
     assert np.allclose(runs.t_events[0][:20, 0], landed[:20], rtol=4e-16, atol=0)
     assert np.isnan(runs.t_events[0][20]).all() and np.isnan(runs.t_events[0][:, 1]).all()
     assert np.array_equal(runs.t[:20], runs.t_events[0][:20, 0]) and runs.t[20] == 4.0
@@ -150,7 +150,9 @@ def random_ensemble(rng: np.random.Generator) -> tuple[lg.System, dict[str, Any]
         x**2 + y**2 - shifts[3] ** 2,
     ]
     ways, ends = rng.integers(-1, 2, 4).tolist(), rng.choice([0, 0, 3, 9], 4).tolist()
-    events = [lg.event(one, direction=way, terminal=end) for one, way, end in zip(expressions, ways, ends, strict=True)]
+    events = [
+        lg.event(item, direction=way, terminal=end) for item, way, end in zip(expressions, ways, ends, strict=True)
+    ]
     starts = {name: rng.uniform(-0.8, 0.8, 19) for name in ("x", "y")}
     if rng.random() < 0.5:
         starts["k"] = rng.uniform(0.3, 1.5, 19)
@@ -173,8 +175,8 @@ def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
         alone = lg.ensemble(system, 15.0, starts, workers=1, **given)
     assert sum(left) <= 2 and np.isfinite(together.t_events[0]).any()
     for column in together.columns:
-        found, expected = (runs.results.column(column.name) for runs in (together, alone))
-        assert np.array_equal(found, expected, equal_nan=column.kind == "f8"), column.name
+        result, expected = (runs.results.column(column.name) for runs in (together, alone))
+        assert np.array_equal(result, expected, equal_nan=column.kind == "f8"), column.name
 
 
 @pytest.mark.slow

@@ -86,6 +86,6 @@ def test_a_name_that_is_free_is_taken(tmp_path: Path) -> None:
 def test_a_data_set_tells_states_at_times_from_starts(starts: Any) -> None:
     pytest.importorskip("xarray")
     runs = lg.ensemble(lg.scene("pendulum"), 1.0, starts, t_eval=[0.0, 0.5, 1.0])
-    found = runs.to_xarray()
-    assert np.array_equal(np.unique(found["theta_start"]), [0.1, 0.2])
-    assert np.array_equal(found["theta"].to_numpy().reshape(len(runs), 3), runs["theta"].T)
+    result = runs.to_xarray()
+    assert np.array_equal(np.unique(result["theta_start"]), [0.1, 0.2])
+    assert np.array_equal(result["theta"].to_numpy().reshape(len(runs), 3), runs["theta"].T)

@@ -52,11 +52,11 @@ def ordered(order: Any, **options: Any) -> Columns:
 
 def in_parts(parts: list[Any], **options: Any) -> Columns:
     """Run members in several smaller ensembles."""
-    found = {name: np.empty_like(rows) for name, rows in whole(options["method"]).items()}
+    result = {name: np.empty_like(rows) for name, rows in whole(options["method"]).items()}
     for part in parts:
         for name, rows in run(part, **options).items():
-            found[name][part] = rows
-    return found
+            result[name][part] = rows
+    return result
 
 
 @contextmanager
@@ -114,12 +114,12 @@ METHODS = ("taylor", "dop853", "rk4", "verlet", pytest.param("radau5", marks=pyt
 
 
 def same(partition: tuple[int, Callable[..., Columns]], method: str, folder: Path, patch: pytest.MonkeyPatch) -> None:
-    size, found = partition
+    size, result = partition
     right = dict(whole(method))
     patch.setattr(work, "FIRST_CHUNK", min(size, 8))
     patch.setattr(work, "LARGEST_CHUNK", size)
     patch.setattr(store, "LARGEST_BLOCK", size)
-    given = found(folder, method=method)
+    given = result(folder, method=method)
     assert set(given) == set(right)
     for name, rows in right.items():
         assert given[name].tobytes() == rows.tobytes(), name

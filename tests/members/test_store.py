@@ -74,7 +74,7 @@ def test_a_call_goes_on_where_another_one_stopped(
     for stops_at in range(1, blocks + 1) if everything else (2, blocks):
         partial = run(store=tmp_path / "runs.zarr", workers=1)
         assert len(written) == stops_at and len(set(written)) == stops_at
-        assert sum(one is lg.Status.INTERRUPTED for one in partial.status) == max(len(GRID) - 37 * stops_at, 0)
+        assert sum(item is lg.Status.INTERRUPTED for item in partial.status) == max(len(GRID) - 37 * stops_at, 0)
     stops_at = -1
     run(store=tmp_path / "runs.zarr")
     assert sorted(written) == list(range(blocks))

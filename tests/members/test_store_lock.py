@@ -86,7 +86,7 @@ def test_a_store_that_another_call_has_made_meanwhile_is_used(tmp_path: Path, mo
 
     monkeypatch.setattr(store, "write_file", late)
     assert run(folder).form == "all members were stored"
-    assert first[0].ran == 2 and [one.name for one in tmp_path.iterdir()] == ["runs.zarr"]
+    assert first[0].ran == 2 and [item.name for item in tmp_path.iterdir()] == ["runs.zarr"]
 
 
 def test_a_call_that_fails_lets_the_next_one_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

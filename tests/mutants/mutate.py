@@ -90,7 +90,7 @@ class _Site:
 
 def mutants(file: str, source: str, seed: int) -> list[Mutant]:
     """Return every mutant of a file."""
-    found: list[Mutant] = []
+    result: list[Mutant] = []
     times: dict[tuple[str, ...], int] = {}
     for place, site in enumerate(_sites(ast.parse(source))):
         old, before = getattr(site.node, site.field), ast.unparse(site.around)
@@ -101,8 +101,8 @@ def mutants(file: str, source: str, seed: int) -> list[Mutant]:
         times[what] = times.get(what, 0) + 1
         name = hashlib.sha256(repr((seed, *what, times[what])).encode()).hexdigest()[:12]
         line = getattr(site.around, "lineno", 0)
-        found.append(Mutant(name, file, line, site.function, site.kind, *_difference(before, after), place))
-    return found
+        result.append(Mutant(name, file, line, site.function, site.kind, *_difference(before, after), place))
+    return result
 
 
 def _difference(before: str, after: str) -> tuple[str, str]:
@@ -131,10 +131,10 @@ def mutated(source: str, mutant: Mutant) -> str:
 def population(root: Path, seed: int) -> list[Mutant]:
     """Return every mutant of the folders that are mutated, in the order of their names."""
     files = [path for folder in FOLDERS for path in sorted((root / "lagrange" / folder).rglob("*.py"))]
-    found = [
+    result = [
         mutant for path in files for mutant in mutants(path.relative_to(root).as_posix(), path.read_text("utf-8"), seed)
     ]
-    return sorted(found, key=lambda mutant: mutant.name)
+    return sorted(result, key=lambda mutant: mutant.name)
 
 
 def sample(root: Path, seed: int, count: int) -> list[Mutant]:
@@ -203,5 +203,5 @@ def _emitted(text: str) -> Iterator[tuple[str, str]]:
     """Yield the changes of a text that contains LLVM instructions."""
     for kind, pairs in EMITTED.items():
         for old, new in (either for pair in pairs for either in (pair, pair[::-1])):
-            for found in re.finditer(rf"\b{old}\b", text):
-                yield kind, text[: found.start()] + new + text[found.end() :]
+            for result in re.finditer(rf"\b{old}\b", text):
+                yield kind, text[: result.start()] + new + text[result.end() :]

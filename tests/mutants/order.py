@@ -50,12 +50,12 @@ def chosen(mutant: Mutant, tests: Sequence[Reached], budget: float) -> dict[str,
     files = {test.test.partition("::")[0] for test in tests if len(direct) < FEW or test.test in direct}
     order: dict[str, float] = {}
     left = 0.0
-    for wanted, share in enumerate(SHARES):
+    for expected, share in enumerate(SHARES):
         left += share * budget
         examples: dict[str, int] = {}
         ranked = []
         for test in sorted(tests, key=lambda test: test.seconds):
-            if test.test.partition("::")[0] in files and distance(mutant, test.test) == wanted:
+            if test.test.partition("::")[0] in files and distance(mutant, test.test) == expected:
                 name = test.test.partition("[")[0]
                 examples[name] = examples.get(name, 0) + 1
                 ranked.append((test.test not in direct, examples[name], test.seconds, test.test))

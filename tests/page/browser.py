@@ -48,7 +48,7 @@ class Browser:
         self._answers, taken = os.pipe()
         path = program()
         assert path is not None
-        high = [os.dup2(one, one + 20, inheritable=False) for one in (given, taken)]
+        high = [os.dup2(item, item + 20, inheritable=False) for item in (given, taken)]
         actions = [
             (os.POSIX_SPAWN_DUP2, high[0], READS),
             (os.POSIX_SPAWN_DUP2, high[1], WRITES),
@@ -56,8 +56,8 @@ class Browser:
         ]
         arguments = [path, *FLAGS, f"--user-data-dir={self.folder}", "about:blank"]
         self._process = os.posix_spawn(path, arguments, os.environ, file_actions=actions)
-        for one in (given, taken, *high):
-            os.close(one)
+        for item in (given, taken, *high):
+            os.close(item)
         self._count, self._read = itertools.count(1), b""
         self.events: list[dict[str, Any]] = []
 
@@ -71,10 +71,10 @@ class Browser:
         os.close(self._answers)
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def call(self, method: str, session: str | None = None, **given: Any) -> Any:
+    def call(self, method: str, session: str | None = None, **options: Any) -> Any:
         """Send a command and return its result. Events that arrive meanwhile are stored in `events`."""
         number = next(self._count)
-        message = {"id": number, "method": method, "params": given} | ({"sessionId": session} if session else {})
+        message = {"id": number, "method": method, "params": options} | ({"sessionId": session} if session else {})
         os.write(self._commands, json.dumps(message).encode() + b"\0")
         while True:
             answer = self._next()
@@ -92,8 +92,8 @@ class Browser:
             assert block, "the browser has gone"
             self._read += block
         message, _, self._read = self._read.partition(b"\0")
-        found: dict[str, Any] = json.loads(message)
-        return found
+        result: dict[str, Any] = json.loads(message)
+        return result
 
     def open(self, path: Path, width: int = 1280, height: int = 800, *, dark: bool = False) -> Tab:
         """Open a file in a tab of a given size. A narrow tab emulates a phone."""
@@ -123,21 +123,21 @@ class Tab:
     def __exit__(self, *_: object) -> None:
         self.browser.call("Target.closeTarget", targetId=self._target)
 
-    def call(self, method: str, **given: Any) -> Any:
+    def call(self, method: str, **options: Any) -> Any:
         """Send a command to the page."""
-        return self.browser.call(method, self._session, **given)
+        return self.browser.call(method, self._session, **options)
 
     def value(self, script: str) -> Any:
         """Return the value of a script as JSON data."""
-        found = self.call("Runtime.evaluate", expression=script, **ASKED)
-        assert "exceptionDetails" not in found, found["exceptionDetails"]
-        return found["result"].get("value")
+        result = self.call("Runtime.evaluate", expression=script, **ASKED)
+        assert "exceptionDetails" not in result, result["exceptionDetails"]
+        return result["result"].get("value")
 
     def wait(self, script: str) -> None:
         """Wait until a script returns a true value. Fails after an error of the page, or after a time limit."""
         until = time.monotonic() + PATIENCE
         while not self.value(script):
-            failed = [one for one in self.complaints() if "exceptionDetails" in one]
+            failed = [item for item in self.complaints() if "exceptionDetails" in item]
             assert not failed and time.monotonic() < until, f"{script} is not true; complaints: {self.complaints()}"
             time.sleep(0.01)
 
@@ -152,8 +152,8 @@ class Tab:
 
     def type(self, selector: str, value: float, event: str = "change") -> None:
         """Set the value of an input, as a person does by typing (change) or dragging (input)."""
-        found = f"document.querySelector({json.dumps(selector)})"
-        self.value(f"{found}.value = {value!r}; {found}.dispatchEvent(new Event('{event}', {{ bubbles: true }}))")
+        result = f"document.querySelector({json.dumps(selector)})"
+        self.value(f"{result}.value = {value!r}; {result}.dispatchEvent(new Event('{event}', {{ bubbles: true }}))")
 
     def press(self, key: str, code: str | None = None) -> None:
         """Press and release a key."""
@@ -165,13 +165,13 @@ class Tab:
 
     def complaints(self) -> list[str]:
         """Return errors and warnings of the console, and requests for other files than the page."""
-        found = []
+        result = []
         for event in self.browser.events[self._first :]:
             given = event.get("params", {})
             if event.get("sessionId") != self._session:
                 continue
             if event["method"] in COMPLAINTS:
-                found.append(json.dumps(given)[:400])
+                result.append(json.dumps(given)[:400])
             if event["method"] == "Network.requestWillBeSent" and given["request"]["url"] != self.path.as_uri():
-                found.append(f"asked for {given['request']['url']}")
-        return found
+                result.append(f"asked for {given['request']['url']}")
+        return result

@@ -41,7 +41,7 @@ def browser() -> Iterator[Browser]:
         yield made
 
 
-def moves_as_ours(tab: Tab, system: lg.System, times: Sequence[float], found: Any = None) -> bool:
+def moves_as_ours(tab: Tab, system: lg.System, times: Sequence[float], result: Any = None) -> bool:
     """Return True if the states of a page, `found` or its trajectory, equal ours up to rounding."""
     values = tab.value("lagrange.values()")
     names = [*system.statement.names, *(f"{name}_dot" for name in system.statement.names)]
@@ -53,10 +53,10 @@ def moves_as_ours(tab: Tab, system: lg.System, times: Sequence[float], found: An
         rtol=TOLERANCE,
         atol=TOLERANCE,
     ).require()
-    if found is None:
-        found = tab.value(f"lagrange.trajectory({json.dumps(list(times))})")
+    if result is None:
+        result = tab.value(f"lagrange.trajectory({json.dumps(list(times))})")
     sizes = np.abs(run.y).max(axis=1)
-    off = np.abs(np.array(found) - run.at(times).T)
+    off = np.abs(np.array(result) - run.at(times).T)
     return bool((off <= EQUAL * np.maximum(sizes, 1e-3 * sizes.max())).all())
 
 
@@ -412,9 +412,9 @@ def test_limits_and_the_floor_are_those_of_figures(browser: Browser, tmp_path: P
         for _ in range(5):
             points = rng.normal(size=(3, 9)) * [[1.0], [3.0], [0.02]]
             bounds = json.dumps(np.stack([points.min(axis=1), points.max(axis=1)], axis=1).tolist())
-            found = tab.value(f"(() => {{ const v = new View(3, [-1, 0.4]); v.bounds = {bounds}; return v.room; }})()")
+            result = tab.value(f"(() => {{ const v = new View(3, [-1, 0.4]); v.bounds = {bounds}; return v.room; }})()")
             box = Box.around(points)
-            np.testing.assert_allclose(found, np.stack([box.low, box.high], axis=1), atol=1e-12)
+            np.testing.assert_allclose(result, np.stack([box.low, box.high], axis=1), atol=1e-12)
 
 
 def test_axes_are_fixed_before_the_motion_begins(browser: Browser, tmp_path: Path) -> None:

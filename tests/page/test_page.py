@@ -42,8 +42,8 @@ def data(page: Path) -> dict[str, Any]:
 
 def data_of(text: str) -> dict[str, Any]:
     """Return the data about the system in the text of a page."""
-    found: dict[str, Any] = json.loads(text.partition('id="data">')[2].partition("</script>")[0])
-    return found
+    result: dict[str, Any] = json.loads(text.partition('id="data">')[2].partition("</script>")[0])
+    return result
 
 
 def test_a_double_pendulum_takes_less_than_200_kb_and_nothing_from_elsewhere(tmp_path: Path) -> None:
@@ -73,7 +73,7 @@ def test_the_policy_allows_what_is_there_alone(tmp_path: Path) -> None:
     (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page.read_text("utf-8"))
     (_, *scripts), (style,) = parts(page)
     hashes = [
-        f"'sha256-{base64.b64encode(hashlib.sha256(one.encode()).digest()).decode()}'" for one in (*scripts, style)
+        f"'sha256-{base64.b64encode(hashlib.sha256(item.encode()).digest()).decode()}'" for item in (*scripts, style)
     ]
     rules = dict(rule.split(" ", 1) for rule in policy.split("; "))
     assert rules == {
@@ -116,20 +116,20 @@ def test_what_is_given_is_in_the_page(tmp_path: Path) -> None:
 
 
 def test_springs_rods_and_points_are_in_the_page(tmp_path: Path) -> None:
-    found = data(shared_scene("double-pendulum").to_page(tmp_path / "page.html"))
-    assert (found["points"], found["dimension"]) == (["bob1", "bob2"], 2)
-    assert found["links"] == [[2, 0, "rod"], [0, 1, "rod"]]
-    found = data(shared_scene("elastic-pendulum").to_page(tmp_path / "page.html"))
-    assert found["links"] == [[1, 0, "spring"]]
+    result = data(shared_scene("double-pendulum").to_page(tmp_path / "page.html"))
+    assert (result["points"], result["dimension"]) == (["bob1", "bob2"], 2)
+    assert result["links"] == [[2, 0, "rod"], [0, 1, "rod"]]
+    result = data(shared_scene("elastic-pendulum").to_page(tmp_path / "page.html"))
+    assert result["links"] == [[1, 0, "spring"]]
 
 
 def test_springs_and_directions_of_space_are_those_of_figures(tmp_path: Path) -> None:
-    found = data(shared_scene("elastic-pendulum").to_page(tmp_path / "page.html"))
+    result = data(shared_scene("elastic-pendulum").to_page(tmp_path / "page.html"))
     start, end = np.array([1.0, 2.0]), np.array([4.0, 6.0])
-    along, aside = np.array(found["spring"]).T
+    along, aside = np.array(result["spring"]).T
     corners = start[:, None] + np.outer(end - start, along) + 0.5 * np.outer([-0.8, 0.6], aside)
     assert corners == pytest.approx(spring(start, end, 0.5), abs=1e-3)  # four digits of a unit
-    seen = from_side(*np.degrees(found["view"]))
+    seen = from_side(*np.degrees(result["view"]))
     assert seen.matrix == pytest.approx(from_side(AZIMUTH, ELEVATION).matrix, abs=1e-15)
 
 
@@ -205,7 +205,7 @@ def test_sliders_that_are_asked_for_stand_first(tmp_path: Path) -> None:
     system = pendulum()
     (theta,) = system.coordinates
     page = system.to_page(tmp_path / "page.html", sliders={theta.dot: (-2, 2), "l": (0.5, 2)})
-    assert [(one["kind"], one["place"]) for one in data(page)["sliders"]] == [
+    assert [(item["kind"], item["place"]) for item in data(page)["sliders"]] == [
         ("state", 1),
         ("parameter", 2),
         ("parameter", 0),

@@ -239,7 +239,7 @@ def test_the_largest_magnitude_is_that_of_all_numbers_or_nan() -> None:
         size = p.fold("magnitude", x[i])
     p.leave(size, p.operation("magnitude", x[0], x[1]))
     made = p.finish(REAL, REAL)
-    for call in (lambda *given: run(made, *given), loaded(made)):
+    for call in (lambda *arguments: run(made, *arguments), loaded(made)):
         assert call(3, [2.0, -3.0, 1.0]) == (3.0, 3.0)
         assert call(0, [-0.0, -0.0]) == (0.0, 0.0)
         assert all(math.isnan(value) for value in call(3, [math.inf, math.nan, -2.0]))
@@ -255,9 +255,9 @@ def test_the_largest_magnitude_is_that_of_all_numbers_or_nan() -> None:
     ],
 )
 def test_a_fused_product_is_rounded_once(a: float, b: float, c: float, expected: float) -> None:
-    found = fused(a, b, c)
-    assert found == expected
-    assert math.copysign(1.0, found) == math.copysign(1.0, expected)
+    result = fused(a, b, c)
+    assert result == expected
+    assert math.copysign(1.0, result) == math.copysign(1.0, expected)
 
 
 # --- series ---------------------------------------------------------------------------------------------------

@@ -43,8 +43,8 @@ def test_products_that_are_added_up_are_rounded_once(count: int | None) -> None:
     expected = run(procedure, 11, *numbers)[0]
     code = Module(module([procedure]), optimize=True)
     call = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_int64, *[ctypes.c_void_p] * 2)(code.address(procedure.name))
-    one, other = (np.array(values) for values in numbers)
-    assert call(11, one.ctypes.data, other.ctypes.data) == expected
+    first, second = (np.array(values) for values in numbers)
+    assert call(11, first.ctypes.data, second.ctypes.data) == expected
     assert loaded(procedure)(11, *numbers) == pytest.approx(expected, abs=1e-15)
 
 
@@ -59,12 +59,12 @@ def evaluated(programs: list[Program], t: float, y: np.ndarray, parameters: np.n
     prepared = PreparedLayout.of(programs)
     p = memoryview(array("d", [0.0] * max(prepared.size, 1)))
     assert not loaded(prepare(prepared, "Prepare."))(parameters.data, p)
-    found: list[np.ndarray | None] = []
+    result: list[np.ndarray | None] = []
     for program in programs:
         out = np.zeros(len(program.outputs))
         singular = loaded(kernel(program, prepared, program.name, "Evaluate."))(t, y.data, p, out.data)
-        found.append(None if singular else out)
-    return found
+        result.append(None if singular else out)
+    return result
 
 
 @pytest.mark.few(2)
@@ -125,8 +125,8 @@ def test_systems_are_solved_with_pivoting_where_it_is_needed(order: int, kind: s
         with pytest.raises(SingularMassMatrix):
             InterpretedKernel(program)(0.0, y, given)
     else:
-        (found,) = evaluated([program], 0.0, y, given)
-        assert found == pytest.approx(x, rel=1e-12)
+        (result,) = evaluated([program], 0.0, y, given)
+        assert result == pytest.approx(x, rel=1e-12)
 
 
 def test_what_depends_on_parameters_alone_is_prepared_once_for_all_programs() -> None:
@@ -162,8 +162,8 @@ def projected(
 
 
 def test_a_state_whose_violation_is_round_off_stays_as_it_is() -> None:
-    found = projected([([1e-17, 2e-17], KEPT_VIOLATION, 0.0)], [1.0, 2.0])
-    assert found == (Outcome.DONE, False, [1.0, 2.0], [0.0, 0.0], 1)
+    result = projected([([1e-17, 2e-17], KEPT_VIOLATION, 0.0)], [1.0, 2.0])
+    assert result == (Outcome.DONE, False, [1.0, 2.0], [0.0, 0.0], 1)
 
 
 def test_the_state_and_what_rounding_took_from_it_move_as_one_number() -> None:

@@ -49,14 +49,16 @@ C_TYPES: dict[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64, FLAG: 
 
 def flat(args: Any) -> list[Any]:
     """Return arguments with bundles replaced by their fields, as a procedure takes them."""
-    return [one for arg in args for one in ((arg.source, arg.target, arg.length) if isinstance(arg, Pair) else (arg,))]
+    return [
+        item for arg in args for item in ((arg.source, arg.target, arg.length) if isinstance(arg, Pair) else (arg,))
+    ]
 
 
 def machine_code(form: Procedure, *, optimize: bool = True) -> Callable[..., Any]:
     """Return the compiled procedure as a function of its arguments."""
     types = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
     results = ", ".join(types[kind] for kind in form.numbers)
-    kinds = [one.type if isinstance(one.type, Kind) else None for one in form.parameters]
+    kinds = [item.type if isinstance(item.type, Kind) else None for item in form.parameters]
     takes = ", ".join(f"{types[kind] if kind else 'ptr'} %a{i}" for i, kind in enumerate(kinds))
     returned = f"{{{results}}}" if len(form.results) > 1 else results
     text = f"define void @wrapper(ptr %result, {takes}) {{\n  %r = call {returned} @{form.name}({takes})\n"
@@ -68,13 +70,13 @@ def machine_code(form: Procedure, *, optimize: bool = True) -> Callable[..., Any
     structure: Any = type("Results", (ctypes.Structure,), {"_fields_": fields, "code": compiled})
 
     def run_compiled(*args: Any) -> Any:
-        found = structure()
+        result = structure()
         places = [arg.ctypes.data if isinstance(arg, np.ndarray) else arg for arg in args]
         call(
-            ctypes.addressof(found),
-            *[ctypes.addressof(one) if isinstance(one, ctypes.Structure) else one for one in places],
+            ctypes.addressof(result),
+            *[ctypes.addressof(item) if isinstance(item, ctypes.Structure) else item for item in places],
         )
-        return tuple(getattr(found, name) for name, _ in fields)
+        return tuple(getattr(result, name) for name, _ in fields)
 
     return run_compiled
 
@@ -394,7 +396,7 @@ def test_the_table_has_every_statement_and_fields_that_it_has() -> None:
 @pytest.mark.parametrize("seed", range(8))
 def test_what_is_read_is_defined_once(seed: int, tmp_path: Path) -> None:
     procedure = example(seed, tmp_path).form(option=True)
-    made = [one.ref for one in procedure.parameters if isinstance(one, Parameter)]
+    made = [item.ref for item in procedure.parameters if isinstance(item, Parameter)]
     made += [ref for statement in walk(procedure.body) for ref in defined(statement)]
     assert len(made) == len(dict.fromkeys(made))
     # An entry of a fold is made inside its loop, which the loop itself reads.
@@ -498,7 +500,7 @@ def test_every_life_has_the_sine_and_the_cosine(count: int) -> None:
         finite = math.isfinite(x)
         expected = (math.sin(x), math.cos(x)) if finite else (math.nan, math.nan)
         for life in lives:
-            found = life(x)
+            result = life(x)
             # The machine's own sine and the C library's are each right to less than a unit in the last place.
-            assert found[:2] == pytest.approx(expected, rel=2.0**-51, abs=0.0, nan_ok=True)
-            assert math.copysign(1.0, found[0]) == math.copysign(1.0, expected[0]) or not finite
+            assert result[:2] == pytest.approx(expected, rel=2.0**-51, abs=0.0, nan_ok=True)
+            assert math.copysign(1.0, result[0]) == math.copysign(1.0, expected[0]) or not finite

@@ -64,10 +64,10 @@ def cases(seed: int, count: int) -> Iterator[Case]:
 
 def outcome(isolate: Callable[..., Any], case: Case, room: int = MOST_ROOTS) -> tuple[Any, list[float], list[int]]:
     times, rising = np.full(MOST_ROOTS + 1, math.nan), np.full(MOST_ROOTS + 1, 7)
-    found = isolate(*case, times, rising, room)
+    result = isolate(*case, times, rising, room)
     assert np.isnan(times[room:]).all() and (rising[room:] == 7).all(), "nothing is written beyond the room"
-    met = max(found[0], 0)
-    return tuple(map(int, found)), times[:met].tolist(), rising[:met].tolist()
+    met = max(result[0], 0)
+    return tuple(map(int, result)), times[:met].tolist(), rising[:met].tolist()
 
 
 @pytest.mark.few(2)
@@ -90,8 +90,8 @@ def test_python_decides_as_machine_code_does(seed: int) -> None:
 def test_more_roots_than_there_is_room_for_are_told(isolate: Callable[..., Any]) -> None:
     wave = np.array([0.0 if k % 2 else (-1) ** (k // 2) * 10.0**k / math.factorial(k) for k in range(40)])
     case = wave, 40, 1.0, 0.0, 0, False, False
-    (found, sign, near), times, rising = outcome(isolate, case)
-    assert (found, sign, near) == (3, -1, False) and rising == [-1, 1, -1]
+    (result, sign, near), times, rising = outcome(isolate, case)
+    assert (result, sign, near) == (3, -1, False) and rising == [-1, 1, -1]
     assert times == pytest.approx([k * math.pi / 20 for k in (1, 3, 5)], rel=1e-13)
     assert outcome(isolate, case, room=3)[0][0] == 3
     for room in (0, 1, 2):
@@ -102,8 +102,8 @@ def test_more_roots_than_there_is_room_for_are_told(isolate: Callable[..., Any])
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_what_is_not_finite_is_told(isolate: Callable[..., Any], bad: float) -> None:
     for c, h, noise in (([1.0, bad], 1.0, 0.0), ([1.0, 2.0], bad, 0.0), ([1.0, 2.0], 1.0, bad), ([bad], 1.0, 0.0)):
-        found, _, _ = outcome(isolate, (np.array(c), len(c), h, noise, 1, False, False))
-        assert found[0] == UNFIT
+        result, _, _ = outcome(isolate, (np.array(c), len(c), h, noise, 1, False, False))
+        assert result[0] == UNFIT
 
 
 # --- event terms ----------------------------------------------------------------------------------------------
@@ -151,9 +151,9 @@ def test_the_only_zero_is_the_one_that_isolation_finds(machine: Any, seed: int) 
             continue
         times, rising = np.empty(MOST_ROOTS), np.empty(MOST_ROOTS, dtype=np.int64)
         side = sign, *(False, False)
-        found, after, near = isolate(c, len(c), s, noise, *side, times, rising, MOST_ROOTS)
+        result, after, near = isolate(c, len(c), s, noise, *side, times, rising, MOST_ROOTS)
         assert (after, near) == (answer or sign, False)
-        assert rising[:found].tolist() == ([answer] if answer else [])
+        assert rising[:result].tolist() == ([answer] if answer else [])
         if answer:
             slope = np.polynomial.polynomial.polyval(time, np.polynomial.polynomial.polyder(c))
             sizes = np.abs(c) @ abs(s) ** np.arange(order + 1)
@@ -193,6 +193,6 @@ def test_what_has_a_zero_on_the_step_is_doubtful(machine: str, count: int) -> No
             rest = np.abs(columns[2:] * s ** np.arange(2.0, order + 1)[:, None]).sum(axis=0)
             ends = columns[0], columns[0] + columns[1] * s
             expected = (np.minimum(*np.abs(ends)) <= rest) | (ends[0] * ends[1] <= 0)
-            found, some = asked(machine, columns, s)
-            assert found == expected.tolist() and some is bool(expected.any())
+            result, some = asked(machine, columns, s)
+            assert result == expected.tolist() and some is bool(expected.any())
             assert not (crosses & ~expected).any()

@@ -58,11 +58,11 @@ class RandomVectors:
         draw, some = self.draw, self.draw.choice(self.made)
         match draw.randrange(11):
             case 0:
-                alike = [one for one in self.made if one.kind is some.kind]
+                alike = [item for item in self.made if item.kind is some.kind]
                 parts = [some, *(draw.choice(alike) for _ in range(draw.randrange(3)))]
-                parts = [one if draw.random() < 0.7 else one.permuted(draw.randrange(one.width)) for one in parts]
+                parts = [item if draw.random() < 0.7 else item.permuted(draw.randrange(item.width)) for item in parts]
                 parts += [self.p.constant(0.5, REAL), self.x] if some.kind is REAL and draw.random() < 0.5 else []
-                known = range(sum(one.width if isinstance(one, Entries) else 1 for one in parts))
+                known = range(sum(item.width if isinstance(item, Entries) else 1 for item in parts))
                 self.made.append(self.p.permuted(parts, draw.choices(known, k=draw.choice(WIDTHS[1:]))))
             case 1:
                 places = self.pick(WHOLE, some.vector.width)
@@ -99,7 +99,7 @@ class RandomVectors:
 
     def pick(self, kind: Kind, width: int) -> Entries:
         """Return a random vector of a type."""
-        return self.draw.choice([one for one in self.made if one.vector == Vector(kind, width)])
+        return self.draw.choice([item for item in self.made if item.vector == Vector(kind, width)])
 
     def procedure(self) -> Procedure:
         """Return the procedure; one part of it is in a loop."""
@@ -114,10 +114,10 @@ class RandomVectors:
         for _ in range(12):
             self.step()
         place = 0
-        for one in self.made[-30:]:
-            width, wide = one.vector.width, one
-            if one.vector.kind is FLAG:
-                wide = self.p.entrywise("select", one, self.p.broadcast(1.0, width), 0.0)
+        for item in self.made[-30:]:
+            width, wide = item.vector.width, item
+            if item.vector.kind is FLAG:
+                wide = self.p.entrywise("select", item, self.p.broadcast(1.0, width), 0.0)
             (self.counts if wide.vector.kind is WHOLE else self.out).put(place, wide)
             place += width
         self.p.leave()

@@ -66,14 +66,14 @@ def test_the_interpreted_program_has_the_value_of_the_graph(forms: Forms) -> Non
     state = [symbols[name] for name in "xyu"]
     time = graph.symbol("t", Binding.TIME)
     program = lower("any", {"out": outputs}, {"y": state}, time, [symbols["m"]])
-    found = NumpyMachine().load(program)(0.0, np.array([POINT[name] for name in "xyu"]), np.array([POINT["m"]]))
+    result = NumpyMachine().load(program)(0.0, np.array([POINT[name] for name in "xyu"]), np.array([POINT["m"]]))
     with mpmath.workdps(30):
         at = {symbols[name]: mpmath.mpf(value) for name, value in POINT.items()}
         expected = [evaluate(output, at) for output in outputs]
     scale = 1 + max(abs(float(value)) for value in expected)
     # Cubes of cubes leave doubles behind; a wrong rule would be wrong for small numbers as well.
     if scale < 1e6:
-        assert np.abs(found - [float(value) for value in expected]).max() < 1e-9 * scale
+        assert np.abs(result - [float(value) for value in expected]).max() < 1e-9 * scale
 
 
 @given(expressions())
@@ -136,8 +136,8 @@ HALVES = (*(Fraction(k, 2) for k in (-7, -5, -3, -1, 1, 3, 5, 7, 63, 65)), Fract
 @pytest.mark.parametrize("exponent", [*EXPONENTS, *HALVES])
 @pytest.mark.parametrize("base", [0.31, 1.21])
 def test_powers(b: Bench, exponent: int | Fraction, base: float) -> None:
-    (found,) = b.run(b.graph.power(b.x, exponent), at=(base, 0, 0))
-    assert found == pytest.approx(base ** float(exponent), rel=2e-14)
+    (result,) = b.run(b.graph.power(b.x, exponent), at=(base, 0, 0))
+    assert result == pytest.approx(base ** float(exponent), rel=2e-14)
 
 
 def test_powers_are_multiplications_and_roots_where_they_can_be(b: Bench) -> None:
@@ -162,8 +162,8 @@ def test_every_function_is_lowered(b: Bench) -> None:
         args = [1 + small if name == "acosh" else small, 1 - small][: function.arity]
         if name in ("and", "or", "not"):
             args = [b.graph.call("less", b.x, arg) for arg in args]
-        (found,) = b.run(b.graph.call(name, *args))
-        assert np.isfinite(found) or name == "nan", name
+        (result,) = b.run(b.graph.call(name, *args))
+        assert np.isfinite(result) or name == "nan", name
 
 
 def test_constants_that_no_double_holds_are_refused(b: Bench) -> None:
@@ -187,8 +187,8 @@ def test_a_long_product_is_lowered_without_depth() -> None:
     for symbol in symbols:
         node = node * symbol
     program = lower("long", {"out": [node]}, {"y": symbols}, graph.symbol("t", Binding.TIME), [])
-    found = NumpyMachine().load(program)(0.0, np.linspace(0.9, 1.1, 5000), np.empty(0))
-    assert found[0] == pytest.approx(np.prod(np.linspace(0.9, 1.1, 5000)), rel=1e-9)
+    result = NumpyMachine().load(program)(0.0, np.linspace(0.9, 1.1, 5000), np.empty(0))
+    assert result[0] == pytest.approx(np.prod(np.linspace(0.9, 1.1, 5000)), rel=1e-9)
 
 
 # --- program --------------------------------------------------------------------------------------------------
@@ -315,10 +315,10 @@ def test_what_cancels_is_not_computed() -> None:
         Instruction("add", (7, 9)),  # 10
         outputs=(10,),
     )
-    found = simplified(given)
-    assert operations(given) == 7 and operations(found) == 3
-    assert results(found) == pytest.approx(results(given), rel=1e-13)
-    assert [one.op for one in found.instructions[found.hoisted :] if one.op != "state"].count("sub") == 0
+    result = simplified(given)
+    assert operations(given) == 7 and operations(result) == 3
+    assert results(result) == pytest.approx(results(given), rel=1e-13)
+    assert [item.op for item in result.instructions[result.hoisted :] if item.op != "state"].count("sub") == 0
 
 
 @pytest.mark.parametrize("first", [1, -1])
@@ -334,10 +334,10 @@ def test_what_does_not_cancel_stays(first: int, second: str) -> None:
         Instruction(second, (7, 8)),
         outputs=(9,),
     )
-    found = simplified(given)
-    assert results(found) == pytest.approx(results(given), rel=1e-13, abs=1e-13)
-    code = found.instructions
-    differs = any(one.op == "sub" and all(code[arg].op == "state" for arg in one.args) for one in code)
+    result = simplified(given)
+    assert results(result) == pytest.approx(results(given), rel=1e-13, abs=1e-13)
+    code = result.instructions
+    differs = any(item.op == "sub" and all(code[arg].op == "state" for arg in item.args) for item in code)
     assert differs == ((first > 0) != (second == "add"))
 
 
@@ -355,10 +355,10 @@ def test_random_programs_compute_the_same(seed: int) -> None:
         code.append(Instruction(op, args))
     last = 1 + STATES + len(code)
     given = program(*code, outputs=(last - 1, last - 2, last - 7, last - 12))
-    found, expected = results(simplified(given)), results(given)
+    result, expected = results(simplified(given)), results(given)
     finite = np.isfinite(expected) & (np.abs(expected) < 1e6)
     assert operations(simplified(given)) <= operations(given)
-    assert found[finite] == pytest.approx(expected[finite], rel=1e-6, abs=1e-6)
+    assert result[finite] == pytest.approx(expected[finite], rel=1e-6, abs=1e-6)
 
 
 def test_the_double_pendulum_has_no_products_that_cancel() -> None:

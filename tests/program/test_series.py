@@ -101,20 +101,20 @@ def test_functions_whose_series_has_constants_that_are_rounded(function: Any, st
     statement = stated(
         coordinates=[x, y], kinetic=(x.dot**2 + y.dot**2) / 2, forces={y: function(x)}, initial={x: start, x.dot: 0.5}
     )
-    found = series(statement, ORDER)[:, 1]
+    result = series(statement, ORDER)[:, 1]
     with mpmath.workdps(60):
         along = mpmath.taylor(lambda h: getattr(mpmath, function.__name__)(start + h / 2), 0, ORDER - 2)
         for k, expected in enumerate(along):
-            assert abs(found[k + 2] * (k + 1) * (k + 2) - expected) <= 1e-14 * max(abs(expected), mpmath.mpf(2) ** -k)
+            assert abs(result[k + 2] * (k + 1) * (k + 2) - expected) <= 1e-14 * max(abs(expected), mpmath.mpf(2) ** -k)
 
 
 def test_one_wrong_coefficient_is_seen() -> None:
     """A test of this file's judge: an error of 1e-9 in one coefficient is found at its order."""
     statement = forced(sin(x * y))
     for order in (2, 5, ORDER):
-        found = series(statement, ORDER)
-        found[order, 1] += 1e-9
-        assert right_orders(statement, found) == pytest.approx(order - 1, abs=0.01)
+        result = series(statement, ORDER)
+        result[order, 1] += 1e-9
+        assert right_orders(statement, result) == pytest.approx(order - 1, abs=0.01)
 
 
 @pytest.mark.parametrize("name", sorted(set(FUNCTIONS) & {"abs", "sign", "min", "max", "less", "nan"}))
@@ -166,11 +166,11 @@ def test_every_form_gives_the_motion(name: str) -> None:
     statement = CASES[name]()
     programs = all_forms(euler_lagrange(statement))
     assert len(programs) in (2, 4, 6)
-    found = [coefficients(program, statement, ORDER) for program in programs]
-    assert right_orders(statement, found[0]) >= ORDER - 1e-6
-    for other in found[1:]:
+    result = [coefficients(program, statement, ORDER) for program in programs]
+    assert right_orders(statement, result[0]) >= ORDER - 1e-6
+    for other in result[1:]:
         # The same numbers to all digits but those that cancellation in 12 orders takes.
-        assert max(abs((other - found[0]).ravel())) < 1e-130 * max(abs(found[0].ravel()))
+        assert max(abs((other - result[0]).ravel())) < 1e-130 * max(abs(result[0].ravel()))
 
 
 @pytest.mark.few

@@ -64,8 +64,8 @@ def test_the_trace_does_what_the_function_does(name: str) -> None:
 
     direct = step.function(f, 0.3, *states, 0.07)
     direct = list(direct) if isinstance(direct, tuple) else [direct]
-    for found, expected in zip(replay(step, f, 0.3, states, 0.07), direct, strict=True):
-        assert found == pytest.approx(expected, rel=1e-13, abs=1e-15)
+    for result, expected in zip(replay(step, f, 0.3, states, 0.07), direct, strict=True):
+        assert result == pytest.approx(expected, rel=1e-13, abs=1e-15)
 
 
 def test_which_steps_know_their_first_slope() -> None:
@@ -81,8 +81,8 @@ coefficients = st.lists(st.integers(-5, 5), min_size=2, max_size=2)
 @given(coefficients, coefficients, st.integers(1, 4))
 def test_vectors_are_a_vector_space(a: list[int], b: list[int], k: int) -> None:
     def value(vector: TracedVector) -> list[Any]:
-        found = dict(vector.combination())
-        return [found[i].data if i in found else 0 for i in range(2)]
+        result = dict(vector.combination())
+        return [result[i].data if i in result else 0 for i in range(2)]
 
     def step(f: Any, t: Any, y: Any, h: Any) -> Any:
         slope = f(t, y)
@@ -136,8 +136,8 @@ def test_a_step_must_return_what_its_kind_does() -> None:
 # --- steps that solve -----------------------------------------------------------------------------------------
 
 
-def implicit(function: Callable[..., Any], **given: Any) -> StepProgram:
-    return trace("mine", function, implicit=True, **given)
+def implicit(function: Callable[..., Any], **options: Any) -> StepProgram:
+    return trace("mine", function, implicit=True, **options)
 
 
 def test_an_implicit_step_is_recorded() -> None:
@@ -232,8 +232,8 @@ TIME = 0.3
 
 def corrections(model: Model, y: FloatArray, t: float = 0.0) -> tuple[FloatArray, float, float]:
     """Return [dq, dv], the violation before, and the violation after."""
-    found = model.law("projection")(t, y, model.parameter_array())
-    return found[:-2], float(found[-2]), float(found[-1])
+    result = model.law("projection")(t, y, model.parameter_array())
+    return result[:-2], float(result[-2]), float(result[-1])
 
 
 def violations(model: Model, y: FloatArray, t: float = 0.0) -> FloatArray:
@@ -327,17 +327,17 @@ class Place:
 
     def check(self, node: Node, surfaces: int) -> Switched:
         """Return the smooth form of a node, after a check that both are equal at all combinations of some values."""
-        found = switch(self.graph, [node])
-        assert len(found.surfaces) == len(found.sides) == surfaces
-        assert all(side.binding is Binding.PARAMETER for side in found.sides)
-        assert not [n for n in reachable(found.outputs) if moving_switch(n)]
+        result = switch(self.graph, [node])
+        assert len(result.surfaces) == len(result.sides) == surfaces
+        assert all(side.binding is Binding.PARAMETER for side in result.sides)
+        assert not [n for n in reachable(result.outputs) if moving_switch(n)]
         for state in itertools.product((-0.5, 0.25, 1.0), (-0.5, 1.0), (-1.0, 0.0), (2.0,), (-1.0, 1.5), (-0.5, 2.0)):
             at: list[float] = [0.0] * surfaces
-            for i, surface in enumerate(found.surfaces):  # a surface knows only of those before it
-                at[i] = float(sp.sign(self.values([surface], state, list(found.sides), at)[0]))
-            smooth = self.values(list(found.outputs), state, list(found.sides), at)
+            for i, surface in enumerate(result.surfaces):  # a surface knows only of those before it
+                at[i] = float(sp.sign(self.values([surface], state, list(result.sides), at)[0]))
+            smooth = self.values(list(result.outputs), state, list(result.sides), at)
             assert smooth == self.values([node], state, [], []), state
-        return found
+        return result
 
 
 def moving_switch(node: Node) -> bool:
@@ -385,12 +385,12 @@ def test_the_cut_of_an_angle_is_a_surface() -> None:
     """On y = 0 the angle has the limit from its side. With a positive number x there is no cut."""
     p = Place()
     angle = p.call("atan2", p.y, p.x)
-    found = p.check(angle + p.call("sign", angle), 2)
-    assert found.expressions[0] is p.y
-    (start,) = (found.starts[node] for node in found.starts)
+    result = p.check(angle + p.call("sign", angle), 2)
+    assert result.expressions[0] is p.y
+    (start,) = (result.starts[node] for node in result.starts)
     for state in ([-1.0, 1e-17, 0, 0, 0, 1], [-1.0, -1e-17, 0, 0, 0, 1], [-1.0, 0.0, 0, 0, 0, 1]):
         for side, limit in ((1.0, math.pi), (-1.0, -math.pi), (0.0, math.pi)):
-            assert p.values([start], state, list(found.sides), [side, 0.0]) == [limit]
+            assert p.values([start], state, list(result.sides), [side, 0.0]) == [limit]
     p.check(p.call("atan2", p.y, 2), 0)
     p.check(p.call("atan2", p.y, -2), 1)
     p.check(p.call("atan2", p.c, p.x), 0)

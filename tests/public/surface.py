@@ -157,14 +157,14 @@ class Public:
 @cache
 def exported() -> dict[str, Any]:
     """Return what `lagrange` and `lagrange.methods` export, by name."""
-    found = {f"lg.{name}": getattr(lg, name) for name in lg.__all__ if name != "__version__"}
-    return found | {f"lg.methods.{name}": getattr(lg.methods, name) for name in lg.methods.__all__}
+    result = {f"lg.{name}": getattr(lg, name) for name in lg.__all__ if name != "__version__"}
+    return result | {f"lg.methods.{name}": getattr(lg.methods, name) for name in lg.methods.__all__}
 
 
 def classes() -> list[type]:
     """Return the public classes of which there are instances."""
-    found = [value for value in exported().values() if isinstance(value, type) and is_made(value)]
-    return [*dict.fromkeys([*found, *INSTANCES])]
+    result = [value for value in exported().values() if isinstance(value, type) and is_made(value)]
+    return [*dict.fromkeys([*result, *INSTANCES])]
 
 
 def is_made(kind: type) -> bool:
@@ -181,18 +181,18 @@ RESULTS = lg.Model, lg.Solution, lg.Race, lg.Ensemble, lg.TrustHorizon, lg.metho
 
 def surface() -> list[Public]:
     """Return all public callables: functions, methods, class methods, and constructors except those of `RESULTS`."""
-    found = []
+    result = []
     for name, value in exported().items():
         if callable(value) and value not in RESULTS and (not isinstance(value, type) or is_made(value)):
-            found.append(Public(name, partial(itself, value), parameters(value)))
+            result.append(Public(name, partial(itself, value), parameters(value)))
     for kind in classes():
         for name, member in inspect.getmembers(kind, callable):
             if (not name.startswith("_") or name in SPECIAL) and not isinstance(member, type) and is_ours(kind, name):
                 if find_spec(NEEDS.get(f"{kind.__name__}.{name}", "lagrange")) is None:
                     continue
                 get = partial(method, kind, name)
-                found.append(Public(f"{kind.__name__}.{name}", get, parameters(get())))
-    return found
+                result.append(Public(f"{kind.__name__}.{name}", get, parameters(get())))
+    return result
 
 
 def itself(function: Callable[..., Any]) -> Callable[..., Any]:

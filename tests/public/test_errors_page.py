@@ -33,10 +33,10 @@ def quotations() -> list[str]:
 @cache
 def texts() -> dict[tuple[str, ...], frozenset[str]]:
     """Return the words of each text with a space in the source, in order and as a set; a formatted value is `ANY`."""
-    found: list[tuple[str, ...]] = []
+    result: list[tuple[str, ...]] = []
     for path in sorted((ROOT / "lagrange").rglob("*.py")):
-        found += [words(text) for text in strings(ast.parse(path.read_text("utf-8"))) if " " in text]
-    return {text: frozenset(text) for text in found}
+        result += [words(text) for text in strings(ast.parse(path.read_text("utf-8"))) if " " in text]
+    return {text: frozenset(text) for text in result}
 
 
 def strings(tree: ast.AST) -> Iterator[str]:

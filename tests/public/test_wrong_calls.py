@@ -118,10 +118,10 @@ def test_wrong_calls_end_in_a_sentence(tmp_path: Path, monkeypatch: pytest.Monke
     """A default run calls each public function once."""
     monkeypatch.chdir(tmp_path)
     chance = random.Random(SEED)
-    found = surface()
+    result = surface()
     failures = []
-    for number in range(2000 if everything else len(found)):
-        public = found[number % len(found)]
+    for number in range(2000 if everything else len(result)):
+        public = result[number % len(result)]
         positional, named = call(public, chance, tmp_path)
         if failure := raw(public, positional, named):
             failures.append(f"{public.name}: {failure}")

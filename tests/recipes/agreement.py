@@ -43,14 +43,14 @@ def states(of: Model, count: int = 3) -> Iterator[tuple[float, Array]]:
 def sensitivity(of: Model, quantity: str, t: float, y: Array) -> float:
     """Return the change of a quantity if each entry of the state and each parameter changes by one rounding error."""
     draw, p, n = np.random.default_rng(6), of.parameter_array(), len(y)
-    kernel, found = of.interpreted(quantity), []
+    kernel, result = of.interpreted(quantity), []
     for _ in range(4):
         by = 1 + EPS * draw.choice([-1.0, 1.0], size=n + len(p))
-        found.append(np.abs(kernel(t, y * by[:n], p * by[n:]) - kernel(t, y, p)).max())
-    return float(max(found))
+        result.append(np.abs(kernel(t, y * by[:n], p * by[n:]) - kernel(t, y, p)).max())
+    return float(max(result))
 
 
-def apart(of: Model, quantity: str, t: float, y: Array, found: Any) -> float:
+def apart(of: Model, quantity: str, t: float, y: Array, result: Any) -> float:
     """Return the difference of a result from the model's, in units of the allowed rounding error.
 
     This is 4 roundings of the largest entry plus 4 times the effect of one rounding of the inputs, the error of
@@ -58,7 +58,7 @@ def apart(of: Model, quantity: str, t: float, y: Array, found: Any) -> float:
     """
     exact = of.interpreted(quantity)(t, y, of.parameter_array())
     bound = 4 * EPS * np.abs(exact).max() + 4 * sensitivity(of, quantity, t, y)
-    difference = np.abs(np.asarray(found, dtype=float).reshape(exact.shape) - exact).max()
+    difference = np.abs(np.asarray(result, dtype=float).reshape(exact.shape) - exact).max()
     return float(difference / bound) if bound else float(difference != 0)
 
 

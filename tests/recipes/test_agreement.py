@@ -51,9 +51,9 @@ def by(package: str, model: Model, quantity: str = "rhs") -> Function:
 
 
 def check(package: str, model: Model, quantity: str = "rhs", count: int = 3) -> None:
-    found = by(package, model, quantity)
+    result = by(package, model, quantity)
     for time, state in states_of(model, count):
-        assert apart(model, quantity, time, state, found(time, state, model.parameter_array())) <= 1, (time, state)
+        assert apart(model, quantity, time, state, result(time, state, model.parameter_array())) <= 1, (time, state)
 
 
 @pytest.mark.few
@@ -84,11 +84,11 @@ def test_other_quantities_have_their_shapes(quantity: str) -> None:
     model = named("cartesian-pendulum")
     shape = model.interpreted(quantity).program.shape
     ready(JAX)
-    found = model.as_jax(quantity)
+    result = model.as_jax(quantity)
     time, state = list(states_of(model))[1]
     p = model.parameter_array()
-    assert found(time, state, p).shape == shape
-    assert apart(model, quantity, time, state, found(time, state, p)) <= 1
+    assert result(time, state, p).shape == shape
+    assert apart(model, quantity, time, state, result(time, state, p)) <= 1
     ready(CASADI)
     matrix = model.as_casadi(quantity)(time, state, p).full()
     assert matrix.shape == (*shape, 1, 1)[:2]
@@ -97,14 +97,14 @@ def test_other_quantities_have_their_shapes(quantity: str) -> None:
     check(SYMPY, model, quantity)
 
 
-def derivative_apart(model: Model, time: float, state: Any, found: Any) -> float:
+def derivative_apart(model: Model, time: float, state: Any, result: Any) -> float:
     """Return the difference of a derivative from the model's Jacobian, in units of the allowed rounding error.
 
     A derivative of the elimination has about ten times the operations of ours.
     """
     exact = model.jacobian(time, state)
     bound = 40 * EPS * np.abs(exact).max() + 40 * sensitivity(model, "jacobian", time, state)
-    return float(np.abs(np.asarray(found, dtype=float) - exact).max() / bound)
+    return float(np.abs(np.asarray(result, dtype=float) - exact).max() / bound)
 
 
 @pytest.mark.few
@@ -114,8 +114,8 @@ def test_derivatives_by_casadi_are_the_jacobian(name: str) -> None:
     model = named(name)
     slope = model.as_casadi().jacobian()
     for time, state in list(states_of(model))[1:]:
-        found = slope(time, state, model.parameter_array(), 0)[1].full()
-        assert derivative_apart(model, time, state, found) <= 1
+        result = slope(time, state, model.parameter_array(), 0)[1].full()
+        assert derivative_apart(model, time, state, result) <= 1
 
 
 @pytest.mark.few(1)
@@ -126,8 +126,8 @@ def test_derivatives_by_jax_are_the_jacobian(name: str) -> None:
 
     model = named(name)
     time, state = list(states_of(model))[1]
-    found = jax.jit(jax.jacfwd(model.as_jax(), 1))(time, state, model.parameter_array())
-    assert derivative_apart(model, time, state, found) <= 1
+    result = jax.jit(jax.jacfwd(model.as_jax(), 1))(time, state, model.parameter_array())
+    assert derivative_apart(model, time, state, result) <= 1
 
 
 @few
@@ -136,8 +136,8 @@ def test_random_systems(kinetic: Any, potential: Any, state: Any) -> None:
     model = build("numpy", kinetic=kinetic, potential=potential, coordinates=[x, y])
     state = np.where(np.abs(state) < 1e-100, 0.0, state)  # JAX takes doubles below 2.2e-308 for zero
     for package in (SYMPY, CASADI, JAX):
-        found = by(package, model)(0.3, state, model.parameter_array())
-        assert apart(model, "rhs", 0.3, state, found) <= 1, package
+        result = by(package, model)(0.3, state, model.parameter_array())
+        assert apart(model, "rhs", 0.3, state, result) <= 1, package
 
 
 def told(package: str, model: Model, *states: Any, **options: Any) -> list[tuple[Any, bool]]:
@@ -150,8 +150,8 @@ def told(package: str, model: Model, *states: Any, **options: Any) -> list[tuple
         import jax
 
         checked = jax.jit(model.as_jax().checked)
-    found = [checked(0.0, np.array(state), p) for state in states]
-    return [(np.array(result).ravel(), bool(float(status))) for result, status in found]
+    actual = [checked(0.0, np.array(state), p) for state in states]
+    return [(np.array(result).ravel(), bool(float(status))) for result, status in actual]
 
 
 @pytest.mark.parametrize(
@@ -165,9 +165,9 @@ def test_a_singular_mass_matrix_is_nan_throughout_and_told(n: int, package: str,
     regular, degenerate = np.ones(2 * n), np.array([0.0, 0.0, *[1.0] * (2 * n - 2)])
     with pytest.raises(RunError, match="mass matrix"):
         of.rhs(0.0, degenerate)
-    (found, fine), (_, bad) = told(package, of, regular, degenerate, **options)
+    (result, fine), (_, bad) = told(package, of, regular, degenerate, **options)
     assert (fine, bad) == (False, True)
-    np.testing.assert_allclose(found, of.rhs(0.0, regular), rtol=1e-13)
+    np.testing.assert_allclose(result, of.rhs(0.0, regular), rtol=1e-13)
     assert np.isnan(np.asarray(by(package, of)(0.0, degenerate, of.parameter_array()))).all()
 
 
@@ -177,15 +177,15 @@ def test_a_singular_mass_matrix_is_nan_throughout_and_told(n: int, package: str,
 def test_a_matrix_that_is_not_finite_is_not_singular(n: int, package: str) -> None:
     of = unbounded(n)
     starts = [np.array([first, *[1.0] * (2 * n - 1)]) for first in (0.0, -1.0, np.nan)]
-    for state, (found, status) in zip(starts, told(package, of, *starts), strict=True):
-        np.testing.assert_array_equal(found, of.interpreted("rhs")(0.0, state, of.parameter_array()))
+    for state, (result, status) in zip(starts, told(package, of, *starts), strict=True):
+        np.testing.assert_array_equal(result, of.interpreted("rhs")(0.0, state, of.parameter_array()))
         assert not status
 
 
 @pytest.mark.parametrize("package", [CASADI, JAX])
 def test_what_has_no_value_is_nan_or_infinite_as_in_the_model(package: str) -> None:
     of = build("numpy", kinetic=x.dot**2 / 2, potential=1 / x + x ** (5 / 2), initial={x: 1.0})
-    found, p = by(package, of), of.parameter_array()
+    result, p = by(package, of), of.parameter_array()
     for start in ([0.0, 1.0], [-1.0, 1.0], [np.nan, 1.0], [np.inf, 1.0], [1.0, -np.inf]):
         state = np.array(start)
-        np.testing.assert_array_equal(np.ravel(found(0.0, state, p)), of.kernel("rhs")(0.0, state, p))
+        np.testing.assert_array_equal(np.ravel(result(0.0, state, p)), of.kernel("rhs")(0.0, state, p))

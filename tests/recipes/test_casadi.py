@@ -25,9 +25,9 @@ def test_names_and_sizes() -> None:
 def test_both_kinds_of_symbols_give_the_same_digits() -> None:
     of = named("four-bar")
     made = [of.as_casadi(symbols=kind) for kind in ("SX", "MX")]
-    assert [one.is_a("SXFunction") for one in made] == [True, False]
+    assert [item.is_a("SXFunction") for item in made] == [True, False]
     for time, y in states(of):
-        np.testing.assert_array_equal(*(one(time, y, of.parameter_array()).full() for one in made))
+        np.testing.assert_array_equal(*(item(time, y, of.parameter_array()).full() for item in made))
 
 
 def test_no_parameters_and_unknown_symbols() -> None:
@@ -44,6 +44,6 @@ def test_an_integrator_of_casadi_runs_it() -> None:
     rhs, p = of.as_casadi(), of.parameter_array()
     t, y = casadi.SX.sym("t"), casadi.SX.sym("y", 2)
     run = casadi.integrator("run", "cvodes", {"x": y, "t": t, "ode": rhs(t, y, p)}, 0.0, 1.0, {"reltol": 1e-10})
-    found = run(x0=[1.0, 0.0])["xf"].full().ravel()
-    energies = [of.energy(state[:1], state[1:]) for state in (np.array([1.0, 0.0]), found)]
+    result = run(x0=[1.0, 0.0])["xf"].full().ravel()
+    energies = [of.energy(state[:1], state[1:]) for state in (np.array([1.0, 0.0]), result)]
     assert abs(energies[1] - energies[0]) < 1e-6

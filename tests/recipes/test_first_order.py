@@ -22,9 +22,9 @@ e, i = lg.coordinates("e i")
 J, L, R, u = lg.parameters("J L R u")
 
 
-def lowpass(**given: Any) -> lg.System:
+def lowpass(**options: Any) -> lg.System:
     """Return the system e' = 1 - e, which rises from 0 to 1."""
-    return lg.System(kinetic=0, forces={e: 1 - e}, dissipation=e.dot**2 / 2, name="lowpass", **given)
+    return lg.System(kinetic=0, forces={e: 1 - e}, dissipation=e.dot**2 / 2, name="lowpass", **options)
 
 
 def motor() -> lg.System:
@@ -78,8 +78,8 @@ def test_a_state_has_any_unit(unit: float, target: str) -> None:
 def test_scipy_starts_with_the_velocities_that_follow() -> None:
     problem = motor().compile(check=False).as_scipy()
     assert problem.y0().tolist() == pytest.approx([0.0, 0.0, 0.0, 24.0])
-    found = solve_ivp(**problem.arguments((0, 2), rtol=1e-9, atol=1e-9)).y[:, -1]
-    assert found == pytest.approx(motor().run(2.0).y[:, -1], rel=1e-6)
+    result = solve_ivp(**problem.arguments((0, 2), rtol=1e-9, atol=1e-9)).y[:, -1]
+    assert result == pytest.approx(motor().run(2.0).y[:, -1], rel=1e-6)
 
 
 @pytest.mark.parametrize("target", ["numpy", "llvm"])
@@ -205,20 +205,20 @@ int main(void) {{
 
 def test_pages_and_tables_of_main_start_with_the_velocities_that_follow(tmp_path: Path) -> None:
     page = motor().to_page(tmp_path / "motor.html").read_text("utf-8")
-    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
-    assert found is not None and json.loads(found.group(1))["initial"] == pytest.approx([0.0, 0.0, 0.0, 24.0])
+    result = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert result is not None and json.loads(result.group(1))["initial"] == pytest.approx([0.0, 0.0, 0.0, 24.0])
 
 
 @pytest.mark.slow
 def test_the_portrait_of_two_states_of_first_order_is_a_plane() -> None:
-    found = lg.phase_portrait(rabbits(), window={x: (0.1, 3), y: (0.1, 3)}, starts=[{x: 1.5, y: 1.0}])
-    orbit = found.orbits[0]
+    result = lg.phase_portrait(rabbits(), window={x: (0.1, 3), y: (0.1, 3)}, starts=[{x: 1.5, y: 1.0}])
+    orbit = result.orbits[0]
     assert orbit.closed
     rounds = orbit.states[:, 0] - np.log(orbit.states[:, 0]) + orbit.states[:, 1] - np.log(orbit.states[:, 1])
     assert rounds == pytest.approx(rounds[0], abs=1e-9)
-    places, heights = np.meshgrid(found.x, found.y)
-    assert found.u == pytest.approx(places * (1 - heights), abs=1e-12)
-    assert found.v == pytest.approx(heights * (places - 1), abs=1e-12)
+    places, heights = np.meshgrid(result.x, result.y)
+    assert result.u == pytest.approx(places * (1 - heights), abs=1e-12)
+    assert result.v == pytest.approx(heights * (places - 1), abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -261,13 +261,13 @@ def test_linear_equations_of_a_motor_are_those_of_a_book() -> None:
     voltage = lg.given("u")
     parts = {"coordinates": [phi, i], "dissipation": L * i.dot**2 / 2, "parameters": {J: 1, L: 2, R: 3, k: 4}}
     forces = {phi: k * i, i: voltage - R * i - k * phi.dot}
-    found = lg.System(kinetic=J * phi.dot**2 / 2, forces=forces, **parts).linearize(inputs=[voltage])
-    assert Matrix([[0, 0, 1], [0, -R / L, -k / L], [0, k / J, 0]]) == found.A
-    assert Matrix([0, 1 / L, 0]) == found.B
+    result = lg.System(kinetic=J * phi.dot**2 / 2, forces=forces, **parts).linearize(inputs=[voltage])
+    assert Matrix([[0, 0, 1], [0, -R / L, -k / L], [0, k / J, 0]]) == result.A
+    assert Matrix([0, 1 / L, 0]) == result.B
     # A torque that depends on the rate of the current, too, which is eliminated.
     forces[phi] += i.dot
     coupled = lg.System(kinetic=J * phi.dot**2 / 2, forces=forces, **parts).linearize(inputs=[voltage])
-    assert (coupled.A[2, :] - found.A[2, :] - found.A[1, :] / J).applyfunc(simplify).is_zero_matrix
+    assert (coupled.A[2, :] - result.A[2, :] - result.A[1, :] / J).applyfunc(simplify).is_zero_matrix
     assert Matrix([0, 1 / L, 1 / (L * J)]) == coupled.B
 
 

@@ -41,8 +41,8 @@ def test_a_batch_is_the_states_one_by_one(jax: Any) -> None:
     of = named("double-pendulum")
     rhs, p = of.as_jax(), of.parameter_array()
     many = np.array([y for _, y in states(of, 5)])
-    found = jax.jit(jax.vmap(rhs, (None, 0, None)))(0.0, many, p)
-    np.testing.assert_allclose(found, [of.rhs(0.0, y) for y in many], rtol=1e-13, atol=1e-13)
+    result = jax.jit(jax.vmap(rhs, (None, 0, None)))(0.0, many, p)
+    np.testing.assert_allclose(result, [of.rhs(0.0, y) for y in many], rtol=1e-13, atol=1e-13)
 
 
 def test_gradients_by_parameters_and_by_time_are_differences(jax: Any) -> None:
@@ -78,9 +78,9 @@ def test_units_do_not_make_a_matrix_singular(n: int, jax: Any) -> None:
     kinetic = sum((u * q.dot for u, q in zip(units, xs, strict=True)), start=0) ** 2
     kinetic += sum((u * q.dot) ** 2 for u, q in zip(units, xs, strict=True))
     of = build("numpy", kinetic=kinetic, potential=xs[0], coordinates=xs)
-    found, status = jax.jit(of.as_jax().checked)(0.0, np.zeros(2 * n), of.parameter_array())
+    result, status = jax.jit(of.as_jax().checked)(0.0, np.zeros(2 * n), of.parameter_array())
     assert not status
-    np.testing.assert_allclose(found, of.rhs(0.0, np.zeros(2 * n)), rtol=1e-13)
+    np.testing.assert_allclose(result, of.rhs(0.0, np.zeros(2 * n)), rtol=1e-13)
 
 
 @pytest.mark.usefixtures("jax")
@@ -129,10 +129,10 @@ def test_compiled_loops_call_it_with_any_parameters(numba: Any) -> None:
     compiled = numba.njit(walk)
     for values in (None, {m: 2.0, l: 0.9}):
         y = np.array(of.statement.initial)
-        found = compiled(y, of.parameter_array(values), 20)
+        result = compiled(y, of.parameter_array(values), 20)
         for k in range(20):
             y = y + 1e-3 * of.rhs(k * 1e-3, y, values)
-        np.testing.assert_allclose(found, y, rtol=1e-13)
+        np.testing.assert_allclose(result, y, rtol=1e-13)
 
 
 @pytest.mark.slow

@@ -33,12 +33,12 @@ def pendulum() -> Model:
 @pytest.mark.parametrize("method", ["RK45", "DOP853", "Radau", "BDF", "LSODA"])
 def test_every_solver_runs_as_ours_does(method: str) -> None:
     problem = pendulum().as_scipy({l: 0.9})
-    found = solve_ivp(**problem.arguments((0.0, 2.0), {theta: 1.0}, method=method, rtol=1e-9, atol=1e-9))
+    result = solve_ivp(**problem.arguments((0.0, 2.0), {theta: 1.0}, method=method, rtol=1e-9, atol=1e-9))
     ours = lg.integrate(pendulum(), (0.0, 2.0), {theta: 1.0}, parameters={l: 0.9}, rtol=1e-13)
     # Each keeps the error of a step, not that of the run, below its tolerance; BDF loses most, 3e-7.
-    np.testing.assert_allclose(found.y[:, -1], ours.y[:, -1], atol=2e-6)
+    np.testing.assert_allclose(result.y[:, -1], ours.y[:, -1], atol=2e-6)
     assert ("jac" in problem.arguments((0, 1), method=method)) is (method in ("Radau", "BDF", "LSODA"))
-    assert found.success and bool(found.njev) == (method in ("Radau", "BDF"))  # LSODA sees that it is not stiff
+    assert result.success and bool(result.njev) == (method in ("Radau", "BDF"))  # LSODA sees that it is not stiff
 
 
 def test_values_are_those_of_the_model_for_one_state_and_for_many() -> None:
@@ -67,11 +67,11 @@ def test_events_are_those_of_our_runs() -> None:
     problem = model.as_scipy(events=[lowest, turning])
     assert [event.direction for event in problem.events] == [-1.0, 0.0]
     assert [event.terminal for event in problem.events] == [0, 2]
-    found = solve_ivp(**problem.arguments((0.0, 5.0), {theta: 1.0}, method="DOP853", rtol=1e-11, atol=1e-12))
+    result = solve_ivp(**problem.arguments((0.0, 5.0), {theta: 1.0}, method="DOP853", rtol=1e-11, atol=1e-12))
     ours = lg.integrate(model, (0.0, 5.0), {theta: 1.0}, events=[lowest, turning], rtol=1e-13)
-    assert found.status == 1 and found.t_events is not None and len(found.t_events[1]) == 2
-    for one, other in zip(found.t_events, ours.t_events, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-8)
+    assert result.status == 1 and result.t_events is not None and len(result.t_events[1]) == 2
+    for first, second in zip(result.t_events, ours.t_events, strict=True):
+        np.testing.assert_allclose(first, second, atol=1e-8)
 
 
 def test_a_reset_and_an_unknown_event_are_refused() -> None:
@@ -108,10 +108,10 @@ def test_a_state_of_first_order_follows_a_jump_of_its_input() -> None:
     u, x = lg.given("u"), lg.coordinate("x")
     filtered = lg.System(x.dot**2 / 2, coordinates=[x, y], forces={x: y, y: u - y}, dissipation=y.dot**2 / 2)
     problem = filtered.compile().as_scipy(inputs={u: lambda time: 1.0, u.dot: lambda time: 0.0})
-    found = solve_ivp(problem.fun, (0.0, 2.0), np.zeros(4), method="DOP853", rtol=1e-10, atol=1e-12)
+    result = solve_ivp(problem.fun, (0.0, 2.0), np.zeros(4), method="DOP853", rtol=1e-10, atol=1e-12)
     # The solver keeps the error of a step below 1e-10.
-    assert found.y[1, -1] == pytest.approx(1 - math.exp(-2), abs=1e-8)
-    assert found.y[0, -1] == pytest.approx(1 - math.exp(-2), abs=1e-8)  # x'' = y: t**2/2 - t + 1 - exp(-t) = y(2)
+    assert result.y[1, -1] == pytest.approx(1 - math.exp(-2), abs=1e-8)
+    assert result.y[0, -1] == pytest.approx(1 - math.exp(-2), abs=1e-8)  # x'' = y: t**2/2 - t + 1 - exp(-t) = y(2)
 
 
 def test_a_singular_mass_matrix_is_a_sentence() -> None:
@@ -146,10 +146,10 @@ def test_a_problem_pickles(target: str) -> None:
 def test_symbols_are_plain_and_named_as_the_state() -> None:
     form = model("pendulum", "numpy").as_sympy()
     assert [symbol.name for symbol in form.arguments] == ["t", "theta", "theta_dot", "m", "g", "l"]
-    for expression in (*form.results, *(one for _, one in form.replacements)):
+    for expression in (*form.results, *(item for _, item in form.replacements)):
         assert not expression.atoms(sp.Function("theta"), sp.Derivative) and not expression.has(t, theta)
     (g, l), (q,) = form.p[1:], form.q
-    assert [sp.simplify(one) for one in form.expanded()] == [form.v[0], -g * sp.sin(q) / l]
+    assert [sp.simplify(item) for item in form.expanded()] == [form.v[0], -g * sp.sin(q) / l]
 
 
 def test_names_of_the_user_are_not_taken_again() -> None:
@@ -178,7 +178,7 @@ def test_every_printer_takes_every_expression(printer: object) -> None:
     assert callable(printer)
     for name in ("double-pendulum", "cartesian-pendulum"):
         form = named(name).as_sympy()
-        for expression in (*form.results, *(one for _, one in form.replacements)):
+        for expression in (*form.results, *(item for _, item in form.replacements)):
             text = str(printer(expression))
             assert text and "Not supported" not in text and "Derivative" not in text
 
@@ -204,7 +204,7 @@ def test_the_c_that_sympy_prints_is_right(tmp_path: Path) -> None:
 
 def test_rows_are_exchanged_where_a_pivot_is_known_to_be_zero() -> None:
     form = model("saddle", "numpy").as_sympy()
-    assert all(one.is_finite is not False for one in form.expanded())
+    assert all(item.is_finite is not False for item in form.expanded())
     speeds = x.dot * y.dot + 2 * y.dot * z.dot + 3 * z.dot * x.dot + 2 * y.dot**2 + 5 * z.dot**2
     of = build("numpy", lagrangian=speeds - x**2 - sp.cos(y) * z - z**2 * x, coordinates=[x, y, z])
     form = of.as_sympy()

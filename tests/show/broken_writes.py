@@ -89,7 +89,7 @@ def state(folder: Path) -> dict[str, str]:
 
 def main(folder: Path, how: str, what: str) -> list[dict[str, Any]]:
     """Return, for each stopped operation, the remaining files, and the files after the next write."""
-    found = []
+    result = []
     for number in range(200):
         for name in (*NAMES, "mine.txt"):
             (folder / name).write_text("old")
@@ -101,9 +101,9 @@ def main(folder: Path, how: str, what: str) -> list[dict[str, Any]]:
         for path in folder.glob(".*"):
             path.unlink()
         write(what, folder)
-        found.append({"code": code, "left": left, "then": state(folder)})
+        result.append({"code": code, "left": left, "then": state(folder)})
         if code == 0:
-            return found
+            return result
     raise SystemExit("it never gets through")
 
 

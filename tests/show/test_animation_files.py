@@ -48,7 +48,8 @@ def frames_of(path: Path) -> list[tuple[int, Any]]:
     """Return the duration in milliseconds and the pixels (height, width, 3) of each frame of a GIF."""
     with Image.open(path) as image:
         return [
-            (one.info["duration"], np.asarray(one.convert("RGB"), dtype=int)) for one in ImageSequence.Iterator(image)
+            (item.info["duration"], np.asarray(item.convert("RGB"), dtype=int))
+            for item in ImageSequence.Iterator(image)
         ]
 
 

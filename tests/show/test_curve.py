@@ -52,9 +52,9 @@ def test_ends_of_oscillations_that_share_a_column_are_drawn_whatever_the_first_s
     (line,) = over_time(lambda t: (np.cos(np.pi * (t - 0.23)) ** 2)[None], start, PIXELS)
     column = np.minimum((PIXELS.width * line[0] / count).astype(int), 699)
     for end in (np.minimum, np.maximum):
-        found = np.full(700, 0.5)
-        end.at(found, column, line[1])
-        assert PIXELS.height * np.abs(found[1:-1] - (0.0 if end is np.minimum else 1.0)).max() < 0.5
+        result = np.full(700, 0.5)
+        end.at(result, column, line[1])
+        assert PIXELS.height * np.abs(result[1:-1] - (0.0 if end is np.minimum else 1.0)).max() < 0.5
 
 
 def test_the_end_of_a_swing_to_and_fro_on_one_line_is_drawn() -> None:
@@ -87,8 +87,8 @@ def test_a_path_is_within_a_pixel_where_it_turns_sharply() -> None:
     times, points = in_plane(path, np.linspace(0.0, 20.0, 200), PIXELS)
     exact = np.linspace(0.0, 20.0, 20_000)
     scale = np.array([[PIXELS.width / 2], [PIXELS.height / 2]])
-    for found, true in zip(points, path(exact), strict=True):
-        assert farthest(exact, scale * true, times, scale * found) < 0.5
+    for result, true in zip(points, path(exact), strict=True):
+        assert farthest(exact, scale * true, times, scale * result) < 0.5
 
 
 def test_first_times_are_the_outputs_and_those_between() -> None:

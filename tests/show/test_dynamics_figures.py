@@ -83,8 +83,8 @@ def lines_of(axis: Axes, colour: str) -> list[Any]:
 
 def test_orbits_are_drawn_within_a_pixel_and_wrapped() -> None:
     """Orbits are compared with the level curve of the energy. A pixel is window/WIDTH by window/HEIGHT."""
-    found = lg.phase_portrait(pendulum(), starts=[{theta: 2.5}, {theta.dot: 2.5}])
-    (axis,) = found.plot().axes
+    result = lg.phase_portrait(pendulum(), starts=[{theta: 2.5}, {theta.dot: 2.5}])
+    (axis,) = result.plot().axes
     drawn = lines_of(axis, "#0b6e99")
     assert len(drawn) == 2
     for line, energy in zip(drawn, (-np.cos(2.5), 2.5**2 / 2 - 1), strict=True):
@@ -93,7 +93,7 @@ def test_orbits_are_drawn_within_a_pixel_and_wrapped() -> None:
         both = good[1:] & good[:-1]
         middle = (line[1:][both] + line[:-1][both]) / 2
         gradient = np.column_stack(
-            [np.sin(middle[:, 0]) * TURN / PANEL_WIDTH, middle[:, 1] * found.plane[1].width / PANEL_HEIGHT]
+            [np.sin(middle[:, 0]) * TURN / PANEL_WIDTH, middle[:, 1] * result.plane[1].width / PANEL_HEIGHT]
         )
         off = np.abs(middle[:, 1] ** 2 / 2 - np.cos(middle[:, 0]) - energy) / np.maximum(
             np.linalg.norm(gradient, axis=1), 1e-9
@@ -110,8 +110,8 @@ def test_an_orbit_of_many_turns_in_few_steps_is_round() -> None:
     """The orbit is a damped spiral with twenty turns, compared with its closed form."""
     c = 0.01
     slow = lg.System(kinetic=x.dot**2 / 2, potential=(1 + c**2) * x**2 / 2, forces={x: -2 * c * x.dot})
-    found = lg.phase_portrait(slow, {x: (-1.2, 1.2), x.dot: (-1.2, 1.2)}, starts=[{x: 1.0}], t_end=100.0)
-    (line,) = lines_of(found.plot().axes[0], "#0b6e99")
+    result = lg.phase_portrait(slow, {x: (-1.2, 1.2), x.dot: (-1.2, 1.2)}, starts=[{x: 1.0}], t_end=100.0)
+    (line,) = lines_of(result.plot().axes[0], "#0b6e99")
     line = line[np.isfinite(line).all(axis=1)]
     pixels = np.array([PANEL_WIDTH, PANEL_HEIGHT]) / 2.4
     begin, chords = line[:-1] * pixels, np.diff(line, axis=0) * pixels
@@ -231,6 +231,6 @@ def test_numbers_of_a_colour_bar_are_plain() -> None:
     colour_bar(axis, axis.imshow([[0.3, 30.0]], norm=LogNorm(0.3, 30.0)), "time", style_of("light"))
     bar = axis.figure.axes[1]
     labels = [text.get_text() for text in bar.get_yticklabels()]
-    assert len(labels) >= 3 and not any("$" in one for one in labels)
-    assert [float(one) for one in labels] == pytest.approx(bar.get_yticks())
+    assert len(labels) >= 3 and not any("$" in item for item in labels)
+    assert [float(item) for item in labels] == pytest.approx(bar.get_yticks())
     assert not bar.get_yticks(minor=True).size

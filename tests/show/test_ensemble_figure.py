@@ -48,7 +48,7 @@ def test_members_that_failed_are_marked_on_a_map() -> None:
     values, marks = figure.axes[0].images
     failed = np.array([not status.complete for status in runs.status]).reshape(8, 9).T
     assert 0 < failed.sum() < failed.size
-    assert [np.ma.getmaskarray(np.ma.asanyarray(one.get_array())).tolist() for one in (values, marks)] == [
+    assert [np.ma.getmaskarray(np.ma.asanyarray(item.get_array())).tolist() for item in (values, marks)] == [
         failed.tolist(),
         (~failed).tolist(),
     ]

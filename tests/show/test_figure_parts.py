@@ -70,9 +70,9 @@ def test_a_spring_of_no_length_is_a_point() -> None:
 
 @pytest.mark.parametrize("count", [0, 1, 8, 9, 39, 100])
 def test_no_colour_comes_twice(count: int) -> None:
-    found = colours(count)
-    assert len(found) == len(set(found)) == count and all(len(to_rgb(colour)) == 3 for colour in found)
-    assert count > 8 or found == COLOURS[:count]
+    result = colours(count)
+    assert len(result) == len(set(result)) == count and all(len(to_rgb(colour)) == 3 for colour in result)
+    assert count > 8 or result == COLOURS[:count]
 
 
 # --- Figures show themselves ---

@@ -142,8 +142,8 @@ def test_cells(value: object, text: str) -> None:
 def test_any_text_survives_and_none_is_a_formula(texts: list[str]) -> None:
     line = ",".join(map(cell, texts)) + "\n"
     (read,) = list(csv.reader(io.StringIO(line, newline="")))
-    assert [found.removeprefix("'") for found in read] == [text.removeprefix("'") for text in texts]
-    assert not any(found.lstrip(" ").startswith(("=", "+", "-", "@", "\t", "\r")) for found in read)
+    assert [result.removeprefix("'") for result in read] == [text.removeprefix("'") for text in texts]
+    assert not any(result.lstrip(" ").startswith(("=", "+", "-", "@", "\t", "\r")) for result in read)
 
 
 @given(st.lists(st.floats(allow_nan=False), min_size=1))
@@ -190,14 +190,14 @@ def all_stopped(what: str) -> dict[str, list[dict[str, Any]]]:
         command = [sys.executable, str(program), folder, what, *WAYS]
         done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert "Traceback" not in done.stderr and done.returncode == 0, done.stderr
-    found: dict[str, list[dict[str, Any]]] = json.loads(done.stdout)
-    return found
+    result: dict[str, list[dict[str, Any]]] = json.loads(done.stdout)
+    return result
 
 
 def stopped(how: str, what: str) -> list[dict[str, Any]]:
-    found = all_stopped(what)[how]
-    assert len(found) > 4 and found[-1]["code"] == 0, "every operation is reached, and one run goes through"
-    return found
+    result = all_stopped(what)[how]
+    assert len(result) > 4 and result[-1]["code"] == 0, "every operation is reached, and one run goes through"
+    return result
 
 
 def test_all_files_or_none_of_them(tmp_path: Path) -> None:
@@ -225,24 +225,24 @@ def test_a_writer_that_fails_leaves_what_was_there(tmp_path: Path, failure: Base
 @pytest.mark.parametrize("how", WAYS)
 def test_stopped_anywhere_a_folder_with_the_last_file_is_whole(how: str) -> None:
     partial = 0
-    for found in stopped(how, "together"):
-        seen = {name: words for name, words in found["left"].items() if not name.startswith(".")}
-        hidden = sorted(found["left"].keys() - seen.keys())
+    for result in stopped(how, "together"):
+        seen = {name: words for name, words in result["left"].items() if not name.startswith(".")}
+        hidden = sorted(result["left"].keys() - seen.keys())
         assert seen.pop("mine.txt") == "old" and set(seen.values()) <= {"old", "new"}, "every file is whole"
         assert "c.json" not in seen or seen in (OLD, NEW), "the last file is there only while all are"
         partial += "c.json" not in seen
         assert how == "kill" or not hidden, "only a killed process leaves its parts"
-        assert found["then"] == {**NEW, **MINE}, "the next one who writes makes it whole"
+        assert result["then"] == {**NEW, **MINE}, "the next one who writes makes it whole"
     assert partial, "some stop falls into the exchange"
 
 
 @posix
 @pytest.mark.parametrize("how", WAYS)
 def test_a_single_file_stopped_anywhere_is_whole(how: str) -> None:
-    for found in stopped(how, "single"):
-        assert found["left"]["a.csv"] in ("old", "new")
-        assert how == "kill" or set(found["left"]) == {*OLD, *MINE}
-        assert found["then"] == {**OLD, **MINE, "a.csv": "new"}
+    for result in stopped(how, "single"):
+        assert result["left"]["a.csv"] in ("old", "new")
+        assert how == "kill" or set(result["left"]) == {*OLD, *MINE}
+        assert result["then"] == {**OLD, **MINE, "a.csv": "new"}
 
 
 def test_what_is_no_place_for_files_is_refused(tmp_path: Path) -> None:

@@ -62,8 +62,8 @@ class Motion:
         self.t, n = 0.3, len(statement.coordinates)
         keys = (*statement.coordinates, *statement.velocities)
         if statement.constraints or statement.name == "two-point-vortices":
-            found = system.consistent(dict(zip(keys, y, strict=True)), t=self.t).initial
-            y = np.array([found[key] for key in keys])
+            result = system.consistent(dict(zip(keys, y, strict=True)), t=self.t).initial
+            y = np.array([result[key] for key in keys])
         self.q, self.v = y[:n], y[n:]
         self.a = self.model.accelerations(self.q, self.v, self.t)
         held = statement.constraints
@@ -71,7 +71,7 @@ class Motion:
         plain = list(statement.plain.values())
         point = dict(zip(plain, np.column_stack([self.q, self.v, self.a]).ravel(), strict=True))
         point |= {p: statement.defaults[p] for p in statement.parameters}
-        point |= {one.multiplier: x for one, x in zip(held, self.multipliers, strict=True)} | {lg.t: self.t}
+        point |= {item.multiplier: x for item, x in zip(held, self.multipliers, strict=True)} | {lg.t: self.t}
         self.point = {symbol: mpmath.mpf(float(value)) for symbol, value in point.items()}
         self.functions: dict[Any, Callable[..., Any]] = {}
 
@@ -140,7 +140,7 @@ class Motion:
     def stated(self, quantity: ShownQuantity) -> Any:
         s = self.statement
         table = {"L": s.lagrangian, "T": s.kinetic, "V": s.potential, "D": s.dissipation}
-        held = {one.name: one.expression for one in s.constraints}
+        held = {item.name: item.expression for item in s.constraints}
         return table[quantity.letter] if quantity.letter in table else held[quantity.indices[0]]
 
     def quantity(self, letter: str, indices: tuple[str, ...]) -> Any:
@@ -152,7 +152,7 @@ class Motion:
             return self.number(masses[indices[0]]) * self.side(ShownQuantity("v", indices, squared=True)) / 2
         if letter in ("L", "T", "V", "D", "f"):
             return self.number(self.stated(ShownQuantity(letter, indices)))
-        rows = [one.name for one in s.constraints] if letter == "G" else list(names)
+        rows = [item.name for item in s.constraints] if letter == "G" else list(names)
         values = {
             "E": lambda: self.model.energy(self.q, self.v, self.t),
             "J": lambda: self.model.energy(self.q, self.v, self.t),
@@ -261,5 +261,5 @@ def test_what_is_printed_reads_back_as_the_same_numbers(name: str, notation: Any
             plain = typed(writer.setter, text) if notation is MathmlNotation else text
             (equation,) = reader.equations(f"{plain} - 1 = 0")
             expected = side.xreplace(system.statement.plain).xreplace(point)
-            found = equation.readings[0].zero.xreplace(point) + 1
-            assert abs(sympy.N(found - expected, 25)) <= 1e-12 * max(1, abs(sympy.N(expected, 25))), (text, side)
+            result = equation.readings[0].zero.xreplace(point) + 1
+            assert abs(sympy.N(result - expected, 25)) <= 1e-12 * max(1, abs(sympy.N(expected, 25))), (text, side)

@@ -152,10 +152,12 @@ def test_any_other_run_is_drawn_whole(status: Status) -> None:
 
 
 def test_a_bounded_run_that_stops_is_drawn_whole() -> None:
-    ours, whole = (oscillator(status=one).plot(["x", "phase"]).axes for one in (Status.STEP_TOO_SMALL, Status.SUCCESS))
-    for one, other in zip(ours, whole, strict=True):
-        assert (one.get_xlim(), one.get_ylim()) == (other.get_xlim(), other.get_ylim())
-        assert one.get_title("left") == other.get_title("left")
+    ours, whole = (
+        oscillator(status=first).plot(["x", "phase"]).axes for first in (Status.STEP_TOO_SMALL, Status.SUCCESS)
+    )
+    for first, second in zip(ours, whole, strict=True):
+        assert (first.get_xlim(), first.get_ylim()) == (second.get_xlim(), second.get_ylim())
+        assert first.get_title("left") == second.get_title("left")
 
 
 @pytest.mark.parametrize("space", [False, True])

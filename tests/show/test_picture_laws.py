@@ -127,21 +127,21 @@ def test_a_drift_of_the_dense_output_is_told_apart_from_the_steps() -> None:
 
 def written(figure: Any) -> list[tuple[str, Any]]:
     """Return each text that a figure shows, with its box in pixels."""
-    found = [text for text in [figure._suptitle, figure._supxlabel] if text is not None]
+    result = [text for text in [figure._suptitle, figure._supxlabel] if text is not None]
     for axis in figure.axes:
-        found += [*axis.texts, axis.title, axis._left_title, axis._right_title, axis.xaxis.label, axis.yaxis.label]
+        result += [*axis.texts, axis.title, axis._left_title, axis._right_title, axis.xaxis.label, axis.yaxis.label]
         for line in (axis.xaxis, axis.yaxis):
             low, high = sorted(line.get_view_interval())
             slack = 1e-9 * (high - low)
-            found += [
+            result += [
                 tick.label1
                 for tick in line.get_major_ticks()
                 if low - slack <= tick.get_loc() <= high + slack and tick.label1.get_visible()
             ]
             assert line.get_offset_text().get_text() == "", "no number stands for what is beside a mark"
         legend = axis.get_legend()
-        found += legend.get_texts() if legend else []
-    shown = [text for text in found if text.get_text().strip() and text.get_visible()]
+        result += legend.get_texts() if legend else []
+    shown = [text for text in result if text.get_text().strip() and text.get_visible()]
     return [(text.get_text(), text.get_window_extent().padded(-0.5)) for text in shown]
 
 
@@ -180,8 +180,8 @@ def test_values_that_are_almost_alike_have_all_the_digits_that_tell_them_apart()
 def test_all_methods_of_the_registry_are_told_apart() -> None:
     count = len(lg.methods.names())
     for style in STYLES.values():
-        found = line_styles(count, style)
-        assert len(set(found)) == len({(one.colour, one.marker) for one in found}) == count > 38
+        result = line_styles(count, style)
+        assert len(set(result)) == len({(item.colour, item.marker) for item in result}) == count > 38
 
 
 def brightness(colour: str) -> float:

@@ -34,8 +34,8 @@ def test_each_thing_that_can_be_asked_for_is_drawn(what: Any, values: Any) -> No
     figure = oscillator().plot(what)
     assert len(figure.axes) == 1
     for line, row in zip(figure.axes[0].lines, range(9), strict=False):
-        t, found = np.asarray(line.get_xydata()).T
-        np.testing.assert_allclose(found, values(t)[row], atol=1e-12)
+        t, result = np.asarray(line.get_xydata()).T
+        np.testing.assert_allclose(result, values(t)[row], atol=1e-12)
     assert len(figure.axes[0].lines) == len(values(np.zeros(1)))
 
 
@@ -44,10 +44,10 @@ def test_each_thing_that_can_be_asked_for_is_drawn(what: Any, values: Any) -> No
 )
 def test_other_words_for_what_is_shown_mean_the_same(word: str, what: str) -> None:
     run = lg.scene("pendulum").run(1.0)
-    found, expected = ([line.get_xydata() for line in run.plot(name).axes[0].lines] for name in (word, what))
-    assert len(found) == len(expected) > 0
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_array_equal(one, other)
+    result, expected = ([line.get_xydata() for line in run.plot(name).axes[0].lines] for name in (word, what))
+    assert len(result) == len(expected) > 0
+    for first, second in zip(result, expected, strict=True):
+        np.testing.assert_array_equal(first, second)
 
 
 def test_a_coordinate_comes_before_another_word_for_what_is_shown() -> None:
@@ -75,8 +75,8 @@ def test_multipliers_and_violations_of_constraints() -> None:
         "$\\lambda_{\\mathrm{lower}}$",
     ]
     line = figure.axes[0].lines[0]
-    times, found = np.asarray(line.get_xydata()).T
-    np.testing.assert_allclose(found, run.sampled(times).multipliers["upper"], rtol=1e-9)
+    times, result = np.asarray(line.get_xydata()).T
+    np.testing.assert_allclose(result, run.sampled(times).multipliers["upper"], rtol=1e-9)
 
 
 def test_of_a_long_path_the_last_part_is_drawn_and_that_is_said() -> None:
@@ -136,12 +136,12 @@ def test_the_size_and_the_style_are_those_asked_for() -> None:
 
 
 def test_several_runs_share_panels_and_are_named_by_what_differs() -> None:
-    one, two = oscillator(), oscillator(np.linspace(0.0, 3.0, 31))
-    figure = lg.plot([one, two], labels=["long", "short"])
+    first, second = oscillator(), oscillator(np.linspace(0.0, 3.0, 31))
+    figure = lg.plot([first, second], labels=["long", "short"])
     assert [line.get_label() for line in figure.axes[0].lines] == ["long", "short"]
     assert len({line.get_color() for line in figure.axes[0].lines}) == 2
     assert figure.get_suptitle() == "oscillator   2 runs"
-    energies = lg.plot([one, two], "energies").axes[0].lines
+    energies = lg.plot([first, second], "energies").axes[0].lines
     assert [line.get_linestyle() for line in energies] == ["-"] * 3 + ["--"] * 3
     assert energies[3].get_label() == "$T$ run 2"
     pendulum = lg.scene("pendulum")

@@ -27,14 +27,14 @@ def thrown(**positions: Any) -> lg.System:
 def test_corners_of_a_box_turn_about_its_place() -> None:
     system = thrown(box=lg.shape("box", R, (4, 2, 1), at=(x, y, z)))
     run = system.run(1.0)
-    found = points_at(run.model, run.t, run.y, run.parameters_at(run.t))
+    result = points_at(run.model, run.t, run.y, run.parameters_at(run.t))
     corner = np.array(lg.shape("box", None, (4, 2, 1)).corners, dtype=float)
     assert {*map(tuple, corner.tolist())} == {(i, j, k) for i in (-2, 2) for j in (-1, 1) for k in (-0.5, 0.5)}
     centre = np.array([run[q] for q in (x, y, z)])
     expected = np.einsum("nij,cj->cin", run[R], corner) + centre
-    assert np.abs(np.array([*found.values()]) - expected).max() < 1e-14
+    assert np.abs(np.array([*result.values()]) - expected).max() < 1e-14
     links = system.statement.links
-    sizes = [np.linalg.norm(found[a] - found[b], axis=0) for a, b, _ in links]
+    sizes = [np.linalg.norm(result[a] - result[b], axis=0) for a, b, _ in links]
     assert sorted(np.round(size[-1], 9) for size in sizes) == [1] * 4 + [2] * 4 + [4] * 4
 
 
@@ -92,9 +92,9 @@ def test_a_scene_states_a_body_by_its_shape(tmp_path: Path) -> None:
     system = thrown(disc=lg.shape("disc", R, (1, 2, 0), at=(x, y, z)), still=lg.shape("box", None, 2))
     path = tmp_path / "body.toml"
     path.write_text(STATED.replace("[1, 2, 0]", "[1, 'R_xx*0 + 2', 0]"))
-    found = lg.System.from_scene(path).statement
-    assert found.links == system.statement.links
-    assert found.positions == system.statement.positions
+    result = lg.System.from_scene(path).statement
+    assert result.links == system.statement.links
+    assert result.positions == system.statement.positions
 
 
 STATED = """

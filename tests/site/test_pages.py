@@ -159,7 +159,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 def places(circle: ET.Element) -> np.ndarray:
     """Return where a disc is at each time, (2, N)."""
-    rows = {one.get("attributeName"): one.get("values", "") for one in circle.findall(f"{SVG}animate")}
+    rows = {item.get("attributeName"): item.get("values", "") for item in circle.findall(f"{SVG}animate")}
     return np.array([[float(value) for value in rows[name].split(";")] for name in ("cx", "cy")])
 
 
@@ -183,7 +183,7 @@ def test_a_rod_keeps_its_length_and_the_bobs_are_where_the_run_has_them(module: 
 def test_a_spring_is_stretched_and_a_point_at_rest_does_not_move(module: Module) -> None:
     text = module("moving").svg(lg.scene("chain-of-springs").run())
     assert len(text) < 250_000
-    kinds = [one.get("type") for one in ET.fromstring(text).iter(f"{SVG}animateTransform")]
+    kinds = [item.get("type") for item in ET.fromstring(text).iter(f"{SVG}animateTransform")]
     assert kinds.count("scale") == kinds.count("rotate") == 6
     assert text.count('class="base"') == 2
 

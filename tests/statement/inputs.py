@@ -33,5 +33,5 @@ def at(t: float) -> dict[str, float]:
     """Return the values of the inputs and their rates at a time."""
     pivot: Any = VALUES[X]
     names = ("X", "X_dot", "X_ddot")
-    found = {name: float(pivot.diff(lg.t, order).subs(lg.t, t)) for order, name in enumerate(names)}
-    return {**found, "u": float(VALUES[u].subs(lg.t, t))}
+    result = {name: float(pivot.diff(lg.t, order).subs(lg.t, t)) for order, name in enumerate(names)}
+    return {**result, "u": float(VALUES[u].subs(lg.t, t))}

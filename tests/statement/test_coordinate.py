@@ -104,8 +104,8 @@ def test_scenes_and_other_symbols_leave_the_order() -> None:
     assert lg.System(theta1.dot**2 + theta2.dot**2).coordinates == (theta2, theta1)
     lg.coordinates("theta1 theta2")
     assert lg.System(theta1.dot**2 + theta2.dot**2).coordinates == (theta1, theta2)
-    one, other = dynamicsymbols("a_other_1 b_other_1")
-    assert lg.System(other.diff() ** 2 + one.diff() ** 2).statement.names == ("a_other_1", "b_other_1")
+    first, second = dynamicsymbols("a_other_1 b_other_1")
+    assert lg.System(second.diff() ** 2 + first.diff() ** 2).statement.names == ("a_other_1", "b_other_1")
 
 
 @pytest.mark.parametrize("names", ["m_1 g_1 l_1", "l_1 g_1 m_1"])

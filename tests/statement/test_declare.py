@@ -38,7 +38,7 @@ def refused(**changes: Any) -> str:
 
 
 def test_a_pendulum() -> None:
-    found = pendulum(
+    result = pendulum(
         forces={theta: -3 * theta.dot},
         dissipation=theta.dot**2,
         parameters={m: 1, "g": 9.81, l: None},
@@ -47,21 +47,21 @@ def test_a_pendulum() -> None:
         links=[("origin", "bob")],
         name="pendulum",
     )
-    assert found.coordinates == (theta,)
-    assert (found.kinetic, found.potential, found.lagrangian) == (T, V, T - V)
-    assert found.forces == (-3 * theta.dot,)
-    assert found.dissipation == theta.dot**2
-    assert set(found.parameters) == {m, g, l}
-    assert found.defaults == {m: 1.0, g: 9.81}
-    assert found.initial == (2.0, 0.5)
-    assert found.positions == {"bob": (l * sin(theta), -l * cos(theta))}
-    assert found.links == (Link("origin", "bob"),)
-    assert found.name == "pendulum"
+    assert result.coordinates == (theta,)
+    assert (result.kinetic, result.potential, result.lagrangian) == (T, V, T - V)
+    assert result.forces == (-3 * theta.dot,)
+    assert result.dissipation == theta.dot**2
+    assert set(result.parameters) == {m, g, l}
+    assert result.defaults == {m: 1.0, g: 9.81}
+    assert result.initial == (2.0, 0.5)
+    assert result.positions == {"bob": (l * sin(theta), -l * cos(theta))}
+    assert result.links == (Link("origin", "bob"),)
+    assert result.name == "pendulum"
 
 
 def test_a_lagrangian_alone() -> None:
-    found = declare(lagrangian=T - V)
-    assert (found.kinetic, found.potential, found.lagrangian) == (T - V, 0, T - V)
+    result = declare(lagrangian=T - V)
+    assert (result.kinetic, result.potential, result.lagrangian) == (T - V, 0, T - V)
 
 
 def test_coordinates_are_inferred_in_order_kinetic_energy_first() -> None:
@@ -72,18 +72,20 @@ def test_coordinates_are_inferred_in_order_kinetic_energy_first() -> None:
 
 def test_dynamicsymbols_are_accepted_everywhere() -> None:
     q = dynamicsymbols("q")
-    found = declare(kinetic=q.diff(t) ** 2, potential=q**2, coordinates=[q], forces={q: 1}, initial={q: 1, q.diff(): 2})
-    assert found.coordinates == (coordinate("q"),)
-    assert found.initial == (1.0, 2.0)
+    result = declare(
+        kinetic=q.diff(t) ** 2, potential=q**2, coordinates=[q], forces={q: 1}, initial={q: 1, q.diff(): 2}
+    )
+    assert result.coordinates == (coordinate("q"),)
+    assert result.initial == (1.0, 2.0)
 
 
 def test_symbols_of_one_name_are_one_parameter() -> None:
     free = sympy.Symbol("m")
-    found = pendulum(potential=-free * g * l * cos(theta), parameters={sympy.Symbol("m", real=True): 2})
-    assert [symbol.name for symbol in found.parameters].count("m") == 1
-    assert {symbol.name for symbol in found.lagrangian.free_symbols} == {"m", "g", "l", "t"}
-    assert len(found.lagrangian.free_symbols) == 4
-    assert next(iter(found.defaults.values())) == 2.0
+    result = pendulum(potential=-free * g * l * cos(theta), parameters={sympy.Symbol("m", real=True): 2})
+    assert [symbol.name for symbol in result.parameters].count("m") == 1
+    assert {symbol.name for symbol in result.lagrangian.free_symbols} == {"m", "g", "l", "t"}
+    assert len(result.lagrangian.free_symbols) == 4
+    assert next(iter(result.defaults.values())) == 2.0
 
 
 def test_vectors_are_positions() -> None:
@@ -94,8 +96,8 @@ def test_vectors_are_positions() -> None:
 
 
 def test_two_forces_on_two_coordinates() -> None:
-    found = declare(kinetic=x.dot**2 + y.dot**2, forces=dict.fromkeys((y, x), 2) | {y: -x.dot, x: -y.dot})
-    assert dict(zip(found.coordinates, found.forces, strict=True)) == {x: -y.dot, y: -x.dot}
+    result = declare(kinetic=x.dot**2 + y.dot**2, forces=dict.fromkeys((y, x), 2) | {y: -x.dot, x: -y.dot})
+    assert dict(zip(result.coordinates, result.forces, strict=True)) == {x: -y.dot, y: -x.dot}
 
 
 REFUSALS: list[tuple[dict[str, Any], str]] = [
@@ -239,17 +241,17 @@ k = parameters("k")
 
 
 def survey(*expressions: Any, **options: Any) -> Survey:
-    found = Survey()
+    result = Survey()
     for expression in expressions:
-        found.add(expression, "the energy", **options)
-    return found
+        result.add(expression, "the energy", **options)
+    return result
 
 
 def test_leaves_in_order_of_first_appearance() -> None:
-    found = survey(m * y.dot**2, k * x**2 + sympy.sin(t * x.dot))
-    assert list(found.coordinates) == [y, x]
-    assert set(found.velocities) == {y.dot, x.dot}
-    assert list(found.parameters) == [m, k]
+    result = survey(m * y.dot**2, k * x**2 + sympy.sin(t * x.dot))
+    assert list(result.coordinates) == [y, x]
+    assert set(result.velocities) == {y.dot, x.dot}
+    assert list(result.parameters) == [m, k]
 
 
 def test_accelerations_only_where_they_are_asked_for() -> None:

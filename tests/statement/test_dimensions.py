@@ -146,9 +146,11 @@ def test_messages_have_what_it_is_and_what_it_should_be() -> None:
 
 def test_what_is_not_stated_follows_from_the_terms() -> None:
     sizes = stated(SLIDING, {m: "mass", l: "length"}).statement.dimensions
-    found = {str(key): str(size) for key, size in sizes.items()}
-    assert found["g"] == "acceleration (length/time**2)" and found["k"] == "mass/time**2" and found["c"] == "mass/time"
-    assert found["x(t)"] == "length" and found["theta(t)"] == "a number"
+    result = {str(key): str(size) for key, size in sizes.items()}
+    assert (
+        result["g"] == "acceleration (length/time**2)" and result["k"] == "mass/time**2" and result["c"] == "mass/time"
+    )
+    assert result["x(t)"] == "length" and result["theta(t)"] == "a number"
 
 
 @pytest.mark.parametrize(

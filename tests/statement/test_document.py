@@ -54,8 +54,8 @@ def test_a_file_without_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     path = write(tmp_path)
     monkeypatch.setattr(Path, "open", refuse)
-    found = refusal(path).reason
-    assert found == "the file cannot be read (Permission denied): check the path and its permissions."
+    result = refusal(path).reason
+    assert result == "the file cannot be read (Permission denied): check the path and its permissions."
 
 
 def test_a_link_is_followed(tmp_path: Path) -> None:
@@ -226,8 +226,8 @@ def test_keys_are_found(path: tuple[str, ...], line: int) -> None:
         ("'''\na\\\nb'''", 4, "b'''"),
     ],
 )
-def test_a_column_inside_a_string_is_found(text: str, column: int, found: str) -> None:
-    assert text.startswith(found, inside(text, 0, column))
+def test_a_column_inside_a_string_is_found(text: str, column: int, result: str) -> None:
+    assert text.startswith(result, inside(text, 0, column))
 
 
 KEYS = st.text("abz", min_size=1, max_size=4)

@@ -74,4 +74,4 @@ def test_the_class_of_every_word_may_stand_in_an_energy(name: str) -> None:
     word = WORDS[name]
     built = word.build(*(x, y)[: max(word.fewest, 2 if word.most is None else 1)])
     functions = built.atoms(sympy.Function) or {built}
-    assert all(type(one) in SYMPY_CLASSES or isinstance(one, sympy.Pow) for one in functions)
+    assert all(type(item) in SYMPY_CLASSES or isinstance(item, sympy.Pow) for item in functions)

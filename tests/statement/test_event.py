@@ -40,7 +40,7 @@ STATEMENT = stated(kinetic=(x.dot**2 + y.dot**2) / 2, potential=a * x, parameter
     ],
 )
 def test_one_expression_or_many(given: Any, expected: list[Any]) -> None:
-    assert [found.expression for found in declare_events(given, STATEMENT)] == expected
+    assert [result.expression for result in declare_events(given, STATEMENT)] == expected
 
 
 @pytest.mark.parametrize(("direction", "expected"), [(0, 0), (2.5, 1), (-1, -1), (np.float64(-0.1), -1), (sp.pi, 1)])
@@ -56,9 +56,9 @@ def test_terminal_is_a_number_of_occurrences(terminal: Any, expected: int) -> No
 
 
 def test_a_reset_is_by_symbol_or_by_name() -> None:
-    found = declare_events(event(x, reset={"x_dot": -x.dot, y: 0.5, "y_dot": 1, "x": a}), STATEMENT)[0]
-    assert isinstance(found, Event)
-    assert found.reset == {"x_dot": -x.dot, y: sp.Float(0.5), "y_dot": sp.Float(1.0), "x": a}
+    result = declare_events(event(x, reset={"x_dot": -x.dot, y: 0.5, "y_dot": 1, "x": a}), STATEMENT)[0]
+    assert isinstance(result, Event)
+    assert result.reset == {"x_dot": -x.dot, y: sp.Float(0.5), "y_dot": sp.Float(1.0), "x": a}
 
 
 @pytest.mark.parametrize(
@@ -187,9 +187,9 @@ def test_the_events_of_a_scene_act_on_its_runs_and_on_copies_of_it() -> None:
 def test_what_is_written_states_the_same_events() -> None:
     stated = scene_from_text(BALL)
     again = scene_from_text(scene_text(stated))
-    for one, other in zip(again.run.events, stated.run.events, strict=True):
+    for first, second in zip(again.run.events, stated.run.events, strict=True):
         for name in ("expression", "direction", "terminal", "reset", "settings"):
-            assert getattr(one, name) == getattr(other, name), name
+            assert getattr(first, name) == getattr(second, name), name
 
 
 def test_a_derived_system_has_no_events_of_the_scene() -> None:

@@ -43,8 +43,8 @@ def test_a_given_function_is_no_coordinate_and_is_told_from_one_with_other_value
     assert lg.given("X") == X and lg.coordinate("X") != X and Function("X")(t) != X
     assert lg.given("X", sin(t)) != lg.given("X", cos(t)) != X
     table = lg.given("X", (TIMES, TIMES**2))
-    for one in (X, lg.given("X", sin(t)), table):
-        assert pickle.loads(pickle.dumps(one)) == one
+    for item in (X, lg.given("X", sin(t)), table):
+        assert pickle.loads(pickle.dumps(item)) == item
     known = motion_of(table)
     assert known is not None and known.span == (0.0, 3.0)
 
@@ -58,7 +58,7 @@ def test_a_given_motion_stays_open_in_a_derivation() -> None:
     page = str(driven.derivation())
     assert "X_ddot" in page and "X_dot" in page and "Derivative" not in page
     assert r"\ddot{X}" in driven.derivation().latex()
-    assert any("energy is not conserved: the Lagrangian depends on time" in one for one in driven.structure)
+    assert any("energy is not conserved: the Lagrangian depends on time" in item for item in driven.structure)
     for call in (lambda: driven.run(1.0), driven.check):
         assert refusal(call).startswith("X is a given function of time without values, which numbers need: state")
 
@@ -67,8 +67,8 @@ def test_a_function_of_coordinates_stays_open_in_a_derivation() -> None:
     r, phi = lg.coordinates("r phi")
     U, F = Function("U"), lg.given("F")
     central = lg.System(m * (r.dot**2 + r**2 * phi.dot**2) / 2, U(r), forces={r: F})
-    found = central.accelerations()[r] - (r * phi.dot**2 - U(r).diff(r) / m + F / m)
-    assert sympy.simplify(found) == 0
+    result = central.accelerations()[r] - (r * phi.dot**2 - U(r).diff(r) / m + F / m)
+    assert sympy.simplify(result) == 0
     assert "phi does not appear in L: it is cyclic, so p_phi is conserved." in central.structure
     assert "U(r(t)) is not written out" in refusal(lambda: lg.System(m * x.dot**2 / 2, U(x)).run(1.0)).replace("x", "r")
     wire = lg.System(lg.kinetic_energy(m, (x, U(x * t))), m * g * U(x))
@@ -160,8 +160,8 @@ def test_refusals(call: Any, message: str) -> None:
 
 def test_a_scene_has_given_functions(tmp_path: Path) -> None:
     lean: dict[str, Any] = {"forces": DROP, "kinetic": "m*(l**2*theta_dot**2 + 2*l*theta_dot*X_dot*cos(theta))/2"}
-    found = read_scene(write(tmp_path, given={"X": "sin(2*t)/g"}, **lean))
-    assert found.given == (lg.given("X", sin(2 * t) / sympy.Symbol("g", real=True)),)
+    result = read_scene(write(tmp_path, given={"X": "sin(2*t)/g"}, **lean))
+    assert result.given == (lg.given("X", sin(2 * t) / sympy.Symbol("g", real=True)),)
     table = read_scene(write(tmp_path, given={"X": [[0, 1, 2, 3], [0, 1, 4, 9]]}, **lean))
     assert lg.System.from_statement(table).run(3.0).status.complete
     for wrong, message in (

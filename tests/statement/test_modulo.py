@@ -29,16 +29,16 @@ def rolling() -> lg.System:
 def test_a_force_is_that_of_the_remainder(place: float, target: str) -> None:
     model = rolling().compile(target)
     # Some roundings of the angle, 2 pi x/2, and of its sine.
-    wanted = -3 * (math.fmod(math.fmod(place, 2) + 2, 2) - 1)
-    assert model.accelerations([place], [0.0])[0] == pytest.approx(wanted, rel=1e-12, abs=1e-13)
+    expected = -3 * (math.fmod(math.fmod(place, 2) + 2, 2) - 1)
+    assert model.accelerations([place], [0.0])[0] == pytest.approx(expected, rel=1e-12, abs=1e-13)
     assert model.jacobian(0.0, [place, 0.0])[1, 0] == pytest.approx(-3, rel=1e-12)
 
 
 @pytest.mark.parametrize(("dividend", "divisor"), [(7.25, 3), (-7.25, 3), (7.25, -3), (-7.25, -3), (0.5, 1.5)])
 def test_the_sign_is_that_of_the_divisor(dividend: float, divisor: float) -> None:
     system = lg.System(m * x.dot**2 / 2, 0, forces={x: sympy.Mod(x, sympy.Float(divisor))}, parameters={m: 1})
-    found = system.compile("numpy").accelerations([dividend], [0.0])[0]
-    assert found == pytest.approx(dividend % divisor, rel=1e-13)
+    result = system.compile("numpy").accelerations([dividend], [0.0])[0]
+    assert result == pytest.approx(dividend % divisor, rel=1e-13)
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
@@ -55,8 +55,8 @@ def test_remainders_of_remainders_and_their_derivatives_are_written_out() -> Non
     inner: Any = sympy.Mod(sympy.Mod(x, 5) + x, 2)
     system = lg.System(m * x.dot**2 / 2, 0, forces={x: inner + sympy.Mod(x, 3).diff(x)}, parameters={m: 1})
     assert system.check()
-    found = system.compile("numpy").accelerations([7.3], [0.0])[0]
-    assert found == pytest.approx((7.3 % 5 + 7.3) % 2 + 1, rel=1e-12)
+    result = system.compile("numpy").accelerations([7.3], [0.0])[0]
+    assert result == pytest.approx((7.3 % 5 + 7.3) % 2 + 1, rel=1e-12)
 
 
 def test_a_scene_file_says_mod(tmp_path: Path) -> None:

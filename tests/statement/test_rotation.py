@@ -71,8 +71,8 @@ def test_rates_are_kept_whatever_the_length_of_the_quaternion() -> None:
     """In a long run the length of the quaternion differs from one by rounding; here by a hundredth."""
     values = dict(zip(R.quaternion, (1.01, 0, 0, 0), strict=True))
     values |= {q.dot: rate for q, rate in zip(R.quaternion, (0, 0.2, 0.4, -0.3), strict=True)}
-    found = in_coordinates({R: lg.turn((1, 1, 1), 0.7)}, values)
-    after = body_rates([found[q] for q in R.quaternion], [found[q.dot] for q in R.quaternion])
+    result = in_coordinates({R: lg.turn((1, 1, 1), 0.7)}, values)
+    after = body_rates([result[q] for q in R.quaternion], [result[q.dot] for q in R.quaternion])
     assert np.allclose(after, np.array([0.4, 0.8, -0.6]) / 1.01, rtol=0, atol=1e-14)
 
 
@@ -127,8 +127,8 @@ def test_rates_vary_between_the_members_of_an_ensemble() -> None:
     for known, rates in ((body_rates, R.body), (space_rates, R.space)):
         table = member_table(model, {rates[2]: [4.0, 5.0], rates[0].func.__name__: [0.1, 0.2]}, None)
         states = table.starts(np.arange(2)).states
-        found = np.array(known([*states[:, :4].T], [*states[:, 4:].T]))
-        assert np.allclose(found[[0, 2]], [[0.1, 0.2], [4.0, 5.0]], rtol=0, atol=1e-14)
+        result = np.array(known([*states[:, :4].T], [*states[:, 4:].T]))
+        assert np.allclose(result[[0, 2]], [[0.1, 0.2], [4.0, 5.0]], rtol=0, atol=1e-14)
         assert np.allclose(np.linalg.norm(states[:, :4], axis=1), 1, rtol=0, atol=1e-15)
 
 

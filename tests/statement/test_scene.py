@@ -22,7 +22,7 @@ m, l, g, c = (sympy.Symbol(name, real=True) for name in "mlgc")
 
 
 def test_a_scene_becomes_a_statement(tmp_path: Path) -> None:
-    found = read_scene(
+    result = read_scene(
         write(
             tmp_path,
             about="swings\n to and fro",
@@ -33,30 +33,30 @@ def test_a_scene_becomes_a_statement(tmp_path: Path) -> None:
             run={"t_end": "2*pi", "method": "dop853", "rtol": 1e-9, "atol": 0, "step": 0.1},
         )
     )
-    assert found.names == ("theta",)
-    assert found.kinetic == m * l**2 * velocity_of(theta) ** 2 / 2
-    assert found.potential == -m * g * l * sympy.cos(theta)
-    assert found.lagrangian == found.kinetic - found.potential
-    assert found.forces == (-c * velocity_of(theta),)
-    assert found.dissipation == sympy.Symbol("k", real=True) * velocity_of(theta) ** 2
-    assert {symbol.name: value for symbol, value in found.defaults.items()} == {
+    assert result.names == ("theta",)
+    assert result.kinetic == m * l**2 * velocity_of(theta) ** 2 / 2
+    assert result.potential == -m * g * l * sympy.cos(theta)
+    assert result.lagrangian == result.kinetic - result.potential
+    assert result.forces == (-c * velocity_of(theta),)
+    assert result.dissipation == sympy.Symbol("k", real=True) * velocity_of(theta) ** 2
+    assert {symbol.name: value for symbol, value in result.defaults.items()} == {
         "m": 1.0, "l": 0.5, "g": 9.81, "c": float(sympy.pi / 6), "k": 0.0, "unused": 3.0,
     }  # fmt: skip
-    assert found.initial == (float(sympy.pi / 2), -1.0)
-    assert dict(found.positions) == {"bob": (l * sympy.sin(theta), -l * sympy.cos(theta))}
-    assert found.links == (Link("origin", "bob"),)
-    assert (found.name, found.about, found.source) == ("pendulum", "swings to and fro", "a book")
-    assert found.run == RunSettings(float(2 * sympy.pi), "dop853", 1e-9, 0.0, 0.1)
+    assert result.initial == (float(sympy.pi / 2), -1.0)
+    assert dict(result.positions) == {"bob": (l * sympy.sin(theta), -l * sympy.cos(theta))}
+    assert result.links == (Link("origin", "bob"),)
+    assert (result.name, result.about, result.source) == ("pendulum", "swings to and fro", "a book")
+    assert result.run == RunSettings(float(2 * sympy.pi), "dop853", 1e-9, 0.0, 0.1)
 
 
 def test_most_of_a_scene_may_be_left_out(tmp_path: Path) -> None:
     path = tmp_path / "my-scene.toml"
     path.write_text('coordinates = ["x"]\nlagrangian = "x_dot**2/2 - x*t"\nconstraints = []\n', encoding="utf-8")
-    found = read_scene(path)
-    assert found.name == "my-scene"
-    assert found.lagrangian == velocity_of(coordinate("x")) ** 2 / 2 - coordinate("x") * t
-    assert found.initial == (0.0, 0.0)
-    assert found.run == RunSettings()
+    result = read_scene(path)
+    assert result.name == "my-scene"
+    assert result.lagrangian == velocity_of(coordinate("x")) ** 2 / 2 - coordinate("x") * t
+    assert result.initial == (0.0, 0.0)
+    assert result.run == RunSettings()
     path = path.rename(tmp_path / "-.toml")
     assert read_scene(path).name == "scene"
 
@@ -68,7 +68,7 @@ def test_energies_may_be_numbers(tmp_path: Path) -> None:
 
 
 def test_names_may_be_greek_letters(tmp_path: Path) -> None:
-    found = read_scene(
+    result = read_scene(
         write(
             tmp_path,
             coordinates=["θ"],
@@ -81,8 +81,8 @@ def test_names_may_be_greek_letters(tmp_path: Path) -> None:
             initial={"θ": 1.0, "θ_dot": 2.0},
         )
     )
-    assert found.names == ("θ",) and found.initial == (1.0, 2.0)
-    assert found.potential == -sympy.Symbol("Ω", real=True) * sympy.cos(2 * coordinate("θ"))
+    assert result.names == ("θ",) and result.initial == (1.0, 2.0)
+    assert result.potential == -sympy.Symbol("Ω", real=True) * sympy.cos(2 * coordinate("θ"))
 
 
 # --- refusals: field, its value, line, column, reason ------------------------------------------------------------

@@ -29,9 +29,9 @@ TABLE = ([0.0, 1.0, 2.5, 4.0], [0.0, 0.1, 0.3, -0.1])
 FREE = m * x.dot**2 / 2
 
 
-def assert_same(found: Statement, stated: Statement) -> None:
+def assert_same(result: Statement, stated: Statement) -> None:
     for field in stated.__dataclass_fields__:
-        part, expected = getattr(found, field), getattr(stated, field)
+        part, expected = getattr(result, field), getattr(stated, field)
         if field == "open_form" and None in (part, expected):
             continue
         if isinstance(expected, Statement):
@@ -186,10 +186,10 @@ def test_random_expressions_read_back_symbol_for_symbol() -> None:
         grown = Grown(seed)
         roots = [grown.expression(3) for _ in range(3)]
         try:
-            found = read_back(roots)
+            result = read_back(roots)
         except (SceneError, RefusalError):  # powers of computed constants, and real parts of roots
             continue
-        assert found == roots
+        assert result == roots
         read += 1
     assert read > 9
 
@@ -249,8 +249,8 @@ def test_a_scene_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 
 def test_a_system_gives_the_energies_that_were_stated() -> None:
     system = lg.scene("double-pendulum")
-    for found, stated in ((system.kinetic, system.statement.kinetic), (system.potential, system.statement.potential)):
-        assert sympy.expand(found - stated).equals(0)
+    for result, stated in ((system.kinetic, system.statement.kinetic), (system.potential, system.statement.potential)):
+        assert sympy.expand(result - stated).equals(0)
     assert (system.kinetic - system.potential - system.lagrangian).expand().equals(0)
     alone = lg.System(lagrangian=FREE - k * x)
     assert alone.kinetic == alone.lagrangian and alone.potential == 0
@@ -284,14 +284,14 @@ stretch = "sin(far)*far"
 
 
 def test_a_scene_has_definitions_signs_open_values_tables_and_multipliers() -> None:
-    found = scene_from_text(SCENE)
+    result = scene_from_text(SCENE)
     stiffness, friction = sympy.Symbol("k", positive=True), sympy.Symbol("mu", real=True)
     force = lg.table(x - 1, [0, 1, 2, 3], [0.0, 0.5, 0.7, 0.8])
     stretch = sin(x - 1) * (x - 1)
-    assert found.potential == stiffness * stretch**2 / 2 + stiffness * x - x * lg.given("u") + force
-    assert found.forces == (-friction * lg.multiplier("wall") * x.dot,)
-    assert found.constraints[0].expression == x - force / 100
-    assert stiffness not in found.defaults and found.given == (lg.given("u"),)
+    assert result.potential == stiffness * stretch**2 / 2 + stiffness * x - x * lg.given("u") + force
+    assert result.forces == (-friction * lg.multiplier("wall") * x.dot,)
+    assert result.constraints[0].expression == x - force / 100
+    assert stiffness not in result.defaults and result.given == (lg.given("u"),)
 
 
 MISTAKES = [

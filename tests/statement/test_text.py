@@ -74,8 +74,8 @@ def test_coordinates_are_real_numbers() -> None:
 
 
 def test_a_part_that_sympy_cannot_prove_real_stays_as_it_is_written() -> None:
-    found = read_expression("abs(exp(sqrt(x)))", NAMES)
-    assert found == sympy.Abs(sympy.exp(sympy.sqrt(x)), evaluate=False)
+    result = read_expression("abs(exp(sqrt(x)))", NAMES)
+    assert result == sympy.Abs(sympy.exp(sympy.sqrt(x)), evaluate=False)
 
 
 def test_names_stand_for_any_sympy_object() -> None:
@@ -149,9 +149,9 @@ def test_decimals_print_as_they_are(text: str) -> None:
     ],
 )
 def test_constants_are_numbers(text: str, value: float) -> None:
-    found = read_number(text)
-    assert type(found) is float
-    assert found == pytest.approx(value, rel=1e-15)
+    result = read_number(text)
+    assert type(result) is float
+    assert result == pytest.approx(value, rel=1e-15)
 
 
 @pytest.mark.parametrize("name", ["x", "t", "g"])
@@ -183,10 +183,10 @@ def test_nesting_up_to_the_bound_is_read() -> None:
     text = "x"
     for _ in range(63):
         text = f"sin({text})"
-    found = read_expression(text, NAMES)
+    result = read_expression(text, NAMES)
     for _ in range(63):
-        found = found.args[0]
-    assert found == x
+        result = result.args[0]
+    assert result == x
 
 
 # --- Bounds on what SymPy is asked to compute ---

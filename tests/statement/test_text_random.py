@@ -83,9 +83,9 @@ def larger(inner: st.SearchStrategy[Pair]) -> st.SearchStrategy[Pair]:
     )
 
 
-def assert_same(found: Any, value: Any) -> None:
+def assert_same(result: Any, value: Any) -> None:
     """Assert that two expressions are equal, or have equal values if SymPy expands one of them."""
-    difference = found.xreplace({new: old for old, new in STAND_FOR.items()}) - value
+    difference = result.xreplace({new: old for old, new in STAND_FOR.items()}) - value
     for shift in (0.3, 0.7) if difference != 0 else ():
         point = {symbol: sympy.Float(shift + 0.1 * i, 30) for i, symbol in enumerate(REAL.values())}
         assert abs(difference.xreplace(point).evalf(30)) <= 1e-12 * (1 + abs(value.xreplace(point).evalf(30)))
@@ -95,9 +95,9 @@ def assert_same(found: Any, value: Any) -> None:
 @given(st.recursive(leaf(), larger, max_leaves=10))
 def test_random_expressions_read_back_equal(pair: Pair) -> None:
     text, value = pair
-    found, refused = outcome(text)
+    result, refused = outcome(text)
     if refused is None:
-        assert_same(found, value)
+        assert_same(result, value)
     else:  # random constants overflow, and names cancel
         assert any(word in refused.reason for word in ("finite", "constant", "too", "longer", "divides")), refused
 
@@ -108,16 +108,16 @@ def test_what_sympy_prints_reads_back_equal(pair: Pair) -> None:
     value = pair[1]
     if value.has(sympy.Piecewise, sympy.zoo, sympy.nan, sympy.E):
         return
-    found, refused = outcome(str(value))
+    result, refused = outcome(str(value))
     if refused is None:
-        assert_same(found, value)
+        assert_same(result, value)
 
 
 @given(st.text(max_size=40))
 def test_any_text_is_read_or_refused(text: str) -> None:
-    found, refused = outcome(text)
+    result, refused = outcome(text)
     if refused is None:
-        assert isinstance(found, sympy.Expr)
+        assert isinstance(result, sympy.Expr)
     else:
         assert refused.column is not None
         assert 1 <= refused.column <= len(text) + 1
@@ -126,8 +126,8 @@ def test_any_text_is_read_or_refused(text: str) -> None:
 @settings(max_examples=examples(300))
 @given(st.lists(st.sampled_from(TOKENS), max_size=14))
 def test_any_tokens_are_read_or_refused(tokens: list[str]) -> None:
-    found, refused = outcome(" ".join(tokens))
-    assert isinstance(found, sympy.Expr) if refused is None else refused.column
+    result, refused = outcome(" ".join(tokens))
+    assert isinstance(result, sympy.Expr) if refused is None else refused.column
 
 
 # --- Scenes damaged at random: read, or refused with a place ---
@@ -150,10 +150,10 @@ def test_a_damaged_scene_is_read_or_refused(text: str, start: int, length: int, 
         path = Path(folder) / "scene.toml"
         path.write_text(text[:start] + piece + text[start + length :], encoding="utf-8")
         try:
-            found: Statement | SceneError = read_scene(path)
+            result: Statement | SceneError = read_scene(path)
         except SceneError as refused:
-            found = refused
-    if isinstance(found, SceneError):
-        assert found.line is not None
-        assert found.file == str(path)
-        assert found.reason.endswith((".", "?"))
+            result = refused
+    if isinstance(result, SceneError):
+        assert result.line is not None
+        assert result.file == str(path)
+        assert result.reason.endswith((".", "?"))

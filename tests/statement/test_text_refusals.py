@@ -112,9 +112,9 @@ REFUSALS = {
 @pytest.mark.parametrize("text", REFUSALS, ids=lambda text: text[:30])
 def test_a_refusal_says_where_and_why(text: str) -> None:
     column, reason = REFUSALS[text]
-    found = refusal(text)
-    assert found[0] == column
-    assert reason in found[1]
+    result = refusal(text)
+    assert result[0] == column
+    assert reason in result[1]
 
 
 def test_min_and_max_flatten_within_bounds() -> None:

@@ -143,8 +143,8 @@ RATES: dict[str, tuple[dict[Any, str], str]] = {
 def test_a_unit_of_a_rate_is_that_of_its_coordinate_over_time(name: str) -> None:
     units, unit = RATES[name]
     if unit:
-        found = lg.System(T, k * x**2 / 2, dimensions=units).statement.dimensions[x]
-        assert found.unit == unit and found.fits(read_dimension(unit, "x"))
+        result = lg.System(T, k * x**2 / 2, dimensions=units).statement.dimensions[x]
+        assert result.unit == unit and result.fits(read_dimension(unit, "x"))
         return
     message = "dimensions has x_dot in m/s and x in km, with t in s: state x_dot in km/s, or leave it out."
     with pytest.raises(StatementError, match=message if x in units else r"m\*x_dot\*\*2/2, whose dimension is mass"):
@@ -163,7 +163,7 @@ UNITS = {
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_one_symbol_in_another_unit_is_refused(name: str, base: str) -> None:
     whole = lg.System(**SYSTEMS[name])
-    symbols = [one for one in (lg.t, *whole.coordinates, *whole.statement.parameters) if one in (KNOWN | {lg.t: 0})]
+    symbols = [item for item in (lg.t, *whole.coordinates, *whole.statement.parameters) if item in (KNOWN | {lg.t: 0})]
     units: dict[Any, Any] = {lg.t: UNITS[base]["time"]}
     for symbol in symbols[1:]:
         powers = read_dimension(KNOWN[symbol], "it").exponents
@@ -178,8 +178,8 @@ def test_units_that_fit_are_taken() -> None:
     rubber = lg.System(
         T, k * (x - a) ** 2 / 2, forces={x: F - c * x.dot}, dimensions={m: "t", k: "kN/m", a: "m", F: "kN"}
     )
-    found = {str(symbol): one for symbol, one in rubber.statement.dimensions.items()}
-    assert found["x(t)"].fits(read_dimension("m", "x")) and found["c"].fits(read_dimension("kN*s/m", "c"))
+    result = {str(symbol): item for symbol, item in rubber.statement.dimensions.items()}
+    assert result["x(t)"].fits(read_dimension("m", "x")) and result["c"].fits(read_dimension("kN*s/m", "c"))
     converted = lg.System(T, k * x**2 / 2, forces={x: u * F}, dimensions={m: "kg", k: "N/m", F: "kN", u: "N/kN"})
     assert converted.statement.dimensions[x].fits(read_dimension("m", "x"))
 
@@ -282,10 +282,10 @@ def test_suggested_units_can_be_typed_back(of_w: str, of_k: str) -> None:
     ],
 )
 def test_units_of_mechanics_are_known(text: str, same: str, factor: float) -> None:
-    one, other = read_dimension(text, "it"), read_dimension(same, "it")
-    assert one.like(other) and one.factor is not None and other.factor is not None
-    assert math.exp(one.factor - other.factor) == pytest.approx(factor, rel=1e-9)  # the digits of SymPy's factors
-    assert one.unit == text
+    first, second = read_dimension(text, "it"), read_dimension(same, "it")
+    assert first.like(second) and first.factor is not None and second.factor is not None
+    assert math.exp(first.factor - second.factor) == pytest.approx(factor, rel=1e-9)  # the digits of SymPy's factors
+    assert first.unit == text
 
 
 def test_units_that_follow_are_found_again_from_a_scene(tmp_path: Path) -> None:
@@ -295,8 +295,8 @@ def test_units_that_follow_are_found_again_from_a_scene(tmp_path: Path) -> None:
     path = tmp_path / "s.toml"
     path.write_text(scene_text(system.statement))
     again = lg.System.from_scene(path).statement.dimensions
-    assert {str(q): (one.exponents, one.factor) for q, one in again.items()} == {
-        str(q): (one.exponents, one.factor) for q, one in system.statement.dimensions.items()
+    assert {str(q): (item.exponents, item.factor) for q, item in again.items()} == {
+        str(q): (item.exponents, item.factor) for q, item in system.statement.dimensions.items()
     }
     path.write_text(path.read_text().replace("mN/m", "N/m"))
     with pytest.raises(lg.SceneError, match=OTHER):

@@ -60,11 +60,11 @@ class Case:
         statement = self.statement()
         centre = np.array([self.away.get(q, 0.0) for q in statement.coordinates])
         n = len(centre)
-        found = [
+        result = [
             (centre + random.uniform(-0.9, 0.9, n), random.uniform(-1, 1, n) * self.speed, random.uniform(0, 2))
             for _ in range(count)
         ]
-        return found + [(np.array(q), random.uniform(-1, 1, n) * self.speed, 0.3) for q in self.special]
+        return result + [(np.array(q), random.uniform(-1, 1, n) * self.speed, 0.3) for q in self.special]
 
     @property
     def speed(self) -> float:

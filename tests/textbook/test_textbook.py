@@ -37,8 +37,8 @@ def derived(case: Case) -> Derivation:
     return derive(case.statement())
 
 
-def close(found: Any, expected: Any, scale: Any = 1) -> bool:
-    return bool(abs(found - expected) <= TOLERANCE * (abs(expected) + scale))
+def close(result: Any, expected: Any, scale: Any = 1) -> bool:
+    return bool(abs(result - expected) <= TOLERANCE * (abs(expected) + scale))
 
 
 def by_sympy(statement: Statement) -> Callable[..., tuple[Any, Any]]:
@@ -76,8 +76,8 @@ def test_derivation_agrees_with_lagranges_method(case: Case) -> None:
         for i, j in np.ndindex(n, n):
             assert close(value(derivation.mass_matrix[i, j], statement, q, v, time), mass[i, j]), (i, j)
         for i, axis in enumerate(statement.coordinates):
-            found = value(derivation.accelerations[axis], statement, q, v, time)
-            assert close(found, expected[i], 1 + max(abs(x) for x in expected)), axis
+            result = value(derivation.accelerations[axis], statement, q, v, time)
+            assert close(result, expected[i], 1 + max(abs(x) for x in expected)), axis
 
 
 @pytest.mark.few
@@ -142,8 +142,8 @@ def compare(statement: Statement, numbers: list[Fraction]) -> None:
     position, velocity = (np.array([float(x) for x in part]) for part in (q, v))
     for target in TARGETS:
         model = System.from_statement(statement).compile(target, check=False)
-        found = model.accelerations(position, velocity, float(time))
-        assert np.abs(found - [float(x) for x in expected]).max() <= 1e-12 * float(scale), target
+        result = model.accelerations(position, velocity, float(time))
+        assert np.abs(result - [float(x) for x in expected]).max() <= 1e-12 * float(scale), target
 
 
 def numbers(count: int) -> st.SearchStrategy[list[Fraction]]:

@@ -149,13 +149,13 @@ def equal(name: str) -> Any:
 
 @cache
 def without_error(function: Callable[..., Any]) -> Callable[..., Any]:
-    return lambda *given: function(*given)[:2]
+    return lambda *arguments: function(*arguments)[:2]
 
 
-def held(compiled: Model, found: Any) -> tuple[FloatArray, FloatArray]:
+def held(compiled: Model, result: Any) -> tuple[FloatArray, FloatArray]:
     """Return the magnitudes of the constraints on coordinates (phi) and on velocities (psi) along a run."""
     count, n = len(compiled.equations.constraints), compiled.dimension
-    both = np.abs(compiled.evaluate("constraints", found.y[:n], found.y[n:], found.t))
+    both = np.abs(compiled.evaluate("constraints", result.y[:n], result.y[n:], result.t))
     return both[:count], both[count:]
 
 

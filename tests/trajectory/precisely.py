@@ -121,8 +121,8 @@ class Newton:
         count, z = len(parts), np.concatenate(parts)
 
         def value(unknowns: Any) -> Any:
-            found = residual(*np.split(unknowns, count))
-            return np.concatenate(found) if isinstance(found, (tuple, list)) else found
+            result = residual(*np.split(unknowns, count))
+            return np.concatenate(result) if isinstance(result, (tuple, list)) else result
 
         inverse, size = np.empty((0, 0)), 1.0
         for _ in range(TURNS):
@@ -148,5 +148,5 @@ def precise_step(step: StepProgram, law: Law, t: Any, y: Any, h: Any) -> Any:
     solve = [Newton()] if step.solves else []
     if step.states == 2:
         return np.concatenate(step.function(getattr(law, step.law), t, *np.split(y, 2), h, *solve)[:2])
-    found = step.function(law.rhs, t, y, h, *solve)
-    return found if step.control is None else found[0]
+    result = step.function(law.rhs, t, y, h, *solve)
+    return result if step.control is None else result[0]

@@ -39,9 +39,9 @@ CONTROLLED = tuple(name for name in IMPLICIT if name in ADAPTIVE)
 
 def implicit(name: str) -> ImplicitMethod:
     """Return the implicit method with a name."""
-    found = find(name)
-    assert isinstance(found, ImplicitMethod)
-    return found
+    result = find(name)
+    assert isinstance(result, ImplicitMethod)
+    return result
 
 
 CONSTRAINED = tuple(name for name in IMPLICIT if implicit(name).law == "constrained")
@@ -60,7 +60,10 @@ def run(model: Model, end: float, method: Any, start: float = 0.0, initial: Any 
 
 def same(a: Trajectory, b: Trajectory) -> bool:
     """Return True if two runs are equal to the last bit, except for the time that they took."""
-    said = [(one.status, one.message, one.steps, one.rejected, one.evaluations, one.span, one.form) for one in (a, b)]
+    said = [
+        (item.status, item.message, item.steps, item.rejected, item.evaluations, item.span, item.form)
+        for item in (a, b)
+    ]
     return said[0] == said[1] and np.array_equal(a.t, b.t) and np.array_equal(a.y, b.y)
 
 

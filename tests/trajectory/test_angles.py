@@ -37,9 +37,9 @@ LAWS: list[tuple[Any, Any, Callable[[float], tuple[float, float]]]] = [
 STARTS = [([-1.0, 0.5, 0.0, -1.0], 1.5), ([-1.0, 0.5, 0.1, -0.7], 4.0), ([-2.0, -0.3, 0.3, 0.4], 6.0)]
 
 
-def particle(force_x: Any = 0, force_y: Any = 0, target: str = "llvm", **given: Any) -> Model:
+def particle(force_x: Any = 0, force_y: Any = 0, target: str = "llvm", **options: Any) -> Model:
     forces = {x: force_x, y: force_y}
-    return build(target, **{"kinetic": (x.dot**2 + y.dot**2) / 2, "forces": forces, "coordinates": [x, y], **given})
+    return build(target, **{"kinetic": (x.dot**2 + y.dot**2) / 2, "forces": forces, "coordinates": [x, y], **options})
 
 
 def state(values: Any) -> dict[Any, float]:
@@ -77,18 +77,18 @@ def test_a_force_jumps_where_the_angle_does(law: Any, start: list[float], end: f
     """The tolerance of 1e-8 is the error of the reference solution at kinks."""
     expected = by_hand(law, start, end)
     for target in TARGETS:
-        found = go(particle(law[0], law[1], target), end, initial=state(start), rtol=1e-12)
-        assert found.status is Status.SUCCESS
-        assert found.y[:, -1] == pytest.approx(expected, abs=1e-8)
-        back = go(particle(law[0], law[1], target), 0.0, start=end, initial=state(found.y[:, -1]), rtol=1e-12)
+        result = go(particle(law[0], law[1], target), end, initial=state(start), rtol=1e-12)
+        assert result.status is Status.SUCCESS
+        assert result.y[:, -1] == pytest.approx(expected, abs=1e-8)
+        back = go(particle(law[0], law[1], target), 0.0, start=end, initial=state(result.y[:, -1]), rtol=1e-12)
         assert back.y[:, -1] == pytest.approx(start, abs=1e-8)
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_the_cut_is_located_and_not_crept_up_to(target: str) -> None:
     """Without a switching surface the run took 105 steps, because steps were halved at the jump; 15 suffice."""
-    found = go(particle(0, -ANGLE / 2, target), 4.0, initial=state(STARTS[1][0]))
-    assert found.status is Status.SUCCESS and found.steps < 30
+    result = go(particle(0, -ANGLE / 2, target), 4.0, initial=state(STARTS[1][0]))
+    assert result.status is Status.SUCCESS and result.steps < 30
 
 
 @pytest.mark.few(2)
@@ -96,14 +96,14 @@ def test_the_cut_is_located_and_not_crept_up_to(target: str) -> None:
 @pytest.mark.parametrize("height", [0.0, -0.0])
 def test_a_start_on_the_cut(speed: float, angle: float, height: float) -> None:
     """On the cut the angle has the value of the side to which the motion leaves."""
-    found = go(particle(ANGLE), 1e-6, initial={x: -1.0, y: height, y.dot: speed})
-    assert found.y[2, -1] == pytest.approx(angle * 1e-6, rel=1e-6) and found.steps < 5
+    result = go(particle(ANGLE), 1e-6, initial={x: -1.0, y: height, y.dot: speed})
+    assert result.y[2, -1] == pytest.approx(angle * 1e-6, rel=1e-6) and result.steps < 5
 
 
 def test_a_motion_that_sticks_to_the_cut_says_so() -> None:
-    found = go(particle(sp.atan2(-x.dot, -1)), 4.0, initial={x.dot: 1.0})
-    assert found.status is Status.STEP_TOO_SMALL and found.y[2, -1] == pytest.approx(0, abs=1e-12)
-    assert "The equations of motion jump where -x_dot is zero" in found.message and "sticks" in found.message
+    result = go(particle(sp.atan2(-x.dot, -1)), 4.0, initial={x.dot: 1.0})
+    assert result.status is Status.STEP_TOO_SMALL and result.y[2, -1] == pytest.approx(0, abs=1e-12)
+    assert "The equations of motion jump where -x_dot is zero" in result.message and "sticks" in result.message
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -111,10 +111,10 @@ def test_an_angle_over_a_parameter(target: str) -> None:
     """atan2(y, c) with a parameter c has a cut only for negative c."""
     c = parameters("c", positive=False)
     model = particle(sp.atan2(y, c), 0, target, parameters={c: -1.0})
-    found = go(model, 2.0, initial={y: 0.5, y.dot: -1.0}, rtol=1e-12)
+    result = go(model, 2.0, initial={y: 0.5, y.dot: -1.0}, rtol=1e-12)
     # pi t - int atan to the crossing at 1/2, its negative behind it; both in closed form.
     speed = -math.pi - (_integral_of_atan(0.5) - _integral_of_atan(1.5))
-    assert found.y[2, -1] == pytest.approx(speed, abs=1e-10)
+    assert result.y[2, -1] == pytest.approx(speed, abs=1e-10)
 
 
 def _integral_of_atan(a: float) -> float:

@@ -138,8 +138,8 @@ def truth(name: str) -> Any:
     case, now, state = CASES[name], 0.0, np.array(START)
     above = False
     while now < END:
-        found: Any = solve(case.above if above else case.below, case.switch, now, state, -1.0 if above else 1.0)
-        now, state, above = float(found.t[-1]), found.y[:, -1], not above
+        result: Any = solve(case.above if above else case.below, case.switch, now, state, -1.0 if above else 1.0)
+        now, state, above = float(result.t[-1]), result.y[:, -1], not above
     return state
 
 
@@ -151,11 +151,11 @@ def go(model: Model, method: Any, **options: Any) -> Trajectory:
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_series_goes_through(name: str, target: str) -> None:
-    found = go(system(name, target), "taylor")
-    assert found.status is Status.SUCCESS, found.message
-    assert found.y[:, -1] == pytest.approx(truth(name), abs=2e-8)
+    result = go(system(name, target), "taylor")
+    assert result.status is Status.SUCCESS, result.message
+    assert result.y[:, -1] == pytest.approx(truth(name), abs=2e-8)
     # The path between the steps knows the branches as well.
-    middle = found.dense(np.linspace(0.0, END, 200))
+    middle = result.dense(np.linspace(0.0, END, 200))
     assert middle[1:, 1:-1] == pytest.approx(np.gradient(middle[0], END / 199)[None, 1:-1], abs=0.05)
 
 
@@ -171,9 +171,9 @@ def test_every_other_method_goes_through(name: str, method: str) -> None:
     model = system(name)
     if method == "velocity-verlet" and name in ("a speed", "damped contact"):
         pytest.skip("a splitting takes no force that depends on velocities")
-    found = go(model, method, **({"rtol": 1e-8, "atol": 1e-10} if adaptive else {"step": 1e-3}))
-    assert found.status is Status.SUCCESS, found.message
-    assert found.y[:, -1] == pytest.approx(truth(name), abs=3e-5 if adaptive else 2e-2)
+    result = go(model, method, **({"rtol": 1e-8, "atol": 1e-10} if adaptive else {"step": 1e-3}))
+    assert result.status is Status.SUCCESS, result.message
+    assert result.y[:, -1] == pytest.approx(truth(name), abs=3e-5 if adaptive else 2e-2)
 
 
 @pytest.mark.few(2)
@@ -196,7 +196,7 @@ def test_an_event_with_a_branch(method: str) -> None:
     """The event is the indentation, a Piecewise: zero before the contact, and largest at zero speed."""
     depth = Piecewise((x ** Rational(3, 2), x > 0), (-1, True)) - Rational(1, 64)
     model = system("Hertz")
-    found = go(model, method, events=[event(depth, direction=1), event(x.dot, direction=-1)], rtol=1e-10, atol=1e-12)
-    assert found.status is Status.SUCCESS, found.message
-    assert len(found.t_events[0]) == len(found.t_events[1]) > 0
-    assert found.y_events[0][:, 0] == pytest.approx(1 / 16, abs=1e-8)
+    result = go(model, method, events=[event(depth, direction=1), event(x.dot, direction=-1)], rtol=1e-10, atol=1e-12)
+    assert result.status is Status.SUCCESS, result.message
+    assert len(result.t_events[0]) == len(result.t_events[1]) > 0
+    assert result.y_events[0][:, 0] == pytest.approx(1 / 16, abs=1e-8)

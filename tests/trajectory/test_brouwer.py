@@ -59,8 +59,8 @@ def test_angular_momentum_walks_at_random(name: str) -> None:
         e, turn = rng.uniform(0.1, 0.5), rng.uniform(0.0, 6.0)
         place, speed = 1 - e, np.sqrt((1 + e) / (1 - e))
         start = np.array([place * np.cos(turn), place * np.sin(turn), -speed * np.sin(turn), speed * np.cos(turn)])
-        found = [moment(state) for state in (start, end_of(compiled, name, 0.01, start))]
-        errors.append(float(found[1] / found[0] - 1))
+        result = [moment(state) for state in (start, end_of(compiled, name, 0.01, start))]
+        errors.append(float(result[1] / result[0] - 1))
     assert walked(errors) < allowed(name)
 
 

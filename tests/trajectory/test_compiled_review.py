@@ -52,14 +52,14 @@ def expressions(rng: np.random.Generator) -> Any:
 
 
 def events_of(rng: np.random.Generator) -> list[Any]:
-    found = [event(expressions(rng), direction=int(rng.integers(-1, 2))) for _ in range(rng.integers(1, 5))]
+    result = [event(expressions(rng), direction=int(rng.integers(-1, 2))) for _ in range(rng.integers(1, 5))]
     kind = rng.random()
     if kind < 0.3:
-        found.append(event(expressions(rng), terminal=int(rng.integers(2, 20))))
+        result.append(event(expressions(rng), terminal=int(rng.integers(2, 20))))
     elif kind < 0.8:
-        found.append(event(y + 0.3, direction=-1, reset={y.dot: -0.9 * y.dot}))
-        found.append(event(x - 0.2, direction=1, reset={x.dot: -x.dot}, terminal=int(rng.integers(0, 9))))
-    return found
+        result.append(event(y + 0.3, direction=-1, reset={y.dot: -0.9 * y.dot}))
+        result.append(event(x - 0.2, direction=1, reset={x.dot: -x.dot}, terminal=int(rng.integers(0, 9))))
+    return result
 
 
 def settings(name: str, rng: np.random.Generator) -> dict[str, Any]:
@@ -71,18 +71,18 @@ def settings(name: str, rng: np.random.Generator) -> dict[str, Any]:
 
 def taken(place: int, *, everything: bool) -> list[tuple[str, tuple[Model, dict[str, float]]]]:
     """Return the systems to test a method on: all, or in a default run two that differ from method to method."""
-    found = list(systems().items())
-    return found if everything else [found[k % len(found)] for k in (place, place + 1)]
+    result = list(systems().items())
+    return result if everything else [result[k % len(result)] for k in (place, place + 1)]
 
 
 def both(monkeypatch: pytest.MonkeyPatch, go: Callable[[], Trajectory]) -> tuple[Trajectory, Trajectory]:
     """Return a run with events found on arrays, and one with the compiled loop on all regular steps."""
-    found = []
+    result = []
     monkeypatch.setattr("lagrange.trajectory.events.event_loop.ENOUGH", 0)
     for least in (math.inf, 0):
         monkeypatch.setattr("lagrange.trajectory.events.event_loop.WORTH_COMPILING", least)
-        found.append(go())
-    return found[0], found[1]
+        result.append(go())
+    return result[0], result[1]
 
 
 def alike(one: Trajectory, other: Trajectory, off: float = 1e-9) -> None:
@@ -105,12 +105,12 @@ def test_events_of_random_systems(name: str, seed: int, monkeypatch: pytest.Monk
         end = float(rng.choice((-1, 1)) * (3.0 if name in IMPLICIT else 12.0))
         if name in SPLITTINGS and title == "coupled":
             continue
-        if "rtol" in options and any(getattr(one, "reset", None) for one in events):
+        if "rtol" in options and any(getattr(first, "reset", None) for first in events):
             # The short steps behind a reset have errors of round-off, and so the next lengths are: others within rtol.
             options = {"rtol": 1e-9, "atol": 1e-9}
         given: dict[str, Any] = {"initial": initial or None, "events": events, **options}
-        one, other = both(monkeypatch, partial(run, of, end, name, **given))
-        alike(one, other, 1e-7)
+        first, second = both(monkeypatch, partial(run, of, end, name, **given))
+        alike(first, second, 1e-7)
 
 
 def test_regular_steps_are_not_sampled_on_arrays(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,13 +118,13 @@ def test_regular_steps_are_not_sampled_on_arrays(monkeypatch: pytest.MonkeyPatch
     of, initial = systems()["Henon-Heiles"]
     monkeypatch.setattr("lagrange.trajectory.events.step_batch.StepBatch.of", refuse)
     reviews = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
-    found = run(of, 1000.0, "dop853", initial=initial, events=[event(y, direction=1), y], rtol=1e-9, atol=1e-9)
-    below = found.y[1] < 0
-    assert len(found.t_events[0]) == (below[:-1] & ~below[1:]).sum() > 100
-    assert len(found.t_events[1]) == (below[:-1] != below[1:]).sum()
-    assert np.abs(found.y_events[1][:, 1]).max() < 1e-14
+    result = run(of, 1000.0, "dop853", initial=initial, events=[event(y, direction=1), y], rtol=1e-9, atol=1e-9)
+    below = result.y[1] < 0
+    assert len(result.t_events[0]) == (below[:-1] & ~below[1:]).sum() > 100
+    assert len(result.t_events[1]) == (below[:-1] != below[1:]).sum()
+    assert np.abs(result.y_events[1][:, 1]).max() < 1e-14
     # A burst is as long as the driver takes at once: from 64 steps on twice as many, however slow the machine is.
-    assert len(found.t) > 2000 and len(reviews) < 9
+    assert len(result.t) > 2000 and len(reviews) < 9
 
 
 @pytest.mark.few(2)
@@ -134,17 +134,17 @@ def test_bounces_are_done_in_machine_code(name: str, monkeypatch: pytest.MonkeyP
     looks = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
     resets = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.process")
     options: dict[str, Any] = {"step": 0.05} if name in FIXED else {"rtol": 1e-9, "atol": 1e-9}
-    found = run(ball(), 600 * FALL, name, events=[floor(1), y.dot], **options)
-    assert [len(times) for times in found.t_events] == [300, 299]
+    result = run(ball(), 600 * FALL, name, events=[floor(1), y.dot], **options)
+    assert [len(times) for times in result.t_events] == [300, 299]
     assert len(looks) < 20 and len(resets) < 10
-    assert found.t_events[0] == pytest.approx((2 * np.arange(300) + 1) * FALL, abs=1e-8)
+    assert result.t_events[0] == pytest.approx((2 * np.arange(300) + 1) * FALL, abs=1e-8)
     # Each bounce is two rows at one time, and what is between two of them is a parabola.
-    assert (np.diff(found.t) == 0).sum() == 300 and (np.diff(found.t) >= 0).all()
+    assert (np.diff(result.t) == 0).sum() == 300 and (np.diff(result.t) >= 0).all()
     times = np.linspace(0.0, 600 * FALL, 2000)
     since = (times + FALL) % (2 * FALL)
-    assert found.dense(times)[0] == pytest.approx(G / 2 * since * (2 * FALL - since), abs=1e-6)
+    assert result.dense(times)[0] == pytest.approx(G / 2 * since * (2 * FALL - since), abs=1e-6)
     outputs = run(ball(), 600 * FALL, name, events=[floor(1)], t_eval=times, **options)
-    assert outputs.y[0] == pytest.approx(found.dense(times)[0], abs=1e-9)
+    assert outputs.y[0] == pytest.approx(result.dense(times)[0], abs=1e-9)
 
 
 @pytest.mark.few(1)
@@ -160,14 +160,14 @@ def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
     for least in (0, 512, math.inf):
         monkeypatch.setattr("lagrange.trajectory.events.event_loop.WORTH_COMPILING", least)
         for several in (events, [*events, wall]):
-            found = []
+            result = []
             for most in (16384, 64, 7, 2) if everything else (16384, 7):
                 monkeypatch.setattr("lagrange.trajectory.run_loop.MOST_STEPS_PER_CALL", most)
-                found.append(run(of, 20.0, name, initial=initial, events=several, **options))
-            for other in found[1:]:
-                assert other.t.tolist() == found[0].t.tolist() and other.y.tolist() == found[0].y.tolist()
+                result.append(run(of, 20.0, name, initial=initial, events=several, **options))
+            for other in result[1:]:
+                assert other.t.tolist() == result[0].t.tolist() and other.y.tolist() == result[0].y.tolist()
                 for times, states, right, there in zip(
-                    other.t_events, other.y_events, found[0].t_events, found[0].y_events, strict=True
+                    other.t_events, other.y_events, result[0].t_events, result[0].y_events, strict=True
                 ):
                     assert times.tolist() == right.tolist() and states.tolist() == there.tolist()
 
@@ -185,9 +185,9 @@ def test_a_reset_where_an_angle_jumps_happens_once(level: int, direction: int, n
     angle = sp.atan2(y, x) - level
 
     def go(**reset: Any) -> Trajectory:
-        found = run(circle, 40.0, name, events=[event(angle, direction=direction, **reset)], **options)
-        assert found.status is Status.SUCCESS, found.message
-        return found
+        result = run(circle, 40.0, name, events=[event(angle, direction=direction, **reset)], **options)
+        assert result.status is Status.SUCCESS, result.message
+        return result
 
     # Turned back it comes to the level, or to the jump, on its way: as far again each time, or all around.
     turned = go(reset={x.dot: -x.dot, y.dot: -y.dot}).t_events[0]
@@ -205,7 +205,7 @@ def _turns(level: int, direction: int, begin: float) -> list[float]:
     return [time for time, way in ((rises, 1), (jumps, -1)) if direction in (0, way)]
 
 
-def refuse(*given: Any, **named: Any) -> Any:
+def refuse(*arguments: Any, **named: Any) -> Any:
     raise AssertionError("this is not to be called")
 
 
@@ -217,9 +217,9 @@ def counted(monkeypatch: pytest.MonkeyPatch, name: str) -> list[None]:
     cls = getattr(importlib.import_module(module), kind)
     plain = getattr(cls, attribute)
 
-    def noted(*given: Any) -> Any:
+    def noted(*arguments: Any) -> Any:
         calls.append(None)
-        return plain(*given)
+        return plain(*arguments)
 
     monkeypatch.setattr(cls, attribute, noted)
     return calls
@@ -235,6 +235,8 @@ def test_a_fast_entry_that_the_tolerance_leaves_out_is_not_screened_away(
     potential = x**2 / 2 + 450 * y**2 + x * y / 3
     of = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=potential, initial=initial)
     events = [x * y.dot - y * x.dot - 0.01545, y.dot * cos(y) - 2.126 * x.dot, x**2 - y.dot, cos(7 * t + 0.375) - 0.12]
-    one, other = both(monkeypatch, lambda: run(of, 25.0, "dop853", events=events, rtol=tolerance, atol=10 * tolerance))
-    alike(one, other, 1e-7)
-    assert sum(len(times) for times in one.t_events) > 100
+    first, second = both(
+        monkeypatch, lambda: run(of, 25.0, "dop853", events=events, rtol=tolerance, atol=10 * tolerance)
+    )
+    alike(first, second, 1e-7)
+    assert sum(len(times) for times in first.t_events) > 100

@@ -20,50 +20,50 @@ from tests.systems import rod_pendulum
 LENGTH = {m: 1.3, g: 9.81, l: 1.0}
 
 
-def pendulum(constraint: Any = None, **given: Any) -> lg.System:
+def pendulum(constraint: Any = None, **options: Any) -> lg.System:
     """Return a pendulum in Cartesian coordinates, or the same particle on another constraint."""
     rod = {} if constraint is None else {"constraints": {"rod": constraint}}
-    return rod_pendulum(parameters=LENGTH, **rod, **given)
+    return rod_pendulum(parameters=LENGTH, **rod, **options)
 
 
 def test_the_nearest_point_of_a_circle_is_in_line_with_its_centre() -> None:
-    found = pendulum().consistent({x: 0.9, y: -1.2, x.dot: 1.0})
-    assert list(found.initial) == [x, y, x.dot, y.dot]
+    result = pendulum().consistent({x: 0.9, y: -1.2, x.dot: 1.0})
+    assert list(result.initial) == [x, y, x.dot, y.dot]
     # On the circle along the radius; of the velocity (1, 0) the part along the tangent (0.8, 0.6) is left.
-    assert found.initial[x] == pytest.approx(0.6, abs=1e-9) and found.initial[y] == pytest.approx(-0.8, abs=1e-9)
-    assert found.initial[x.dot] == pytest.approx(0.64, abs=1e-9)
-    assert found.initial[y.dot] == pytest.approx(0.48, abs=1e-9)
-    assert found.entry == y.dot and found.moved == pytest.approx(0.48, abs=1e-9)
-    assert found.changes[x] == pytest.approx(-0.3, abs=1e-9)
-    assert "moved by at most 0.48, in y.dot>" in repr(found)
+    assert result.initial[x] == pytest.approx(0.6, abs=1e-9) and result.initial[y] == pytest.approx(-0.8, abs=1e-9)
+    assert result.initial[x.dot] == pytest.approx(0.64, abs=1e-9)
+    assert result.initial[y.dot] == pytest.approx(0.48, abs=1e-9)
+    assert result.entry == y.dot and result.moved == pytest.approx(0.48, abs=1e-9)
+    assert result.changes[x] == pytest.approx(-0.3, abs=1e-9)
+    assert "moved by at most 0.48, in y.dot>" in repr(result)
 
 
 def test_the_heavier_coordinate_moves_less() -> None:
     system = lg.System(kinetic=9 * x.dot**2 / 2 + y.dot**2 / 2, constraints=[x + y - 1], parameters={})
-    found = system.consistent({x: 1.0, y: 1.0})
-    assert found.initial[x] == pytest.approx(0.9) and found.initial[y] == pytest.approx(0.1)
-    assert found.entry == y and found.moved == pytest.approx(0.9)
+    result = system.consistent({x: 1.0, y: 1.0})
+    assert result.initial[x] == pytest.approx(0.9) and result.initial[y] == pytest.approx(0.1)
+    assert result.entry == y and result.moved == pytest.approx(0.9)
 
 
 def test_a_point_far_from_an_ellipse_goes_to_the_nearest_one() -> None:
     system = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, constraints=[x**2 / 4 + y**2 - 1])
-    found = system.consistent({x: 3.0, y: 2.0}).initial
+    result = system.consistent({x: 3.0, y: 2.0}).initial
     # The rest points along the gradient: (3 - x, 2 - y) is parallel to (x/2, 2 y).
-    assert (3 - found[x]) * 2 * found[y] == pytest.approx((2 - found[y]) * found[x] / 2, abs=1e-7)
-    assert found[x] ** 2 / 4 + found[y] ** 2 == pytest.approx(1.0, abs=1e-12)
+    assert (3 - result[x]) * 2 * result[y] == pytest.approx((2 - result[y]) * result[x] / 2, abs=1e-7)
+    assert result[x] ** 2 / 4 + result[y] ** 2 == pytest.approx(1.0, abs=1e-12)
 
 
 def test_what_is_held_stays() -> None:
-    found = pendulum().consistent({x: 0.7, y: -0.9, x.dot: 1.0}, hold=[x, "x_dot"]).initial
-    assert found[x] == 0.7 and found[x.dot] == 1.0
-    assert found[y] == pytest.approx(-sqrt(1 - 0.49), abs=1e-12)
-    assert found[x] * found[x.dot] + found[y] * found[y.dot] == pytest.approx(0.0, abs=1e-12)
+    result = pendulum().consistent({x: 0.7, y: -0.9, x.dot: 1.0}, hold=[x, "x_dot"]).initial
+    assert result[x] == 0.7 and result[x.dot] == 1.0
+    assert result[y] == pytest.approx(-sqrt(1 - 0.49), abs=1e-12)
+    assert result[x] * result[x.dot] + result[y] * result[y.dot] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_state_on_the_constraints_stays_as_it_is() -> None:
-    found = pendulum().consistent()
-    assert found.moved == 0.0 and found.entry is None and found.initial == {x: 0.6, y: -0.8, x.dot: 0.0, y.dot: 0.0}
-    assert repr(found).endswith("nothing moved>")
+    result = pendulum().consistent()
+    assert result.moved == 0.0 and result.entry is None and result.initial == {x: 0.6, y: -0.8, x.dot: 0.0, y.dot: 0.0}
+    assert repr(result).endswith("nothing moved>")
 
 
 def test_a_velocity_constraint_moves_velocities_alone() -> None:
@@ -72,28 +72,28 @@ def test_a_velocity_constraint_moves_velocities_alone() -> None:
         coordinates=[x, y, theta],
         constraints={"blade": sin(theta) * x.dot - cos(theta) * y.dot},
     )
-    found = knife.consistent({theta: 0.3, x.dot: 1.0}).initial
-    assert (found[x], found[y], found[theta], found[theta.dot]) == (0.0, 0.0, 0.3, 0.0)
-    assert np.tan(0.3) * found[x.dot] == pytest.approx(found[y.dot], abs=1e-12)
+    result = knife.consistent({theta: 0.3, x.dot: 1.0}).initial
+    assert (result[x], result[y], result[theta], result[theta.dot]) == (0.0, 0.0, 0.3, 0.0)
+    assert np.tan(0.3) * result[x.dot] == pytest.approx(result[y.dot], abs=1e-12)
 
 
 def test_time_and_parameters_are_taken() -> None:
     driven = lg.System(
         kinetic=m * (x.dot**2 + y.dot**2) / 2, constraints={"lift": y - c * sin(2 * lg.t)}, parameters={m: 1.0, c: 1.0}
     )
-    found = driven.consistent({}, t=0.4, parameters={c: 3.0}).initial
-    assert found[y] == pytest.approx(3 * np.sin(0.8), abs=1e-12)
-    assert found[y.dot] == pytest.approx(6 * np.cos(0.8), abs=1e-12)
+    result = driven.consistent({}, t=0.4, parameters={c: 3.0}).initial
+    assert result[y] == pytest.approx(3 * np.sin(0.8), abs=1e-12)
+    assert result[y.dot] == pytest.approx(6 * np.cos(0.8), abs=1e-12)
 
 
 def test_a_singular_mass_matrix_that_is_definite_on_the_surface() -> None:
     system = lg.System(
         kinetic=(x.dot**2 + y.dot**2) / 2, potential=x, coordinates=[x, y, z], constraints={"height": z - x * y}
     )
-    found = system.consistent({x: 2.0, y: 3.0, z: 5.0, x.dot: 1.0}).initial
+    result = system.consistent({x: 2.0, y: 3.0, z: 5.0, x.dot: 1.0}).initial
     # z has no inertia: its change costs nothing, and it alone moves.
-    assert (found[x], found[y]) == pytest.approx((2.0, 3.0), abs=1e-9) and found[z] == pytest.approx(6.0, abs=1e-9)
-    assert found[z.dot] == pytest.approx(3.0, abs=1e-9)
+    assert (result[x], result[y]) == pytest.approx((2.0, 3.0), abs=1e-9) and result[z] == pytest.approx(6.0, abs=1e-9)
+    assert result[z.dot] == pytest.approx(3.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("target", ["numpy", "llvm"])
@@ -258,8 +258,8 @@ def test_the_advice_on_an_initial_state_may_be_pasted() -> None:
     text = refusal(system.run, 1.0, x0, parameters={"l": 2}, t_start=1.5, check=False)
     call = text.rpartition("or take the nearest ones, ")[2].removesuffix(".initial.")
     assert call == f"system.consistent({x0}, parameters={{'l': 2.0}}, t=1.5)"
-    found = eval(call, {"system": system})
-    assert system.run(1.0, found.initial, parameters={"l": 2}, t_start=1.5, check=False).status is lg.Status.SUCCESS
+    result = eval(call, {"system": system})
+    assert system.run(1.0, result.initial, parameters={"l": 2}, t_start=1.5, check=False).status is lg.Status.SUCCESS
 
 
 def test_where_no_nearest_state_is_found_none_is_advised() -> None:
@@ -279,5 +279,5 @@ def test_states_and_constraints_near_the_ends_of_doubles_are_refused_in_words() 
 @pytest.mark.parametrize("entry", ["theta1", "theta1_dot"])
 def test_a_start_beyond_all_bounds_gives_no_warning(entry: str) -> None:
     with suppress(lg.StatementError):  # where rounding leaves no state on the constraints
-        found = lg.scene("four-bar").consistent({entry: 1e300})
-        assert all(map(np.isfinite, found.initial.values()))
+        result = lg.scene("four-bar").consistent({entry: 1e300})
+        assert all(map(np.isfinite, result.initial.values()))

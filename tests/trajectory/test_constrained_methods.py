@@ -81,7 +81,7 @@ def test_constraints_hold_to_round_off_at_every_step(method: str, name: str, tar
 def test_what_claims_to_be_symmetric_runs_back(method: str, name: str) -> None:
     compiled = system(name)
     there = run(compiled, 1.0, method, step=0.02)
-    names = (*compiled.statement.names, *(f"{one}_dot" for one in compiled.statement.names))
+    names = (*compiled.statement.names, *(f"{item}_dot" for item in compiled.statement.names))
     back = run(compiled, 0.0, method, start=1.0, step=0.02, initial=dict(zip(names, there.y[:, -1], strict=True)))
     assert find(method).claims.symmetric and np.abs(back.y[:, -1] - there.y[:, 0]).max() < 1e-11
 
@@ -107,7 +107,7 @@ def cartesian(canonical: FloatArray) -> FloatArray:
 
 def reduced_step(method: Any, h: float, point: FloatArray) -> FloatArray:
     compiled = system("double_pendulum")
-    names = (*compiled.statement.names, *(f"{one}_dot" for one in compiled.statement.names))
+    names = (*compiled.statement.names, *(f"{item}_dot" for item in compiled.statement.names))
     start = dict(zip(names, cartesian(point), strict=True))
     return canonical(run(compiled, h, method, step=h, initial=start).y[:, -1])
 
@@ -138,11 +138,11 @@ def test_what_claims_to_be_symplectic_keeps_the_form_of_the_reduced_system(metho
 def test_energy_stays_bounded_without_drift(method: str) -> None:
     """The run has about 600 swings of 50 steps each."""
     compiled = system("spherical")
-    found = run(compiled, 600.0, method, step=0.02)
-    energy = compiled.energy(found.y[:3], found.y[3:])
+    result = run(compiled, 600.0, method, step=0.02)
+    energy = compiled.energy(result.y[:3], result.y[3:])
     error = energy - energy[0]
     halves = [np.abs(half).max() for half in np.array_split(error, 2)]
-    assert found.status is Status.SUCCESS and halves[1] < 1.1 * halves[0] < 0.1
+    assert result.status is Status.SUCCESS and halves[1] < 1.1 * halves[0] < 0.1
     means = [part.mean() for part in np.array_split(error, 10)]
     assert np.ptp(means) < 0.1 * np.abs(error).max()
 
@@ -162,9 +162,9 @@ def test_constraints_that_become_dependent_are_told(method: str, target: str) ->
         constraints={"first": y - z, "second": y - Min(1, x) * z},
         initial={x: 0.5, x.dot: 1.0},
     )
-    found = run(compiled, 5.0, method, **({"step": 0.01} if method in EQUAL else {}))
-    assert found.status is Status.SINGULAR and 0.4 < found.t[-1] < 1.15, found.message
-    assert "the constraints 'first' and 'second' are dependent at t = " in found.message
+    result = run(compiled, 5.0, method, **({"step": 0.01} if method in EQUAL else {}))
+    assert result.status is Status.SINGULAR and 0.4 < result.t[-1] < 1.15, result.message
+    assert "the constraints 'first' and 'second' are dependent at t = " in result.message
 
 
 @pytest.mark.few(2)
@@ -175,10 +175,10 @@ def test_the_path_between_steps_leads_to_events(method: str, target: str) -> Non
     compiled, event = system("pendulum", target), Event(x)
     exact = run(system("pendulum"), 2.0, Taylor(rtol=1e-14), events=(event,)).t_events[0]
     settings = {"step": 0.005} if method in EQUAL else {"rtol": 1e-7, "atol": 1e-7}
-    found = run(compiled, 2.0, method, events=(event,), **settings)
+    result = run(compiled, 2.0, method, events=(event,), **settings)
     near = {2: 2e-4, 4: 1e-6, 5: 1e-7}[find(method).claims.order]
-    assert len(exact) == 2 and found.t_events[0] == pytest.approx(exact, abs=near)
-    assert found.dense(np.array([0.8125]))[:, 0] == pytest.approx(halfway(), abs=30 * near)
+    assert len(exact) == 2 and result.t_events[0] == pytest.approx(exact, abs=near)
+    assert result.dense(np.array([0.8125]))[:, 0] == pytest.approx(halfway(), abs=30 * near)
 
 
 @cache
@@ -205,9 +205,9 @@ def test_coordinates_without_inertia_are_refused_by_name(method: str) -> None:
     start = {x: 1.0, y: 0.3, x.dot: 0.3, y.dot: -1.0}
     with pytest.raises(StatementError, match=f"{method} finds velocities from momenta, .* of x and y: take"):
         run(vortices, 1.0, method, step=0.01, initial=start)
-    found = run(vortices, 1.0, "radau5-index2", initial=start)
+    result = run(vortices, 1.0, "radau5-index2", initial=start)
     turn = np.array([[np.cos(1.0), np.sin(1.0)], [-np.sin(1.0), np.cos(1.0)]])
-    assert found.y[:2, -1] == pytest.approx(turn @ [1.0, 0.3], abs=1e-8)
+    assert result.y[:2, -1] == pytest.approx(turn @ [1.0, 0.3], abs=1e-8)
 
 
 @pytest.mark.few(2)
@@ -272,9 +272,9 @@ def test_the_multipliers_of_radaus_step_are_of_order_3(name: str) -> None:
 def test_errors_follow_the_tolerance(method: str, name: str, target: str) -> None:
     compiled, errors = system(name, target), []
     for rtol in (1e-4, 1e-6, 1e-8, 1e-10):
-        found = run(compiled, 1.0, method, rtol=rtol, atol=rtol)
-        assert found.status is Status.SUCCESS, found.message
-        errors.append(np.abs(found.y[:, -1] - truth(name)).max())
+        result = run(compiled, 1.0, method, rtol=rtol, atol=rtol)
+        assert result.status is Status.SUCCESS, result.message
+        errors.append(np.abs(result.y[:, -1] - truth(name)).max())
         assert errors[-1] < 100 * rtol
     # A decade of the tolerance is one of the error. The projection makes up for some of it where steps are long.
     assert np.polyfit([-4, -6, -8, -10], np.log10(errors), 1)[0] == pytest.approx(1, abs=0.15), errors
@@ -284,14 +284,14 @@ def test_errors_follow_the_tolerance(method: str, name: str, target: str) -> Non
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
 def test_floors_follow_the_scale_where_none_are_given(name: str) -> None:
     """Entries that are zero at first get sizes from the survey, so the number of steps does not depend on units."""
-    found = run(system(name), 1.0, "radau5-index2", rtol=1e-7)
-    assert found.status is Status.SUCCESS, found.message
-    assert found.steps < 400 and np.abs(found.y[:, -1] - truth(name)).max() < 1e-5
+    result = run(system(name), 1.0, "radau5-index2", rtol=1e-7)
+    assert result.status is Status.SUCCESS, result.message
+    assert result.steps < 400 and np.abs(result.y[:, -1] - truth(name)).max() < 1e-5
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_errors_of_velocities_count_where_coordinates_are_large(target: str) -> None:
     far = 1e6
     compiled = build(target, kinetic=x.dot**2 / 2, potential=(x - far) ** 2 / 2, initial={x: far + 1.0})
-    found = run(compiled, 3.0, "radau5-index2", rtol=1e-6, atol=1e-9)
-    assert found.y[1, -1] == pytest.approx(-np.sin(3.0), abs=1e-5)
+    result = run(compiled, 3.0, "radau5-index2", rtol=1e-6, atol=1e-9)
+    assert result.y[1, -1] == pytest.approx(-np.sin(3.0), abs=1e-5)

@@ -48,9 +48,9 @@ def error(name: str, t: float = 1.0, **options: Any) -> tuple[float, float]:
 @pytest.mark.parametrize("name", [name for name in PROJECTED if name in FIXED])
 def test_a_method_with_equal_steps_keeps_its_order_on_the_constraints(name: str) -> None:
     """Half the step size reduces the error by 2**-order, or the error is at round-off."""
-    (coarse, one), (fine, other) = (error(name, step=step) for step in (0.01, 0.005))
+    (coarse, first), (fine, second) = (error(name, step=step) for step in (0.01, 0.005))
     assert fine < coarse * 0.5 ** (find(name).claims.order - 0.5) or fine < 1e-12
-    assert max(one, other) < ROUNDED
+    assert max(first, second) < ROUNDED
 
 
 @pytest.mark.few
@@ -89,7 +89,7 @@ def test_a_splitting_runs_where_constraints_are_linear(name: str) -> None:
     )
     want = system.run(2.0, rtol=1e-13).y[:, -1]
     coarse, fine = (system.run(2.0, method=name, step=step) for step in (0.02, 0.01))
-    far, near = (np.abs(one.y[:, -1] - want).max() for one in (coarse, fine))
+    far, near = (np.abs(item.y[:, -1] - want).max() for item in (coarse, fine))
     assert near < far * 0.5 ** (find(name).claims.order - 0.5) or near < 1e-12
     assert coarse.constraint_error.max() < ROUNDED
 
@@ -126,8 +126,8 @@ def test_each_step_is_that_of_the_method_from_the_projected_state_and_then_proje
     moved = 0.0
     states = solution.y.T
     for t, h, before, after in zip(solution.t[:-1], np.diff(solution.t), states[:-1], states[1:], strict=True):
-        found = method.program.function(f, t, before, h)
-        state = np.array(found if method.program.control is None else found[0])
+        result = method.program.function(f, t, before, h)
+        state = np.array(result if method.program.control is None else result[0])
         for _ in range(3):
             move = corrections(t + h, state, parameters)[:-2]
             state, moved = state + move, max(moved, float(np.abs(move).max()))
@@ -260,11 +260,11 @@ OFF = [
 @pytest.mark.parametrize(("method", "options"), METHODS)
 def test_a_reset_off_the_constraint_ends_the_run(method: str, options: dict[str, Any]) -> None:
     for event, words in OFF:
-        found = run(3.0, event, method=method, **options)
-        assert found.status is lg.Status.DIVERGED
-        assert found.t[-1] == found.t_events[0][0] > 0.5
-        assert np.abs(found.constraint_error).max() < 1e-6
-        assert words in found.message and "Reset velocities only" in found.message
+        result = run(3.0, event, method=method, **options)
+        assert result.status is lg.Status.DIVERGED
+        assert result.t[-1] == result.t_events[0][0] > 0.5
+        assert np.abs(result.constraint_error).max() < 1e-6
+        assert words in result.message and "Reset velocities only" in result.message
 
 
 @pytest.mark.few(2)
@@ -272,38 +272,38 @@ def test_a_reset_off_the_constraint_ends_the_run(method: str, options: dict[str,
 def test_a_reset_that_satisfies_the_constraint_goes_on(method: str, options: dict[str, Any]) -> None:
     """A reset at x = -0.3 reverses the velocity and keeps the energy, up to the error of the dense output."""
     back = lg.event(x + 0.3, direction=-1, reset={x.dot: -x.dot, y.dot: -y.dot})
-    found = run(3.0, back, method=method, **options).require()
-    assert len(found.t_events[0]) > 1
-    assert found.y[0].min() > -0.301
+    result = run(3.0, back, method=method, **options).require()
+    assert len(result.t_events[0]) > 1
+    assert result.y[0].min() > -0.301
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_a_reset_off_by_rounding_is_projected(method: str) -> None:
-    found = run(3.0, lg.event(x, direction=-1, reset={x.dot: -x.dot, y: y * (1 + 1e-8)}), method=method).require()
-    assert found.constraint_error.max() < (1e-13 if method == "taylor" else 1e-7)
+    result = run(3.0, lg.event(x, direction=-1, reset={x.dot: -x.dot, y: y * (1 + 1e-8)}), method=method).require()
+    assert result.constraint_error.max() < (1e-13 if method == "taylor" else 1e-7)
 
 
 def test_thousands_of_resets_are_checked_in_every_loop() -> None:
     """Compiled loops leave resets on constraints to the caller, which finds a reset that violates them later."""
     late = lg.event(x + 0.3, direction=-1, reset={x.dot: -x.dot, y.dot: -y.dot * (1 + 1e-15 * exp(lg.t))})
     for method in ("taylor", "dop853"):
-        found = run(60.0, late, method=method)
-        assert found.status is lg.Status.DIVERGED
-        assert 18 < found.t[-1] < 23
-        assert len(found.t_events[0]) > 12
+        result = run(60.0, late, method=method)
+        assert result.status is lg.Status.DIVERGED
+        assert 18 < result.t[-1] < 23
+        assert len(result.t_events[0]) > 12
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_velocities_without_inertia_follow_behind_a_reset(method: str) -> None:
     """L = (x y.dot - y x.dot)/2 - (x^2 + y^2)/2 rotates with rate 1; the reset halves the radius."""
     turning = lg.System(lagrangian=(x * y.dot - y * x.dot) / 2 - (x**2 + y**2) / 2, initial={x: 1, y: 0})
-    found = turning.run(4.0, events=[lg.event(y, direction=-1, reset={x: x / 2})], method=method).require()
-    assert found.t_events[0] == pytest.approx([np.pi], abs=1e-7)
-    assert found.y[:2, -1] == pytest.approx([np.cos(4.0) / 2, np.sin(4.0) / 2], abs=1e-7)
+    result = turning.run(4.0, events=[lg.event(y, direction=-1, reset={x: x / 2})], method=method).require()
+    assert result.t_events[0] == pytest.approx([np.pi], abs=1e-7)
+    assert result.y[:2, -1] == pytest.approx([np.cos(4.0) / 2, np.sin(4.0) / 2], abs=1e-7)
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_a_run_may_end_behind_a_reset_where_all_terms_are_round_off(method: str) -> None:
     """At x = 0 both terms of x x.dot + y y.dot are round-off, before and after the reset."""
-    found = run(3.0, lg.event(x, direction=-1, terminal=True, reset={x.dot: -x.dot}), method=method)
-    assert found.status is lg.Status.EVENT
+    result = run(3.0, lg.event(x, direction=-1, terminal=True, reset={x.dot: -x.dot}), method=method)
+    assert result.status is lg.Status.EVENT

@@ -114,9 +114,9 @@ def test_a_velocity_constraint_acts_on_the_point_whose_velocity_it_is() -> None:
     np.testing.assert_allclose(force, solution.constraint_force("edge")[:2], atol=1e-12)
 
 
-def refusal(solution: lg.Solution, *given: str) -> str:
+def refusal(solution: lg.Solution, *arguments: str) -> str:
     with pytest.raises(StatementError) as caught:
-        solution.constraint_force(*given)
+        solution.constraint_force(*arguments)
     return str(caught.value)
 
 
@@ -222,9 +222,9 @@ def test_a_constraint_of_one_term_counts_beside_the_other_coordinates(scale: flo
     )
     model = system.compile()
     states = np.array([[1.0, 0.0, 0.0, 0.0], [0.5, 1e-12, 0.3, 0.0]]).T
-    found = constraint_drift(model, np.array([0.0, 1.0]), states, {})
-    assert found is not None
-    assert found.error == pytest.approx([0.0, 1e-12], rel=1e-6)
+    result = constraint_drift(model, np.array([0.0, 1.0]), states, {})
+    assert result is not None
+    assert result.error == pytest.approx([0.0, 1e-12], rel=1e-6)
 
 
 def test_without_constraints_the_error_is_zero_and_the_card_is_silent() -> None:

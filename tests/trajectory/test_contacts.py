@@ -44,10 +44,10 @@ def run(system: lg.System, end: float, method: str, events: list[Any], **initial
 @pytest.mark.parametrize("method", METHODS)
 def test_a_contact_that_touches_already_passes_the_impact_on(method: str) -> None:
     for gap, first in ((0.0, -1.0), (1e-17, -1.0), (1e-12, -1.0), (0.0, 0.0)):
-        found = run(BALLS, 5, method, [hit(a, b), hit(b, c)], a=first, b=0.0, c=gap, a_dot=1.0)
-        end = found.require().final
+        result = run(BALLS, 5, method, [hit(a, b), hit(b, c)], a=first, b=0.0, c=gap, a_dot=1.0)
+        end = result.require().final
         assert end["c"] == pytest.approx(5 + first, abs=1e-9) and abs(end["a"]) + abs(end["b"]) < 1e-9
-        assert [len(times) for times in found.t_events] == [1, 1]
+        assert [len(times) for times in result.t_events] == [1, 1]
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -73,10 +73,10 @@ def test_a_ball_aimed_at_a_corner_stays_in_the_box(method: str, share: Share) ->
     for _ in range(share(24)):
         (u, w), until = random.uniform(0.5, 3, 2), random.uniform(0.1, 0.3)
         late = random.choice([0.0, 1e-16, 1e-15, -1e-15, 3e-15, 1e-14])
-        found = run(PLANE, 4, method, walls, x=1 - u * until, y=1 - w * (until + late), x_dot=u, y_dot=w)
-        place = np.array([found.require().final["x"], found.final["y"]])
+        result = run(PLANE, 4, method, walls, x=1 - u * until, y=1 - w * (until + late), x_dot=u, y_dot=w)
+        place = np.array([result.require().final["x"], result.final["y"]])
         assert ((place > -1e-6) & (place < 1 + 1e-6)).all()
-        assert len(found.t_events[0]) and len(found.t_events[2])
+        assert len(result.t_events[0]) and len(result.t_events[2])
 
 
 @pytest.mark.few(2)
@@ -90,8 +90,8 @@ def test_an_event_beside_a_reset_happens_once(method: str, share: Share) -> None
         late = random.uniform(-1, 1) * 10.0 ** random.integers(-17, -13)
         start = {"x": u * until, "y": w * (until + late), "x_dot": -u, "y_dot": -w}
         for events in ([wall, y, x], [y, x, wall]):
-            found = run(PLANE, 1, method, events, **start)
-            assert [len(times) for times in found.require().t_events] == [1, 1, 1]
+            result = run(PLANE, 1, method, events, **start)
+            assert [len(times) for times in result.require().t_events] == [1, 1, 1]
         ended = run(PLANE, 1, method, [wall, lg.event(y, direction=-1, terminal=True)], **start)
         assert ended.status is lg.Status.EVENT and ended.t_events[1][0] == pytest.approx(until, rel=1e-9)
 
@@ -99,10 +99,10 @@ def test_an_event_beside_a_reset_happens_once(method: str, share: Share) -> None
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("factor", [2, 3])
 def test_bounces_that_grow_faster_end_where_they_accumulate(method: str, factor: int) -> None:
-    walls = [lg.event(one, direction=way, reset={x.dot: -factor * x.dot}) for one, way in ((x - 1, 1), (x, -1))]
-    found = run(PLANE, 10, method, walls, x=0.0, x_dot=1.0)
-    assert found.status is lg.Status.STEP_TOO_SMALL and "Events accumulate" in found.message
-    assert found.t[-1] == pytest.approx(factor / (factor - 1), rel=1e-9) and abs(found.final["x"] - 0.5) < 0.6
+    walls = [lg.event(item, direction=way, reset={x.dot: -factor * x.dot}) for item, way in ((x - 1, 1), (x, -1))]
+    result = run(PLANE, 10, method, walls, x=0.0, x_dot=1.0)
+    assert result.status is lg.Status.STEP_TOO_SMALL and "Events accumulate" in result.message
+    assert result.t[-1] == pytest.approx(factor / (factor - 1), rel=1e-9) and abs(result.final["x"] - 0.5) < 0.6
 
 
 # --- events that saturate -------------------------------------------------------------------------------------
@@ -123,8 +123,8 @@ SATURATING = [
 @pytest.mark.parametrize(("event", "level"), SATURATING, ids=["erf", "tanh", "logistic"])
 def test_both_passages_are_found(method: str, event: Any, level: float) -> None:
     half = math.sqrt(100 - 2 * level)
-    found = UPWARDS.run(20, events=[event], method=method, step=STEPS.get(method)).require()
-    assert found.t_events[0] == pytest.approx([10 - half, 10 + half], rel=1e-6)
+    result = UPWARDS.run(20, events=[event], method=method, step=STEPS.get(method)).require()
+    assert result.t_events[0] == pytest.approx([10 - half, 10 + half], rel=1e-6)
     falling = lg.event(event, direction=-1, terminal=True)
     ended = UPWARDS.run(20, events=[falling], method=method, step=STEPS.get(method))
     assert ended.status is lg.Status.EVENT and ended.t[-1] == pytest.approx(10 + half, rel=1e-6)
@@ -132,8 +132,8 @@ def test_both_passages_are_found(method: str, event: Any, level: float) -> None:
 
 @pytest.mark.parametrize("end", [100.0, 1e6])
 def test_one_step_over_a_flat_event_is_cut(end: float) -> None:
-    found = FREE.run(end, events=[erf(8 * (x - 5)) - Rational(3, 10)]).require()
-    assert found.t_events[0] == pytest.approx([5 + erfinv(0.3) / 8], rel=1e-12)
+    result = FREE.run(end, events=[erf(8 * (x - 5)) - Rational(3, 10)]).require()
+    assert result.t_events[0] == pytest.approx([5 + erfinv(0.3) / 8], rel=1e-12)
 
 
 def test_what_jumps_is_not_what_saturates() -> None:
@@ -179,13 +179,13 @@ def test_a_cradle_of_balls_that_touch_hands_its_velocity_on(method: str) -> None
     With taylor the run ended at the fifth impact, because a gap of -2e-17 was taken for a crossing.
     """
     system, impacts = cradle(5)
-    found = system.run(10.0, method=method, events=impacts)
-    assert found.status is lg.Status.SUCCESS, found.message
+    result = system.run(10.0, method=method, events=impacts)
+    assert result.status is lg.Status.SUCCESS, result.message
     alone = lg.System(kinetic=beads[0].dot ** 2 / 2, potential=-9.81 * cos(beads[0]), initial={beads[0]: -0.5})
     one = alone.run(10.0, rtol=1e-12)
     free = one.at(10.0)[0]
-    assert np.sort(found.y[:5, -1]) == pytest.approx(found.y[:5, -1], abs=1e-7)
-    assert found.y[:5, -1] == pytest.approx(np.sort([free, 0, 0, 0, 0]), abs=1e-6)
+    assert np.sort(result.y[:5, -1]) == pytest.approx(result.y[:5, -1], abs=1e-7)
+    assert result.y[:5, -1] == pytest.approx(np.sort([free, 0, 0, 0, 0]), abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -194,9 +194,9 @@ def test_a_cradle_of_balls_that_touch_hands_its_velocity_on(method: str) -> None
 def test_impacts_in_a_wrong_order_are_no_success(count: int, raised: dict[str, float], method: str) -> None:
     """A run in which one ball passed through another had the status SUCCESS."""
     system, impacts = cradle(count)
-    found = system.run(40.0, raised, method=method, events=impacts)
-    assert not found.status.complete
-    assert "Bodies that touch need a small gap" in found.message
+    result = system.run(40.0, raised, method=method, events=impacts)
+    assert not result.status.complete
+    assert "Bodies that touch need a small gap" in result.message
     apart, impacts = cradle(count, gap=1e-6)
-    found = apart.run(10.0, raised, method=method, events=impacts)
-    assert found.status is lg.Status.SUCCESS and np.diff(found.y[:count], axis=0).min() > -2e-6
+    result = apart.run(10.0, raised, method=method, events=impacts)
+    assert result.status is lg.Status.SUCCESS and np.diff(result.y[:count], axis=0).min() > -2e-6

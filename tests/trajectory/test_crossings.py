@@ -117,11 +117,11 @@ def short_steps(towards: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     ("angle", "rtol", "found"), [(1e-6, 1e-9, True), (1e-2, 1e-9, False), (1e-3, 1e-9, False), (1e-2, 1e-4, True)]
 )
-def test_short_steps_towards_a_crossing_are_seen(angle: float, rtol: float, found: bool) -> None:
+def test_short_steps_towards_a_crossing_are_seen(angle: float, rtol: float, result: bool) -> None:
     model = CRANK.compile(check=False)
     times, states = short_steps(np.pi / 2 - angle)
     passed = dependent_passage(model, times, states, model.parameter_array(), rtol)
-    assert (passed is not None) == found
+    assert (passed is not None) == result
     if passed is not None:
         assert passed[0] == 9 and [row for row, _ in passed[1].rows] == [1]
     assert dependent_passage(model, np.linspace(0.0, 2.0, len(times)), states, model.parameter_array(), rtol) is None
@@ -214,8 +214,8 @@ def test_flows_pass_crossings_as_runs_do_or_end_with_their_sentence(method: str,
         reached = flow(start, begin, end)
         assert run.y[:, -1] == pytest.approx(reached, abs=1e4 * rtol + 1e-7)
         # As for runs; a velocity behind two crossings has lost as much again.
-        wanted = linkage_at(end)[ANGLE_AND_RATE]
-        assert reached[ANGLE_AND_RATE] == pytest.approx(wanted, abs=1e5 * rtol + 1e-6)
+        expected = linkage_at(end)[ANGLE_AND_RATE]
+        assert reached[ANGLE_AND_RATE] == pytest.approx(expected, abs=1e5 * rtol + 1e-6)
 
 
 @pytest.mark.few(2)
@@ -225,10 +225,10 @@ def test_a_start_beside_a_crossing_hides_it_from_nobody(method: str, rtol: float
     """The constraints are nearly dependent at the start."""
     model = shared_scene("four-bar-change-point").compile(check=False)
     flow = lg.flow(model, method=method, rtol=rtol)
-    wanted = linkage_at(0.9)
+    expected = linkage_at(0.9)
     for before in (1e-2, 1e-3, 1e-4):
         begin = 0.7220179 - before
-        ended, reached = "", wanted
+        ended, reached = "", expected
         try:
             reached = flow(linkage_at(begin), begin, 0.9)
         except lg.RunError as error:
@@ -236,7 +236,7 @@ def test_a_start_beside_a_crossing_hides_it_from_nobody(method: str, rtol: float
         # Without a step that succeeds there is none that was short.
         too_small = "the step that the tolerances ask for is below the spacing" in ended
         assert not ended or too_small or ("'x'" in ended and "an error as small as the tolerance decides" in ended)
-        assert reached[ANGLE_AND_RATE] == pytest.approx(wanted[ANGLE_AND_RATE], abs=1e-2)
+        assert reached[ANGLE_AND_RATE] == pytest.approx(expected[ANGLE_AND_RATE], abs=1e-2)
 
 
 # --- jumps and corners ----------------------------------------------------------------------------------------

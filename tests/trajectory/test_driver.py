@@ -54,8 +54,8 @@ def test_the_count_is_honest(name: str, monkeypatch: pytest.MonkeyPatch) -> None
     compiled._kernels |= {law: laws[law] for law in ("rhs", "momentum")}
     known = compiled._law
     monkeypatch.setattr(compiled, "_law", lambda name: laws.get(name) or known(name))
-    found = run(compiled, 1.0, name, **settings(name))
-    assert found.evaluations == sum(law.calls for law in laws.values()) + series.calls
+    result = run(compiled, 1.0, name, **settings(name))
+    assert result.evaluations == sum(law.calls for law in laws.values()) + series.calls
     assert (series.calls > 0) == (name == "taylor")
 
 
@@ -82,9 +82,9 @@ def test_backward_is_forward_in_a_mirror(name: str, target: str) -> None:
 @pytest.mark.parametrize("direction", [1, -1])
 def test_equal_steps_are_a_grid_that_ends_at_the_end(target: str, direction: int) -> None:
     compiled = model("oscillator", target)
-    found = run(compiled, direction * 1.0, "rk4", step=0.3)
-    assert found.t * direction == pytest.approx([0, 0.3, 0.6, 0.9, 1.0], abs=1e-15)
-    assert found.t[-1] == direction * 1.0
+    result = run(compiled, direction * 1.0, "rk4", step=0.3)
+    assert result.t * direction == pytest.approx([0, 0.3, 0.6, 0.9, 1.0], abs=1e-15)
+    assert result.t[-1] == direction * 1.0
     tenths = run(compiled, direction * 1.0, "rk4", step=0.1)
     assert tenths.steps == 10 and list(tenths.t) == [direction * i * 0.1 for i in range(10)] + [direction * 1.0]
     many = run(compiled, direction * 0.3, "euler", step=1e-4)
@@ -95,10 +95,10 @@ def test_equal_steps_are_a_grid_that_ends_at_the_end(target: str, direction: int
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_of_no_length(name: str, target: str) -> None:
-    found = run(model("oscillator", target), 2.0, name, start=2.0)
-    assert found.status is Status.SUCCESS and list(found.t) == [2.0] and found.steps == 0
-    assert found.y[:, 0] == pytest.approx([1.0, 0.0])
-    assert found.dense(np.array([2.0, 2.0])) == pytest.approx(np.array([[1.0, 1.0], [0.0, 0.0]]))
+    result = run(model("oscillator", target), 2.0, name, start=2.0)
+    assert result.status is Status.SUCCESS and list(result.t) == [2.0] and result.steps == 0
+    assert result.y[:, 0] == pytest.approx([1.0, 0.0])
+    assert result.dense(np.array([2.0, 2.0])) == pytest.approx(np.array([[1.0, 1.0], [0.0, 0.0]]))
 
 
 @pytest.mark.few(2)
@@ -172,10 +172,10 @@ def test_a_brief_force_is_not_stepped_over(name: str, target: str) -> None:
     push = sp.Piecewise((1, (t > 50) & (t < sp.Rational(501, 10))), (0, True))
     compiled = build(target, kinetic=x.dot**2 / 2, forces={x: push})
     for start, end, expected in ((0.0, 100.0, [4.995, 0.1]), (100.0, 0.0, [4.995 + 0.01, -0.1])):
-        found = run(compiled, end, name, start=start)
-        assert found.y[:, -1] == pytest.approx(expected, abs=2e-2)
-        assert found.steps >= 1000
-        assert np.abs(np.diff(found.t)).max() == pytest.approx(0.1, rel=1e-9)
+        result = run(compiled, end, name, start=start)
+        assert result.y[:, -1] == pytest.approx(expected, abs=2e-2)
+        assert result.steps >= 1000
+        assert np.abs(np.diff(result.t)).max() == pytest.approx(0.1, rel=1e-9)
     free = run(build(target, kinetic=x.dot**2 / 2, forces={x: sp.Integer(1)}), 100.0, name)
     assert free.steps < 100
 
@@ -254,10 +254,10 @@ def test_threads_share_a_flow_from_its_first_call_with_parameters_of_their_own(m
     sys.setswitchinterval(1e-5)  # threads change within a call, not once in several
     try:
         with ThreadPoolExecutor(8) as pool:
-            found = list(pool.map(lambda call: flow(call[0], 0.0, call[1], call[2]), calls))
+            result = list(pool.map(lambda call: flow(call[0], 0.0, call[1], call[2]), calls))
     finally:
         sys.setswitchinterval(before)
-    assert [state.tobytes() for state in found] == [state.tobytes() for state in expected]
+    assert [state.tobytes() for state in result] == [state.tobytes() for state in expected]
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -334,13 +334,13 @@ def test_max_steps(name: str, target: str) -> None:
     options = {"step": 0.02} if name in FIXED else {}
     whole = run(compiled, 8.0, name, **options)
     for limit in (1, 3, 70):
-        found = run(compiled, 8.0, name, max_steps=limit, **options)
+        result = run(compiled, 8.0, name, max_steps=limit, **options)
         if whole.steps + whole.rejected <= limit:
             continue
-        assert found.status is Status.MAX_STEPS
-        assert found.steps + found.rejected == limit and len(found.t) == found.steps + 1
-        assert found.message.startswith(f"{name} used up max_steps = {limit} at t = ")
-        assert (found.y == whole.y[:, : found.steps + 1]).all()
+        assert result.status is Status.MAX_STEPS
+        assert result.steps + result.rejected == limit and len(result.t) == result.steps + 1
+        assert result.message.startswith(f"{name} used up max_steps = {limit} at t = ")
+        assert (result.y == whole.y[:, : result.steps + 1]).all()
     enough = run(compiled, 8.0, name, max_steps=whole.steps + whole.rejected, **options)
     assert enough.status is Status.SUCCESS
 
@@ -354,8 +354,8 @@ def test_ctrl_c_on_the_way_back_from_a_burst_loses_none_of_it(target: str, monke
     driver = type(planned("rk4", unit).driver(compiled, compiled.parameter_array()))
     advance, calls = driver.advance, []
 
-    def pressed(self: Any, *given: Any) -> Outcome:
-        outcome: Outcome = advance(self, *given)
+    def pressed(self: Any, *arguments: Any) -> Outcome:
+        outcome: Outcome = advance(self, *arguments)
         calls.append(outcome)
         if len(calls) == 2:
             raise KeyboardInterrupt
@@ -365,9 +365,9 @@ def test_ctrl_c_on_the_way_back_from_a_burst_loses_none_of_it(target: str, monke
     # However slow the machine is, the second burst is twice as long as the first.
     monkeypatch.setattr("lagrange.trajectory.run_loop.SECONDS_PER_CALL", np.inf)
     monkeypatch.setattr("lagrange.trajectory.run_loop.MOST_GROWTH", 2)
-    found = run(compiled, 40.0, "rk4", step=0.1)
-    assert found.status is Status.INTERRUPTED and found.steps == len(found.t) - 1 == 64 + 128
-    assert (found.y == plain.y[:, :193]).all() and (found.t == plain.t[:193]).all()
+    result = run(compiled, 40.0, "rk4", step=0.1)
+    assert result.status is Status.INTERRUPTED and result.steps == len(result.t) - 1 == 64 + 128
+    assert (result.y == plain.y[:, :193]).all() and (result.t == plain.t[:193]).all()
 
 
 # --- times of a flow ------------------------------------------------------------------------------------------
@@ -383,11 +383,11 @@ def test_states_are_those_of_a_run(name: str, method: str, times: Any) -> None:
     model = shared_scene(name).compile(check=False)
     start = np.array(model.statement.initial)
     flow = lg.flow(model, method=method, **SETTINGS[method])
-    found = flow(start, 0.0, times)
+    result = flow(start, 0.0, times)
     run = lg.integrate(model, (0.0, times[-1]), method=method, t_eval=times, **SETTINGS[method])
-    np.testing.assert_array_equal(found, run.y)
+    np.testing.assert_array_equal(result, run.y)
     # A call for one time follows with the same driver.
-    assert flow(start, 0.0, times[-1]) == pytest.approx(found[:, -1], abs=1e-12)
+    assert flow(start, 0.0, times[-1]) == pytest.approx(result[:, -1], abs=1e-12)
 
 
 def test_times_on_the_way_take_no_steps_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:

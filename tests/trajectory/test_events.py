@@ -24,9 +24,9 @@ from tests.trajectory.watched import FALL, G, ball, bounces, floor, free, go, ha
 def test_a_loose_run_grazes_where_its_own_path_does() -> None:
     """At rtol = 1e-6 the amplitude drifts by 1e-8. The events must be the crossings of the returned path."""
     graze = 1 - 1e-8
-    found = go(build(kinetic=x.dot**2 / 2, potential=-cos(x), initial={x: 1.0}), 50.0, [x.dot, x - graze], rtol=1e-6)
-    peaks = found.y_events[0][:, 0] > graze
-    assert len(found.t_events[1]) == 1 + 2 * np.count_nonzero(peaks)
+    result = go(build(kinetic=x.dot**2 / 2, potential=-cos(x), initial={x: 1.0}), 50.0, [x.dot, x - graze], rtol=1e-6)
+    peaks = result.y_events[0][:, 0] > graze
+    assert len(result.t_events[1]) == 1 + 2 * np.count_nonzero(peaks)
 
 
 ON_A_SINE: list[Any] = [
@@ -62,30 +62,30 @@ def test_the_zeros_are_those_of_a_dense_search(expression: Any) -> None:
     values = np.array([closed(when) for when in grid])
     places = np.flatnonzero(np.sign(values[1:]) * np.sign(values[:-1]) < 0)
     expected = [brentq(closed, grid[i], grid[i + 1], xtol=1e-15) for i in places]
-    found = go(harmonic(), 20.0, [expression])
-    assert found.status is Status.SUCCESS
-    assert found.t_events[0] == pytest.approx(expected, abs=1e-9)
+    result = go(harmonic(), 20.0, [expression])
+    assert result.status is Status.SUCCESS
+    assert result.t_events[0] == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("factor", [1e-320, 1e-30, 1.0, 1e30, 1e300])
 def test_the_size_of_an_event_is_no_matter(factor: float) -> None:
-    found = go(free(), 3.0, [sp.Float(factor) * (x - 1)])
-    assert found.t_events[0] == pytest.approx([1.0], rel=1e-15)
+    result = go(free(), 3.0, [sp.Float(factor) * (x - 1)])
+    assert result.t_events[0] == pytest.approx([1.0], rel=1e-15)
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_many_events_keep_their_own_places(target: str) -> None:
     """The events differ only in their constants."""
-    found = go(free(target), 3.0, [x - i / 20 for i in range(1, 51)])
-    assert [float(times[0]) for times in found.t_events] == pytest.approx([i / 20 for i in range(1, 51)], rel=1e-14)
-    assert {len(times) for times in found.t_events} == {1}
+    result = go(free(target), 3.0, [x - i / 20 for i in range(1, 51)])
+    assert [float(times[0]) for times in result.t_events] == pytest.approx([i / 20 for i in range(1, 51)], rel=1e-14)
+    assert {len(times) for times in result.t_events} == {1}
 
 
 def test_time_velocity_and_parameters() -> None:
     a = sp.Symbol("a", positive=True)
     model = build(kinetic=x.dot**2 / 2, potential=a * x, parameters={a: 2.0}, initial={x.dot: 3.0})
-    found = go(model, 3.0, [t - 1, x.dot, x.dot - a / 2, x - a, x.dot**2 / 2 + a * x - 4.5 - a * (t - 2)])
-    assert [list(times) for times in found.t_events] == [
+    result = go(model, 3.0, [t - 1, x.dot, x.dot - a / 2, x - a, x.dot**2 / 2 + a * x - 4.5 - a * (t - 2)])
+    assert [list(times) for times in result.t_events] == [
         pytest.approx([1.0]),
         pytest.approx([1.5]),
         pytest.approx([1.0]),
@@ -96,8 +96,8 @@ def test_time_velocity_and_parameters() -> None:
 
 def test_a_pole_on_the_way_of_a_step_without_length() -> None:
     """The only zero of g is just before its pole, which the first terms of the series do not show."""
-    found = go(free(), 0.97, [1.04 - 0.04 / (1 - x)])
-    assert found.t_events[0] == pytest.approx([1 - 0.04 / 1.04], rel=1e-9)
+    result = go(free(), 0.97, [1.04 - 0.04 / (1 - x)])
+    assert result.t_events[0] == pytest.approx([1 - 0.04 / 1.04], rel=1e-9)
     for start in (0.0, 0.01):
         high = go(free(x=start, x_dot=1.0), 2.0, [x**30 - 1])
         assert high.t_events[0] == pytest.approx([1 - start], rel=1e-10)
@@ -109,8 +109,8 @@ def test_the_length_of_the_run_does_not_blur_an_apex(end: float) -> None:
 
     The ball passes the height 1 - 1e-9 twice within 29 microseconds.
     """
-    found = go(ball(height=0.0, speed=math.sqrt(2 * G)), end, [y - (1 - 1e-9)])
-    assert found.t_events[0] - FALL == pytest.approx([-math.sqrt(1e-9) * FALL, math.sqrt(1e-9) * FALL], rel=1e-4)
+    result = go(ball(height=0.0, speed=math.sqrt(2 * G)), end, [y - (1 - 1e-9)])
+    assert result.t_events[0] - FALL == pytest.approx([-math.sqrt(1e-9) * FALL, math.sqrt(1e-9) * FALL], rel=1e-4)
 
 
 # --- resets ---------------------------------------------------------------------------------------------------
@@ -120,12 +120,12 @@ def test_the_length_of_the_run_does_not_blur_an_apex(end: float) -> None:
 @pytest.mark.parametrize(("direction", "level"), [(-1, 0.0), (0, 0.0), (0, 6.4e6)])
 def test_an_elastic_ball_bounces_on(direction: int, level: float) -> None:
     impact = event(y - level, direction=direction, reset={y.dot: -y.dot})
-    found = go(ball(height=level + 1), 1000 * 2 * FALL, [impact])
-    count = len(found.t_events[0])
-    assert count == 1000 and found.status is Status.SUCCESS
-    assert found.t_events[0] == pytest.approx(bounces(1.0, count), rel=1e-12 + 1e-14 * level)
+    result = go(ball(height=level + 1), 1000 * 2 * FALL, [impact])
+    count = len(result.t_events[0])
+    assert count == 1000 and result.status is Status.SUCCESS
+    assert result.t_events[0] == pytest.approx(bounces(1.0, count), rel=1e-12 + 1e-14 * level)
     # Each impact rounds the velocity once: what is lost adds up like a random walk.
-    energy = found.y[1] ** 2 / 2 + G * (found.y[0] - level)
+    energy = result.y[1] ** 2 / 2 + G * (result.y[0] - level)
     assert np.abs(energy / G - 1).max() < 1e-12 + 1e-8 * (level > 0)
 
 
@@ -151,10 +151,10 @@ def test_a_square_billiard() -> None:
     """The reflected copies of the square turn the path into a straight line."""
     start = {x: 0.3, y: 0.1, x.dot: 0.7, y.dot: math.sqrt(0.5)}
     model = build(kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial=start)
-    found = go(model, 1400.0, WALLS)
-    assert [len(times) for times in found.t_events] == [980, 990]
-    assert found.y[0] == pytest.approx(folded(0.3 + 0.7 * found.t), abs=1e-11)
-    assert found.y[1] == pytest.approx(folded(0.1 + math.sqrt(0.5) * found.t), abs=1e-11)
+    result = go(model, 1400.0, WALLS)
+    assert [len(times) for times in result.t_events] == [980, 990]
+    assert result.y[0] == pytest.approx(folded(0.3 + 0.7 * result.t), abs=1e-11)
+    assert result.y[1] == pytest.approx(folded(0.1 + math.sqrt(0.5) * result.t), abs=1e-11)
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
@@ -162,11 +162,11 @@ def test_two_resets_of_one_entry_at_one_time_are_not_settled_by_their_order(meth
     model = build(
         kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial={x: 0.5, y: 0.5, x.dot: 1.0, y.dot: 1.0}
     )
-    one, other = event(x - 1, reset={x.dot: -x.dot}), event(y - 1, reset={x.dot: 2.0})
-    found = run(model, 1.0, method, events=[one, other])
-    assert found.status is Status.NON_FINITE and found.t[-1] == pytest.approx(0.5, rel=1e-12)
-    assert "two events at this time that reset one entry to different values" in found.message
-    alike = run(model, 0.8, method, events=[one, event(y - 1, reset={x.dot: -y.dot})])
+    first, second = event(x - 1, reset={x.dot: -x.dot}), event(y - 1, reset={x.dot: 2.0})
+    result = run(model, 1.0, method, events=[first, second])
+    assert result.status is Status.NON_FINITE and result.t[-1] == pytest.approx(0.5, rel=1e-12)
+    assert "two events at this time that reset one entry to different values" in result.message
+    alike = run(model, 0.8, method, events=[first, event(y - 1, reset={x.dot: -y.dot})])
     assert alike.status is Status.SUCCESS and alike.y[2, -1] == pytest.approx(-1.0, rel=1e-12)
 
 

@@ -46,15 +46,15 @@ def random_events(chance: np.random.Generator) -> list[Any]:
     """Return one to four random events, some with resets, some of which end the run."""
     level = Rational(int(chance.integers(-3, 4)), 10)
     functions = [y - level, x - y, x.dot, x**2 + y**2 - Rational(1, 10), sin(3 * t), x * y.dot - y * x.dot, x + level]
-    found = []
+    result = []
     for k in chance.permutation(len(functions))[: chance.integers(1, 5)]:
         options: dict[str, Any] = {"direction": int(chance.integers(-1, 2))}
         if chance.random() < 0.3:
             options["reset"] = {x.dot: -x.dot * Rational(9, 10), y.dot: y.dot + level / 4}
         if chance.random() < 0.2:
             options["terminal"] = int(chance.integers(2, 9))
-        found.append(event(functions[k], **options))
-    return found
+        result.append(event(functions[k], **options))
+    return result
 
 
 def changed_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,30 +73,30 @@ def changed_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SeriesWatch, "begin", begun)
 
 
-def assert_zeros(found: Trajectory, events: list[Any]) -> None:
+def assert_zeros(result: Trajectory, events: list[Any]) -> None:
     """Assert that events without resets are the zeros of the dense output in the counted directions."""
-    if any(one.reset for one in events):
+    if any(item.reset for item in events):
         return
-    times = np.linspace(*found.span, 4001)
+    times = np.linspace(*result.span, 4001)
     symbols = (t, x, y, x.dot, y.dot)
-    for one, at, there in zip(events, found.t_events, found.y_events, strict=True):
-        g = lambdify(symbols, one.expression, "numpy")
+    for item, at, there in zip(events, result.t_events, result.y_events, strict=True):
+        g = lambdify(symbols, item.expression, "numpy")
         # A zero is where rounding and the tolerance of 1e-9 of the run put it; slopes are at most some 10.
         assert g(at, *there.T) == pytest.approx(np.zeros(len(at)), abs=1e-7)
-        signs = np.sign(g(times, *found.dense(times)))
+        signs = np.sign(g(times, *result.dense(times)))
         turns = np.flatnonzero(signs[:-1] * signs[1:] < 0)
-        wanted = [i for i in turns if one.direction in (0, signs[i + 1])]
+        expected = [i for i in turns if item.direction in (0, signs[i + 1])]
         # Two zeros between neighbouring times are not seen in their values.
-        assert len(at) >= len(wanted)
-        assert all(((times[i] - at) * (times[i + 1] - at) <= 1e-9).any() for i in wanted)
+        assert len(at) >= len(expected)
+        assert all(((times[i] - at) * (times[i + 1] - at) <= 1e-9).any() for i in expected)
 
 
 def assert_same(ours: Trajectory, theirs: Trajectory) -> None:
     assert ours.status is theirs.status and ours.message == theirs.message
     assert [len(times) for times in ours.t_events] == [len(times) for times in theirs.t_events]
     # Both take the same steps, and round the coefficients otherwise: a grazing root is known to the root of round-off.
-    for one, other in zip((*ours.t_events, *ours.y_events), (*theirs.t_events, *theirs.y_events), strict=True):
-        assert one == pytest.approx(other, rel=1e-8, abs=1e-8)
+    for first, second in zip((*ours.t_events, *ours.y_events), (*theirs.t_events, *theirs.y_events), strict=True):
+        assert first == pytest.approx(second, rel=1e-8, abs=1e-8)
     begin, end = theirs.span
     times = np.linspace(begin, end, 50)
     assert ours.span == pytest.approx(theirs.span, rel=1e-10)
@@ -219,10 +219,10 @@ def test_the_loop_crosses_surfaces_by_itself(monkeypatch: pytest.MonkeyPatch) ->
     spring = Piecewise((x**2 / 2, x > 0), (2 * x**2, True))
     bilinear = build(kinetic=x.dot**2 / 2, potential=spring, initial={x: 1.0})
     # Half a period at each frequency, 1 and 2.
-    found = run(bilinear, 300 * math.pi, "taylor", rtol=1e-12)
-    assert found.status is Status.SUCCESS and len(calls) < 40
+    result = run(bilinear, 300 * math.pi, "taylor", rtol=1e-12)
+    assert result.status is Status.SUCCESS and len(calls) < 40
     # Each crossing rounds its time: 400 of them, as a random walk.
-    assert found.y[:, -1] == pytest.approx([1.0, 0.0], abs=1e-11)
+    assert result.y[:, -1] == pytest.approx([1.0, 0.0], abs=1e-11)
 
 
 def test_the_loop_comes_back_for_nothing_that_is_regular(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -230,8 +230,8 @@ def test_the_loop_comes_back_for_nothing_that_is_regular(monkeypatch: pytest.Mon
     calls = counted(monkeypatch)
     wall = event(x - Rational(1, 2), direction=1, reset={x.dot: -x.dot})
     well = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=x**2 / 2 + y**2, initial={x: 0.4, x.dot: 1.0, y: 0.3})
-    found = run(well, 300.0, "taylor", events=[wall, event(y)])
-    assert found.status is Status.SUCCESS and sum(map(len, found.t_events)) > 150
+    result = run(well, 300.0, "taylor", events=[wall, event(y)])
+    assert result.status is Status.SUCCESS and sum(map(len, result.t_events)) > 150
     assert len(calls) < 40
 
 
@@ -261,10 +261,10 @@ def test_an_interruption_keeps_the_events_of_its_rows(monkeypatch: pytest.Monkey
         return is_due(self, state)
 
     monkeypatch.setattr(SeriesWatch, "is_due", interrupted)
-    found = run(oscillator, 1e6, "taylor", events=[x, event(x - 2, reset={x.dot: -x.dot})])
-    end = float(found.t[-1])
-    assert found.status is Status.INTERRUPTED and end == calls[2] > calls[1] + 2 * math.pi
-    assert len(found.t_events[0]) == math.floor(end / math.pi + 0.5)
+    result = run(oscillator, 1e6, "taylor", events=[x, event(x - 2, reset={x.dot: -x.dot})])
+    end = float(result.t[-1])
+    assert result.status is Status.INTERRUPTED and end == calls[2] > calls[1] + 2 * math.pi
+    assert len(result.t_events[0]) == math.floor(end / math.pi + 0.5)
 
 
 @pytest.mark.few(2)
@@ -276,19 +276,19 @@ def test_an_interruption_while_events_are_taken_over_neither_loses_nor_repeats_a
     oscillator = build("llvm", kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1.0})
     real, calls = getattr(*where), []
 
-    def interrupted(self: Any, *given: Any) -> None:
-        calls.append(given)
+    def interrupted(self: Any, *arguments: Any) -> None:
+        calls.append(arguments)
         if not late and len(calls) == 4:
             raise KeyboardInterrupt
-        real(self, *given)
+        real(self, *arguments)
         if late and len(calls) == 4:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(*where, interrupted)
-    found = run(oscillator, 1e6, "taylor", events=[x, x.dot])
-    end = float(found.t[-1])
-    assert found.status is Status.INTERRUPTED and len(calls) >= 4
-    for times, phase in zip(found.t_events, (math.pi / 2, math.pi), strict=True):
+    result = run(oscillator, 1e6, "taylor", events=[x, x.dot])
+    end = float(result.t[-1])
+    assert result.status is Status.INTERRUPTED and len(calls) >= 4
+    for times, phase in zip(result.t_events, (math.pi / 2, math.pi), strict=True):
         expected = np.arange(phase, end, math.pi)
         assert times == pytest.approx(expected, rel=1e-9)
 
@@ -372,6 +372,6 @@ def test_many_events_fit_a_small_stack() -> None:
 def test_the_message_names_the_function_whose_series_ends(place: int) -> None:
     free = build(kinetic=x.dot**2 / 2, coordinates=[x], initial={x.dot: 1.0})
     others = [event(x - 5), event(x - 6)]
-    found = run(free, 3.0, "taylor", events=[*others[:place], event(1 / (x - 1)), *others[place:]])
-    assert found.status is Status.NON_FINITE and found.t[-1] == pytest.approx(1.0, rel=1e-12)
-    assert "The event function 1/(x - 1)" in found.message
+    result = run(free, 3.0, "taylor", events=[*others[:place], event(1 / (x - 1)), *others[place:]])
+    assert result.status is Status.NON_FINITE and result.t[-1] == pytest.approx(1.0, rel=1e-12)
+    assert "The event function 1/(x - 1)" in result.message

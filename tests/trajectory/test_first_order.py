@@ -19,13 +19,13 @@ a, b = lg.parameters("a b")
 g1, g2 = lg.parameters("g1 g2", positive=False)
 
 
-def charge(**given: Any) -> lg.System:
+def charge(**options: Any) -> lg.System:
     """Return a massless charge in a magnetic field and a quadratic potential, which circles at the rate k/B."""
     return lg.System(
         lagrangian=B * (x * y.dot - y * x.dot) / 2 - k * (x**2 + y**2) / 2,
         coordinates=[x, y],
         parameters={B: 2.0, k: 3.0},
-        **{"initial": {x: 1.0}, **given},
+        **{"initial": {x: 1.0}, **options},
     )
 
 
@@ -96,10 +96,10 @@ def test_beside_a_constraint() -> None:
     free = B * x * y.dot - y**2 - x**2
     beside = lg.System(lagrangian=swing + free, coordinates=[x, z, r, y], constraints=rod, parameters={m: 1.0, B: 1.0})
     start = {z: 0.6, r: -0.8}
-    found, expected = beside.run(3.0, {**start, x: 1.0}), alone.run(3.0, start)
-    assert found.y[[1, 2], -1] == pytest.approx(expected.y[:2, -1], abs=1e-8)
-    assert found.y[0, -1] == pytest.approx(np.cos(2 * 3.0), abs=1e-8)
-    model, state = beside.compile(), found.y[:, -1]
+    result, expected = beside.run(3.0, {**start, x: 1.0}), alone.run(3.0, start)
+    assert result.y[[1, 2], -1] == pytest.approx(expected.y[:2, -1], abs=1e-8)
+    assert result.y[0, -1] == pytest.approx(np.cos(2 * 3.0), abs=1e-8)
+    model, state = beside.compile(), result.y[:, -1]
     tension = alone.compile().multipliers(state[[1, 2]], state[[5, 6]])
     assert model.multipliers(state[:4], state[4:]) == pytest.approx(tension, rel=1e-9)
 
@@ -119,8 +119,8 @@ def test_velocities_are_found_from_positions_or_must_agree() -> None:
     text = refusal(system.run, 1.0, {y.dot: 2.0})
     assert "the initial velocities do not satisfy the constraint at t = 0: 'equation of x' (B*y_dot - k*x) is 1" in text
     assert "leave out the velocities of coordinates without inertia, which follow, or" in text
-    found = system.consistent({x: 2.0})
-    assert found.initial[x] == 2.0 and found.initial[y.dot] == pytest.approx(3.0) and found.entry == y.dot
+    result = system.consistent({x: 2.0})
+    assert result.initial[x] == 2.0 and result.initial[y.dot] == pytest.approx(3.0) and result.entry == y.dot
     flow = lg.flow(system.compile())
     assert flow([1.0, 0.0, 0.0, 0.0], 0.0, 1.0)[:2] == pytest.approx([np.cos(1.5), np.sin(1.5)], abs=1e-8)
 
@@ -154,8 +154,8 @@ def test_a_coordinate_in_a_potential_alone_is_still_refused() -> None:
 e = lg.coordinate("e")
 
 
-def relaxation(**given: Any) -> lg.System:
-    return lg.System(kinetic=0, coordinates=[e], forces={e: 1 - e}, dissipation=e.dot**2 / 2, **given)
+def relaxation(**options: Any) -> lg.System:
+    return lg.System(kinetic=0, coordinates=[e], forces={e: 1 - e}, dissipation=e.dot**2 / 2, **options)
 
 
 @pytest.mark.few(2)

@@ -58,24 +58,24 @@ def test_every_method_has_its_formula_or_its_twin() -> None:
 def test_steps_follow_the_formula(name: str, target: str) -> None:
     compiled = model("cart and pole", target)
     h = 0.02
-    found = run(compiled, 0.3 + 12 * h, name, start=0.3, step=h)
+    result = run(compiled, 0.3 + 12 * h, name, start=0.3, step=h)
     state = np.array(compiled.statement.initial)
     for i in range(12):
-        assert found.y[:, i] == pytest.approx(state, rel=1e-12, abs=1e-14)
+        assert result.y[:, i] == pytest.approx(state, rel=1e-12, abs=1e-14)
         state = by_tableau(name, compiled.rhs, 0.3 + i * h, state, h)
-    assert found.y[:, -1] == pytest.approx(state, rel=1e-12)
+    assert result.y[:, -1] == pytest.approx(state, rel=1e-12)
 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_bdf2_is_a_parabola_through_three_states(target: str) -> None:
     compiled = model("cart and pole", target)
     h = 0.02
-    found = run(compiled, 10.5 * h, "bdf2", step=h)
-    assert found.steps == 11
+    result = run(compiled, 10.5 * h, "bdf2", step=h)
+    assert result.steps == 11
     for i in range(1, 10):
-        before, y, new = found.y[:, i - 1 : i + 2].T
+        before, y, new = result.y[:, i - 1 : i + 2].T
         slope = (3 * new - 4 * y + before) / (2 * h)
-        assert slope == pytest.approx(compiled.rhs(found.t[i + 1], new), rel=1e-11, abs=1e-12)
+        assert slope == pytest.approx(compiled.rhs(result.t[i + 1], new), rel=1e-11, abs=1e-12)
 
 
 TWINS = {
@@ -114,10 +114,10 @@ PAIRS: dict[str, tuple[Any, Any, Any]] = {
 def test_lobattos_pairs_follow_the_formula(name: str, system: str, target: str) -> None:
     compiled, h = model(system, target), 0.05
     A, B, b = map(np.array, PAIRS[name])
-    found = run(compiled, 12 * h, name, step=h)
+    result = run(compiled, 12 * h, name, step=h)
     q, v = np.split(np.array(compiled.statement.initial), 2)
     for i in range(12):
-        assert found.y[:, i] == pytest.approx(np.concatenate([q, v]), rel=1e-12, abs=1e-13)
+        assert result.y[:, i] == pytest.approx(np.concatenate([q, v]), rel=1e-12, abs=1e-13)
         pushes = np.array([compiled.accelerations(q, v)] * len(b))
         for _ in range(100):
             places = q + h * A @ (v + h * B @ pushes)
@@ -134,10 +134,10 @@ def test_lobattos_pairs_follow_the_formula(name: str, system: str, target: str) 
 def test_what_claims_to_conserve_energy_does_and_the_rest_does_not(name: str, system: str) -> None:
     """In 2000 steps the energy error of methods that claim conservation is round-off; that of the others is not."""
     compiled = model(system)
-    found = run(compiled, 40.0, name, step=0.02)
+    result = run(compiled, 40.0, name, step=0.02)
     n = compiled.dimension
-    energy = compiled.energy(found.y[:n], found.y[n:])
-    scale = np.abs(energy).max() + np.abs(compiled.evaluate("lagrangian", found.y[:n], found.y[n:])).max()
+    energy = compiled.energy(result.y[:n], result.y[n:])
+    scale = np.abs(energy).max() + np.abs(compiled.evaluate("lagrangian", result.y[:n], result.y[n:])).max()
     error = np.abs(energy - energy[0]).max() / scale
     if find(name).claims.energy:
         assert error < 1e-12
@@ -158,10 +158,10 @@ def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str
             initial={x: 1.0},
         )
         o: Any = {"step": 0.1} if name in FIXED else {"rtol": 1e-3, "atol": 1e-3}
-        found = run(compiled, 10.0, name, **o)
+        result = run(compiled, 10.0, name, **o)
         # Without friction what is damped is energy that the motion keeps.
-        assert found.status is Status.SUCCESS or (not damping and found.status is Status.UNRELIABLE)
-        assert np.abs(found.y[0]).max() < 1 + 1e-9, (damping, np.abs(found.y[0]).max())
+        assert result.status is Status.SUCCESS or (not damping and result.status is Status.UNRELIABLE)
+        assert np.abs(result.y[0]).max() < 1 + 1e-9, (damping, np.abs(result.y[0]).max())
 
 
 # --- newton ---------------------------------------------------------------------------------------------------
@@ -176,10 +176,10 @@ def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str
 @pytest.mark.parametrize("name", SLOPES)
 def test_a_stage_costs_few_evaluations(name: str, step: float, target: str) -> None:
     """Extrapolated guesses and a reused inverse: 1.9 to 3.9 evaluations of each stage were measured."""
-    found = run(model("double pendulum", target), 1.0, name, step=step)
+    result = run(model("double pendulum", target), 1.0, name, step=step)
     problem = Problem(model("oscillator"), {}, 0.0, 1.0, np.zeros(2))
     stages = len(implicit(name).plan(problem).step.solves[0].calls)
-    assert found.evaluations <= (4.0 * stages + 1) * found.steps
+    assert result.evaluations <= (4.0 * stages + 1) * result.steps
 
 
 # --- units, stiffness, round-off ------------------------------------------------------------------------------
@@ -192,7 +192,7 @@ def test_units_do_not_matter(name: str) -> None:
     compiled = model("elastic pendulum")
     counts, ends = [], []
     for length, time in itertools.product((1e-30, 1.0, 1e30), repeat=2):
-        found = run(
+        result = run(
             compiled,
             0.75 * time,
             name,
@@ -200,9 +200,9 @@ def test_units_do_not_matter(name: str) -> None:
             parameters={l: 0.7 * length, g: 9.81 * length / time**2, k: 3.2 / time**2},
             initial={"r": 1.1 * length, "theta": 0.4, "theta_dot": 0.3 / time},
         )
-        assert found.status.complete, found.message
-        counts.append(found.evaluations)
-        ends.append(found.y[:2, -1] / [length, 1])
+        assert result.status.complete, result.message
+        counts.append(result.evaluations)
+        ends.append(result.y[:2, -1] / [length, 1])
     assert np.ptp(counts) <= 0.15 * max(counts)  # by chance, as between machines
     assert np.abs(np.array(ends) - ends[0]).max() < 1e-12
 
@@ -217,12 +217,12 @@ def stiff() -> tuple[Model, dict[str, Any]]:
 def test_a_stiff_system_takes_few_steps(name: str) -> None:
     """The spring would vibrate 1400 times a second; an explicit method takes about 1e5 steps for 10 s."""
     compiled, given = stiff()
-    found = run(compiled, 10.0, name, rtol=1e-5, atol=1e-7, **given)
+    result = run(compiled, 10.0, name, rtol=1e-5, atol=1e-7, **given)
     pendulum = exact(model("pendulum"), 10.0, initial={theta: 0.5, theta.dot: 0})
-    assert found.status.complete and found.steps < 3000
-    assert found.y[1, -1] == pytest.approx(pendulum.y[0, -1], abs=2e-4)
+    assert result.status.complete and result.steps < 3000
+    assert result.y[1, -1] == pytest.approx(pendulum.y[0, -1], abs=2e-4)
     times = np.linspace(0, 10, 501)
-    assert np.abs(found.dense(times)[1] - pendulum.dense(times)[0]).max() < 5e-4
+    assert np.abs(result.dense(times)[1] - pendulum.dense(times)[0]).max() < 5e-4
 
 
 @pytest.mark.few(2)
@@ -233,10 +233,10 @@ def test_round_off_ends_the_iteration(name: str, target: str) -> None:
     if not find(name).claims.a_stable:
         pytest.skip("explodes with steps this long")
     compiled = model("elastic pendulum", target)
-    found = run(compiled, 2.0, name, step=0.01, **stiff()[1])
+    result = run(compiled, 2.0, name, step=0.01, **stiff()[1])
     stages = 6
-    assert found.status is Status.SUCCESS, found.message
-    assert found.evaluations < 12 * stages * found.steps
+    assert result.status is Status.SUCCESS, result.message
+    assert result.evaluations < 12 * stages * result.steps
 
 
 # --- how it fails ---------------------------------------------------------------------------------------------
@@ -246,12 +246,12 @@ def test_round_off_ends_the_iteration(name: str, target: str) -> None:
 def test_a_step_without_a_solution_is_told(target: str) -> None:
     """Backward Euler for v' = v^2 has no real solution beyond v h = 1/4."""
     compiled = build(target, kinetic=x.dot**2 / 2, forces={x: x.dot**2}, initial={x.dot: 1.0})
-    found = run(compiled, 2.0, "backward-euler", step=0.1)
-    assert found.status is Status.DIVERGED
-    assert found.y[1, -1] * 0.1 > 0.2 and np.isfinite(found.y).all() and len(found.t) == found.steps + 1
-    assert "backward-euler stopped at t = " in found.message and "the step did not converge" in found.message
-    assert "The last correction of Newton's method was still " in found.message
-    assert found.message.endswith("smooth the jump, such as by tanh(v/0.001).")
+    result = run(compiled, 2.0, "backward-euler", step=0.1)
+    assert result.status is Status.DIVERGED
+    assert result.y[1, -1] * 0.1 > 0.2 and np.isfinite(result.y).all() and len(result.t) == result.steps + 1
+    assert "backward-euler stopped at t = " in result.message and "the step did not converge" in result.message
+    assert "The last correction of Newton's method was still " in result.message
+    assert result.message.endswith("smooth the jump, such as by tanh(v/0.001).")
 
 
 @pytest.mark.few(2)
@@ -268,10 +268,10 @@ def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
     for compiled, step, end in ((pole, 0.01, 1.0), (double, 0.01, 1.0), (shrinking, 1e-3, 0.5)):
         if compiled is double and name in ("variational-trapezoid", "rattle"):
             continue  # Its equations are linear here, as Verlet's: they have one root.
-        found = run(compiled, 3.0, name, step=step)
+        result = run(compiled, 3.0, name, step=step)
         singular = (Status.SINGULAR,) if compiled is shrinking else ()
-        assert found.status in (Status.DIVERGED, *singular), found.message
-        assert 0.9 * end <= found.t[-1] <= end and np.abs(found.y).max() < 3e6
+        assert result.status in (Status.DIVERGED, *singular), result.message
+        assert 0.9 * end <= result.t[-1] <= end and np.abs(result.y).max() < 3e6
 
 
 @pytest.mark.few(2)
@@ -287,9 +287,9 @@ def test_newton_does_not_leap_to_another_root(name: str, target: str) -> None:
 def test_newton_does_not_wander_to_a_far_root(name: str, step: float, force: Any, time: float, target: str) -> None:
     """After the near root has vanished, Newton's method could converge to one at v = 1000 or -4e5."""
     compiled = build(target, kinetic=x.dot**2 / 2, forces={x: force}, initial={x: 0.0, x.dot: 1.0})
-    found = run(compiled, 2.0, name, step=step)
-    assert found.status is Status.DIVERGED, found.message
-    assert found.t[-1] == pytest.approx(time)
+    result = run(compiled, 2.0, name, step=step)
+    assert result.status is Status.DIVERGED, result.message
+    assert result.t[-1] == pytest.approx(time)
 
 
 @pytest.mark.few(2)
@@ -299,10 +299,10 @@ def test_newton_does_not_wander_to_a_far_root(name: str, step: float, force: Any
 def test_a_law_that_rounds_more_than_its_terms_show(size: float, name: str, target: str) -> None:
     """The force is a difference of cubes of `size`, so corrections stop decreasing far above round-off."""
     compiled = build(target, kinetic=x.dot**2 / 2, potential=(x + B) ** 4 / 4 - B**3 * x, initial={x: 1.0})
-    found = run(compiled, 0.4 / size, name, step=2e-3 / size, parameters={B: size})
-    assert found.status is Status.SUCCESS, found.message
+    result = run(compiled, 0.4 / size, name, step=2e-3 / size, parameters={B: size})
+    assert result.status is Status.SUCCESS, result.message
     fine = exact(compiled, 0.4 / size, parameters={B: size})
-    assert found.y[0, -1] == pytest.approx(fine.y[0, -1], abs=0.5 if name == "backward-euler" else 1e-3)
+    assert result.y[0, -1] == pytest.approx(fine.y[0, -1], abs=0.5 if name == "backward-euler" else 1e-3)
 
 
 @pytest.mark.few(2)
@@ -321,10 +321,10 @@ def test_a_mass_matrix_that_becomes_singular_is_told(name: str, target: str) -> 
         initial={x: 0.5, x.dot: 1.0, y.dot: -0.4},
     )
     o: Any = {"step": 0.01} if name in FIXED else {}
-    found = run(compiled, 5.0, name, **o)
-    assert found.status is Status.SINGULAR, found.message
-    assert np.isfinite(found.y).all() and 0.4 < found.t[-1] < (0.51 if implicit(name).law == "rhs" else 1.15)
-    assert "the mass matrix is singular at t = " in found.message
+    result = run(compiled, 5.0, name, **o)
+    assert result.status is Status.SINGULAR, result.message
+    assert np.isfinite(result.y).all() and 0.4 < result.t[-1] < (0.51 if implicit(name).law == "rhs" else 1.15)
+    assert "the mass matrix is singular at t = " in result.message
 
 
 # --- of one's own ---------------------------------------------------------------------------------------------

@@ -38,19 +38,21 @@ def lightened() -> Model:
     )
 
 
-def told(found: Trajectory, motion: str) -> None:
-    assert found.status is Status.SINGULAR and f"{found.method} stopped at t = " in found.message
-    assert "the mass matrix d2L/dv2 becomes singular there, at x = " in found.message
-    assert f"the inertia of a motion with {motion} is " in found.message and "times the least inertia" in found.message
-    assert found.message.endswith("End the run before, or state a Lagrangian whose inertia does not vanish.")
-    assert len(found.t) == found.steps + 1 > 5
+def told(result: Trajectory, motion: str) -> None:
+    assert result.status is Status.SINGULAR and f"{result.method} stopped at t = " in result.message
+    assert "the mass matrix d2L/dv2 becomes singular there, at x = " in result.message
+    assert (
+        f"the inertia of a motion with {motion} is " in result.message and "times the least inertia" in result.message
+    )
+    assert result.message.endswith("End the run before, or state a Lagrangian whose inertia does not vanish.")
+    assert len(result.t) == result.steps + 1 > 5
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_momentum_that_is_not_linear_in_the_velocity(method: str) -> None:
-    found = run(quartic(), 5.0, method)
-    told(found, "x.dot = 1")
-    assert found.t[-1] == pytest.approx(1.0, abs=1e-6) and found.y[0, -1] == pytest.approx(0.75, abs=1e-6)
+    result = run(quartic(), 5.0, method)
+    told(result, "x.dot = 1")
+    assert result.t[-1] == pytest.approx(1.0, abs=1e-6) and result.y[0, -1] == pytest.approx(0.75, abs=1e-6)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -71,7 +73,7 @@ def test_a_motion_that_loses_its_inertia(model: Callable[[], Model], motion: str
     ],
 )
 def test_other_singularities_are_not_blamed_on_it(given: dict[str, Any], method: str) -> None:
-    found = run(build(**given), 5.0, method)
+    result = run(build(**given), 5.0, method)
     # LSODA may step over a pole, and what gives it away is the energy.
     ends = (Status.STEP_TOO_SMALL, Status.NON_FINITE, *([Status.UNRELIABLE] if method == "scipy-lsoda" else []))
-    assert found.status in ends and "mass matrix" not in found.message
+    assert result.status in ends and "mass matrix" not in result.message

@@ -40,15 +40,15 @@ def model() -> Model:
 @pytest.mark.parametrize("name", [name for name in names() if isinstance(find(name), Planned)])
 def test_memory_has_a_bound(name: str, model: Model) -> None:
     step: dict[str, Any] = {} if find(name).claims.adaptive else {"step": 0.01}
-    found = lg.integrate(model, (0.0, 1e5), method=name, max_memory=20_000, **step)
-    assert found.status is lg.Status.MAX_MEMORY
-    assert f"{name} used up max_memory = 20000 bytes at t = " in found.message
-    assert "Raise max_memory, end the run earlier" in found.message
-    assert 10 < len(found.t) == found.steps + 1 and found.t[-1] < 1e5
-    assert found.t.nbytes + found.y.nbytes <= 20_000 + 24  # the first state is there in any case
-    found.at(found.t[-1] / 2)
+    result = lg.integrate(model, (0.0, 1e5), method=name, max_memory=20_000, **step)
+    assert result.status is lg.Status.MAX_MEMORY
+    assert f"{name} used up max_memory = 20000 bytes at t = " in result.message
+    assert "Raise max_memory, end the run earlier" in result.message
+    assert 10 < len(result.t) == result.steps + 1 and result.t[-1] < 1e5
+    assert result.t.nbytes + result.y.nbytes <= 20_000 + 24  # the first state is there in any case
+    result.at(result.t[-1] / 2)
     with pytest.raises(lg.RunError, match="max_memory"):
-        found.require()
+        result.require()
 
 
 @pytest.mark.slow
@@ -62,10 +62,10 @@ def test_what_a_solver_keeps_is_what_is_counted(name: str, model: Model) -> None
     gc.freeze()  # what other tests have left is not looked at again and again
     tracemalloc.start()
     try:
-        found = lg.integrate(model, (0.0, 1e5), method=name, max_memory=200_000)
+        result = lg.integrate(model, (0.0, 1e5), method=name, max_memory=200_000)
         gc.collect()
         taken, _ = tracemalloc.get_traced_memory()
-        found.at(found.t)
+        result.at(result.t)
         gc.collect()
         assert tracemalloc.get_traced_memory()[0] < taken + 40_000, "a path that was read takes no more"
     finally:
@@ -79,19 +79,19 @@ def test_compiling_counts(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pace, "COMPILE_SECONDS", 0.0)
     system = unit_pendulum()
     system.compile()
-    found = system.run(1.0, method=method, max_wall=1e-9)
-    assert found.status is lg.Status.MAX_WALL
-    assert f"{method} stopped at t = 0 on the way from 0 to 1. Compiling took " in found.message
-    assert "more than max_wall = 1e-09 s. What is compiled stays with the model" in found.message
-    assert found.steps == 0 and found.t.tolist() == [0.0]
+    result = system.run(1.0, method=method, max_wall=1e-9)
+    assert result.status is lg.Status.MAX_WALL
+    assert f"{method} stopped at t = 0 on the way from 0 to 1. Compiling took " in result.message
+    assert "more than max_wall = 1e-09 s. What is compiled stays with the model" in result.message
+    assert result.steps == 0 and result.t.tolist() == [0.0]
     monkeypatch.undo()
     assert system.run(1.0, method=method, max_wall=60.0).status is lg.Status.SUCCESS
 
 
 def test_a_short_limit_leaves_time_to_compile() -> None:
-    found = unit_pendulum().run(1e7, method="verner9", max_wall=0.5)
-    assert found.status is lg.Status.MAX_WALL and found.steps > 0
-    assert "used up max_wall = 0.5 s at t = " in found.message
+    result = unit_pendulum().run(1e7, method="verner9", max_wall=0.5)
+    assert result.status is lg.Status.MAX_WALL and result.steps > 0
+    assert "used up max_wall = 0.5 s at t = " in result.message
 
 
 def compile_again_and_again(model: Model) -> None:
@@ -183,12 +183,12 @@ def test_a_terminal_is_told_what_takes_so_long(what: str, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize(("wanted", "patience"), [(False, 0.01), (True, 600.0)])
 def test_a_terminal_is_not_told_what_takes_no_time(
-    wanted: bool, patience: float, monkeypatch: pytest.MonkeyPatch
+    expected: bool, patience: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setattr(progress, "SILENT_SECONDS", patience)
-    with progress.announced("compiling", "pendulum", enabled=wanted):
+    with progress.announced("compiling", "pendulum", enabled=expected):
         time.sleep(0.1)
     assert not terminal.text
 
@@ -214,12 +214,12 @@ def test_time_is_kept_while_events_are_located(method: str) -> None:
     began = time.process_time()
     # A busy machine has not come far in the time that a quiet one needs.
     for max_wall in (0.1, 1.0, 10.0, 30.0):
-        found = free.run(1000.0, max_wall=max_wall, **given)
-        times = found.t_events[0]
+        result = free.run(1000.0, max_wall=max_wall, **given)
+        times = result.t_events[0]
         if len(times) > 50:
             break
-    assert found.status is lg.Status.MAX_WALL and time.process_time() - began < 60.0
-    assert len(times) > 50 and (np.diff(times) > 3e-5).all() and times[-1] <= found.t[-1]
+    assert result.status is lg.Status.MAX_WALL and time.process_time() - began < 60.0
+    assert len(times) > 50 and (np.diff(times) > 3e-5).all() and times[-1] <= result.t[-1]
 
 
 # --- behind the end -------------------------------------------------------------------------------------------
@@ -233,11 +233,11 @@ def pressed_once(function: Any) -> Any:
     """Return the function with a KeyboardInterrupt at its first call."""
     calls: list[int] = []
 
-    def called(*given: Any, **named: Any) -> Any:
+    def called(*arguments: Any, **named: Any) -> Any:
         calls.append(1)
         if len(calls) == 1:
             raise KeyboardInterrupt
-        return function(*given, **named)
+        return function(*arguments, **named)
 
     return called
 
@@ -251,10 +251,10 @@ def test_ctrl_c_behind_the_last_step_keeps_the_run(method: str, where: str, monk
         monkeypatch.setattr(AcceptedStates, "joined", pressed_once(AcceptedStates.joined))
     else:
         monkeypatch.setattr("lagrange.trajectory.run.with_stiff_end", pressed_once(with_stiff_end))
-    found = OSCILLATOR.run(10, **given)
-    assert found.status is lg.Status.INTERRUPTED
-    assert found.message.startswith(f"{method} was interrupted at t = 10 on the way from 0 to 10; what was computed")
-    assert np.array_equal(found.y, plain.y) and np.array_equal(found.t_events[0], plain.t_events[0])
+    result = OSCILLATOR.run(10, **given)
+    assert result.status is lg.Status.INTERRUPTED
+    assert result.message.startswith(f"{method} was interrupted at t = 10 on the way from 0 to 10; what was computed")
+    assert np.array_equal(result.y, plain.y) and np.array_equal(result.t_events[0], plain.t_events[0])
     assert OSCILLATOR.run(10, **given).status is lg.Status.SUCCESS
 
 
@@ -264,25 +264,25 @@ def test_a_run_that_fails_at_its_start_has_no_times_for_each_event() -> None:
         failed = sliding.run(1, method=method, events=[x, x.dot])
         late = OSCILLATOR.run(1e7, method=method, events=[x, x.dot], max_wall=1e-9)
         assert failed.status is lg.Status.NON_FINITE and late.status is lg.Status.MAX_WALL
-        for found in (failed, late):
-            assert [len(times) for times in found.t_events] == [0, 0]
-            assert [states.shape for states in found.y_events] == [(0, 2), (0, 2)]
+        for result in (failed, late):
+            assert [len(times) for times in result.t_events] == [0, 0]
+            assert [states.shape for states in result.y_events] == [(0, 2), (0, 2)]
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_an_event_behind_the_last_output_is_said(method: str) -> None:
     stop = lg.event(x, terminal=True)
-    found = OSCILLATOR.run(9, method=method, step=STEPS.get(method), t_eval=[0, 1, 2], events=[stop])
-    assert found.status is lg.Status.EVENT and found.t.tolist() == [0.0, 1.0]
-    assert found.message.endswith("The last output before the event is at t = 1; y_events has the state at the event.")
+    result = OSCILLATOR.run(9, method=method, step=STEPS.get(method), t_eval=[0, 1, 2], events=[stop])
+    assert result.status is lg.Status.EVENT and result.t.tolist() == [0.0, 1.0]
+    assert result.message.endswith("The last output before the event is at t = 1; y_events has the state at the event.")
     none = OSCILLATOR.run(9, method=method, step=STEPS.get(method), t_eval=[3], events=[stop])
     assert none.message.endswith("No output is before the event; y_events has the state at the event.")
 
 
 def test_events_that_fill_the_memory_are_named() -> None:
-    found = OSCILLATOR.run(1e5, max_memory=1e5, t_eval=np.linspace(0, 1e5, 50), events=[x])
-    assert found.status is lg.Status.MAX_MEMORY and "it keeps every step" not in found.message
-    assert "The times and states of its events have used up max_memory = 100000 bytes." in found.message
+    result = OSCILLATOR.run(1e5, max_memory=1e5, t_eval=np.linspace(0, 1e5, 50), events=[x])
+    assert result.status is lg.Status.MAX_MEMORY and "it keeps every step" not in result.message
+    assert "The times and states of its events have used up max_memory = 100000 bytes." in result.message
 
 
 ADAPTIVE = ("bs3", "dopri5", "tsit5", "verner9", "dop853", "radau3", "radau5")
@@ -293,9 +293,9 @@ ADAPTIVE = ("bs3", "dopri5", "tsit5", "verner9", "dop853", "radau3", "radau5")
 def test_a_body_that_sticks_is_named_long_before_the_step_limit(method: str) -> None:
     """At v = 0 friction of both signs leads back. dop853 took ten million steps and reported the step limit."""
     sticking = lg.System(kinetic=x.dot**2 / 2, potential=x**2 / 2, forces={x: -sign(x.dot) * 3 / 10}, initial={x: 1})
-    found = sticking.run(20, method=method)
-    assert found.status is lg.Status.STEP_TOO_SMALL and found.steps < 50_000
-    assert "jump where x_dot is zero, and from t = 6.28" in found.message and "from both sides" in found.message
+    result = sticking.run(20, method=method)
+    assert result.status is lg.Status.STEP_TOO_SMALL and result.steps < 50_000
+    assert "jump where x_dot is zero, and from t = 6.28" in result.message and "from both sides" in result.message
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
@@ -308,9 +308,9 @@ def test_an_implicit_step_without_a_solution_names_the_surface_that_holds_a_body
     block = lg.System(
         kinetic=x.dot**2 / 2, potential=0, coordinates=[x], forces={x: -sign(x.dot) * 7 / 10}, initial={x.dot: unit}
     )
-    found = block.run(5 * unit, method=method)
-    assert found.status is lg.Status.STEP_TOO_SMALL
-    assert "jump where x_dot is zero" in found.message and "from both sides" in found.message
+    result = block.run(5 * unit, method=method)
+    assert result.status is lg.Status.STEP_TOO_SMALL
+    assert "jump where x_dot is zero" in result.message and "from both sides" in result.message
 
 
 @pytest.mark.parametrize("method", [name for name in ("scipy-lsoda", "scipy-dop853") if name in OUTSIDE])

@@ -82,14 +82,14 @@ def driven() -> Any:
 def test_steps_follow_the_formula(name: str, target: str) -> None:
     compiled = build(target, **driven())
     h, count = 0.05, 12
-    found = run(compiled, 0.3 + count * h, stepped(name, h), start=0.3)
+    result = run(compiled, 0.3 + count * h, stepped(name, h), start=0.3)
     step, state = FORMULAS[name], np.array(compiled.statement.initial)
     for i in range(count):
-        assert found.t[i] == pytest.approx(0.3 + i * h, abs=1e-15)
-        assert found.y[:, i] == pytest.approx(state, rel=1e-12, abs=1e-13)
+        assert result.t[i] == pytest.approx(0.3 + i * h, abs=1e-15)
+        assert result.y[:, i] == pytest.approx(state, rel=1e-12, abs=1e-13)
         state = step(compiled.rhs, 0.3 + i * h, state, h)
-    assert found.y[:, -1] == pytest.approx(state, rel=1e-12)
-    assert found.steps == count and found.rejected == 0
+    assert result.y[:, -1] == pytest.approx(state, rel=1e-12)
+    assert result.steps == count and result.rejected == 0
 
 
 # --- claims ---------------------------------------------------------------------------------------------------
@@ -101,11 +101,11 @@ def test_energy_stays_bounded_without_drift(name: str) -> None:
     """Methods of momenta are symplectic also if the mass matrix depends on coordinates."""
     compiled = model("double pendulum" if name in MOMENTA else "Henon-Heiles")
     end, long = (1500.0, 0.4) if name in SPLITTINGS else (150.0, 0.1)
-    found = run(compiled, end, name, step=0.05 if find(name).claims.order < 6 else long)
-    energy = compiled.energy(*np.split(found.y, 2))
+    result = run(compiled, end, name, step=0.05 if find(name).claims.order < 6 else long)
+    energy = compiled.energy(*np.split(result.y, 2))
     error = energy / energy[0] - 1
     halves = np.array_split(np.abs(error), 2)
-    assert found.status is Status.SUCCESS and halves[0].max() < (0.2 if find(name).claims.order == 1 else 3e-3)
+    assert result.status is Status.SUCCESS and halves[0].max() < (0.2 if find(name).claims.order == 1 else 3e-3)
     assert halves[1].max() < 1.1 * halves[0].max()
     means = [part.mean() for part in np.array_split(error, 10)]
     assert np.ptp(means) < 0.2 * np.abs(error).max(), (means, np.abs(error).max())
@@ -119,8 +119,8 @@ def test_errors_follow_the_tolerance(name: str) -> None:
     tolerances = (1e-5, 1e-7, 1e-9, 1e-11)
     errors = []
     for rtol in tolerances:
-        found = run(compiled, 3.0, name, rtol=rtol, atol=rtol)
-        errors.append(np.abs(found.y[:, -1] - truth).max())
+        result = run(compiled, 3.0, name, rtol=rtol, atol=rtol)
+        errors.append(np.abs(result.y[:, -1] - truth).max())
         assert errors[-1] < 300 * rtol
     # The order of a series follows the tolerance, and with it the ratio of error to tolerance, up or down.
     least = 10 if name in STEPPED else 5

@@ -34,14 +34,14 @@ def fallen(time: Any) -> Any:
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_drag_from_rest(target: str) -> None:
     model = thrown().compile(target=target)
-    found = lg.integrate(model, (0.0, 5.0), {}, rtol=1e-12, atol=1e-14)
-    assert found.status is lg.Status.SUCCESS
+    result = lg.integrate(model, (0.0, 5.0), {}, rtol=1e-12, atol=1e-14)
+    assert result.status is lg.Status.SUCCESS
     # A step's tolerance is a tenth of 1e-12 of some 30 m; the first millionth of the run is DOP853's, as exact.
     times = np.linspace(0.0, 5.0, 301)
-    assert found.at(times)[1] == pytest.approx(fallen(times), rel=1e-11, abs=1e-13)
+    assert result.at(times)[1] == pytest.approx(fallen(times), rel=1e-11, abs=1e-13)
     # On the leap itself, 5e-6 s long, the path is a cubic with the right slopes.
     times = np.linspace(0.0, 5e-6, 11)
-    assert found.at(times)[3] == pytest.approx(-G * times, rel=1e-9, abs=1e-15)
+    assert result.at(times)[3] == pytest.approx(-G * times, rel=1e-9, abs=1e-15)
 
 
 def touching(*bodies: Any) -> Any:
@@ -54,9 +54,9 @@ def touching(*bodies: Any) -> Any:
 def test_what_is_at_rest_is_hit(start: Any) -> None:
     """A body at rest is hit: its force grows with a power of time, and there is no velocity to compare it with."""
     balls = lg.System(kinetic=(x.dot**2 + y.dot**2 + z.dot**2) / 2, potential=touching(x, y, z), coordinates=[x, y, z])
-    found, right = balls.run(5.0, start), balls.run(5.0, start, method="dop853", rtol=1e-12, atol=1e-13)
-    assert found.status is right.status is lg.Status.SUCCESS, found.message
-    assert found.y[:, -1] == pytest.approx(right.y[:, -1], abs=1e-8)
+    result, right = balls.run(5.0, start), balls.run(5.0, start, method="dop853", rtol=1e-12, atol=1e-13)
+    assert result.status is right.status is lg.Status.SUCCESS, result.message
+    assert result.y[:, -1] == pytest.approx(right.y[:, -1], abs=1e-8)
 
 
 @pytest.mark.few(1)
@@ -65,21 +65,21 @@ def test_no_leap_into_a_force_that_is_infinite_where_it_begins(force: Any) -> No
     balls = lg.System(
         kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], forces={y: Piecewise((force, x > y), (0, True))}
     )
-    found = balls.run(5.0, {x: -0.1, x.dot: 1.0})
-    assert not found.status.complete and found.t[-1] == pytest.approx(0.1)
+    result = balls.run(5.0, {x: -0.1, x.dot: 1.0})
+    assert not result.status.complete and result.t[-1] == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize("events", [None, [y.dot], [lg.event(y.dot, direction=-1)]])
 def test_straight_up_and_down_again(events: Any) -> None:
     """At the turning point the speed is the square root of zero; an event may be at the same point."""
     up = 10.0
-    found = thrown().run(5.0, {y.dot: up}, events=events, rtol=1e-12, atol=1e-14)
+    result = thrown().run(5.0, {y.dot: up}, events=events, rtol=1e-12, atol=1e-14)
     turn = LIMIT / G * math.atan(up / LIMIT)
     height = LIMIT**2 / (2 * G) * math.log1p((up / LIMIT) ** 2)
-    assert found.status is lg.Status.SUCCESS
-    assert found[y][-1] == pytest.approx(height + fallen(5.0 - turn), rel=1e-10)
+    assert result.status is lg.Status.SUCCESS
+    assert result[y][-1] == pytest.approx(height + fallen(5.0 - turn), rel=1e-10)
     if events:
-        assert found.t_events[0] == pytest.approx([turn], rel=1e-11)
+        assert result.t_events[0] == pytest.approx([turn], rel=1e-11)
 
 
 @pytest.mark.few(1)
@@ -87,11 +87,11 @@ def test_straight_up_and_down_again(events: Any) -> None:
 def test_an_oscillation_with_drag_of_a_fractional_power(power: Rational) -> None:
     """The drag is a fractional power of the speed squared, which is zero at each turning point."""
     system = lg.System(kinetic=x.dot**2 / 2, potential=2 * x**2, forces={x: -((x.dot**2) ** power) * x.dot / 3})
-    found = system.run(20.0, {x: 1.0})
+    result = system.run(20.0, {x: 1.0})
     truth = system.run(20.0, {x: 1.0}, method="dop853", rtol=1e-13, atol=1e-14)
-    assert found.status is lg.Status.SUCCESS
+    assert result.status is lg.Status.SUCCESS
     # The default tolerance is 1e-9; behind each turn some steps more end at the new branch.
-    assert found.y[:, -1] == pytest.approx(truth.y[:, -1], abs=2e-9)
+    assert result.y[:, -1] == pytest.approx(truth.y[:, -1], abs=2e-9)
 
 
 SQUARE = x**2 - 2 * x * y + y**2
@@ -104,10 +104,10 @@ def test_a_force_that_jumps_is_not_leapt_over(force: Any) -> None:
 
     Until then x - y = 1 - 2 sin t, for a mass at y that does not move.
     """
-    found = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, forces={x: force}).run(5.0, {x: 1.0, x.dot: -2.0})
-    assert found.status is lg.Status.NON_FINITE
-    assert found.t[-1] == pytest.approx(math.asin(0.5), rel=1e-8)
-    assert "sqrt(x**2 - 2*x*y + y**2) becomes zero there" in found.message and "as abs" in found.message
+    result = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, forces={x: force}).run(5.0, {x: 1.0, x.dot: -2.0})
+    assert result.status is lg.Status.NON_FINITE
+    assert result.t[-1] == pytest.approx(math.asin(0.5), rel=1e-8)
+    assert "sqrt(x**2 - 2*x*y + y**2) becomes zero there" in result.message and "as abs" in result.message
 
 
 @pytest.mark.few(1)
@@ -124,8 +124,8 @@ def test_a_force_that_jumps_is_not_leapt_over(force: Any) -> None:
 def test_the_root_of_a_square_is_an_absolute_value(square: Any, absolute: Any) -> None:
     """sqrt(x**2) is abs(x): the motion passes x = 0, where the force jumps, at full order."""
     system = lg.System(kinetic=x.dot**2 / 2, potential=sqrt(square))
-    found = system.run(5.0, {x: 1.25}, rtol=1e-12, atol=1e-14)
+    result = system.run(5.0, {x: 1.25}, rtol=1e-12, atol=1e-14)
     truth = lg.System(kinetic=x.dot**2 / 2, potential=absolute).run(5.0, {x: 1.25}, rtol=1e-12, atol=1e-14)
-    assert found.status is lg.Status.SUCCESS and found.steps == truth.steps
-    assert found.y[:, -1] == pytest.approx(truth.y[:, -1], abs=1e-12)
+    assert result.status is lg.Status.SUCCESS and result.steps == truth.steps
+    assert result.y[:, -1] == pytest.approx(truth.y[:, -1], abs=1e-12)
     assert system.check()

@@ -45,16 +45,16 @@ def test_the_states_of_a_run_are_those_of_its_path_to_the_last_bit(name: str, en
     compiled = model("Henon-Heiles" if name in SPLITTINGS else "cart and pole", target)
     inner = np.sort(RNG.uniform(0.0, abs(end), 40))
     times = np.sign(end) * np.concatenate([[0.0, 0.0], inner, [abs(end), abs(end)]])
-    found = lg.integrate(compiled, (0.0, end), method=name, t_eval=times, **options(name))
-    assert (found.at(times) == found.y).all()
-    assert all((found.at(time) == state).all() for time, state in zip(times[:9], found.y.T[:9], strict=True))
+    result = lg.integrate(compiled, (0.0, end), method=name, t_eval=times, **options(name))
+    assert (result.at(times) == result.y).all()
+    assert all((result.at(time) == state).all() for time, state in zip(times[:9], result.y.T[:9], strict=True))
     mixed = RNG.permutation(np.concatenate([times, times / 2]))
     among = np.isin(mixed, times)
-    assert (found.at(mixed)[:, among] == found.y[:, np.searchsorted(np.abs(times), np.abs(mixed[among]))]).all()
-    assert found.at(mixed[~among]) == pytest.approx(found.at(mixed)[:, ~among], abs=1e-13)
+    assert (result.at(mixed)[:, among] == result.y[:, np.searchsorted(np.abs(times), np.abs(mixed[among]))]).all()
+    assert result.at(mixed[~among]) == pytest.approx(result.at(mixed)[:, ~among], abs=1e-13)
     none = lg.integrate(compiled, (0.0, end), method=name, t_eval=[], **options(name))
-    assert none.y.shape == (len(found.y), 0) and none.status is Status.SUCCESS
-    assert none.steps == found.steps and none.at(times) == pytest.approx(found.y, abs=1e-13)
+    assert none.y.shape == (len(result.y), 0) and none.status is Status.SUCCESS
+    assert none.steps == result.steps and none.at(times) == pytest.approx(result.y, abs=1e-13)
 
 
 @pytest.mark.parametrize("name", ["taylor", "dop853", "radau5", "scipy-dop853"])
@@ -63,11 +63,11 @@ def test_across_resets_too(name: str) -> None:
     compiled = ball("llvm")
     plain = run(compiled, 3.0, name, events=[floor(0.8)])
     times = np.sort(np.concatenate([np.linspace(0.0, 3.0, 333), plain.t_events[0]]))
-    found = run(compiled, 3.0, name, events=[floor(0.8)], t_eval=times)
-    assert (found.dense(times) == found.y).all()
-    assert found.y == pytest.approx(plain.dense(times), abs=1e-12)
+    result = run(compiled, 3.0, name, events=[floor(0.8)], t_eval=times)
+    assert (result.dense(times) == result.y).all()
+    assert result.y == pytest.approx(plain.dense(times), abs=1e-12)
     assert len(plain.t_events[0]) > 3
-    at_resets = found.y[1, np.searchsorted(times, plain.t_events[0])]
+    at_resets = result.y[1, np.searchsorted(times, plain.t_events[0])]
     assert (at_resets > 0).all()
 
 
@@ -88,16 +88,16 @@ def test_a_run_may_keep_its_outputs_alone(name: str, end: float, target: str) ->
         steps = {"rtol": 1e-7 if name in ("bs3", "radau3", "radau5", "radau5-index2") else 1e-10}
     whole = lg.integrate(compiled, (0.0, end), method=name, t_eval=times, **steps)
     limit = few_bytes(61) if name != "taylor" else 8 * 5 * 61 + 1
-    found = lg.integrate(compiled, (0.0, end), method=name, t_eval=times, max_memory=limit, **steps)
-    assert whole.status is found.status and found.status.at_end
-    assert found.steps == whole.steps and found.trajectory.span == whole.trajectory.span
-    assert found.y == pytest.approx(whole.y, abs=1e-12) and (found.at(times) == found.y).all()
-    if 40 * found.steps > 2 * limit:
-        assert isinstance(found.trajectory.dense, OutputPath) and found.trajectory.dense.path is None
+    result = lg.integrate(compiled, (0.0, end), method=name, t_eval=times, max_memory=limit, **steps)
+    assert whole.status is result.status and result.status.at_end
+    assert result.steps == whole.steps and result.trajectory.span == whole.trajectory.span
+    assert result.y == pytest.approx(whole.y, abs=1e-12) and (result.at(times) == result.y).all()
+    if 40 * result.steps > 2 * limit:
+        assert isinstance(result.trajectory.dense, OutputPath) and result.trajectory.dense.path is None
         with pytest.raises(lg.RunError, match=r"there is no state at t = .*max_memory = .* bytes, so it kept only"):
-            found.at(end / 3.1)
-        assert "ask for others in t_eval, or raise max_memory" in found.message
-        assert found.stiff is None and found.drift.absolute == pytest.approx(whole.drift.absolute, abs=1e-12)
+            result.at(end / 3.1)
+        assert "ask for others in t_eval, or raise max_memory" in result.message
+        assert result.stiff is None and result.drift.absolute == pytest.approx(whole.drift.absolute, abs=1e-12)
     else:
         assert name in ("taylor", "verner9", "dop853")
 
@@ -109,8 +109,8 @@ def test_output_times_that_do_not_fit_are_refused() -> None:
         match="t_eval has 1000 times, which take 4e\\+04 bytes with their states, more than max_memory = 39999 bytes",
     ):
         lg.integrate(compiled, (0.0, 1.0), t_eval=np.linspace(0.0, 1.0, 1000), max_memory=39_999)
-    found = lg.integrate(compiled, (0.0, 1.0), t_eval=np.linspace(0.0, 1.0, 1000), max_memory=40_000)
-    assert found.y.shape == (4, 1000)
+    result = lg.integrate(compiled, (0.0, 1.0), t_eval=np.linspace(0.0, 1.0, 1000), max_memory=40_000)
+    assert result.y.shape == (4, 1000)
 
 
 # --- outputs --------------------------------------------------------------------------------------------------
@@ -119,16 +119,16 @@ def test_output_times_that_do_not_fit_are_refused() -> None:
 GENERATOR = np.random.default_rng(11)
 
 
-def assert_on_the_path(found: Trajectory, plain: Trajectory, times: FloatArray) -> None:
+def assert_on_the_path(result: Trajectory, plain: Trajectory, times: FloatArray) -> None:
     """Assert that outputs equal the dense output of the same run without output times, up to rounding of its states."""
-    assert found.status is plain.status and found.steps == plain.steps and found.rejected == plain.rejected
-    assert np.array_equal(found.t, times)
+    assert result.status is plain.status and result.steps == plain.steps and result.rejected == plain.rejected
+    assert np.array_equal(result.t, times)
     size = np.abs(plain.y).max(axis=1, keepdims=True)
     moving = np.flatnonzero(np.diff(plain.t))
     rate = np.abs(np.diff(plain.y)[:, moving] / np.diff(plain.t)[moving]).max(axis=1, keepdims=True)
     # The path begins each step from the rounded state and time, half a unit away, and rounds its own sums.
     allowed = 2.0**-52 * (8 * size + 4 * rate * np.abs(times))
-    assert (np.abs(found.y - plain.dense(times)) <= allowed).all()
+    assert (np.abs(result.y - plain.dense(times)) <= allowed).all()
 
 
 @pytest.mark.few(2)
@@ -139,8 +139,8 @@ def assert_on_the_path(found: Trajectory, plain: Trajectory, times: FloatArray) 
 def test_many_and_few_times(name: str, end: float, count: int, target: str) -> None:
     compiled = model(name, target)
     times = np.sort(GENERATOR.uniform(min(0, end), max(0, end), count))[:: 1 if end > 0 else -1]
-    found = run(compiled, end, "taylor", t_eval=times)
-    assert_on_the_path(found, run(compiled, end, "taylor"), times)
+    result = run(compiled, end, "taylor", t_eval=times)
+    assert_on_the_path(result, run(compiled, end, "taylor"), times)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -149,9 +149,9 @@ def test_a_step_that_is_taken_back_leaves_no_outputs(target: str) -> None:
     bump = exp(-((10 * (x - 0.5)) ** 2)) / 10
     hidden = build(target, kinetic=x.dot**2 / 2, potential=x**2 / 2 + bump, initial={x: 1.0, x.dot: 2.0})
     times = np.linspace(0.0, 20.0, 800)
-    found = run(hidden, 20.0, "taylor", rtol=1e-6, t_eval=times)
-    assert found.rejected > 0
-    assert_on_the_path(found, run(hidden, 20.0, "taylor", rtol=1e-6), times)
+    result = run(hidden, 20.0, "taylor", rtol=1e-6, t_eval=times)
+    assert result.rejected > 0
+    assert_on_the_path(result, run(hidden, 20.0, "taylor", rtol=1e-6), times)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -179,11 +179,11 @@ def rows(path: Path) -> Any:
 @pytest.mark.parametrize("times", [[0.0, 5.0], [1.0, -0.5]])
 def test_a_file_has_lines_at_a_stated_rate_from_dense_output(times: list[float], tmp_path: Path) -> None:
     solution = oscillator(times)
-    found = rows(solution.to_csv(tmp_path / "run.csv", rate=10))
+    result = rows(solution.to_csv(tmp_path / "run.csv", rate=10))
     forward = np.sign(times[1] - times[0])
-    np.testing.assert_allclose(found[:, 0], times[0] + forward * np.arange(abs(times[1] - times[0]) * 10 + 1) / 10)
-    np.testing.assert_allclose(found[:, 1], np.cos(2 * found[:, 0]), atol=1e-14)
-    assert found[-1, 0] == times[1]
+    np.testing.assert_allclose(result[:, 0], times[0] + forward * np.arange(abs(times[1] - times[0]) * 10 + 1) / 10)
+    np.testing.assert_allclose(result[:, 1], np.cos(2 * result[:, 0]), atol=1e-14)
+    assert result[-1, 0] == times[1]
 
 
 @pytest.mark.parametrize(
@@ -323,10 +323,10 @@ def test_the_path_of_a_stiff_run_is_as_good_as_its_steps(stretched: float) -> No
     length = (VALUES[l] + VALUES[m] * VALUES[g] * np.cos(0.5) / rate) * (1 + stretched)
     given: Any = {"parameters": {k: rate}, "initial": {"r": length, "theta": 0.5, "theta_dot": 0}}
     fine = run(compiled, 5.0, "radau5", rtol=1e-10, atol=1e-12, **given)
-    found = run(compiled, 5.0, "radau5", rtol=1e-6, atol=1e-8, **given)
+    result = run(compiled, 5.0, "radau5", rtol=1e-6, atol=1e-8, **given)
     times = np.linspace(0.0, 5.0, 2003)
-    at_steps = np.abs(found.y - fine.dense(found.t)).max(axis=1)
-    between = np.abs(found.dense(times) - fine.dense(times)).max(axis=1)
+    at_steps = np.abs(result.y - fine.dense(result.t)).max(axis=1)
+    between = np.abs(result.dense(times) - fine.dense(times)).max(axis=1)
     # The spring's own part, of 1e-9 and less, counts for nothing beside the tolerance.
     assert (between < 1.02 * at_steps + 1e-9).all(), between / at_steps
 
@@ -346,10 +346,10 @@ def test_a_hermite_path_of_a_stiff_step_stays_the_cubic() -> None:
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("end", [2.0, -2.0])
 def test_the_path_goes_through_every_step_and_is_continuous(name: str, target: str, end: float) -> None:
-    found = run(model("Henon-Heiles", target), end, name, **({"step": 0.1} if name in FIXED else {}))
-    assert found.dense(found.t) == pytest.approx(found.y, abs=path_round_off(name))
-    inner = found.t[1:-1]
-    near = [found.dense(np.nextafter(inner, side)) for side in (-9.0, 9.0)]
+    result = run(model("Henon-Heiles", target), end, name, **({"step": 0.1} if name in FIXED else {}))
+    assert result.dense(result.t) == pytest.approx(result.y, abs=path_round_off(name))
+    inner = result.t[1:-1]
+    near = [result.dense(np.nextafter(inner, side)) for side in (-9.0, 9.0)]
     assert np.abs(near[0] - near[1]).max() < 10 * path_round_off(name)
 
 
@@ -360,13 +360,13 @@ def test_nothing_is_put_out_beyond_the_last_accepted_step(name: str, target: str
     compiled = build(target, kinetic=m * x.dot**2 / 2, forces={x: sp.Piecewise((k, x < 1))}, initial={x.dot: 1.0})
     options: dict[str, Any] = {"step": 0.01} if name in FIXED else {}
     times = np.linspace(0, 5, 501)
-    found = run(compiled, 5.0, name, t_eval=times, **options)
-    assert found.status is Status.NON_FINITE and f"{name} stopped at t = " in found.message
-    assert "x_dot is nan" in found.message or "the acceleration of x is nan" in found.message
-    assert "Look for a division by zero" in found.message
-    last = found.span[1]
-    assert (found.t == times[times <= last]).all() and last < 0.75
-    assert np.isfinite(found.y).all() and found.y.shape == (2, len(found.t))
+    result = run(compiled, 5.0, name, t_eval=times, **options)
+    assert result.status is Status.NON_FINITE and f"{name} stopped at t = " in result.message
+    assert "x_dot is nan" in result.message or "the acceleration of x is nan" in result.message
+    assert "Look for a division by zero" in result.message
+    last = result.span[1]
+    assert (result.t == times[times <= last]).all() and last < 0.75
+    assert np.isfinite(result.y).all() and result.y.shape == (2, len(result.t))
     nowhere = run(compiled, 5.0, name, t_eval=[4.0, 5.0], **options)
     assert nowhere.t.shape == (0,) and nowhere.y.shape == (2, 0)
 
@@ -378,6 +378,6 @@ def test_the_path_of_an_adaptive_run_keeps_the_tolerance(name: str) -> None:
     times = np.linspace(0, 5, 301)
     truth = exact(compiled, 5.0, t_eval=times).y
     for rtol in (1e-6, 1e-9):
-        found = run(compiled, 5.0, name, rtol=rtol, atol=rtol)
-        ends = np.abs(found.y[:, -1] - truth[:, -1]).max()
-        assert np.abs(found.dense(times) - truth).max() < 300 * max(ends, rtol)
+        result = run(compiled, 5.0, name, rtol=rtol, atol=rtol)
+        ends = np.abs(result.y[:, -1] - truth[:, -1]).max()
+        assert np.abs(result.dense(times) - truth).max() < 300 * max(ends, rtol)

@@ -48,10 +48,10 @@ def test_a_run_is_that_of_a_model_that_has_kept_nothing(name: str, target: str) 
     requests = [(STARTS[i % 2], span, given) for i, span in enumerate(spans)]
     if target == "llvm":
         requests.insert(2, (STARTS[0], (0.0, 0.1), {}))
-    found = [run(compiled, end, name, begin, start, **options) for start, (begin, end), options in requests]
-    for one, (start, (begin, end), options) in zip(found, requests, strict=True):
+    result = [run(compiled, end, name, begin, start, **options) for start, (begin, end), options in requests]
+    for item, (start, (begin, end), options) in zip(result, requests, strict=True):
         compiled.prepared.clear()
-        assert same(one, run(compiled, end, name, begin, start, **options))
+        assert same(item, run(compiled, end, name, begin, start, **options))
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -109,7 +109,7 @@ def test_a_second_run_with_the_same_events_plans_nothing(method: str, monkeypatc
     given: list[dict[str, Any]] = [{}, {"parameters": {k: 3.0}}]
     first = [run(compiled, 9.0, method, events=[x - k / 10, wall], **options) for options in given]
     # The first reset is at the start, where the loop over steps leaves it to Python.
-    assert [one.y_events[1][1][1] for one in first] == pytest.approx([-0.5, -0.75])
+    assert [item.y_events[1][1][1] for item in first] == pytest.approx([-0.5, -0.75])
     monkeypatch.setattr(type(find(method)), "plan", None)
     for options, expected in zip(given, first, strict=True):
         again = run(compiled, 9.0, method, events=[x - k / 10, wall], **options)
@@ -140,8 +140,8 @@ def test_what_depends_on_the_span_is_that_of_each_run() -> None:
     assert [run(compiled, end, "rk4").step for end in (1.0, 3.0, 1.0)] == [0.001, 0.003, 0.001]
     pushed = build("llvm", kinetic=x.dot**2 / 2, forces={x: sp.exp(-((t - 5) ** 2))})
     for end in (10.0, 20.0, 10.0):
-        found = run(pushed, end, "dop853")
-        assert found.steps >= 1000 and np.diff(found.t).max() <= 1.000001 * end / 1000
+        result = run(pushed, end, "dop853")
+        assert result.steps >= 1000 and np.diff(result.t).max() <= 1.000001 * end / 1000
     with pytest.raises(StatementError, match="below the spacing"):
         [lg.integrate(compiled, (0.0, end), method="rk4", step=1e-3) for end in (1.0, 1e13)]
 
@@ -260,8 +260,8 @@ def test_a_run_looks_at_its_ends_by_quick_calls(
     for slow in (LlvmKernel, InterpretedKernel):
         monkeypatch.setattr(slow, "__call__", None)
         monkeypatch.setattr(slow, "columns", None)
-    found = lg.integrate(model, (0.0, 0.1), initial, method=method, **step)
-    assert found.status is lg.Status.SUCCESS and np.array_equal(found.y, expected.y)
+    result = lg.integrate(model, (0.0, 0.1), initial, method=method, **step)
+    assert result.status is lg.Status.SUCCESS and np.array_equal(result.y, expected.y)
 
 
 # --- first steps, which begin where their error estimate means something ---------------------------------------
@@ -286,8 +286,8 @@ def test_the_first_step_is_less_than_two_growths_away(name: str, method: str, rt
     model = shared_scene(name).compile()
     span = shared_scene(name).statement.run.t_end or 10.0
     for absolute in (None, rtol):
-        found = lg.integrate(model, (0.0, span), method=method, rtol=rtol, atol=absolute, max_steps=6)
-        steps = np.diff(found.t)
+        result = lg.integrate(model, (0.0, span), method=method, rtol=rtol, atol=absolute, max_steps=6)
+        steps = np.diff(result.t)
         assert len(steps) >= 3
         assert steps[2] < 0.9 * MOST_GROWTH**2 * steps[0]
 
@@ -312,17 +312,17 @@ def same_events(a: Trajectory, b: Trajectory) -> bool:
 
     These depend on the number of steps in one call of the driver.
     """
-    a, b = (replace(one, evaluations=0, rejected=0) for one in (a, b))
+    a, b = (replace(item, evaluations=0, rejected=0) for item in (a, b))
     times, states = (all(map(np.array_equal, getattr(a, n), getattr(b, n))) for n in ("t_events", "y_events"))
     return same(a, b) and len(a.t_events) == len(b.t_events) and times and states
 
 
 def poison(compiled: Model) -> None:
     """Overwrite the memory that idle drivers share with event searches, except for data that is only read."""
-    idle = [one for kept in compiled.prepared.values() for one in kept.idle.values()]
+    idle = [item for kept in compiled.prepared.values() for item in kept.idle.values()]
     assert idle
-    for one in idle:
-        taylor, memory = one.state.taylor, getattr(one.memory, "memory", one.memory)
+    for item in idle:
+        taylor, memory = item.state.taylor, getattr(item.memory, "memory", item.memory)
         for name in ("low", "scale", "next_limit", "limit"):
             setattr(taylor, name, 2.0**-600)
         taylor.inspect = taylor.rescalings = taylor.failures = 1
@@ -364,7 +364,7 @@ def test_a_watched_run_is_that_of_a_model_that_has_kept_nothing(
         options |= {"step": 0.05} if name in FIXED else {"rtol": 1e-7}
         options |= {"t_eval": np.linspace(begin, end, 17)} if outputs else {}
         start = {x: 0.7 - 0.2 * i, x.dot: 0.3}
-        if i and any(one.idle for one in compiled.prepared.values()):
+        if i and any(item.idle for item in compiled.prepared.values()):
             poison(compiled)
         alone.prepared.clear()
         assert same_events(
@@ -385,9 +385,9 @@ def test_threads_share_a_model(name: str, events: str) -> None:
     sys.setswitchinterval(1e-5)  # threads change within a run
     try:
         with ThreadPoolExecutor(8) as pool:
-            found = list(
+            result = list(
                 pool.map(lambda one: run(shared, one[1], name, initial=one[0], parameters=one[2], **given), calls)
             )
     finally:
         sys.setswitchinterval(before)
-    assert all(map(same_events, found, expected))
+    assert all(map(same_events, result, expected))

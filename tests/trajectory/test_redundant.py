@@ -16,14 +16,14 @@ from tests.models import TARGETS, g, l, m, phi, x, y
 ROD = x**2 + y**2 - l**2
 
 
-def pendulum(constraints: Any, **given: Any) -> lg.System:
+def pendulum(constraints: Any, **options: Any) -> lg.System:
     return lg.System(
         kinetic=m * (x.dot**2 + y.dot**2) / 2,
         potential=m * g * y,
         constraints=constraints,
         parameters={m: 1.3, g: 9.81, l: 1.0},
         initial={x: 0.6, y: -0.8},
-        **given,
+        **options,
     )
 
 
@@ -35,9 +35,9 @@ TWICE = pendulum({"rod": ROD, "twice": 2 * ROD, "rate": x * x.dot + y * y.dot}, 
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_the_motion_is_that_of_independent_constraints(method: str, target: str) -> None:
-    found, expected = (system.run(3.0, method=method, target=target) for system in (TWICE, ALONE))
-    assert found.status is lg.Status.SUCCESS
-    assert found.y[:, -1] == pytest.approx(expected.y[:, -1], abs=1e-8)
+    result, expected = (system.run(3.0, method=method, target=target) for system in (TWICE, ALONE))
+    assert result.status is lg.Status.SUCCESS
+    assert result.y[:, -1] == pytest.approx(expected.y[:, -1], abs=1e-8)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -72,8 +72,8 @@ def test_constraints_that_follow_only_where_all_hold() -> None:
     start = free.consistent({a1.dot: 3.0, a2.dot: 3.0, a3.dot: 3.0}).initial
     turn = lg.coordinate("turn")
     swing = lg.System(kinetic=2 * turn.dot**2, potential=9.81 * sin(turn))
-    found, expected = free.run(0.5, start), swing.run(0.5, {turn: 0.7, turn.dot: start[a1.dot]})
-    assert found.y[:6, -1] == pytest.approx(
+    result, expected = free.run(0.5, start), swing.run(0.5, {turn: 0.7, turn.dot: start[a1.dot]})
+    assert result.y[:6, -1] == pytest.approx(
         [np.cos(expected.y[0, -1]), np.sin(expected.y[0, -1]), 0.0, *[expected.y[0, -1]] * 3], abs=1e-8
     )
 

@@ -161,9 +161,9 @@ def test_a_step_function_does_what_the_built_in_method_does(target: str) -> None
     register("my-verlet", kicked, order=2)
     pairs = (("double pendulum", "my-heun", "heun"), ("Henon-Heiles", "my-verlet", "velocity-verlet"))
     for system, own, known in pairs:
-        found, expected = (run(model(system, target), 0.5, name, step=0.01) for name in (own, known))
-        assert found.y == pytest.approx(expected.y, rel=1e-13, abs=1e-14)
-        assert found.method == own and found.evaluations == expected.evaluations
+        result, expected = (run(model(system, target), 0.5, name, step=0.01) for name in (own, known))
+        assert result.y == pytest.approx(expected.y, rel=1e-13, abs=1e-14)
+        assert result.method == own and result.evaluations == expected.evaluations
 
 
 def test_a_registered_name_works_everywhere(capsys: pytest.CaptureFixture[str]) -> None:

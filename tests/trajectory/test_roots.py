@@ -96,8 +96,8 @@ def resolved(case: Case) -> bool:
     return all(size_of_product(s, inside, outside) > limit for s in (0.0, 1.0, *middles))
 
 
-def directions(found: list[Root]) -> list[int]:
-    return [root.rising for root in found]
+def directions(result: list[Root]) -> list[int]:
+    return [root.rising for root in result]
 
 
 def alternating(count: int, first: int) -> list[int]:
@@ -117,13 +117,13 @@ def test_every_root_of_a_random_polynomial_is_found_once(seed: int, share: Share
     assert len(cases) == share(1000), "the coefficients resolve most of what is drawn"
     for scaled, inside, outside in cases:
         h = float(rng.choice((-1, 1)) * 10 ** rng.uniform(-6, 6))
-        found, after = roots(stepped(scaled, h), h)
+        result, after = roots(stepped(scaled, h), h)
         first = 1 if scaled[0] < 0 else -1
-        assert directions(found) == alternating(len(inside), first), (scaled, h)
+        assert directions(result) == alternating(len(inside), first), (scaled, h)
         assert after == Side(-first if len(inside) % 2 == 0 else first)
         assert not inside or h < 0 or not clear(stepped(scaled, h), h)
         size = float(np.abs(scaled).sum())
-        for root, s in zip(found, inside, strict=True):
+        for root, s in zip(result, inside, strict=True):
             slope = size_of_product(s, [other for other in inside if other != s], outside)
             # The round-off of the coefficients, of their scaling by h**k and of Horner's rule is below 4 EPSILON.
             # A close neighbour bends g at this distance: the factor 2.
@@ -141,14 +141,14 @@ def test_any_coefficients_keep_the_order_and_the_signs(seed: int, share: Share) 
         if rng.random() < 0.3:
             c = rounded(rng.uniform(0, 1, int(rng.integers(1, 25))).tolist())
         h = float(rng.choice((-1.0, 1.0)))
-        found, after = roots(stepped(c, h), h)
-        places = [root.time / h for root in found]
+        result, after = roots(stepped(c, h), h)
+        places = [root.time / h for root in result]
         assert places == sorted(places) and all(0 <= s <= 1 for s in places)
-        crossings = [rising for rising in directions(found) if rising]
+        crossings = [rising for rising in directions(result) if rising]
         assert crossings == alternating(len(crossings), crossings[0] if crossings else 1)
         end, limit = exact_value(c, 1.0), UNRESOLVED * float(np.abs(c).sum())
         assert abs(end) <= limit or after == Side(1 if end > 0 else -1)
-        for root in found:
+        for root in result:
             assert abs(exact_value(c, root.time / h)) <= limit
 
 
@@ -162,11 +162,11 @@ def test_roots_of_higher_order(sign: int, share: Share) -> None:
         for order in (2, 3, 4):
             c = rounded([s] * order, outside, sign)
             before = 1 if c[0] > 0 else -1
-            found, after = roots(c, 1.0)
-            assert directions(found) == [0 if order % 2 == 0 else -before]
+            result, after = roots(c, 1.0)
+            assert directions(result) == [0 if order % 2 == 0 else -before]
             assert after == Side(before if order % 2 == 0 else -before)
             spread = (UNRESOLVED * float(np.abs(c).sum()) / size_of_product(s, (), outside)) ** (1 / order)
-            assert abs(found[0].time - s) < (spread if order > 2 else 0.01 * spread)
+            assert abs(result[0].time - s) < (spread if order > 2 else 0.01 * spread)
 
 
 @pytest.mark.parametrize("count", [2, 3])
@@ -178,11 +178,11 @@ def test_clusters(count: int, gap: float) -> None:
     for _ in range(200):
         s = rng.uniform(0.01, 0.98)
         inside = [snapped(s + k * gap) for k in range(count)]
-        found, _ = roots(rounded(inside), 1.0)
-        assert sum(directions(found)) == (0 if count == 2 else 1)
-        assert all(abs(root.time - s) < max(5 * gap, 1e-4 if count == 3 else 1e-6) for root in found)
-        assert len(found) == count or gap < apart
-        assert len(found) == 1 or gap > together
+        result, _ = roots(rounded(inside), 1.0)
+        assert sum(directions(result)) == (0 if count == 2 else 1)
+        assert all(abs(root.time - s) < max(5 * gap, 1e-4 if count == 3 else 1e-6) for root in result)
+        assert len(result) == count or gap < apart
+        assert len(result) == 1 or gap > together
 
 
 def wave(t: float, turns: int) -> FloatArray:
@@ -203,9 +203,9 @@ def test_grazing(digits: int, share: Share) -> None:
             c[0] = -2 * math.sin(t / 2) ** 2 + depth  # cos t - 1 without cancellation
             for start, length in ((t, end - t), (-t, t - end)):
                 series = c * np.sign(length) ** np.arange(len(c))
-                found, after = roots(series, length)
-                assert directions(found) == expected and after == Side(-1)
-                for root, side in zip(found, (-1, 1) if expected == [1, -1] else (0,), strict=False):
+                result, after = roots(series, length)
+                assert directions(result) == expected and after == Side(-1)
+                for root, side in zip(result, (-1, 1) if expected == [1, -1] else (0,), strict=False):
                     truth = side * math.acos(1 - depth) if depth > 1e-6 else side * math.sqrt(2 * abs(depth))
                     sharp = 1e-14 / math.sqrt(2 * depth) if depth > 0 else 1e-13
                     assert abs((start + root.time) * np.sign(length) - truth) < sharp + abs(depth) ** 1.5
@@ -215,13 +215,13 @@ def test_grazing(digits: int, share: Share) -> None:
 def test_scales(scale: float) -> None:
     """The units of g and of time have no effect."""
     c = rounded([0.125, 0.25, 0.25, 0.75])
-    found, after = roots(c * scale, 1.0)
-    assert directions(found) == [-1, 0, 1] and after == Side(1)
-    assert [root.time for root in found] == pytest.approx([0.125, 0.25, 0.75], rel=1e-13)
+    result, after = roots(c * scale, 1.0)
+    assert directions(result) == [-1, 0, 1] and after == Side(1)
+    assert [root.time for root in result] == pytest.approx([0.125, 0.25, 0.75], rel=1e-13)
     for unit in (scale, -scale):
-        found, after = roots(np.array([-0.5, 1 / unit]), unit)
-        assert directions(found) == [1] and after == Side(1)
-        assert found[0].time == pytest.approx(unit / 2, rel=1e-15, abs=0)
+        result, after = roots(np.array([-0.5, 1 / unit]), unit)
+        assert directions(result) == [1] and after == Side(1)
+        assert result[0].time == pytest.approx(unit / 2, rel=1e-15, abs=0)
         assert roots(np.array([-scale / 2, scale / unit]), unit, noise=scale)[1] == Side()
     assert directions(roots(c * 1e308, 1.0)[0]) == [-1, 0, 1]
     assert clear(np.array([-0.5, 0.3 / scale]), scale) and not clear(np.array([-0.5, 1 / scale]), scale)
@@ -230,8 +230,8 @@ def test_scales(scale: float) -> None:
 def test_nothing_vanishes_nowhere() -> None:
     for before in (Side(), Side(1), Side(-1, near=True)):
         for c in (np.zeros(1), np.zeros(25)):
-            found, after = roots(c, 1.0, before)
-            assert found == [] and after == before
+            result, after = roots(c, 1.0, before)
+            assert result == [] and after == before
     assert roots(np.array([3.0]), 1.0) == ([], Side(1))
     assert roots(np.array([-3.0, 1.0]), 0.0) == ([], Side(-1))
 
@@ -283,8 +283,8 @@ def followed(g: Series, edges: Sequence[float], *, noise: float = 0.0, last: boo
         c, h = g(a), b - a
         if side.settled and h > 0 and clear(side.sign * c, h, noise):
             continue
-        found, side = roots(c, h, side, noise=noise, last=last and b == edges[-1])
-        events += [(a + root.time, root.rising) for root in found]
+        result, side = roots(c, h, side, noise=noise, last=last and b == edges[-1])
+        events += [(a + root.time, root.rising) for root in result]
     return events
 
 
@@ -337,7 +337,7 @@ def test_a_flat_root_at_a_joint_is_one(order: int) -> None:
         edges = sorted({-1.0, 1.0, *(float(s * 10 ** rng.uniform(-12, 0)) for s in rng.choice((-1, 0, 1), 6))})
         for path in (edges, edges[::-1]):
             way = 0 if order % 2 == 0 else 1 if path is edges else -1
-            assert [found for _, found in followed(power(order), path)] == [way], path
+            assert [result for _, result in followed(power(order), path)] == [way], path
 
 
 @pytest.mark.parametrize("sign", [1, -1])

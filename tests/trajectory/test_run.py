@@ -27,14 +27,14 @@ from tests.trajectory.runs import NAMES, run
 @pytest.mark.parametrize("name", NAMES)
 def test_a_trajectory_has_its_start_its_end_and_its_shapes(name: str, target: str) -> None:
     compiled = model("Henon-Heiles", target)
-    found = run(compiled, 1.0, name, initial={x: 0.25, y.dot: 0.5})
-    assert found.t[0] == 0.0 and found.t[-1] == 1.0 and found.span == (0.0, 1.0)
-    assert list(found.y[:, 0]) == [0.25, 0.2, 0.3, 0.5]  # what is not named keeps the statement's value
-    assert found.y.shape == (4, found.steps + 1) and found.t.shape == (found.steps + 1,)
-    assert found.y.dtype == found.t.dtype == np.float64
-    assert found.method == name and found.status is Status.SUCCESS and found.wall > 0
-    assert found.message.startswith(f"{name} reached t = 1.")
-    assert isinstance(found.steps, int) and isinstance(found.evaluations, int)
+    result = run(compiled, 1.0, name, initial={x: 0.25, y.dot: 0.5})
+    assert result.t[0] == 0.0 and result.t[-1] == 1.0 and result.span == (0.0, 1.0)
+    assert list(result.y[:, 0]) == [0.25, 0.2, 0.3, 0.5]  # what is not named keeps the statement's value
+    assert result.y.shape == (4, result.steps + 1) and result.t.shape == (result.steps + 1,)
+    assert result.y.dtype == result.t.dtype == np.float64
+    assert result.method == name and result.status is Status.SUCCESS and result.wall > 0
+    assert result.message.startswith(f"{name} reached t = 1.")
+    assert isinstance(result.steps, int) and isinstance(result.evaluations, int)
 
 
 def test_the_values_of_all_parameters_come_back() -> None:
@@ -49,8 +49,8 @@ def test_the_start_may_be_keyed_by_symbol_or_name() -> None:
         assert list(run(model("oscillator"), 0.1, "rk4", initial=start).y[:, 0]) == [0.5, 2.0]
 
 
-def falling(potential: Any, **given: Any) -> Any:
-    return build(kinetic=x.dot**2 / 2, potential=potential, initial={x: 1.0}, **given)
+def falling(potential: Any, **options: Any) -> Any:
+    return build(kinetic=x.dot**2 / 2, potential=potential, initial={x: 1.0}, **options)
 
 
 LOST = r"The energy, which the equations of motion conserve, went from -1 to \S+: the run does not follow the motion\. "
@@ -58,9 +58,9 @@ LOST = r"The energy, which the equations of motion conserve, went from -1 to \S+
 
 def test_a_run_that_loses_the_energy_is_unreliable() -> None:
     """Equal steps pass through the centre of an attraction, and the energy changes."""
-    found = run(falling(-1 / x), 3.0, "verlet", step=1e-3)
-    assert found.status is Status.UNRELIABLE and not found.status.complete
-    assert re.search(LOST + "Shorten the step, or take an adaptive method such as dop853", found.message)
+    result = run(falling(-1 / x), 3.0, "verlet", step=1e-3)
+    assert result.status is Status.UNRELIABLE and not result.status.complete
+    assert re.search(LOST + "Shorten the step, or take an adaptive method such as dop853", result.message)
     sound = run(falling(-1 / x), 1.0, "verlet", step=1e-3)
     assert sound.status is Status.SUCCESS and not re.search("energy", sound.message)
 
@@ -69,16 +69,16 @@ def test_a_run_that_loses_the_energy_is_unreliable() -> None:
 def test_a_loss_of_energy_by_step_control_asks_for_a_lower_tolerance(method: str, other: str) -> None:
     """The tolerance is far above the state. The message must not advise the method that was used."""
     pendulum = build(kinetic=x.dot**2 / 2, potential=-sp.cos(x), initial={x: 2.0})
-    found = run(pendulum, 4000.0, method, rtol=0.9, atol=100.0)
-    assert found.status is Status.UNRELIABLE
-    assert f"Lower rtol (now 0.9) and atol, or take another method, such as {other}." in found.message
-    assert "Shorten" not in found.message
+    result = run(pendulum, 4000.0, method, rtol=0.9, atol=100.0)
+    assert result.status is Status.UNRELIABLE
+    assert f"Lower rtol (now 0.9) and atol, or take another method, such as {other}." in result.message
+    assert "Shorten" not in result.message
 
 
 @pytest.mark.parametrize("offset", [0.0, 1.0, 1e4])
 def test_where_the_potential_is_zero_does_not_matter(offset: float) -> None:
-    found = run(falling(offset - 1 / x), 3.0, "verlet", step=1e-3)
-    assert found.status is Status.UNRELIABLE
+    result = run(falling(offset - 1 / x), 3.0, "verlet", step=1e-3)
+    assert result.status is Status.UNRELIABLE
     euler = run(build(kinetic=x.dot**2 / 2, potential=offset + x**2 / 2, initial={x: 1.0}), 10.0, "euler", step=0.05)
     assert euler.status is Status.UNRELIABLE and euler.y[0, -1] ** 2 + euler.y[1, -1] ** 2 > 1.5
 
@@ -107,16 +107,16 @@ def test_where_the_run_ends_does_not_matter() -> None:
 def test_a_run_that_ends_where_the_motion_turns_is_sound(method: str, times: Any) -> None:
     """A pendulum starts at 90 degrees, where V = T = 0, and is there again at the end; E0 = 0 is no scale."""
     pendulum = build(kinetic=x.dot**2 / 2, potential=-sp.cos(x), initial={x: math.pi / 2})
-    found = run(pendulum, 7.416298709205487, method, t_eval=times)
-    assert found.status is Status.SUCCESS and abs(found.y[1, -1]) < 1e-6
+    result = run(pendulum, 7.416298709205487, method, t_eval=times)
+    assert result.status is Status.SUCCESS and abs(result.y[1, -1]) < 1e-6
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_a_body_at_rest_is_sound(method: str) -> None:
     """0.3 and 0.1 + 0.2 are different doubles, so the energy is round-off and grows."""
     spring = build(kinetic=x.dot**2 / 2, potential=(x - 0.1 - 0.2) ** 2 / 2, initial={x: 0.3})
-    found = run(spring, 200.0, method)
-    assert found.status is Status.SUCCESS and abs(found.y[0, -1] - 0.3) < 1e-9
+    result = run(spring, 200.0, method)
+    assert result.status is Status.SUCCESS and abs(result.y[0, -1] - 0.3) < 1e-9
 
 
 @pytest.mark.parametrize("system", ["coupled masses", "pendulum", "double pendulum"])
@@ -269,9 +269,9 @@ def test_a_pendulum_that_no_step_moves_is_unreliable(method: str, damping: int) 
         forces={theta: -damping * theta.dot},
         initial={theta: 1e16},
     )
-    found = system.run(0.5, method=method, step=0.01 if method == "rk4" else None)
-    assert found.status is lg.Status.UNRELIABLE
-    assert "theta is 1e+16, where doubles are 2 apart" in found.message and "nearer to zero" in found.message
+    result = system.run(0.5, method=method, step=0.01 if method == "rk4" else None)
+    assert result.status is lg.Status.UNRELIABLE
+    assert "theta is 1e+16, where doubles are 2 apart" in result.message and "nearer to zero" in result.message
 
 
 @pytest.mark.parametrize("start", [1e16, 1.0, -1e-9])

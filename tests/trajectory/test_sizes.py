@@ -23,9 +23,9 @@ t = lg.t
 
 
 @cache
-def compiled(build: Callable[..., lg.System], *given: float) -> Model:
+def compiled(build: Callable[..., lg.System], *arguments: float) -> Model:
     """Return the compiled model of a system, compiled once for all methods."""
-    return build(*given).compile()
+    return build(*arguments).compile()
 
 
 def plain(*coordinates: Any) -> Any:
@@ -51,9 +51,9 @@ def chain(count: int) -> lg.System:
 
 
 def steps(model: Any, end: float, method: str, **options: Any) -> int:
-    found = lg.integrate(model, (0.0, end), {}, method=method, rtol=1e-6, max_steps=20_000, **options)
-    assert found.status is lg.Status.SUCCESS, found.message
-    return int(found.steps)
+    result = lg.integrate(model, (0.0, end), {}, method=method, rtol=1e-6, max_steps=20_000, **options)
+    assert result.status is lg.Status.SUCCESS, result.message
+    return int(result.steps)
 
 
 @pytest.mark.few
@@ -62,8 +62,8 @@ def test_a_metre_and_a_nanometre_have_the_same_digits(method: str) -> None:
     small = 2.0**-30
     potential = -sp.cos(x) - small**2 * sp.cos(y / sp.Rational(1, 2**30))
     pair = lg.System(kinetic=plain(x, y), potential=potential, coordinates=[x, y], initial={x: 2.0, y: 2 * small})
-    found = lg.integrate(pair.compile(), (0.0, 20.0), {}, method=method, rtol=1e-6)
-    assert found[y] / small == pytest.approx(found[x], abs=1e-12)
+    result = lg.integrate(pair.compile(), (0.0, 20.0), {}, method=method, rtol=1e-6)
+    assert result[y] / small == pytest.approx(result[x], abs=1e-12)
 
 
 @pytest.mark.few(2)
@@ -113,10 +113,10 @@ def test_a_push_that_something_else_sets_off_is_met(method: str, push: Any) -> N
         kinetic=plain(x, y), potential=(x**2 + y**2) / 2, coordinates=[x, y], initial={y: 1.0}, forces={x: push}
     )
     model, span = pair.compile(), (0.0, 12.0)
-    found = lg.integrate(model, span, {}, method=method, rtol=1e-7, max_steps=50_000)
+    result = lg.integrate(model, span, {}, method=method, rtol=1e-7, max_steps=50_000)
     right = lg.integrate(model, span, {}, method=method, rtol=1e-9, atol=1e-11, max_steps=50_000)
-    assert found.status is lg.Status.SUCCESS, found.message
-    assert found.y[:, -1] == pytest.approx(right.y[:, -1], abs=1e-4)
+    assert result.status is lg.Status.SUCCESS, result.message
+    assert result.y[:, -1] == pytest.approx(right.y[:, -1], abs=1e-4)
 
 
 def sizes(system: lg.System, left: float) -> tuple[Any, Any, float]:
@@ -142,8 +142,8 @@ def test_sizes_are_the_same_in_slow_and_fast_units_of_time(potential: Any, start
         one = np.array([1.0, 1.0, 1 / second, 1 / second])
         law = slopes_of(model, model.parameter_array({k: second**-2}))
         state = np.array(start) * one
-        found, owed, period = entry_sizes(law, model.layout, 0.0, state, 7 * second, [(0.0, state)])
-        return [*(found / one), *(owed / one), period / second]
+        result, owed, period = entry_sizes(law, model.layout, 0.0, state, 7 * second, [(0.0, state)])
+        return [*(result / one), *(owed / one), period / second]
 
     plainly = in_units_of(1.0)
     assert plainly[-1] < 1.0
@@ -296,16 +296,16 @@ def test_members_in_lanes_are_not_limited_by_rounding() -> None:
     system, start, end = net(2, 2)
     entries: dict[str, Any] = dict.fromkeys(system.compile().layout.names(), 1e-17)
     starts = {**entries, str(next(iter(start)).func): np.linspace(-0.31, -0.29, 3)}
-    found = lg.ensemble(system, end, initial=starts, method="dop853", max_steps=5000)
-    assert (found.status == lg.Status.SUCCESS).all()
+    result = lg.ensemble(system, end, initial=starts, method="dop853", max_steps=5000)
+    assert (result.status == lg.Status.SUCCESS).all()
 
 
 def test_the_message_names_the_entry_that_limits_the_step() -> None:
     """Before, the message advised a larger max_steps, or radau5."""
     x, y = lg.coordinates("x y")
     system = lg.System((x.dot**2 + y.dot**2) / 2, (x**2 + 1e6 * y**2) / 2, initial={x: 1, y: 1e-20})
-    found = system.run(100.0, method="dop853", max_steps=200)
-    assert found.status is lg.Status.MAX_STEPS and "because y limits the step: it is" in found.message
-    assert "Give atol = 1e-12, which needs fewer digits of y, or raise max_steps." in found.message
+    result = system.run(100.0, method="dop853", max_steps=200)
+    assert result.status is lg.Status.MAX_STEPS and "because y limits the step: it is" in result.message
+    assert "Give atol = 1e-12, which needs fewer digits of y, or raise max_steps." in result.message
     plain = system.run(100.0, {y: 1e-3}, method="dop853", max_steps=200)
     assert "limits the step" not in plain.message

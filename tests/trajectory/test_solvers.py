@@ -71,9 +71,9 @@ def test_a_stiff_oscillator_ends_in_time_where_the_method_is_for_it(method: Any)
 def test_threads_do_not_disturb_each_other(method: Any) -> None:
     expected = method.integrate(problem(oscillator)).y[:, -1]
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda _: method.integrate(problem(oscillator)), range(4)))
-    assert [run.status for run in found] == [Status.SUCCESS] * 4
-    assert all((run.y[:, -1] == expected).all() for run in found)
+        result = list(pool.map(lambda _: method.integrate(problem(oscillator)), range(4)))
+    assert [run.status for run in result] == [Status.SUCCESS] * 4
+    assert all((run.y[:, -1] == expected).all() for run in result)
 
 
 @pytest.mark.parametrize(
@@ -131,15 +131,15 @@ ADAMS: list[Any] = [lg.methods.CVODE(method="Adams")] if "cvode" in OUTSIDE else
 @pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
 def test_a_ball_comes_to_rest_in_words(method: Any, restitution: float, rtol: float) -> None:
     """The ball never falls through the floor. Multistep methods resolve flights down to their tolerance."""
-    found = go(ball(), 100.0, [floor(restitution)], method=method, rtol=rtol, atol=1e-3 * rtol)
-    assert found.status is Status.STEP_TOO_SMALL and "infinitely many" in found.message
-    assert found.y[0].min() > -1e-12 and found.dense(np.linspace(0, found.t[-1], 1000))[0].min() > -rtol
+    result = go(ball(), 100.0, [floor(restitution)], method=method, rtol=rtol, atol=1e-3 * rtol)
+    assert result.status is Status.STEP_TOO_SMALL and "infinitely many" in result.message
+    assert result.y[0].min() > -1e-12 and result.dense(np.linspace(0, result.t[-1], 1000))[0].min() > -rtol
     end, several = FALL * (1 + restitution) / (1 - restitution), method in MULTISTEP or method in ADAMS
     off = 2e4 * rtol**0.75 if several else 1e-10
-    assert found.t[-1] == pytest.approx(end, abs=off)
-    times = found.t_events[0]
+    assert result.t[-1] == pytest.approx(end, abs=off)
+    times = result.t_events[0]
     assert len(times) > 8 and times == pytest.approx(bounces(restitution, len(times)), abs=off)
-    apex = found.y_events[0][:, 1]
+    apex = result.y_events[0][:, 1]
     assert (np.diff(np.abs(apex)) < 0).all()
 
 
@@ -147,10 +147,10 @@ def test_a_ball_comes_to_rest_in_words(method: Any, restitution: float, rtol: fl
 def test_what_rests_at_first_does_not_slip_through(method: Any) -> None:
     """At a height of -1e6 the first steps after an impact are so short that the ball moves only by round-off."""
     high = ball(height=-1e6 + 364.0, speed=-24.6)
-    found = go(high, 50.0, [floor(0, -1e6)], method=method, rtol=1e-11, atol=1e-11)
-    assert found.status is Status.STEP_TOO_SMALL and "comes to rest" in found.message
-    assert len(found.t_events[0]) == 1 and found.t[-1] == pytest.approx(found.t_events[0][0], abs=1e-3)
-    assert found.y[0].min() > -1e6 - 1e-6
+    result = go(high, 50.0, [floor(0, -1e6)], method=method, rtol=1e-11, atol=1e-11)
+    assert result.status is Status.STEP_TOO_SMALL and "comes to rest" in result.message
+    assert len(result.t_events[0]) == 1 and result.t[-1] == pytest.approx(result.t_events[0][0], abs=1e-3)
+    assert result.y[0].min() > -1e6 - 1e-6
 
 
 @pytest.mark.few(2)
@@ -162,9 +162,9 @@ def test_bounces_at_the_edge_of_round_off_end(method: Any, seed: int) -> None:
     level, height, tolerance = float(rng.choice([-1e6, 1e4])), float(rng.uniform(0, 30)), 10.0 ** rng.uniform(-11, -8)
     restitution = float(rng.choice([0.5, 0.7, 0.85]))
     model = ball(height=level + height, speed=float(rng.normal()))
-    found = go(model, 60.0, [floor(restitution, level)], method=method, rtol=tolerance, atol=tolerance)
-    assert found.status is Status.STEP_TOO_SMALL and "infinitely many" in found.message
-    assert found.y[0].min() > level - 1e-6 and len(found.t_events[0]) < 400
+    result = go(model, 60.0, [floor(restitution, level)], method=method, rtol=tolerance, atol=tolerance)
+    assert result.status is Status.STEP_TOO_SMALL and "infinitely many" in result.message
+    assert result.y[0].min() > level - 1e-6 and len(result.t_events[0]) < 400
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -200,8 +200,8 @@ def test_what_failed_beyond_an_event_has_not_happened(method: str) -> None:
 @pytest.mark.parametrize("method", OUTSIDE)
 def test_a_large_time_moves_no_event(method: str, start: float) -> None:
     """The solver's time begins at 0, because the spacing of doubles at the start is 1e-7."""
-    found = go(free(), start + 3.5, [event(x - 1, reset={x: 0})], start, method)
+    result = go(free(), start + 3.5, [event(x - 1, reset={x: 0})], start, method)
     spacing = float(np.spacing(abs(start)))
-    assert found.status is Status.SUCCESS
-    assert found.t_events[0] - start == pytest.approx([1.0, 2.0, 3.0], abs=1e-13 + 4 * spacing)
-    assert found.y_events[0][:, 0] == pytest.approx([1.0] * 3, rel=1e-12)
+    assert result.status is Status.SUCCESS
+    assert result.t_events[0] - start == pytest.approx([1.0, 2.0, 3.0], abs=1e-13 + 4 * spacing)
+    assert result.y_events[0][:, 0] == pytest.approx([1.0] * 3, rel=1e-12)

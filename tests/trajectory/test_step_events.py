@@ -72,13 +72,13 @@ def test_directions_starts_and_ends(name: str, target: str) -> None:
         t - 1.4,
         x.dot - 2,
     ]
-    found = go(free(target), 2.0, events, name, **options)
+    result = go(free(target), 2.0, events, name, **options)
     ones = pytest.approx([1.0], rel=1e-13)
     # A double root is as uncertain as the square root of round-off.
     touch, last = pytest.approx([0.5], abs=1e-6), pytest.approx([2.0], rel=1e-13)
     at = pytest.approx([1.4])
-    assert [list(times) for times in found.t_events] == [[], [], ones, ones, [], touch, [], last, at, []]
-    assert found.y_events[2][0] == pytest.approx([1.0, 1.0], rel=1e-13) and found.status is Status.SUCCESS
+    assert [list(times) for times in result.t_events] == [[], [], ones, ones, [], touch, [], last, at, []]
+    assert result.y_events[2][0] == pytest.approx([1.0, 1.0], rel=1e-13) and result.status is Status.SUCCESS
 
 
 @pytest.mark.few(2)
@@ -86,15 +86,15 @@ def test_directions_starts_and_ends(name: str, target: str) -> None:
 @pytest.mark.parametrize(("terminal", "direction", "turns"), [(True, 0, 1), (1, -1, 1), (2, 1, 4), (3, 0, 3)])
 def test_a_terminal_event_ends_the_run(terminal: int, direction: int, turns: int, name: str) -> None:
     """Steps beyond the terminal event are not stored."""
-    found = go(harmonic(), 4000.0, [event(x, direction=direction, terminal=terminal), x.dot], name, max_steps=500_000)
-    assert found.status is Status.EVENT and len(found.t_events[0]) == terminal and len(found.t_events[1]) == turns
+    result = go(harmonic(), 4000.0, [event(x, direction=direction, terminal=terminal), x.dot], name, max_steps=500_000)
+    assert result.status is Status.EVENT and len(result.t_events[0]) == terminal and len(result.t_events[1]) == turns
     off = 1e-6 if name in OUTSIDE else {1: 2e-2, 2: 1e-5}.get(find(name).claims.order, 1e-9)
-    assert found.t[-1] == found.t_events[0][-1] == found.span[1] == pytest.approx(turns * math.pi, abs=off)
-    assert found.y[:, -1].tolist() == found.y_events[0][-1].tolist() and found.steps == len(found.t) - 1
-    assert found.message.startswith(f"{name} stopped at an event at t = ")
+    assert result.t[-1] == result.t_events[0][-1] == result.span[1] == pytest.approx(turns * math.pi, abs=off)
+    assert result.y[:, -1].tolist() == result.y_events[0][-1].tolist() and result.steps == len(result.t) - 1
+    assert result.message.startswith(f"{name} stopped at an event at t = ")
     # The large weights of verner9, of both signs, make up to 7e-13 of the rounding of its slopes, at 80 tolerances.
     off = 1e-12 if name == "verner9" else 5e-14
-    assert found.dense(found.t[-1:])[:, 0] == pytest.approx(found.y[:, -1], abs=off)
+    assert result.dense(result.t[-1:])[:, 0] == pytest.approx(result.y[:, -1], abs=off)
 
 
 @cache
@@ -109,8 +109,8 @@ def test_what_stays_zero_is_no_event(name: str) -> None:
     model = pendulum()
     energy = x.dot**2 / 2 - cos(x) + cos(sp.Integer(1))
     options: dict[str, Any] = {} if find(name).claims.adaptive else {"step": 0.01}
-    found = run(model, 4.0, name, events=[energy, event(energy, direction=1, terminal=True)], **options)
-    assert found.status is Status.SUCCESS and [len(times) for times in found.t_events] == [0, 0]
+    result = run(model, 4.0, name, events=[energy, event(energy, direction=1, terminal=True)], **options)
+    assert result.status is Status.SUCCESS and [len(times) for times in result.t_events] == [0, 0]
 
 
 @pytest.mark.parametrize("level", [0.0, 3.0, 6.4e6])
@@ -123,14 +123,14 @@ def test_a_ball_comes_to_rest_in_words(name: str, restitution: float, level: flo
     taylor.
     """
     options = {"taylor": {}, "rk4": {"step": 0.05}}.get(name, {"rtol": 1e-9, "atol": 1e-12})
-    found = go(ball(height=level + 1), 100.0, [floor(restitution, level)], name, **options)
+    result = go(ball(height=level + 1), 100.0, [floor(restitution, level)], name, **options)
     end = FALL * (1 + restitution) / (1 - restitution)
-    assert found.status is Status.STEP_TOO_SMALL and "comes to rest" in found.message
+    assert result.status is Status.STEP_TOO_SMALL and "comes to rest" in result.message
     spacing = 2.0**-52 * level
     off = 1e-13 * end + 3e-15 * level if name == "taylor" else 1e-11 + 10 * math.sqrt(spacing / G)
-    assert found.t[-1] == pytest.approx(end, abs=off)
-    assert found.y[0].min() >= level - (4e-15 + 20 * spacing if name == "taylor" else 4e-13 + 3000 * spacing)
-    times = found.t_events[0]
+    assert result.t[-1] == pytest.approx(end, abs=off)
+    assert result.y[0].min() >= level - (4e-15 + 20 * spacing if name == "taylor" else 4e-13 + 3000 * spacing)
+    times = result.t_events[0]
     assert len(times) > 30 and times == pytest.approx(bounces(restitution, len(times)), abs=off)
 
 
@@ -139,9 +139,9 @@ def test_a_start_below_zero_by_rounding_is_the_level_to_come_back_to() -> None:
 
     Flights lower than that depend on rounding, and end the run.
     """
-    found = go(ball(height=1e12 + 1), 60.0, [floor(0.5, 1e12)], "rk4", step=1e-3)
-    assert 12 < len(found.t_events[0]) < 40 and np.diff(found.t_events[0]).min() > 0.03
-    assert found.status is Status.STEP_TOO_SMALL and "too quickly for the steps of the method" in found.message
+    result = go(ball(height=1e12 + 1), 60.0, [floor(0.5, 1e12)], "rk4", step=1e-3)
+    assert 12 < len(result.t_events[0]) < 40 and np.diff(result.t_events[0]).min() > 0.03
+    assert result.status is Status.STEP_TOO_SMALL and "too quickly for the steps of the method" in result.message
 
 
 @pytest.mark.parametrize("name", [name for name in STEPPED if name in FIXED])
@@ -149,11 +149,11 @@ def test_no_ball_falls_through_the_floor(name: str) -> None:
     """If flights are shorter than the step, the dense output may reach the floor with an upward velocity."""
     for restitution in (0.5, 0.8):
         # It has come to rest after 4.1 s.
-        found = go(ball(), 10.0, [floor(restitution)], name, step=0.01)
-        assert found.y[0].min() > -1e-12
-        if found.status is not Status.SUCCESS:
-            assert found.status is Status.STEP_TOO_SMALL and "infinitely many impacts" in found.message
-        assert len(found.t_events[0]) >= 6
+        result = go(ball(), 10.0, [floor(restitution)], name, step=0.01)
+        assert result.y[0].min() > -1e-12
+        if result.status is not Status.SUCCESS:
+            assert result.status is Status.STEP_TOO_SMALL and "infinitely many impacts" in result.message
+        assert len(result.t_events[0]) >= 6
 
 
 @pytest.mark.few(2)
@@ -165,12 +165,12 @@ def test_a_circular_billiard(name: str) -> None:
     mirror = event(r2 - 1, direction=1, reset={x.dot: x.dot - 2 * normal * x, y.dot: y.dot - 2 * normal * y})
     start = {x: 0.3, y: 0.1, x.dot: 0.7, y.dot: 0.5}
     model = build(kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial=start)
-    found = go(model, 230.0, [mirror], name, **({"step": 0.3} if name in FIXED else {}))
-    spin = found.y[0] * found.y[3] - found.y[1] * found.y[2]
-    assert len(found.t_events[0]) == 100
-    assert np.ptp(spin) < 1e-11 and np.ptp((found.y[2:] ** 2).sum(axis=0)) < 1e-11
-    assert np.ptp(np.diff(found.t_events[0])) < 1e-9
-    assert (found.y[:2] ** 2).sum(axis=0).max() < 1 + 1e-11
+    result = go(model, 230.0, [mirror], name, **({"step": 0.3} if name in FIXED else {}))
+    spin = result.y[0] * result.y[3] - result.y[1] * result.y[2]
+    assert len(result.t_events[0]) == 100
+    assert np.ptp(spin) < 1e-11 and np.ptp((result.y[2:] ** 2).sum(axis=0)) < 1e-11
+    assert np.ptp(np.diff(result.t_events[0])) < 1e-9
+    assert (result.y[:2] ** 2).sum(axis=0).max() < 1 + 1e-11
 
 
 @pytest.mark.few
@@ -194,11 +194,11 @@ def test_a_start_on_the_floor(name: str) -> None:
 @pytest.mark.parametrize(("expression", "place", "words"), watched.WITHOUT_VALUE)
 @pytest.mark.parametrize("name", ["taylor", "rk4", "dop853", *OUTSIDE])
 def test_an_event_without_a_value_ends_the_run_in_words(name: str, expression: Any, place: float, words: str) -> None:
-    found = go(free(), 3.0, [expression, x - 0.25], name, **({"step": 0.11} if name == "rk4" else {}))
-    assert found.status is Status.NON_FINITE and words in found.message and found.steps < 200
-    assert "pole there or leaves its domain" in found.message or name == "taylor" or place == 0
-    assert found.t[-1] == pytest.approx(place, abs=1e-7)
-    assert len(found.t_events[1]) == (place > 0.25)
+    result = go(free(), 3.0, [expression, x - 0.25], name, **({"step": 0.11} if name == "rk4" else {}))
+    assert result.status is Status.NON_FINITE and words in result.message and result.steps < 200
+    assert "pole there or leaves its domain" in result.message or name == "taylor" or place == 0
+    assert result.t[-1] == pytest.approx(place, abs=1e-7)
+    assert len(result.t_events[1]) == (place > 0.25)
 
 
 @pytest.mark.few
@@ -224,10 +224,10 @@ def test_resets_that_lead_nowhere(name: str) -> None:
     ("options", "status"), [({"max_steps": 300}, Status.MAX_STEPS), ({"max_wall": 0.03}, Status.MAX_WALL)]
 )
 def test_what_a_limit_cuts_off_has_not_happened(name: str, options: dict[str, Any], status: Status) -> None:
-    found = go(free(), 1e6, [event(x - 1, reset={x: 0}), sin(20 * t)], name, **options)
-    assert found.status is status and found.t[-1] < 1e5
-    assert len(found.t_events[0]) == pytest.approx(found.t[-1], abs=1.1)
-    assert len(found.t_events[1]) == pytest.approx(found.t[-1] * 20 / math.pi, abs=1.1)
+    result = go(free(), 1e6, [event(x - 1, reset={x: 0}), sin(20 * t)], name, **options)
+    assert result.status is status and result.t[-1] < 1e5
+    assert len(result.t_events[0]) == pytest.approx(result.t[-1], abs=1.1)
+    assert len(result.t_events[1]) == pytest.approx(result.t[-1] * 20 / math.pi, abs=1.1)
 
 
 @pytest.mark.parametrize("name", ["taylor", "rk4", "dop853", *OUTSIDE])
@@ -236,9 +236,9 @@ def test_control_c_keeps_events_and_states_together(name: str) -> None:
         if when > 5:
             raise KeyboardInterrupt
 
-    found = go(free(), 1e6, [event(x - 1, reset={x: 0}), x - 0.5], name, progress=progress)
-    assert found.status is Status.INTERRUPTED and found.t[-1] > 5
-    assert len(found.t_events[1]) in (len(found.t_events[0]), len(found.t_events[0]) + 1)
+    result = go(free(), 1e6, [event(x - 1, reset={x: 0}), x - 0.5], name, progress=progress)
+    assert result.status is Status.INTERRUPTED and result.t[-1] > 5
+    assert len(result.t_events[1]) in (len(result.t_events[0]), len(result.t_events[0]) + 1)
 
 
 @pytest.mark.few(2)
@@ -256,8 +256,8 @@ def test_random_systems_agree_with_the_taylor_method(seed: int) -> None:
     truth = run(model, 8.0, "taylor", events=events, rtol=1e-13, atol=1e-15)
     assert sum(map(len, truth.t_events)) > 8
     for name in ("rk4", "dopri5", "dop853"):
-        found = go(model, 8.0, events, name)
-        for first, second in zip(found.t_events, truth.t_events, strict=True):
+        result = go(model, 8.0, events, name)
+        for first, second in zip(result.t_events, truth.t_events, strict=True):
             assert first == pytest.approx(second, abs=1e-8)
 
 
@@ -279,6 +279,6 @@ def test_events_in_time_turn_many_times_within_a_step(name: str) -> None:
     model = build(kinetic=x.dot**2 / 2, initial={x.dot: 1.0})
     given: dict[str, Any] = {"step": 2.0} if name in FIXED else {"rtol": 1e-6, "atol": 1e-6}
     for start, end in ((0.0, 10.0), (10.0, 0.0)):
-        found = go(model, end, [sin(40 * t + 1), x - 9 + 8 * cos(7 * t)], name, start, **given)
+        result = go(model, end, [sin(40 * t + 1), x - 9 + 8 * cos(7 * t)], name, start, **given)
         expected = (np.arange(1, 128) * math.pi - 1) / 40
-        assert np.sort(found.t_events[0]) == pytest.approx(expected[expected < 10], rel=1e-11)
+        assert np.sort(result.t_events[0]) == pytest.approx(expected[expected < 10], rel=1e-11)

@@ -51,13 +51,13 @@ def test_a_hundred_periods(potential: Any, start: dict[str, float], period: floa
     """The motion is compared with closed forms at rtol = 1e-12. An error of speed becomes a growing error of phase."""
     count = 100 if target == "llvm" else 3
     model = particle(potential, target=target, **start)
-    found = go(model, count * period, rtol=1e-12)
-    assert found.status is Status.SUCCESS
-    assert found.y[:, -1] == pytest.approx(found.y[:, 0], abs=2e-9)
-    energy = model.energy(found.y[:1], found.y[1:])
+    result = go(model, count * period, rtol=1e-12)
+    assert result.status is Status.SUCCESS
+    assert result.y[:, -1] == pytest.approx(result.y[:, 0], abs=2e-9)
+    energy = model.energy(result.y[:1], result.y[1:])
     assert np.ptp(energy) < 1e-11 * energy[0]
     back = go(model, 0.0, start=3 * period, initial=start)
-    assert back.y[:, -1] == pytest.approx(found.y[:, 0], abs=1e-9)
+    assert back.y[:, -1] == pytest.approx(result.y[:, 0], abs=1e-9)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -96,25 +96,25 @@ def test_sliding_to_rest() -> None:
 
 
 def test_chattering_is_said() -> None:
-    found = go(particle(force=-sign(x + x.dot), x=1.0), 10.0)
-    assert found.status is Status.STEP_TOO_SMALL and found.t[-1] == pytest.approx(math.sqrt(3) - 1, rel=1e-12)
-    assert "jump where x + x_dot is zero" in found.message
+    result = go(particle(force=-sign(x + x.dot), x=1.0), 10.0)
+    assert result.status is Status.STEP_TOO_SMALL and result.t[-1] == pytest.approx(math.sqrt(3) - 1, rel=1e-12)
+    assert "jump where x + x_dot is zero" in result.message
 
 
 @pytest.mark.parametrize("target", LLVM_FIRST)
 @pytest.mark.parametrize("width", [sp.Rational(1, 10), sp.Rational(1, 1000)])
 def test_a_short_push_in_a_long_rest_is_not_missed(width: Any, target: str) -> None:
-    found = go(particle(force=Piecewise((10, (t > 50) & (t < 50 + width)), (0, True)), target=target), 100.0)
+    result = go(particle(force=Piecewise((10, (t > 50) & (t < 50 + width)), (0, True)), target=target), 100.0)
     speed = 10 * float(width)
-    assert found.y[1, -1] == pytest.approx(speed, rel=1e-11)
-    assert found.y[0, -1] == pytest.approx(speed * (50 - float(width) / 2), rel=1e-11)
+    assert result.y[1, -1] == pytest.approx(speed, rel=1e-11)
+    assert result.y[0, -1] == pytest.approx(speed * (50 - float(width) / 2), rel=1e-11)
 
 
 def test_a_surface_that_is_only_touched() -> None:
     """On a belt of speed 1 the mass moves as 1 - cos t: it reaches the speed of the belt and turns back."""
-    found = go(particle(x**2 / 2, -sign(x.dot - 1)), 20.0)
-    assert found.status is Status.SUCCESS
-    assert found.y[:, -1] == pytest.approx([1 - math.cos(20), math.sin(20)], abs=1e-8)
+    result = go(particle(x**2 / 2, -sign(x.dot - 1)), 20.0)
+    assert result.status is Status.SUCCESS
+    assert result.y[:, -1] == pytest.approx([1 - math.cos(20), math.sin(20)], abs=1e-8)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -154,10 +154,10 @@ INERTIAS = {
 def test_the_start_is_regular_where_the_state_is(name: str, order: int, target: str) -> None:
     """The orders include some with unrolled series and some with series in loops."""
     model = build(target, lagrangian=INERTIAS[name], coordinates=[x, y, z], initial=START)
-    found = run(model, 0.125, Taylor(rtol=1e-12, atol=1e-13, order=order))
-    assert found.status is Status.SUCCESS, found.message
+    result = run(model, 0.125, Taylor(rtol=1e-12, atol=1e-13, order=order))
+    assert result.status is Status.SUCCESS, result.message
     expected = run(model, 0.125, "dop853", rtol=1e-13, atol=1e-14)
-    assert found.y[:, -1] == pytest.approx(expected.y[:, -1], abs=1e-11)
+    assert result.y[:, -1] == pytest.approx(expected.y[:, -1], abs=1e-11)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -182,8 +182,8 @@ def test_a_surface_that_depends_on_the_side_of_another() -> None:
         model = build(
             kinetic=(a**2 + b**2) / 2, potential=-Abs(y + sign(x)), coordinates=[x, y], initial={a: speed, y: 0.25}
         )
-        found = run(model, 1.0, "taylor")
-        assert found.y[:, -1] == pytest.approx([speed, 0.25 + force / 2, speed, force], rel=1e-13)
+        result = run(model, 1.0, "taylor")
+        assert result.y[:, -1] == pytest.approx([speed, 0.25 + force / 2, speed, force], rel=1e-13)
 
 
 # --- switches in time -----------------------------------------------------------------------------------------

@@ -364,10 +364,10 @@ def test_the_compiled_step_is_the_step_that_was_written(name: str, law: Law, tar
     method = stepped(name, 0.125)
     for _ in range(share(8)):
         y = start + rng.uniform(-0.1, 0.1, len(start))
-        found = run(model, 0.125, method, initial=dict(zip(names, y, strict=True)))
-        assert found.steps == 1
+        result = run(model, 0.125, method, initial=dict(zip(names, y, strict=True)))
+        assert result.steps == 1
         with mpmath.workdps(DIGITS):
             exact = precise_step(program(name), law, mpmath.mpf(0), array(map(mpmath.mpf, y)), mpmath.mpf(1) / 8)
-            worst = max(worst, float(max(abs(array(found.y[:, -1]) - exact))))
+            worst = max(worst, float(max(abs(array(result.y[:, -1]) - exact))))
     # The state is rounded once, and what it is made of with some units of less than itself: no more than two ulps.
     assert worst < 4 * 2.0**-53

@@ -38,9 +38,9 @@ def test_the_error_is_what_was_asked_for(name: str, end: float, target: str) -> 
     expected = truth(name, end)
     size = max(1.0, np.abs(expected).max())
     for rtol in (1e-4, 1e-8, 1e-12, 1e-16):
-        found = run(model(name, target), end, "taylor", rtol=rtol, atol=rtol)
-        assert found.status is Status.SUCCESS and found.rejected == 0
-        assert np.abs(found.y[:, -1] - expected).max() < 20 * max(rtol, 2e-15) * size, rtol
+        result = run(model(name, target), end, "taylor", rtol=rtol, atol=rtol)
+        assert result.status is Status.SUCCESS and result.rejected == 0
+        assert np.abs(result.y[:, -1] - expected).max() < 20 * max(rtol, 2e-15) * size, rtol
 
 
 @pytest.mark.few(4)
@@ -48,10 +48,10 @@ def test_the_error_is_what_was_asked_for(name: str, end: float, target: str) -> 
 def test_an_order_of_ones_own(order: int) -> None:
     compiled, method = model("Kepler orbit"), Taylor(rtol=1e-10, atol=1e-10, order=order)
     assert method.claims.order == order
-    found = run(compiled, 1.5, method)
-    assert np.abs(found.y[:, -1] - truth("Kepler orbit", 1.5)).max() < 2e-9
+    result = run(compiled, 1.5, method)
+    assert np.abs(result.y[:, -1] - truth("Kepler orbit", 1.5)).max() < 2e-9
     higher = run(compiled, 1.5, Taylor(rtol=1e-10, atol=1e-10, order=order + 1))
-    assert higher.steps <= found.steps
+    assert higher.steps <= result.steps
 
 
 @pytest.mark.few(2)
@@ -62,9 +62,9 @@ def test_a_low_order_takes_the_steps_that_its_error_asks_for(order: int, name: s
     expected = truth(name, 1.5)
 
     def steps(rtol: float, order: int) -> int:
-        found = run(model(name), 1.5, Taylor(rtol=rtol, atol=0.0, order=order))
-        assert found.status is Status.SUCCESS and np.abs(found.y[:, -1] - expected).max() < 20 * rtol
-        return found.steps
+        result = run(model(name), 1.5, Taylor(rtol=rtol, atol=0.0, order=order))
+        assert result.status is Status.SUCCESS and np.abs(result.y[:, -1] - expected).max() < 20 * rtol
+        return result.steps
 
     fine = steps(1e-10, order)
     assert fine <= 1.3 * steps(1e-7, order) * 1e3 ** (1 / order)
@@ -80,8 +80,8 @@ def test_a_system_in_loops() -> None:
         initial=dict(zip((*given.coordinates, *given.velocities), given.initial, strict=True)),
     )
     assert compiled.series()[0].form(20) == "in loops"
-    found = run(compiled, 1.0, "taylor", rtol=1e-13, atol=1e-13)
-    assert found.y[:, -1] == pytest.approx(exact(compiled, 1.0).y[:, -1], abs=1e-9)
+    result = run(compiled, 1.0, "taylor", rtol=1e-13, atol=1e-13)
+    assert result.y[:, -1] == pytest.approx(exact(compiled, 1.0).y[:, -1], abs=1e-9)
 
 
 # --- long runs ------------------------------------------------------------------------------------------------
@@ -95,20 +95,20 @@ def test_the_phase_of_an_oscillator_after_many_steps() -> None:
     """
     compiled = build(kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 1.0})
     end = 1.0e5
-    found = run(compiled, end, Taylor(rtol=1e-16, atol=1e-16, order=20))
-    assert found.steps > 5e4
+    result = run(compiled, end, Taylor(rtol=1e-16, atol=1e-16, order=20))
+    assert result.steps > 5e4
     with mpmath.workdps(30):
         expected = [float(mpmath.cos(mpmath.mpf(end))), -float(mpmath.sin(mpmath.mpf(end)))]
-    assert found.y[:, -1] == pytest.approx(expected, abs=2e-12)
+    assert result.y[:, -1] == pytest.approx(expected, abs=2e-12)
 
 
 @pytest.mark.parametrize(("name", "end"), [("Henon-Heiles", 20_000.0), ("Kepler orbit", 20_000.0)])
 def test_energy_walks_and_does_not_drift(name: str, end: float) -> None:
     """With the smallest tolerance the energy error is a random walk of some eps per step, without drift."""
     compiled = model(name)
-    found = run(compiled, end, "taylor", rtol=1e-16, atol=1e-16)
-    energy = compiled.energy(found.y[:2], found.y[2:])
-    assert np.abs(energy / energy[0] - 1).max() < 20 * 2.0**-53 * math.sqrt(found.steps)
+    result = run(compiled, end, "taylor", rtol=1e-16, atol=1e-16)
+    energy = compiled.energy(result.y[:2], result.y[2:])
+    assert np.abs(energy / energy[0] - 1).max() < 20 * 2.0**-53 * math.sqrt(result.steps)
 
 
 # --- series that end, or have gaps ----------------------------------------------------------------------------
@@ -125,11 +125,11 @@ def test_a_rock_without_air(end: float, target: str) -> None:
         parameters={m: 1.5, g: 9.75},
         initial={x: 0.25, y: 1.5, x.dot: 3.5, y.dot: 12.0},
     )
-    found = run(rock, end, "taylor")
-    assert found.steps <= 2
+    result = run(rock, end, "taylor")
+    assert result.steps <= 2
     parts = np.array([[0.25, 3.5 * end, 0.0], [1.5, 12 * end, -9.75 * end**2 / 2], [3.5, 0, 0], [12, -9.75 * end, 0]])
-    assert (np.abs(found.y[:, -1] - parts.sum(axis=1)) <= np.spacing(np.abs(parts).max(axis=1))).all()
-    middle = found.dense(np.array([end / 2]))[:, 0]
+    assert (np.abs(result.y[:, -1] - parts.sum(axis=1)) <= np.spacing(np.abs(parts).max(axis=1))).all()
+    middle = result.dense(np.array([end / 2]))[:, 0]
     halves = parts * np.array([1.0, 0.5, 0.25])
     assert (np.abs(middle - halves.sum(axis=1)) <= np.spacing(np.abs(halves).max(axis=1))).all()
 
@@ -140,10 +140,10 @@ def test_a_rock_without_air(end: float, target: str) -> None:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("rtol", [0.0, 1e-30])
 def test_tolerances_below_round_off_are_raised_and_said(rtol: float, target: str) -> None:
-    found = run(model("pendulum", target), 1.5, "taylor", rtol=rtol, atol=0.0)
-    assert found.status is Status.SUCCESS
-    assert f"rtol = {rtol:g} is below round-off and was raised to 1.11e-16." in found.message
-    assert np.abs(found.y[:, -1] - truth("pendulum", 1.5)).max() < 1e-13
+    result = run(model("pendulum", target), 1.5, "taylor", rtol=rtol, atol=0.0)
+    assert result.status is Status.SUCCESS
+    assert f"rtol = {rtol:g} is below round-off and was raised to 1.11e-16." in result.message
+    assert np.abs(result.y[:, -1] - truth("pendulum", 1.5)).max() < 1e-13
     told = run(model("pendulum", target), 1.5, "taylor", rtol=2e-16, atol=0.0)
     assert "raised" not in told.message
 
@@ -159,9 +159,9 @@ STOPPED = (Status.STEP_TOO_SMALL, Status.NON_FINITE)
 def test_coefficients_that_overflow(start: float, after: float, target: str) -> None:
     """In the potential exp(100 x) the motion diverges at once; at x = 7.0 already the second coefficient overflows."""
     steep = build(target, kinetic=x.dot**2 / 2, forces={x: sp.exp(100 * x)}, initial={x: start, x.dot: 1.0})
-    found = run(steep, 1.0, "taylor", max_steps=10_000)
-    assert found.status in STOPPED and np.isfinite(found.y).all() and 0 <= found.t[-1] < after
-    assert "taylor stopped at t = " in found.message and ("x is" in found.message or "x_dot is" in found.message)
+    result = run(steep, 1.0, "taylor", max_steps=10_000)
+    assert result.status in STOPPED and np.isfinite(result.y).all() and 0 <= result.t[-1] < after
+    assert "taylor stopped at t = " in result.message and ("x is" in result.message or "x_dot is" in result.message)
 
 
 # --- flows ----------------------------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ def test_a_coefficient_that_is_small_by_chance(target: str, order: int | None) -
     swing = model("pendulum", target)
     for degrees in (30, 90, 150):
         start = {"theta": math.radians(degrees)}
-        found = run(swing, 2.0, Taylor(rtol=1e-9, atol=1e-9, order=order), initial=start)
-        energy = swing.energy(found.y[:1], found.y[1:])
-        assert found.status is Status.SUCCESS and found.steps < 200
+        result = run(swing, 2.0, Taylor(rtol=1e-9, atol=1e-9, order=order), initial=start)
+        energy = swing.energy(result.y[:1], result.y[1:])
+        assert result.status is Status.SUCCESS and result.steps < 200
         assert abs(energy - energy[0]).max() < 1e-7 * max(1.0, abs(energy[0]))

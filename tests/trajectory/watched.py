@@ -35,18 +35,18 @@ def go(
 ) -> Trajectory:
     """Return a run with events and a time limit, after checks that every result must pass."""
     began = time.process_time()
-    found = run(model, end, method, start, events=events, **options)
+    result = run(model, end, method, start, events=events, **options)
     assert time.process_time() - began < 60.0
     forward = 1.0 if end >= start else -1.0
-    assert (forward * np.diff(found.t) >= 0).all() and np.isfinite(found.y).all()
-    for times, states in zip(found.t_events, found.y_events, strict=True):
-        assert states.shape == (len(times), len(found.y))
+    assert (forward * np.diff(result.t) >= 0).all() and np.isfinite(result.y).all()
+    for times, states in zip(result.t_events, result.y_events, strict=True):
+        assert states.shape == (len(times), len(result.y))
         assert (forward * np.diff(times) >= 0).all()
         if len(times):
             # Nothing happens beyond the last accepted step, or before the first.
-            assert forward * (times[-1] - found.span[1]) <= 4e-16 * abs(times[-1])
+            assert forward * (times[-1] - result.span[1]) <= 4e-16 * abs(times[-1])
             assert forward * (times[0] - start) >= 0
-    return found
+    return result
 
 
 @cache

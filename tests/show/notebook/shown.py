@@ -24,13 +24,13 @@ TEXT, IMAGE = 20_000, 300_000
 
 def rich(result: Any) -> dict[str, str]:
     """Return the texts and pictures that a notebook takes of a result, by their method."""
-    found = {}
+    actual = {}
     for kind in ("html", "markdown", "latex", "png"):
         method = getattr(result, f"_repr_{kind}_", None)
         shown = None if method is None else method()
         if shown is not None:
-            found[kind] = shown
-    return found
+            actual[kind] = shown
+    return actual
 
 
 def held(kind: str, shown: Any) -> None:

@@ -65,13 +65,13 @@ def outputs(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[dict[str, Any]]]:
 
 
 def results(outputs: list[dict[str, Any]]) -> list[dict[str, str]]:
-    return [one["data"] for one in outputs if one["output_type"] in ("execute_result", "display_data")]
+    return [item["data"] for item in outputs if item["output_type"] in ("execute_result", "display_data")]
 
 
 @pytest.mark.parametrize("name", CELLS)
 def test_a_cell_shows_what_it_ends_with(name: str, outputs: dict[str, list[dict[str, Any]]]) -> None:
     kind = CELLS[name][1]
-    errors = [one for one in outputs[name] if one.get("name") == "stderr"]
+    errors = [item for item in outputs[name] if item.get("name") == "stderr"]
     assert errors == []
     shown = results(outputs[name])
     assert bool(shown) == bool(kind)
@@ -94,5 +94,7 @@ def test_progress_stays_in_the_output_as_it_was_last(outputs: dict[str, list[dic
 
 
 def test_what_is_printed_stays_text(outputs: dict[str, list[dict[str, Any]]]) -> None:
-    assert "Equations of motion\n    m*l**2*theta_ddot" in "".join(one["text"] for one in outputs["printed derivation"])
-    assert "".join(one["text"] for one in outputs["modules"]).strip() == "[]"
+    assert "Equations of motion\n    m*l**2*theta_ddot" in "".join(
+        item["text"] for item in outputs["printed derivation"]
+    )
+    assert "".join(item["text"] for item in outputs["modules"]).strip() == "[]"

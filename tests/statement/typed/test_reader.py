@@ -30,8 +30,8 @@ READINGS = Path(__file__).with_name("readings.txt").read_text("utf-8").splitline
 def test_what_is_typed_is_read(line: str) -> None:
     """Lines are joined, labels and remarks left out, definitions used, and rows of vectors taken apart."""
     text, *equations = line.split("\t")
-    found = [one for one in reader().equations(text.replace("⏎", "\n")) if not one.aside]
-    assert [one.readings[0].read for one in found] == equations
+    result = [item for item in reader().equations(text.replace("⏎", "\n")) if not item.aside]
+    assert [item.readings[0].read for item in result] == equations
 
 
 @pytest.mark.parametrize(
@@ -50,21 +50,21 @@ def test_what_is_typed_is_read(line: str) -> None:
 )
 def test_of_two_readings_both_are_returned(text: str, readings: list[str]) -> None:
     (equation,) = reader().equations(text)
-    assert [one.read for one in equation.readings] == readings
+    assert [item.read for item in equation.readings] == readings
 
 
 def test_a_constant_angle_is_the_whole_argument_of_a_function() -> None:
     (equation,) = reader("alpha").equations("sin alpha x'")
-    assert [one.read for one in equation.readings] == ["sin(alpha)*x_dot", "sin(alpha*x_dot)"]
+    assert [item.read for item in equation.readings] == ["sin(alpha)*x_dot", "sin(alpha*x_dot)"]
 
 
 def test_a_word_is_the_symbol_of_that_name_before_it_is_a_product() -> None:
     (equation,) = reader().equations("l1 t")
-    assert [one.read for one in equation.readings] == ["l1*t"]
+    assert [item.read for item in equation.readings] == ["l1*t"]
     (equation,) = reader("ml").equations("ml x''")
-    assert [one.read for one in equation.readings] == ["ml*x_ddot"]
+    assert [item.read for item in equation.readings] == ["ml*x_ddot"]
     (equation,) = reader("d").equations("dx")
-    assert [one.read for one in equation.readings] == ["x_dot", "d*x"]
+    assert [item.read for item in equation.readings] == ["x_dot", "d*x"]
 
 
 PAIR = r"\begin{pmatrix} x \\ \theta \end{pmatrix}"
