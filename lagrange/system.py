@@ -348,7 +348,7 @@ class System:
 
         require_values(self.statement)
         if self.statement.contacts:
-            return write_recorded_page(self.run(parameters=parameters, initial=initial), path, sliders)
+            return write_recorded_page(lambda: self.run(parameters=parameters, initial=initial), path, sliders)
         return write_page(self._model, self.derivation(), path, parameters, initial, sliders)
 
     def to_scene(self, path: str | os.PathLike[str]) -> Path:

@@ -361,8 +361,8 @@ def write_page(
     )
 
 
-def write_recorded_page(solution: Solution, path: str | os.PathLike[str], sliders: Any) -> Path:
-    """Write a page that plays the run `solution` of a system with contacts, and return its path.
+def write_recorded_page(run: Callable[[], Solution], path: str | os.PathLike[str], sliders: Any) -> Path:
+    """Write a page that plays a run of a system with contacts, and return its path. `run` runs the system.
 
     Raises StatementError for `sliders` that are not None: the page does not compute the motion for other values.
     """
@@ -371,7 +371,7 @@ def write_recorded_page(solution: Solution, path: str | os.PathLike[str], slider
             "a page does not compute the motion of a system with contacts: leave sliders out, and the page plays a run "
             "with the given parameters and initial state."
         )
-    animation = animate(solution)
+    animation = animate(run())
     animation = replace(animation, notes=(RECORDED_NOTE, *animation.notes))
     return write_atomically(path, lambda file: file.write(animation.to_html().encode()))
 

@@ -154,23 +154,23 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
         if not any(problem.events[i].settings for i in acting):
             break
         before = parts[-1].y_events[acting[0]][-1]
-        behind = _behind(segment, problem, acting, end, before)
-        if behind.result.status is None and counter.accumulates(end, acting):
-            behind = replace(behind, result=accumulating(_name(problem, acting[0])))
-        if behind.result.status is not None:
-            told = message(behind.result.status, problem, end, before, parts[-1].method, cause=behind.result.detail)
-            parts[-1] = replace(parts[-1], status=behind.result.status, message=told)
+        after = _after_event(segment, problem, acting, end, before)
+        if after.result.status is None and counter.accumulates(end, acting):
+            after = replace(after, result=accumulating(_name(problem, acting[0])))
+        if after.result.status is not None:
+            text = message(after.result.status, problem, end, before, parts[-1].method, cause=after.result.detail)
+            parts[-1] = replace(parts[-1], status=after.result.status, message=text)
             break
         last = status_at_end(problem, parts)
         parts[-1] = before_outputs_at_end(problem, parts[-1])
-        remainder = rest_of(segment, parts[-1:], end, behind.y, output_at_begin=True)
-        remainder = replace(remainder, parameters=behind.parameters, step=parts[0].step)
-        added.append(added[-1] + energy(remainder, behind.y) - energy(segment, before))
+        remainder = rest_of(segment, parts[-1:], end, after.y, output_at_begin=True)
+        remainder = replace(remainder, parameters=after.parameters, step=parts[0].step)
+        added.append(added[-1] + energy(remainder, after.y) - energy(segment, before))
         begins, values, segment = [*begins, end], [*values, remainder.parameter_array], remainder
         if last is not None:
-            parts.append(point_of(problem, parts[-1], behind.y, last))
+            parts.append(point_of(problem, parts[-1], after.y, last))
             break
-    whole_run = joined(problem, parts, _told(problem, parts), both_at_joints=True)
+    whole_run = joined(problem, parts, _step_note(problem, parts), both_at_joints=True)
     return replace(whole_run, history=ParameterHistory(np.array(begins), np.stack(values), np.array(added)))
 
 
@@ -191,7 +191,9 @@ def status_at_end(problem: Problem, parts: Sequence[Trajectory]) -> Status | Non
     return Status.SUCCESS if parts[-1].span[1] == problem.t1 else None
 
 
-def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float, before: FloatArray) -> _AfterEvent:
+def _after_event(
+    segment: Problem, problem: Problem, acting: Sequence[int], t: float, before: FloatArray
+) -> _AfterEvent:
     """Return the state and the parameters after the events with indices `acting` at time t.
 
     `before` (2n,) is the state before the events, and `segment` has the parameters before them. `problem` is the
@@ -221,7 +223,7 @@ def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float,
         return _AfterEvent(y, parameters, EventResult(Status.DIVERGED, f"The reset there is impossible: {refusal}"))
 
 
-def _told(problem: Problem, parts: Sequence[Trajectory]) -> str:
+def _step_note(problem: Problem, parts: Sequence[Trajectory]) -> str:
     """Return a note on the step size, if the method chose one for all segments of a run; else ""."""
     step = parts[0].step
     if problem.step is not None or step is None or len(parts) == 1:

@@ -148,7 +148,7 @@ class WrittenFriction:
     normal: Any
     events: tuple[Event, ...]
 
-    def of_whole(self, problem: Problem, way: int, moment: float) -> Problem:
+    def with_way(self, problem: Problem, way: int, moment: float) -> Problem:
         """Return a problem of the system as a problem of this model, whose state has one more coordinate, the way.
 
         `way` is its initial value: the direction of sliding, 1 or -1, or 0 for sticking. `moment` is the value of the

@@ -142,8 +142,8 @@ class _ContactRun:
             try:
                 transition = self._after(mode, fired)
             except Undetermined as refusal:
-                told = message(Status.SINGULAR, problem, end, last_state(part), part.method, cause=str(refusal))
-                self.parts[-1] = replace(part, status=Status.SINGULAR, message=told)
+                text = message(Status.SINGULAR, problem, end, last_state(part), part.method, cause=str(refusal))
+                self.parts[-1] = replace(part, status=Status.SINGULAR, message=text)
                 break
             self.parts[-1] = _ended(before_outputs_at_end(problem, self.parts[-1]), transition.before)
             stop = (last, "") if last is not None else self._limit(end, mode, transition.mode)
@@ -228,7 +228,7 @@ class _ContactRun:
                 t_eval=None if segment.t_eval is None else segment.t_eval[segment.t_eval <= until],
             )
             if friction is not None:
-                chosen = friction.of_whole(chosen, mode.ways[friction.which] or 0, self.moment)
+                chosen = friction.with_way(chosen, mode.ways[friction.which] or 0, self.moment)
             self.part, self.fired = self.run(chosen), []
             if friction is not None:
                 passed = self._passed_changes(friction, mode)
@@ -452,19 +452,19 @@ class _ContactRun:
 
     def _note(self) -> str:
         """Return sentences on impacts that accumulate and on contacts that depend on each other, or ""."""
-        told = []
+        sentences = []
         for contact, times in zip(self.contacts, self.rests, strict=True):
             if times:
                 more = f" and {counted(len(times) - 1, 'later time')}" if len(times) > 1 else ""
-                told.append(f"Infinitely many impacts of {contact.name!r} end at t = {number(times[0])}{more}.")
+                sentences.append(f"Infinitely many impacts of {contact.name!r} end at t = {number(times[0])}{more}.")
         shared = next((mode for mode in self.kept if mode.kept is not None), None)
         if shared is not None and shared.kept is not None:
             names = listing(repr(self.contacts[i].name) for i in shared.closed)
             rank = f"rank {len(shared.kept)} of {self.modes.constraint_count(shared)}"
-            told.append(f"The contacts {names} depend on each other ({rank}): their smallest forces are given.")
+            sentences.append(f"The contacts {names} depend on each other ({rank}): their smallest forces are given.")
         elif self.transitions.shared:
-            told.append(self.transitions.shared)
-        return " ".join(told)
+            sentences.append(self.transitions.shared)
+        return " ".join(sentences)
 
 
 def _ended(part: Trajectory, y: FloatArray) -> Trajectory:
