@@ -339,8 +339,8 @@ def note(statement: Statement) -> str:
     """Return an HTML note that the picture shows coordinates over time; empty if positions are stated."""
     if statement.positions:
         return ""
-    said = "No positions are stated for this system: the picture shows its coordinates over time."
-    return f'<p class="note">{said}</p>\n'
+    sentence = "No positions are stated for this system: the picture shows its coordinates over time."
+    return f'<p class="note">{sentence}</p>\n'
 
 
 def write_page(

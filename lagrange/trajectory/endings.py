@@ -322,8 +322,8 @@ def _shortened(problem: Problem, run: Trajectory, end: tuple[float, FloatArray],
     `steps` is the number of steps up to `end`, and `detail` the cause for the message.
     """
     t, y = end
-    told = message(Status.SINGULAR, problem, t, y, run.method, detail=detail)
-    return replace(run_until(run, t), status=Status.SINGULAR, message=told, steps=steps)
+    text = message(Status.SINGULAR, problem, t, y, run.method, detail=detail)
+    return replace(run_until(run, t), status=Status.SINGULAR, message=text, steps=steps)
 
 
 CLEAR = 1e-5

@@ -157,7 +157,7 @@ def _subroutine(name: str, arguments: str, about: str, function: PrintedFunction
 
     A further argument, `singular`, receives True if a matrix is singular. `about` is the comment on the subroutine.
     """
-    *arrays, made = arguments.split(", ")
+    *arrays, result = arguments.split(", ")
     size = 1
     for _, _, dimensions in function.declared:
         size += dimensions[0] * dimensions[-1] if dimensions else 1
@@ -167,7 +167,7 @@ def _subroutine(name: str, arguments: str, about: str, function: PrintedFunction
     if "t" in arrays:
         yield "    real(dp), intent(in) :: t"
     yield f"    real(dp), intent(in) :: {', '.join(f'{array}(*)' for array in arrays if array != 't')}"
-    yield f"    real(dp), intent(inout) :: {made}(*)"
+    yield f"    real(dp), intent(inout) :: {result}(*)"
     yield "    logical, intent(out) :: singular"
     for kind, head in (("real", "    real(dp) :: "), ("flag", "    logical :: ")):
         names = [
@@ -177,7 +177,9 @@ def _subroutine(name: str, arguments: str, about: str, function: PrintedFunction
         ]
         yield from listed(head, names)
     unused = [
-        argument if argument == "t" else f"{argument}(1)" for argument in function.unused if argument in (*arrays, made)
+        argument if argument == "t" else f"{argument}(1)"
+        for argument in function.unused
+        if argument in (*arrays, result)
     ]
     if unused:
         # Compilers warn of arguments that are not used.

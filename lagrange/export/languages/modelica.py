@@ -140,11 +140,11 @@ def function_lines(functions: PrintedFunctions) -> Iterator[str]:
 
 
 def _function(
-    name: str, arguments: Mapping[str, int], made: str, function: PrintedFunction, finite: str
+    name: str, arguments: Mapping[str, int], result: str, function: PrintedFunction, finite: str
 ) -> Iterator[str]:
     """Yield the lines of a Modelica function.
 
-    `arguments` has the length of each argument by name, 0 for a number; `made` is the array that the function
+    `arguments` has the length of each argument by name, 0 for a number; `result` is the array that the function
     returns. `finite` are lines at its end which assert that all results are finite; it may be empty.
     """
     yield f"function {name}"
@@ -152,7 +152,7 @@ def _function(
         f"  input Real {argument};" if argument == "t" else f"  input Real {argument}[{size}];"
         for argument, size in arguments.items()
     )
-    yield f"  output Real {made};"
+    yield f"  output Real {result};"
     if function.declared:
         yield "protected"
     for kind, local, sizes in function.declared:

@@ -112,10 +112,10 @@ def _text(module: SourceModule, head: str, about: Sequence[str], function: Print
         "%",
         *statement_comment(module, "%"),
     ]
-    made = [f"{array} = zeros({size}, 1);", *function.lines, f"singular = {function.status};"]
+    body = [f"{array} = zeros({size}, 1);", *function.lines, f"singular = {function.status};"]
     if function.status != "false":
-        made += ["if singular", f"    {array}(:) = NaN;", "end"]
-    lines += [f"    {part}" for line in made for part in continued(line, LONGEST_LINE - 4, "...")]
+        body += ["if singular", f"    {array}(:) = NaN;", "end"]
+    lines += [f"    {part}" for line in body for part in continued(line, LONGEST_LINE - 4, "...")]
     lines += ["end", "", *LANGUAGE.definitions(function.needed), *LANGUAGE.systems(function.needed)]
     return "\n".join(lines)
 

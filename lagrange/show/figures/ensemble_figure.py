@@ -53,16 +53,16 @@ class MemberQuantity:
     @property
     def remark(self) -> str:
         """Sentence about members that the picture does not show; empty if it shows all."""
-        said, members = [], len(self.values)
+        sentences, members = [], len(self.values)
         lost = int(self.failed.sum()) - self.unrun
         none = int((~np.isfinite(self.values) & ~self.failed).sum())
         if lost:
-            said.append(f"{lost:,} of {members:,} members failed")
+            sentences.append(f"{lost:,} of {members:,} members failed")
         if self.unrun:
-            said.append(f"{self.unrun:,} of {members:,} members were not run")
+            sentences.append(f"{self.unrun:,} of {members:,} members were not run")
         if none:
-            said.append(f"{none:,} of {members:,} members have none")
-        return "; ".join(said)
+            sentences.append(f"{none:,} of {members:,} members have none")
+        return "; ".join(sentences)
 
 
 def quantity(runs: Ensemble, name: str) -> MemberQuantity:
@@ -183,7 +183,9 @@ def _map(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureStyle
     across, up = ((name, values) for name, values in runs.table.varied.axes.items() if len(values) > 1)
     shape = len(across[1]), len(up[1])
     # Angles have cyclic colours; failures have a colour that is not in the scale.
-    name, mark, said = ("twilight", look.colours[2], "green") if quantity.angle else ("viridis", look.colours[1], "red")
+    name, mark, colour = "viridis", look.colours[1], "red"
+    if quantity.angle:
+        name, mark, colour = "twilight", look.colours[2], "green"
     image = _image(axis, across[1], up[1], np.ma.masked_invalid(quantity.values.reshape(shape).T), cmap=name)
     if quantity.angle:
         image.set_clim(-np.pi, np.pi)
@@ -203,7 +205,8 @@ def _map(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureStyle
         low, high = float(values.min()), float(values.max())
         if key in runs.names and is_angle(runs.model.statement, runs.names.index(key)) and high - low > 0.45 * TURN:
             angle_ticks(side, low, high)
-    return quantity.remark.replace("failed", f"failed, in {said}").replace("were not run", f"were not run, in {said}")
+    remark = quantity.remark.replace("failed", f"failed, in {colour}")
+    return remark.replace("were not run", f"were not run, in {colour}")
 
 
 def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> ScalarMappable:

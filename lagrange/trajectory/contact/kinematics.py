@@ -184,9 +184,9 @@ class Kinematics:
         inertia = np.sqrt(np.abs(np.diag(mass)))
         self._momentum = max(self._momentum, float((inertia * np.abs(v)).max()))
         still = np.where(inertia > 0, ROUND_OFF * self._momentum / np.where(inertia > 0, inertia, 1.0), 0.0)
-        if len(held := self.stated_directions(t, y)):
-            whole = np.block([[mass, -held.T], [held, np.zeros((len(held), len(held)))]])
-            right = np.vstack([directions.T, np.zeros((len(held), rows))])
+        if len(stated := self.stated_directions(t, y)):
+            whole = np.block([[mass, -stated.T], [stated, np.zeros((len(stated), len(stated)))]])
+            right = np.vstack([directions.T, np.zeros((len(stated), rows))])
             responses = np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n]
         else:
             try:
