@@ -485,13 +485,15 @@ def _precessions(
             f"the precessions of {statement.name} are the roots of a polynomial with numbers as coefficients, which "
             f"{formula(force, 80)} is not: give values of all parameters, and an attitude that is not upright."
         )
-    roots = [root for root in sympy.Poly(force, unknown).nroots(n=30) if abs(sympy.im(root)) < 1e-12 * abs(root)]
+    (zeros,), rest = sympy.Poly(force, unknown).terms_gcd()  # a free body may spin without a precession
+    roots = [sympy.re(root) for root in rest.nroots(n=30) if abs(sympy.im(root)) < 1e-12 * abs(root)]
+    roots += [sympy.S.Zero] if zeros else []
     if not roots:
         raise StatementError(
             f"{statement.name} has no steady precession at this attitude: {angles.rotation.name} spins too slowly."
         )
     precessions = []
-    for root in map(sympy.re, roots):
+    for root in roots:
         moving = {
             precession: sympy.Float(root, 17),
             spin: sympy.Float(spin_rate.xreplace({unknown: root}).xreplace(known), 17),

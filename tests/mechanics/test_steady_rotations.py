@@ -78,6 +78,13 @@ def test_both_rates_of_precession_at_a_tilt(axis: int) -> None:
         assert np.abs(path - np.cos(tilt)).max() < 1e-12
 
 
+def test_a_free_symmetric_body_precesses_or_spins_about_a_fixed_axis() -> None:
+    """It precesses at the rate J3 w/(J1 cos(tilt)). Without a precession its axis stays where it is."""
+    found = body((1, 1, 2)).equilibria({R: lg.turn(lg.x, 0.5), R.body[2]: 3})
+    assert [each.stable for each in found] == [True, True]
+    np.testing.assert_allclose([rates(each) for each in found], [(0, 0, 3), (0, 6 * np.tan(0.5), 3)], rtol=1e-14)
+
+
 def test_a_body_without_symmetry_turns_steadily_where_its_linear_equations_say_so() -> None:
     hung = body((1, 2, 2.5), R[2, 2] + 0.3 * R[2, 0])
     at_rest = hung.equilibria({R.space[2]: 0})
