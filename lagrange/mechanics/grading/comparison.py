@@ -321,14 +321,14 @@ def _compared(
     statement = rows[0].statement
 
     choices = with_multiples(rows, samples)
-    turned = [replace(sample, multipliers=tuple(-x for x in sample.multipliers)) for sample in samples]
+    negated = [replace(sample, multipliers=tuple(-x for x in sample.multipliers)) for sample in samples]
     count, slopes = len(statement.names), [list(row.slopes.values()) for row in rows]
     free = not any(any(line[:count]) and any(line[count:]) for line in slopes)  # no equation determines their sign
-    if statement.constraints and free and not (pulling and _is_negative(turned)):
-        choices.append(turned)
+    if statement.constraints and free and not (pulling and _is_negative(negated)):
+        choices.append(negated)
     right = next((chosen for chosen in choices if not _wrong(rows, chosen)), None)
     if right is None:
-        choices += [turned] if statement.constraints and choices[-1] is not turned else []
+        choices += [negated] if statement.constraints and choices[-1] is not negated else []
         return _judged_wrong(rows, choices, derivation, write, distances, pulling=pulling)
     missing = _missing(rows, right, doubted=doubted)
     if missing:
@@ -362,8 +362,9 @@ def _judged_wrong(
 ) -> EquationsComparison:
     """Return the result for equations that are wrong at all `choices` of samples, which differ in the multipliers.
 
-    The cause is, in this order: numbers in place of parameters, a common slip, a wrong definition, or a wrong term. The
-    term is named beside a slip that explains one term only. For `distances` and `pulling` see `_compared`.
+    The cause is, in this order: numbers in place of parameters, a common slip, a wrong definition, a slip of factors or
+    directions, or a wrong term. The details have the wrong term if the cause explains more than this term for certain;
+    else the message has both. For `distances` and `pulling` see `_compared`.
     """
     numbers = _numbers_in_place(rows, distances)
     if numbers:
@@ -383,7 +384,8 @@ def _judged_wrong(
     slip = common or definition or ("" if alone else slip_of(rows, choices, common=False))
     if not slip:
         return _refuted(rows, wrong, choices[0], named)
-    if not (definition or (common and not alone)) and len(slip + named) < LONGEST_MESSAGE:
+    certain = definition or (common and not alone)
+    if not certain and len(slip + named) < LONGEST_MESSAGE:
         return _refuted(rows, wrong, choices[0], f"{slip} {named}")
     result = _refuted(rows, wrong, choices[0], start + slip)
     return replace(result, details=f"{named} {result.details}".rstrip())

@@ -152,22 +152,22 @@ class _EquationReader:
     def _likely(self, answer: str, read: Callable[[_EquationReader], list[StudentEquation]]) -> list[StudentEquation]:
         """Return the equations that `read` reads with this reader, or else with one of `_with_usual_rates`.
 
-        Equations without accelerations are read again with those, and kept if there still are none. Raises
-        StatementError.
+        Those are tried if `read` fails, or if no equation has an acceleration. Equations without accelerations are kept
+        if no reader finds one. Raises StatementError if all readers fail.
         """
-        equations, refused = list[StudentEquation](), None
+        equations, refusal = list[StudentEquation](), None
         try:
             equations = read(self)
         except StatementError as error:
-            refused = error
+            refusal = error
         if not self._moves(equations):
             for other in self._with_usual_rates(answer):
                 with suppress(StatementError):
                     changed = read(other)
-                    if refused or self._moves(changed):
+                    if refusal or self._moves(changed):
                         return changed
-        if refused:
-            raise refused
+        if refusal:
+            raise refusal
         return equations
 
     def _moves(self, equations: Sequence[StudentEquation]) -> bool:
@@ -191,13 +191,13 @@ class _EquationReader:
         They are v and a of the only length, as in m a = -k x - c v, alpha of the only angle, and v1 and a1 of x1. A
         letter is no acceleration if an equation of the answer has another acceleration, as in x'' = -a x.
         """
-        meant: dict[str, list[str]] = {}
+        meanings: dict[str, list[str]] = {}  # of each letter with its index, such as v1
         for name in (name for name in self.names if f"{name}_ddot" in self.names):
-            letters = name.rstrip("_0123456789")
-            for letter, ending in RATE_LETTERS.get(letters, {}).items():
-                meant.setdefault(canonical(letter + name[len(letters) :]), []).append(name + ending)
+            stem = name.rstrip("_0123456789")
+            for letter, ending in RATE_LETTERS.get(stem, {}).items():
+                meanings.setdefault(canonical(letter + name[len(stem) :]), []).append(name + ending)
         known = set(map(canonical, self.names))
-        rates = {letter: names[0] for letter, names in meant.items() if len(names) == 1 and letter not in known}
+        rates = {letter: names[0] for letter, names in meanings.items() if len(names) == 1 and letter not in known}
         velocities = {letter: name for letter, name in rates.items() if name.endswith("_dot")}
         reader = copy(self)
         reader.others = self.others | velocities
