@@ -205,13 +205,13 @@ def _check(stated: Contact, survey: Survey) -> None:
             "two at right angles in the surface."
         )
     for number, part in ((stated.restitution, "restitution"), *((mu, "friction") for mu in stated.friction)):
-        what, more, plain = f"the {part} of the contact {stated.name!r}", "", number
+        what, symbols, plain = f"the {part} of the contact {stated.name!r}", "parameters", number
         if part == "restitution":
-            more, plain = " and lg.impact_speed", number.xreplace({impact_speed: sympy.S.One})
+            symbols, plain = "parameters and lg.impact_speed", number.xreplace({impact_speed: sympy.S.One})
         leaves = Survey()
         leaves.add(plain, what)
         if leaves.coordinates or plain.has(t):
-            raise StatementError(f"{what} is {formula(number, 60)}: give an expression in parameters{more}.")
+            raise StatementError(f"{what} is {formula(number, 60)}: give an expression in {symbols}.")
         survey.add(plain, what)
     for expressed in (stated.gap, *stated.slip):
         survey.add(expressed, f"the contact {stated.name!r}")

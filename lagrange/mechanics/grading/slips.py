@@ -41,9 +41,8 @@ Slip = tuple[str, Mapping[Any, Any]]
 def slip_of(rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample]], *, common: bool) -> str:
     """Return a sentence on the single slip whose correction makes all equations right, or "".
 
-    They are right if they hold at all samples of one of the `choices`. A slip is `common`, such as a sign or degrees,
-    or else it is a wrong factor or direction, which is told only if several terms are wrong. The result is also "" if
-    the equations are too long, or the time is up.
+    They are right if they hold at all samples of one of the `choices`. With `common` the slips are those of `_slips`,
+    such as degrees, else those of `_factors`. The result is also "" if the equations are too long, or the time is up.
     """
     statement, zeros = rows[0].statement, [row.zero for row in rows]
     if sum(int(zero.count_ops()) for zero in zeros) > LONGEST_SLIP:
@@ -115,8 +114,8 @@ def _slips(zeros: Sequence[Any], statement: Statement) -> Iterator[Slip]:
 
     `zeros` are the equations as expressions that are zero.
     """
-    for p in statement.parameters:
-        if any(zero.has(p) for zero in zeros) and _has_direction(p, statement):
+    for p in _parameters_in(zeros, statement):
+        if _has_direction(p, statement):
             yield f"All is right with -{p} in place of {p}: check the direction in which {p} is counted.", {p: -p}
     circular = sorted({f for zero in zeros for f in zero.atoms(*_CIRCULAR)}, key=str)
     if not circular:
@@ -135,24 +134,28 @@ def _slips(zeros: Sequence[Any], statement: Statement) -> Iterator[Slip]:
 
 def _factors(zeros: Sequence[Any], statement: Statement) -> Iterator[Slip]:
     """Yield slips that one wrong term may explain, too: opposite signs and directions, and factors 2 and 1/2."""
-    for p in statement.parameters:
-        if any(zero.has(p) for zero in zeros) and not statement.kinetic.has(p):
+    for p in _parameters_in(zeros, statement):
+        if not statement.kinetic.has(p):
             yield f"All is right with -{p} in place of {p}: the terms with {p} have the wrong sign.", {p: -p}
     for q, v, a in _coordinates(statement):
         turned = {q: -q, v: -v, a: -a}
         yield f"All is right for -{q} in place of {q}: check the direction in which {q} is counted.", turned
-    for factor, word in FACTORS.items():
-        for p in statement.parameters:
-            if any(zero.has(p) for zero in zeros):
-                yield f"All is right with {word}{p} in place of {p}.", {p: factor * p}
+    for factor, text in FACTORS.items():
+        for p in _parameters_in(zeros, statement):
+            yield f"All is right with {text}{p} in place of {p}.", {p: factor * p}
     yield from _multiples(_coordinates(statement))
 
 
 def _multiples(coordinates: Sequence[tuple[Any, ...]]) -> Iterator[Slip]:
     """Yield the slips of a factor 2 or 1/2 of each coordinate, listed as (coordinate, velocity, acceleration)."""
-    for factor, word in FACTORS.items():
+    for factor, text in FACTORS.items():
         for q, v, a in coordinates:
-            yield f"All is right for {word}{q} in place of {q}.", {q: factor * q, v: factor * v, a: factor * a}
+            yield f"All is right for {text}{q} in place of {q}.", {q: factor * q, v: factor * v, a: factor * a}
+
+
+def _parameters_in(zeros: Sequence[Any], statement: Statement) -> list[Any]:
+    """Return the parameters that at least one of the expressions `zeros` contains."""
+    return [p for p in statement.parameters if any(zero.has(p) for zero in zeros)]
 
 
 def _coordinates(statement: Statement) -> list[tuple[Any, ...]]:
@@ -164,8 +167,8 @@ def _coordinates(statement: Statement) -> list[tuple[Any, ...]]:
 def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample], write: Write, *, alone: bool) -> str:
     """Return a sentence on the definition whose correction makes all equations right, or "".
 
-    The correction is one of `_variants`, the shortest ones first. A constant remains one. `alone` is true if one wrong
-    term explains the fault, too. Then its power rather than that of the definition is wrong.
+    Corrections are those of `_variants`, the shortest ones first. A constant is replaced by constants only. `alone` is
+    true if one wrong term explains the fault, too. Then the square and the root of the definition are not tried.
     """
     statement = rows[0].statement
     plain, sample = list(statement.plain.values()), samples[0]
