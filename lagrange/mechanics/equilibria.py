@@ -144,8 +144,8 @@ class _Problem:
             if i not in self.free:
                 steady = listing(statement.names[k] for k in self.free)
                 raise StatementError(
-                    f"rates gives {statement.names[i]} a steady velocity, but energies, forces or constraints depend "
-                    f"on {statement.names[i]}, so the velocity would change: "
+                    f"rates gives {statement.names[i]} a steady velocity, but energies or constraints depend on "
+                    f"{statement.names[i]}, or a force acts along it, so its momentum may change: "
                     + (f"give rates of {steady}." if self.free else "call equilibria() without rates.")
                 )
         return {form.v[i]: in_fractions(point.q[i]) for i in named}

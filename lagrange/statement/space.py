@@ -206,22 +206,22 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
 def of_length(name: str, size: float) -> str:
     """Return the message for an initial quaternion of the rotation `name` whose length `size` is not one."""
     return (
-        f"the start of {name} is a quaternion of length {size:.6g}: give one of length 1, such as "
+        f"the start of {name} is a quaternion of length {size:.9g}: give one of length 1 with all digits, such as "
         "lagrange.turn(axis, angle)."
     )
 
 
 def check_triangle(inertias: NDArray[np.float64], name: str) -> None:
-    """Raise StatementError if the moments of one of the inertia matrices (m, 3, 3) break the triangle inequality.
+    """Raise StatementError if one of the inertia matrices (m, 3, 3) belongs to no body.
 
-    No principal moment is larger than the sum of the two others. `name` is the rotation in the message.
+    No principal moment is negative, or larger than the sum of the two others. `name` is the rotation in the message.
     """
     moments = np.linalg.eigvalsh(inertias)
     low, high = -LARGEST_DEVIATION * moments[:, 2], moments[:, :2].sum(axis=1) * (1 + LARGEST_DEVIATION)
     wrong = np.flatnonzero((moments[:, 0] < low) | (moments[:, 2] > high))
     if wrong.size:
         least, middle, most = moments[wrong[0]]
+        law = "a moment below zero" if least < low[wrong[0]] else "a moment above the sum of the other two"
         raise StatementError(
-            f"the moments of inertia of {name} are {least:.6g}, {middle:.6g} and {most:.6g}: no body has a moment "
-            "above the sum of the other two."
+            f"the moments of inertia of {name} are {least:.6g}, {middle:.6g} and {most:.6g}: no body has {law}."
         )

@@ -188,8 +188,7 @@ EDGE: dict[str, Any] = {"constraints": {"edge": y.dot * cos(theta) - x.dot * sin
         (
             hoop,
             {theta: 1},
-            "rates gives theta a steady velocity, but energies, forces or constraints depend on theta, so the "
-            "velocity would",
+            "rates gives theta a steady velocity, but energies or constraints depend on theta, or a force acts",
         ),
         (lambda: shared_scene("bouncing-ball"), None, "bouncing-ball has no equilibrium: the forces on y at rest"),
         (hoop, {theta.dot: 1}, "rates has velocities as keys: give coordinates as keys, such as {theta: 1.0}."),

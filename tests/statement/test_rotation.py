@@ -265,6 +265,11 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: lg.System(R.body.dot(diag(1, 1, 3) * R.body) / 2),
         "the moments of inertia of R are 1, 1 and 3",
     ),
+    "a moment below zero": (
+        lambda: lg.System(R.body.dot(diag(1, 1, -1) * R.body) / 2),
+        "no body has a moment below zero",
+    ),
+    "a quaternion of few digits": (lambda: top(initial={R: (0.866025, 0.5, 0, 0)}), "of length 0.99999965: give one"),
     "a moment above the sum at a run": (
         lambda: lg.System(R.body.dot(diag(1, 1, m) * R.body) / 2).run(1.0, parameters={m: 3}),
         "the moments of inertia of R are 1, 1 and 3",
