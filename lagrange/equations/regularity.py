@@ -344,6 +344,7 @@ def _common_null_vector(matrices: FloatArray) -> FloatArray | None:
 
 
 def _no_inertia_along(names: list[str], null: FloatArray) -> str:
+    """Return the message for a mass matrix with the null vector `null` at every state tried."""
     motion = motion_along(names, null)
     if "," not in motion:
         return no_inertia(motion.partition(".dot")[0])

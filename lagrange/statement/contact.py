@@ -148,6 +148,7 @@ def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str,
 
 
 def _check_number(value: Any, low: Any, high: Any, what: str, bounds: str) -> None:
+    """Raise StatementError for a number that is not from `low` to `high`; the message says `bounds`."""
     if value.is_number and not bool(low <= value) & bool(value <= high):
         given = formula(value, 40) if value.is_Rational else f"{float(value):.10g}"
         raise StatementError(f"{what} is {given}: give a number {bounds}.")
@@ -188,6 +189,7 @@ def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints:
 
 
 def _check(stated: Contact, survey: Survey) -> None:
+    """Raise StatementError for a contact with an unusable part. The symbols of the contact are added to `survey`."""
     what = f"the gap of the contact {stated.name!r}"
     leaves = Survey()
     leaves.add(stated.gap, what)
@@ -224,6 +226,7 @@ def _are_multiples(first: Any, second: Any) -> bool:
 
 
 def _check_slip(component: Any, what: str) -> None:
+    """Raise StatementError for a component of a slip that is not linear in velocities, or has none."""
     leaves = Survey()
     leaves.add(component, what)
     if not leaves.velocities:

@@ -379,6 +379,7 @@ def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:
 
 
 def _forces(forces: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:
+    """Return {coordinate: generalized force}. The symbols of the forces are added to `survey`."""
     table: dict[Any, Any] = {}
     forces = forces_on_coordinates(forces, by_name.values())
     known = in_symbols(by_name, dict.fromkeys(filter(None, map(rotation_name, by_name.values()))))
@@ -491,6 +492,7 @@ def _surfaces(table: Mapping[str, Any] | None, points: dict[str, Any], survey: S
 
 
 def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link, ...]:
+    """Return the links between named points. Raises StatementError for anything else."""
     known = [ORIGIN, *points]
     pairs = entries(links, "links")
     if pairs is None:

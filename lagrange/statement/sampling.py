@@ -132,6 +132,7 @@ RELATIONS = (sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, symp
 
 
 def _product(parts: Sequence[Form]) -> Form:
+    """Return the product of monomials."""
     product: Form = {}
     for part in parts:
         for symbol, power in part.items():

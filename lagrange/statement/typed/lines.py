@@ -203,6 +203,7 @@ def separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
 
 
 def _blank(pattern: re.Pattern[str], text: str) -> str:
+    """Return a text with blanks for the matches of a pattern."""
     return pattern.sub(lambda match: _spaces(match.group()), text)
 
 

@@ -211,4 +211,5 @@ def _length(vector: Sequence[Token], names: Names) -> list[Token]:
 
 
 def _sign(mark: str, token: Token) -> Token:
+    """Return the sign `mark` as a token, at the position of `token`."""
     return Token("sign", mark, token.begin, token.end)
