@@ -20,7 +20,7 @@ STATE, TIME = [0.7, -1.3], 0.4
 
 
 @pytest.fixture(scope="module")
-def wanted() -> list[float]:
+def expected() -> list[float]:
     """Return the right-hand side at a state for values of the inputs."""
     result: list[float] = driven().substitute(VALUES).compile("numpy").rhs(TIME, STATE).tolist()
     return result

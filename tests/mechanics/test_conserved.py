@@ -245,7 +245,7 @@ def test_quantities_of_symmetries() -> None:
 
 
 @pytest.mark.parametrize(
-    ("statement", "generator", "wanted"),
+    ("statement", "generator", "expected"),
     [
         ({"kinetic": T(FLAT), "potential": m * g * y}, {y: 1}, m * y.dot + m * g * lg.t),
         ({"lagrangian": T(FLAT) + B * x * y.dot}, {x: 1}, m * x.dot - B * y),

@@ -181,7 +181,7 @@ def pair(**constraints: Any) -> lg.System:
 
 
 @pytest.mark.parametrize(
-    ("constraints", "wanted", "words"),
+    ("constraints", "expected", "words"),
     [
         ({"rod": ROD}, (), "eliminate() has no arguments: give a coordinate that a constraint determines."),
         ({"rod": ROD}, (z,), "'z' is not a coordinate of this system; they are x, y and theta."),
@@ -232,7 +232,7 @@ def test_a_branch_of_another_sign_is_one_too(root: Any) -> None:
     assert upper.statement.names == ("x", "theta")
 
 
-@pytest.mark.parametrize("wanted", [y, "floor", {y: 0}])
+@pytest.mark.parametrize("expected", [y, "floor", {y: 0}])
 def test_a_multiplier_in_a_force_keeps_its_constraint(expected: Any) -> None:
     """The message was "a force contains lambda[floor], but system has no constraints"."""
     block = lg.System(

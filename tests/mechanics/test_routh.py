@@ -83,7 +83,7 @@ def plain(**more: Any) -> lg.System:
 
 
 @pytest.mark.parametrize(
-    ("make", "wanted", "words"),
+    ("make", "expected", "words"),
     [
         (plain, (), "routhian() has no arguments: give a coordinate that is ignorable."),
         (plain, ("z",), "'z' is not a coordinate of this system; they are x and y."),

@@ -210,7 +210,7 @@ def test_keys_are_found(path: tuple[str, ...], line: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "column", "found"),
+    ("text", "column", "result"),
     [
         ('"abc"', 1, "abc"),
         ('"abc"', 3, 'c"'),

@@ -115,7 +115,7 @@ def short_steps(towards: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("angle", "rtol", "found"), [(1e-6, 1e-9, True), (1e-2, 1e-9, False), (1e-3, 1e-9, False), (1e-2, 1e-4, True)]
+    ("angle", "rtol", "result"), [(1e-6, 1e-9, True), (1e-2, 1e-9, False), (1e-3, 1e-9, False), (1e-2, 1e-4, True)]
 )
 def test_short_steps_towards_a_crossing_are_seen(angle: float, rtol: float, result: bool) -> None:
     model = CRANK.compile(check=False)

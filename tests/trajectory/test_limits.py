@@ -181,7 +181,7 @@ def test_a_terminal_is_told_what_takes_so_long(what: str, monkeypatch: pytest.Mo
     assert terminal.text.endswith(" \r"), "the line is taken away"
 
 
-@pytest.mark.parametrize(("wanted", "patience"), [(False, 0.01), (True, 600.0)])
+@pytest.mark.parametrize(("expected", "patience"), [(False, 0.01), (True, 600.0)])
 def test_a_terminal_is_not_told_what_takes_no_time(
     expected: bool, patience: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
