@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import random
 import resource
 import signal
@@ -96,6 +97,15 @@ class Caught:
         return isinstance(error, Exception)
 
 
+def fits(function: Any, positional: list[Any], named: dict[str, Any]) -> bool:
+    """Return True if a call has the number and the names of arguments that a function accepts."""
+    try:
+        inspect.signature(function).bind(*positional, **named)
+    except TypeError:
+        return False
+    return True
+
+
 def raw(public: Public, positional: list[Any], named: dict[str, Any]) -> str:
     """Return an unexpected exception of a call and its line in this package, or nothing."""
     function, caught = public.get(), Caught()
@@ -106,10 +116,9 @@ def raw(public: Public, positional: list[Any], named: dict[str, Any]) -> str:
     error = caught.error
     if isinstance(error, lg.LagrangeError):
         return "" if 0 < len(str(error).strip()) <= LONGEST_SENTENCE else f"a message of {len(str(error))} characters"
-    frames = traceback.extract_tb(error.__traceback__) if error else []
-    if error is None or (isinstance(error, TypeError) and len(frames) == 1):
-        return ""  # done, or a wrong signature
-    ours = [frame for frame in frames if "/lagrange/" in frame.filename]
+    if error is None or (isinstance(error, TypeError) and not fits(function, positional, named)):
+        return ""
+    ours = [frame for frame in traceback.extract_tb(error.__traceback__) if "/lagrange/" in frame.filename]
     place = f"{Path(ours[-1].filename).name}:{ours[-1].lineno}" if ours else "?"
     return f"{type(error).__name__}: {str(error)[:80]} at {place}"
 
