@@ -183,9 +183,12 @@ def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints:
                 raise StatementError(f"the contact {each.name!r} has the name of a constraint: choose another name.")
             taken.append(name)
     law = "" if simultaneous is None else str(simultaneous)
-    if law:
-        one_of(law, LAWS, "simultaneous is {given}: give one of {known}.")
-    return {"contacts": tuple(contacts), "simultaneous": law}
+    return {"contacts": tuple(contacts), "simultaneous": law and check_law(law)}
+
+
+def check_law(simultaneous: Any) -> str:
+    """Return the law for simultaneous impacts. Raises StatementError unless it is in `LAWS`."""
+    return one_of(simultaneous, LAWS, "simultaneous is {given}: give one of {known}.")
 
 
 def _check(stated: Contact, survey: Survey) -> None:

@@ -303,7 +303,7 @@ def test_equations_of_first_order() -> None:
     assert vortices.compare(vortices.equations()) and vortices.compare("\n".join(VORTICES))
     assert vortices.compare("\n".join(VORTICES[1:])).message.endswith("the motion of x1 is left open.")
     turned = "\n".join(VORTICES).replace("x1' = -", "x1' = ")
-    assert " has the wrong sign: it should be -Gamma2*(y1 - y2)/(2*pi*(" in vortices.compare(turned).message
+    assert " has the wrong sign: it should be -Gamma2*(y1 - y2)/(2*pi*s)." in vortices.compare(turned).message
     assert not vortices.compare("\n".join(VORTICES).replace("2 pi", "pi"))
 
 

@@ -16,7 +16,7 @@ from sympy.core.assumptions import _assume_defined
 from sympy.core.facts import InconsistentAssumptions
 
 from lagrange.errors import SceneError, StatementError, listing, shown
-from lagrange.statement.contact import Contact, along, contact, impact_speed
+from lagrange.statement.contact import Contact, along, check_law, contact, impact_speed
 from lagrange.statement.coordinate import (
     acceleration_of,
     check_name,
@@ -230,7 +230,7 @@ class SceneReader:
                 run=self.run(),
                 dimensions=self.dimensions(names),
                 contacts=self.contacts(reader),
-                simultaneous=document.text("simultaneous") if "simultaneous" in self.data else None,
+                simultaneous=self.simultaneous(),
                 surfaces=self.surfaces(reader),
                 check_inertia=False,
             )
@@ -490,6 +490,11 @@ class SceneReader:
                 )
             surfaces[name] = tuple(self.document.one_or_more(reader, "surfaces", name))
         return surfaces
+
+    def simultaneous(self) -> str | None:
+        """Return the law for simultaneous impacts, None if the scene states none."""
+        with self.document.located("simultaneous"):
+            return check_law(self.data["simultaneous"]) if "simultaneous" in self.data else None
 
     def redundant(self) -> str:
         """Return how constraints that follow from others are treated: one of `REDUNDANT`."""
