@@ -15,7 +15,7 @@ from mpmath import MPContext, libmp
 
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.run_settings import check_time
-from lagrange.statement.sampling import RELATIONS, children
+from lagrange.statement.sampling import RELATIONS, children, children_first
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
@@ -384,16 +384,8 @@ class _Recorder:
 
     def record(self, expression: Any) -> int:
         """Translate an expression into instructions, and return the slot that will hold its value."""
-        stack = [(expression, False)]
-        while stack:
-            node, ready = stack.pop()
-            if node in self._slots:
-                continue
-            if ready or not children(node):
-                self._slots[node] = self._add(node)
-            else:
-                stack.append((node, True))
-                stack.extend((child, False) for child in children(node))
+        for node in children_first(expression, self._slots):
+            self._slots[node] = self._add(node)
         return self._slots[expression]
 
     def _add(self, node: Any) -> int:

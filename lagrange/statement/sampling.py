@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
@@ -87,15 +87,8 @@ class Scales:
 
     def _read(self, expression: Any) -> None:
         """Add the equations for magnitudes that follow from an expression; its subexpressions are read first."""
-        stack = [(expression, False)]
-        while stack:
-            node, ready = stack.pop()
-            if node in self._forms:
-                continue
-            if ready or not children(node):
-                self._forms[node] = self._form(node)
-            else:
-                stack += [(node, True), *((child, False) for child in children(node))]
+        for node in children_first(expression, self._forms):
+            self._forms[node] = self._form(node)
 
     def _form(self, node: Any) -> Form:
         parts = [self._forms[child] for child in children(node)]
@@ -125,6 +118,22 @@ def children(node: Any) -> tuple[Any, ...]:
     if isinstance(node, sympy.Piecewise):
         return tuple(part for pair in node.args for part in (pair.expr, pair.cond))
     return tuple(node.args)
+
+
+def children_first(expression: Any, done: Container[Any]) -> Iterator[Any]:
+    """Yield the nodes of an expression that are not in `done`, each after its operands.
+
+    The caller adds a node to `done` before it asks for the next one, so that equal subexpressions are yielded once.
+    """
+    stack = [(expression, False)]
+    while stack:
+        node, ready = stack.pop()
+        if node in done:
+            continue
+        if ready or not children(node):
+            yield node
+        else:
+            stack += [(node, True), *((child, False) for child in children(node))]
 
 
 # Classes of inequalities
