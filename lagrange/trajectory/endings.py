@@ -86,7 +86,7 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
 
 
 def remaining_regularity(problem: Problem, t: Sequence[float], y: FloatArray) -> list[Singular | None]:
-    """Return what is nearest to singular at states of a run with constraints: dependent rows, or a motion.
+    """Return the most dependent rows, or the motion with least inertia, at states of a run with constraints.
 
     `t` are k times, and y (2n, k) the states there. `regularity` is the least singular value of the constraint
     gradients G or of the mass matrix M, divided by that at the start. A result is None if a matrix is not finite. All

@@ -37,7 +37,7 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True)
 class Language:
-    """How a program in a language calls a module. `commands` compile and run it with the program `tool`."""
+    """A language: the text by which a program calls a module, and the `commands` that compile and run it by `tool`."""
 
     tool: str
     suffix: str

@@ -296,7 +296,7 @@ def test_any_expression_along_states(target: str) -> None:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_the_name_of_a_program_means_nothing(target: str) -> None:
-    """Whether arguments and results are passed in registers is stated in the record."""
+    """The record of a procedure, not its name, says which arguments and results are passed in registers."""
     program = program_of("rhs", euler_lagrange(SYSTEMS["double pendulum"]()))
     second = machine(target).load(replace(program, name="momentum"))
     kernel = machine(target).load(program)

@@ -44,7 +44,7 @@ _LETTER = f"[A-Za-z{''.join(GREEK)}]"
 _PLAIN_INDEX = re.compile(rf"_([0-9]+|{_LETTER}(?:{_LETTER}|[0-9])*)")
 _BRACKETED = re.compile(r"\[([A-Za-z][A-Za-z0-9_]*)\]")
 _RATE = re.compile(r"\.(d{1,2})ot\b|(?:\(t\))?\.diff\(\s*t\s*(?:,\s*([t2])\s*)?\)")
-_OPERAND = re.compile(r"\(|\s[^\W\d_]")  # What follows a word for a derivative: a bracket or a symbol
+_OPERAND = re.compile(r"\(|\s[^\W\d_]")  # The operand of a word for a derivative: a bracket or a symbol
 _BEFORE_DIGITS = ("sin", "cos", "tan", "cot", "sqrt")  # Functions that end a word before a digit, as in sin2x
 
 SEVERAL = {"Eq", "diff", "Derivative", *(name for name, word in WORDS.items() if word.most != 1)}
