@@ -14,10 +14,13 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.linear.complementarity import lemke
+from lagrange.machine.backend import Machine
 from lagrange.trajectory.trajectory import FloatArray
 
 OPEN, CLOSED, SLIDING, STICKING = "open", "closed", "sliding", "sticking"
@@ -91,16 +94,19 @@ class Balance:
     shared: frozenset[int] = frozenset()
 
 
-def solutions(matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction]) -> list[Balance]:
+def solutions(
+    matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction], machine: Machine | None = None
+) -> list[Balance]:
     """Return the solutions of the complementarity problem; solutions that hold the surfaces come first.
 
     `matrix` (rows, rows) is A, `bias` (rows,) is b. All combinations of states are tried; if these are too many,
-    pivoting finds one solution. Of solutions with the same rates, only the one with the least forces is returned.
-    Surfaces at rest stay at rest if they can. The list is empty if there is no solution.
+    pivoting finds one solution, by `lemke` compiled for a machine, or as plain Python without a machine. Of solutions
+    with the same rates, only the one with the least forces is returned. Surfaces at rest stay at rest if they can.
+    The list is empty if there is no solution.
     """
     rows, cases = _Rows(contacts), [contact.cases() for contact in contacts]
     if math.prod(map(len, cases)) > MOST_CASES:
-        return _by_pivoting(matrix, bias, rows)
+        return _by_pivoting(matrix, bias, rows, machine)
     balances: list[Balance] = []
     for balance in _balances(matrix, bias, rows, cases):
         close = 10 * _noise(matrix, bias, balance.forces)
@@ -285,7 +291,7 @@ def least_solution(square: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.lstsq(square, right, rcond=DEPENDENT)[0])
 
 
-def _by_pivoting(matrix: FloatArray, bias: FloatArray, rows: _Rows) -> list[Balance]:
+def _by_pivoting(matrix: FloatArray, bias: FloatArray, rows: _Rows, machine: Machine | None) -> list[Balance]:
     """Return a list with a solution by Lemke's method, or an empty list.
 
     The cone of friction in a plane becomes a pyramid with four sides. A contact that slides already has one unknown:
@@ -304,8 +310,11 @@ def _by_pivoting(matrix: FloatArray, bias: FloatArray, rows: _Rows) -> list[Bala
     square[:count, :count] = lines @ matrix @ pushes.T
     side, speed = np.arange(k, count), count + index
     square[side, speed], square[speed, side], square[speed, owners] = 1.0, -1.0, rows.static[owners]
-    solution = lemke(square, np.concatenate([lines @ bias, np.zeros(len(free_contacts))]))
-    if solution is None:
+    right = np.concatenate([lines @ bias, np.zeros(len(free_contacts))])
+    size, solution = len(right), np.empty(len(right))
+    memory = np.empty(size * (2 * size + 2)), np.empty(size, dtype=np.int64)
+    pivoting: Any = lemke if machine is None else machine.called(lemke.form())
+    if not pivoting(size, square.ravel(), right, *memory, solution):
         return []
     forces = solution[:count] @ pushes
     rates = matrix @ forces + bias
@@ -317,35 +326,3 @@ def _by_pivoting(matrix: FloatArray, bias: FloatArray, rows: _Rows) -> list[Bala
     ways = np.where(rows.slides[rows.contact], rows.ways, rows.directions(rates[None])[0])
     polished, exact, solved = _forces(matrix, bias, rows, states[None], ways)
     return [_balance_of(rows, polished[0], exact[0], states.tolist(), ways)] if solved[0] else []
-
-
-def lemke(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
-    """Return z (n,) >= 0 with w = M z + q >= 0 and w z = 0, or None if Lemke's method ends on a ray.
-
-    `matrix` (n, n) is M, `right` (n,) is q. Columns are scaled to equal size. Among equal ratios the row with the
-    largest pivot leaves the basis.
-    """
-    n = len(right)
-    if (right >= 0).all():
-        return np.zeros(n)
-    table = np.hstack([np.eye(n), -matrix, -np.ones((n, 1)), right[:, None]])
-    basis, entering, row = list(range(n)), 2 * n, int(np.argmin(right))
-    for _ in range(50 * n + 50):
-        table[row] /= table[row, entering]
-        others = np.arange(n) != row
-        table[others] -= np.outer(table[others, entering], table[row])
-        leaving, basis[row] = basis[row], entering
-        if leaving == 2 * n:
-            solution = np.zeros(2 * n + 1)
-            solution[basis] = table[:, -1]
-            return solution[n : 2 * n]
-        entering = leaving + n if leaving < n else leaving - n
-        column = table[:, entering]
-        able = np.flatnonzero(column > NOISE * max(1.0, float(np.abs(column).max())))
-        if not len(able):
-            return None
-        ratios = table[able, -1] / column[able]
-        least = able[ratios <= ratios.min() + NOISE * max(1.0, abs(float(ratios.min())))]
-        artificial = [i for i in least if basis[i] == 2 * n]
-        row = int(artificial[0] if artificial else least[np.argmax(column[least])])
-    return None

@@ -248,7 +248,8 @@ class Transitions:
         """
         kin = self.kinematics
         rows = [row for i, law in laws.items() for row in kin.rows[i][: 1 + law.components]]
-        balances = solutions(touch.compliance[np.ix_(rows, rows)], bias[rows], list(laws.values()))
+        matrix = touch.compliance[np.ix_(rows, rows)]
+        balances = solutions(matrix, bias[rows], list(laws.values()), kin.model.machine)
         if len(balances) != 1:
             raise _undetermined(kin, touch, y, list(laws), len(balances), what)
         if balances[0].shared and not self.shared:
