@@ -579,7 +579,7 @@ class System:
 
     @property
     def _model(self) -> Model:
-        """The model for numpy. Raises StatementError for a system with contacts, whose motion is not smooth."""
+        """The model compiled for numpy. Raises StatementError for a system with contacts."""
         check_without_contacts(self.statement.contacts, "this result")
         return self.compile("numpy", check=False)
 

@@ -150,10 +150,10 @@ def _add(
 
 
 def _with_ends(equilibrium: Equilibrium, statement: Statement, parameter: str, values: FloatArray) -> FloatArray:
-    """Return the values of a parameter, with more values where a formula begins or ceases to be real.
+    """Return the values of a parameter, with more values where the equilibrium begins or ceases to exist.
 
-    A branch may begin with an infinite slope, as a square root does. So the distances of the additional values from
-    that end grow as squares.
+    A branch may begin with an infinite slope, as a square root does. So additional values are denser near the end of
+    the branch: their distances from it grow as squares.
     """
     chosen = next(p for p in statement.parameters if p.name == parameter)
 

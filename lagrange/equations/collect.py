@@ -229,7 +229,7 @@ class Collector:
         return divided if apart else fraction
 
     def _divides_all(self, terms: MonomialSum) -> bool:
-        """Return True if every term has the same moving factors in its denominator, as r in -(2*v*w + g*sin(q))/r."""
+        """Return True if all terms have the same denominator, which varies in time, as r in -(2*v*w + g*sin(q))/r."""
         below = {tuple((k, e) for k, e in term if e < 0 and self.algebra.free(k) & self.moving) for term in terms}
         return len(below) == 1 and () not in below
 

@@ -446,7 +446,7 @@ def applied_forces(forces: Sequence[Node], dissipation: Node, v: Sequence[Node])
 
 
 def generalized_forces(lagrangian: Node, q: Sequence[Node], applied: Sequence[Node]) -> list[Node]:
-    """Return f = dL/dq + Q - dD/dv."""
+    """Return f = dL/dq + Q for each coordinate q; `applied` are the forces Q, less dD/dv of the dissipation D."""
     return [slope + force for slope, force in zip(gradient(lagrangian, q), applied, strict=True)]
 
 

@@ -277,7 +277,7 @@ class _PreciseRun:
         self.length: float | None = None
 
     def advance(self, t: Any, end: Any, state: Numbers, run_length: float) -> Numbers:
-        """Return the state at time `end` from that at t, by intervals that are halved until they succeed."""
+        """Integrate from `state` at time t, and return the state at `end`. Steps are halved until they succeed."""
         while t != end:
             left = float(end - t)
             parts = 1 if self.length is None else math.ceil(abs(left) / self.length)

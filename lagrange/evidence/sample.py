@@ -1,4 +1,4 @@
-"""The statement that a model is tested with, and comparisons of compiled numbers with formulas at random states."""
+"""Comparison of compiled numbers with the formulas of a statement, at random states."""
 
 from __future__ import annotations
 

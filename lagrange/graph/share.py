@@ -80,7 +80,7 @@ def _splits(sums: list[Node]) -> dict[Node, _Split]:
 
 
 def _split(terms: dict[Node, Exact], part: Node) -> _Split | None:
-    """Return the split of a sum {node: coefficient} by a multiple of `part`, or None if that is not in the sum."""
+    """Write a sum {node: coefficient} as a multiple of the sum `part`, plus a rest; None if that is not possible."""
     if any(term not in terms for term in part.args):
         return None
     coefficients = dict(zip(part.args, part.data[1], strict=True))

@@ -79,7 +79,7 @@ class LlvmEventSteps:
             **{name: np.zeros(block_size(n, WIDEST_VECTOR) + WIDEST_VECTOR) for name in ("own", "beside")},
             "screen": self._screen.function,
             "screen_given": self._screen.context,
-            # The arguments of a block polynomial begin with the law over columns and its parameters.
+            # The context of a block polynomial begins with the right-hand side for columns, and its parameters.
             "law": int(self._screen.context[0]),
             "law_parameters": int(self._screen.context[1]),
             "screens": screens,

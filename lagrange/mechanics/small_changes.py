@@ -79,7 +79,7 @@ class AtPoint:
         self.shortener = Shortener(f"the linear equations of {self.statement.name} about this point", vanishes)
 
     def matrix(self, rows: Rows, columns: int) -> Any:
-        """Return the values of graph nodes at the point, as a matrix of SymPy expressions in parameters.
+        """Return the values of graph nodes at the expansion point, as a matrix of SymPy expressions in parameters.
 
         `rows` are its rows of nodes, and `columns` is the number of its columns.
         """

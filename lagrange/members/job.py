@@ -50,7 +50,7 @@ class Job:
         return self.keep.columns(problem.model.layout.size, outputs, len(problem.events), INTERRUPTED)
 
     def engine(self) -> Engine:
-        """Return the object that runs members: in vector lanes if possible, else by the flow, else one by one."""
+        """Return the object that runs members: in vector lanes if possible, else by a `Flow`, else one by one."""
         problem, method, alone = self.problem, self.options.method, self.alone
         if not isinstance(method, Planned) or problem.t0 == problem.t1:
             return alone

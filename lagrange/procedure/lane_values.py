@@ -1,4 +1,4 @@
-"""Parts of a procedure for many members: statements on numbers and vectors, memory and variables.
+"""Numbers, vectors, memory and variables of a procedure that runs many members at once.
 
 A member is one of several runs of the original procedure; each lane of a vector holds the value of one member.
 """

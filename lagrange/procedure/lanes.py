@@ -579,8 +579,8 @@ class _Rewriter(Visitor, MemberStatements):
     def total(self, partial: Sequence[int], iterations: int) -> int:
         """Return the id of the result of a reduction, from the ids of its partial results.
 
-        `iterations` is the id of the number of iterations. Each of them has moved the first partial result to the
-        end.
+        `iterations` is the id of the number of iterations. Each iteration has rotated the partial results by one: the
+        first became the last.
         """
         if len(partial) == 1:
             return partial[0]

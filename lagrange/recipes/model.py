@@ -25,7 +25,7 @@ from lagrange.statement.expression import flag, one_of
 
 
 def missing(method: str, command: str, error: ImportError) -> StatementError:
-    """Return the error for a package that a method of the model needs; `command` installs the package."""
+    """Return the error for a missing package that a method of the model needs; `command` installs the package."""
     package = command.rsplit(maxsplit=1)[-1]
     return StatementError(f"model.{method}() needs {package}, which cannot be imported ({error}): {command}")
 

@@ -102,7 +102,7 @@ class Scales:
         if isinstance(node, sympy.Pow) and node.exp.is_number:
             return {symbol: power * float(node.exp) for symbol, power in parts[0].items()}
         if isinstance(node, (sympy.Abs, sympy.Max, sympy.Min, sympy.Add, *RELATIONS)):
-            # All terms get the size of the first one, preferably of one without unknowns.
+            # Terms of a sum shall be equally large: each as large as the first one, preferably a term without unknowns.
             parts.sort(key=lambda part: any(symbol in self._index for symbol in part))
             self._monomials += [_product([part, {s: -power for s, power in parts[0].items()}]) for part in parts[1:]]
             return parts[0]
@@ -152,8 +152,8 @@ def _product(parts: Sequence[Form]) -> Form:
 class _Solution:
     """Solves linear equations for the logarithms of magnitudes, one unknown after another.
 
-    An equation has the powers of its unknowns, by index, and its constant term. `sizes` has the known logarithms. An
-    equation gives its last unknown as soon as all others are known.
+    A row (powers, unit) is the equation sum of power * unknown + unit = 0; `powers` maps indices of unknowns to powers.
+    `sizes` has the known logarithms. An equation gives its last unknown as soon as all others are known.
     """
 
     def __init__(self, rows: Sequence[tuple[Mapping[int, float], float]]) -> None:

@@ -1,4 +1,4 @@
-"""Dense output of explicit steps and of Taylor steps: Hermite's cubic raised by Picard's iteration, stages, series.
+"""Dense output of steps: Picard's iteration from Hermite's cubic, Runge-Kutta stages, or Taylor series.
 
 Any method: the integral of the right-hand side along a path of order p is a path of order p + 1. Its difference from
 the state at the end is distributed over the step by a cubic that is flat at both ends. So the path meets both ends with

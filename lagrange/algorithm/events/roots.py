@@ -324,7 +324,7 @@ def isolate(search: Search, first: int, others: float, rates: float, end: float)
     while part >= 0:
         begin, width = starts[part], widths[part]
         half_width = width * 0.5
-        # Near its noise a function would be halved everywhere, because of its rounding: hence the factor 2.
+        # Near the noise, signs are random, and every interval would be halved: hence the factor 2.
         is_narrow = width <= NARROWEST or size <= 2.0 * noise
         if likely(is_decided or is_narrow):
             if unlikely(not is_decided):

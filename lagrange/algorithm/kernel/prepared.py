@@ -71,10 +71,7 @@ def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
 
 
 def written_out(plan: Elimination, largest: int = LARGEST_IN_SOURCE) -> bool:
-    """Return True if the operations of the elimination `plan` are written out one by one.
-
-    They are for matrices up to the size `largest`, and for sparse ones with few operations.
-    """
+    """Return True if the elimination `plan` is written out, operation by operation, without loops."""
     return plan.order <= largest or plan.written_out
 
 

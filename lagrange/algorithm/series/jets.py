@@ -441,7 +441,7 @@ class Row:
 
 
 def by_order_scratch(packing: Packing) -> int:
-    """Return how many doubles of work memory the matrices of a series need, after its rows of coefficients."""
+    """Return the number of doubles of work memory that the linear systems of a series need."""
     return sum(system_size(stage.plan, LARGEST_INVERSE) for stage in packing.program.stages)
 
 

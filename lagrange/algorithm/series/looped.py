@@ -492,7 +492,7 @@ class ChunkLane(ChunkAt):
         return self.read("previous", self.series.image.places[self.operand(number)])
 
     def first(self, number: int) -> Real:
-        """Return argument `number` of the rule at order 0, or for OWN the computed value, in this lane."""
+        """Return argument `number` of the rule at order 0 in this lane; OWN is the value that it computes."""
         return self.read("first", self.series.image.places[self.operand(number)])
 
     def total(self, number: int) -> Term:

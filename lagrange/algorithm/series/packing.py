@@ -52,7 +52,7 @@ class Alignment:
                 self.divide(members, {i: self.made_of(i) for i in members})
 
     def role(self, readers: Sequence[tuple[int, int]]) -> Any:
-        """Return how rules read a value: sorted pairs (part of the computed value, argument number).
+        """Return how rules read a value: sorted pairs (`part` of the computed value, argument number).
 
         `readers` has a pair for each use of the value: (value that the rule computes, argument number).
         """

@@ -491,7 +491,7 @@ def controlled_steps(
         if is_small and (not is_last or is_retry):
             return Outcome.STEP_TOO_SMALL
         after = end if is_last else t + h
-        # Far from time zero a step is a difference of times. Elsewhere it is h, so that a matrix can be reused.
+        # Far from time zero a step is (t + h) - t, rounded. Elsewhere it is h, so that a matrix can be reused.
         length = after - t if is_last or abs(h) < abs(t) * FAR_FROM_ZERO else h
         outcome = try_step(arguments, t, length, entries, layout=layout)
         if is_finite(arguments, layout, errors=True) and outcome == Outcome.DONE:

@@ -293,7 +293,7 @@ class Opened:
 
 @inline
 def opened(watched: Watched) -> Opened:
-    """Return the watched functions with the parts of their arrays as attributes."""
+    """Return views of the watched functions' arrays, one attribute for each part of an array."""
     return Opened(watched, layout_of(watched.sizes))
 
 
@@ -361,7 +361,7 @@ def arguments(layout: TaylorLayout) -> Bundle:
 
 @inline
 def watched_of(arguments: Arguments) -> Any:
-    """Return the `Watched` functions with their series, or None."""
+    """Return the `Watched` functions with the memory and order of the series; None if nothing is watched."""
     watched, work, order = arguments.watched, arguments.work, arguments.order
     return None if watched is None else replace(watched, work=work, order=order)
 

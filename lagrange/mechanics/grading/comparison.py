@@ -347,7 +347,7 @@ def _compared(
 
 
 def _wrong(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> tuple[int, ...]:
-    """Return the indices of the equations that do not hold at all samples."""
+    """Return the indices of the equations that fail at one or more samples."""
     return tuple(i for i, row in enumerate(rows) if not row.holds(samples))
 
 

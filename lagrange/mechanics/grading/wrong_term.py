@@ -53,8 +53,8 @@ MOST_MATCHED = 60  # Largest number of terms of an equation that are matched one
 class WrongTerm:
     """A sentence on the error of an equation. `alone` is true if exactly one term of the equation is wrong.
 
-    `cost` is the cost of the change of this term, infinite if several are wrong. `shorter` is true if the right term is
-    not longer than the typed one.
+    `cost` measures how far the right term is from the typed one; it is infinite if several terms are wrong. `shorter`
+    is true if the right term is not longer than the typed one.
     """
 
     sentence: str
@@ -301,7 +301,7 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
             if row.with_zero(row.zero + side * change).holds(samples):
                 sentence = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
                 return f"{_place_of(name, row)} {sentence}"
-    # Of several terms under d/dt one with a velocity is the last to be blamed.
+    # Of the terms under d/dt, those without a velocity are tried first.
     velocities, ratios = list(statement.plain.values())[1::3], (Fraction(-1), Fraction(2), Fraction(1, 2))
     for typed in dict.fromkeys(row.equation.differentiated):
         terms = sorted(typed.args if typed.is_Add else (), key=lambda term: term.has(*velocities))

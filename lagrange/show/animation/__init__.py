@@ -15,10 +15,7 @@ SUFFIXES = (".html", ".gif", ".mp4", ".png")
 
 
 def named_kind(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a file, after a check that its suffix states a known kind.
-
-    Raises StatementError for another suffix.
-    """
+    """Return the path of an animation file. Raises StatementError if its suffix is not in `SUFFIXES`."""
     if not isinstance(path, (str, os.PathLike)):
         raise StatementError(f"the path is {with_type(path)}: give the path of a file.")
     target = Path(path)

@@ -105,8 +105,9 @@ class BookOrder:
     def term(self, term: Any) -> Key:
         """Return the sort key of a term: accelerations come first, then velocities, then all other terms.
 
-        Among the others, squares and products of coordinates come first, as in x^2 + y^2 - l^2. Constants follow, as
-        in l + x and m1 + m2 sin(theta)^2. Weights, then functions of time alone, come last.
+        Among the others, squares and products of coordinates come first, as in x^2 + y^2 - l^2. Constants follow, as in
+        l + x and m1 + m2 sin(theta)^2. Terms with the acceleration of gravity g, then functions of time alone, come
+        last.
         """
         ranks = self.symbols(term)
         highest = max((rank[0] for rank in ranks), default=PARAMETER)

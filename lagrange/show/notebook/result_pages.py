@@ -144,7 +144,7 @@ def _rounded(value: Any) -> Any:
 def _register(kind: type, parts: Callable[[Any, PageWriter], Iterator[Part]], instead: str) -> None:
     """Register `parts` as the function that yields the parts of the page of a result of the class `kind`.
 
-    A sentence that ends with `instead` replaces a part that is too long.
+    A part that is too long is replaced by a sentence. `instead` ends it: it says where the values are.
     """
 
     def page(result: Any) -> str:

@@ -139,9 +139,9 @@ class UnevaluatedReader(Reader):
             parts = []
 
     def joined(self, start: int, build: Any, parts: Sequence[ParsedValue]) -> ParsedValue:
-        """Return the And or the Or, given by `build`, of several conditions. A single part is returned unchanged.
+        """Return the conjunction or disjunction of conditions, unevaluated. A single condition is returned unchanged.
 
-        `start` is the offset of the first one, for errors.
+        `build` is SymPy's And or Or. `start` is the offset of the first condition in the text, for errors.
         """
         if len(parts) == 1:
             return parts[0]

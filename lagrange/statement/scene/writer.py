@@ -97,7 +97,7 @@ class SharedText:
         return self._known[expression].text
 
     def _counted(self, roots: Iterable[Any]) -> dict[Any, int]:
-        """Return how often each subexpression occurs in the expressions `roots`, counting those themselves.
+        """Return the number of occurrences of each subexpression of the expressions `roots`, and of these themselves.
 
         The parts of a repeated subexpression are counted once.
         """

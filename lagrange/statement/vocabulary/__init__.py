@@ -1,1 +1,1 @@
-"""Words of expressions: letters of names, elementary functions, and the functions of texts."""
+"""Vocabulary of expressions: letters of names, elementary functions, and names of functions in texts."""

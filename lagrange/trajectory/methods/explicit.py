@@ -191,7 +191,7 @@ def tableau(
     embedded_order: int | None = None,
     source: str = "",
 ) -> ButcherTableau:
-    """Return the tableau of an explicit method, checked against the order that it claims, with a cubic path.
+    """Return the tableau of an explicit method, checked against the order that it claims. Its dense output is cubic.
 
     `A` is a strictly lower triangular matrix (s, s) or its rows, `b` has s weights, and `c` are the abscissae, by
     default the row sums of A. An entry is a number, a Fraction or text such as "2/3". `embedded` are the weights of a
