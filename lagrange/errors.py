@@ -111,7 +111,7 @@ def formula(expression: Any, most: int = 80) -> str:
         return MANY_PARTS
     try:
         return str(expression)[:most]
-    except (ValueError, RecursionError):  # a number of thousands of digits
+    except (ValueError, RecursionError):  # a number with thousands of digits
         return shown(expression, most)
 
 

@@ -56,23 +56,23 @@ def add_run(commands: Any) -> None:
 
 def run(request: argparse.Namespace) -> Answer:
     """Run a scene, write the requested files, and return its status card."""
-    begun, how = start(request), method(request)
+    run_arguments, how = start(request), method(request)
     points = count("--points", request.points)
     system = load_scene(request)
     target = folder(request.out) if request.out is not None else None
-    t_eval = _times(system, begun, points)
-    solution = system.run(**begun, **how, t_eval=t_eval, progress=not request.json, check=not request.no_check)
+    t_eval = _times(system, run_arguments, points)
+    solution = system.run(**run_arguments, **how, t_eval=t_eval, progress=not request.json, check=not request.no_check)
     return _in_folder(code_of(solution), solution, solution.card(), target)
 
 
-def _times(system: System, begun: dict[str, Any], points: int | None) -> Any:
+def _times(system: System, run_arguments: dict[str, Any], points: int | None) -> Any:
     """Return `points` equally spaced output times from 0 to the end of a run, or None without `points`.
 
-    `begun` has the arguments of the run; if their "t_end" is None, the run ends at the stated time.
+    `run_arguments` has the arguments of the run; if their "t_end" is None, the run ends at the stated time.
     """
     import numpy as np
 
-    end = system.statement.run.t_end if begun["t_end"] is None else begun["t_end"]
+    end = system.statement.run.t_end if run_arguments["t_end"] is None else run_arguments["t_end"]
     return None if points is None else np.linspace(0.0, end, points)
 
 
@@ -110,11 +110,11 @@ def race(request: argparse.Namespace) -> Answer:
         **{key: given_number(f"--{key}", getattr(request, key)) for key in ("outputs", "digits", "repeats")},
         "max_wall": given_number("--max-wall", request.max_wall),
     }
-    begun = start(request)
+    run_arguments = start(request)
     system = load_scene(request)
     target = folder(request.out) if request.out is not None else None
     options = {key: value for key, value in settings.items() if value is not None}
-    result = lg.race(system, **begun, relative=request.relative, **options)
+    result = lg.race(system, **run_arguments, relative=request.relative, **options)
     return _in_folder(DONE if any(entry.complete for entry in result) else FAILED, result, result.to_dict(), target)
 
 
@@ -162,12 +162,12 @@ def add_ensemble(commands: Any) -> None:
 
 def ensemble(request: argparse.Namespace) -> Answer:
     """Run a scene from many initial states or with many parameters, and report how the runs ended."""
-    begun, how = start(request), method(request)
+    run_arguments, how = start(request), method(request)
     axes, out = _axes(request.vary), _target(request)
     _check_members(axes, out)
     points = count("--points", request.points)
     system = load_scene(request)
-    fixed = {**begun["initial"], **begun["parameters"]}
+    fixed = {**run_arguments["initial"], **run_arguments["parameters"]}
     if twice := next((name for name in axes if name in fixed), None):
         raise StatementError(
             f"{twice} has both a range of values, --vary {twice}, and a single value: leave one of them out."
@@ -179,13 +179,13 @@ def ensemble(request: argparse.Namespace) -> Answer:
     known = dict.fromkeys([*axes, *system.statement.state_names, *results, "t_end", *counted])
     what = _drawn(request, out, axes, [*known], points)
     workers: Any = None if request.workers is None else number("--workers", request.workers)
-    end = system.statement.run.t_end if begun["t_end"] is None else begun["t_end"]
+    end = system.statement.run.t_end if run_arguments["t_end"] is None else run_arguments["t_end"]
     runs = lg.ensemble(
         system,
         end,
         varied,
         keep=[tuple(text.split(":", 1)) if ":" in text else text for text in kept],
-        t_eval=_times(system, begun, points),
+        t_eval=_times(system, run_arguments, points),
         workers=workers,
         store=out if out is not None and out.suffix.lower() == STORE else None,
         progress="lines" if request.progress else not request.json,

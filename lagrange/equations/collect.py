@@ -1,7 +1,4 @@
-"""Shorten sums of monomials as a textbook would: cancel common factors, group like motions, factor coefficients.
-
-A motion is here a product of velocities, accelerations and functions.
-"""
+"""Shorten sums of monomials as a textbook would: common factors cancel, and terms are grouped by velocities."""
 
 from __future__ import annotations
 
@@ -252,13 +249,13 @@ class Collector:
         return tuple(outer), tuple(position), tuple(constant)
 
     def _group(self, inner: dict[Monomial, MonomialSum], outer: Monomial) -> Any:
-        motion = self.algebra.power(outer)
+        outer_factors = self.algebra.power(outer)
         expanded = Add(
             *(Mul(*self._coefficient(part), self.algebra.power(position)) for position, part in inner.items())
         )
         if len(inner) == 1:
             ((position, part),) = inner.items()
-            return Mul(*self._coefficient(part), self.algebra.power(position), motion)
+            return Mul(*self._coefficient(part), self.algebra.power(position), outer_factors)
         whole = {
             tuple(sorted(position + constant)): number
             for position, part in inner.items()
@@ -268,8 +265,8 @@ class Collector:
         sign = -1 if coefficient[0].is_negative else 1
         short, long = Mul(sign, *coefficient, _BESIDE), Mul(sign * expanded, _BESIDE)
         if short.count_ops() <= WORTHWHILE * long.count_ops():
-            return Mul(*coefficient, motion)
-        return Mul(expanded, motion)
+            return Mul(*coefficient, outer_factors)
+        return Mul(expanded, outer_factors)
 
     def _coefficient(self, terms: MonomialSum) -> tuple[Any, Any, Any]:
         """Return (number, monomial, rest), SymPy expressions whose product is the sum, to be multiplied in one call.

@@ -263,7 +263,8 @@ class Reference:
             for part, largest in least
         )
         # Along the motion a step must change no argument by more than its own step: in SI units a second is nothing
-        # to a planet, and all the digits would be lost in it.
+        # During the time step no coordinate may change by more than its own step. A step in proportion
+        # to t alone would be too short for a planet in SI units: differences would lose all digits.
         times = [size / abs(x) for size, x in zip(sizes_q, point.v, strict=True) if x]
         if self.lagrangian.uses_time or self.held.uses_time or not times:
             times.append(abs(self.number(point.t)) or self.number(1))

@@ -165,7 +165,7 @@ class ReferenceEntries:
     def around(self, values: Sequence[Any] | FloatArray) -> ReferenceEntries:
         """Return entries with other `values`, which are exact, and with the sizes of these entries."""
         entries, zeros = ReferenceEntries(list(values), [0.0] * len(self.size), self.size), np.zeros(len(self.size))
-        # Of equal sizes: the conversion of 86,000 entries of a mass matrix takes 0.1 s.
+        # Reuse the sizes: their conversion takes 0.1 s for a mass matrix of 86,000 entries.
         entries.__dict__["allowance"] = self.allowance[0], zeros
         if isinstance(values, np.ndarray):
             entries.__dict__["doubles"] = values, zeros

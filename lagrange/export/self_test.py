@@ -205,7 +205,7 @@ def step_check(integrator: ExportedIntegrator, p: memoryview, statement: Stateme
         if integrator.adaptive:
             outcome, reached = adaptive(time, time + length, y)
             if outcome is Outcome.PAUSED and reached > time:
-                # Half of the way takes fewer tries.
+                # The limit of trial steps was reached: half of that time takes fewer.
                 length = (reached - time) / 2.0
                 y = memoryview(array("d", first))
                 outcome, _ = adaptive(time, time + length, y)

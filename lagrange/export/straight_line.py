@@ -208,7 +208,7 @@ class StraightLinePrinter:
         """Print instruction number `i`, or store its text if only one other operation reads the value."""
         kind = FLAG if instruction.op in FLAGS else REAL
         if all(arg in self.constants for arg in instruction.args):
-            # A compiler may refuse 1.0/0.0 and what overflows, where all of it is constant.
+            # A compiler may refuse constant expressions that overflow, such as 1.0/0.0.
             with np.errstate(all="ignore"):
                 self.constants[i] = OPERATIONS[instruction.op](*(self.constants[arg] for arg in instruction.args))
             self.texts[i] = self.language.literals.spelled(kind, self.constants[i])
@@ -294,7 +294,7 @@ def with_outputs(
     )
 
 
-# --- what depends on parameters alone
+# --- values that depend on parameters alone
 
 
 class Hoisted:

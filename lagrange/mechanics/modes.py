@@ -196,17 +196,17 @@ def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
     determinant is not solved, as of degree above two.
     """
     s = sympy.Dummy("s")
-    plain = lin.C.is_zero_matrix
-    pencil = lin.K - s * lin.M if plain else lin.M * s**2 + lin.C * s + lin.K
+    undamped = lin.C.is_zero_matrix
+    pencil = lin.K - s * lin.M if undamped else lin.M * s**2 + lin.C * s + lin.K
     polynomial = sympy.expand(pencil.det(method="berkowitz"))
     if size(polynomial) > LONGEST_POLYNOMIAL or any(x.has(sympy.Float) for x in (*lin.M, *lin.C, *lin.K)):
         return None
     polynomial = sympy.numer(sympy.together(polynomial))
-    even = not plain and not sympy.expand(polynomial - polynomial.xreplace({s: -s}))
+    even = not undamped and not sympy.expand(polynomial - polynomial.xreplace({s: -s}))
     squared = sympy.Dummy("squared")
     if even:
         polynomial = sympy.Poly(polynomial, s).as_expr().xreplace({s ** (2 * k): squared**k for k in range(1, 20)})
-    roots = _roots(polynomial, squared if even else s, plain, even)
+    roots = _roots(polynomial, squared if even else s, undamped, even)
     if roots is None or len(roots) != lin.M.rows:
         return None
     shapes: list[Any] = []
@@ -219,69 +219,69 @@ def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
     return roots, shapes
 
 
-def _roots(polynomial: Any, x: Any, plain: bool, even: bool) -> list[_Root] | None:
+def _roots(polynomial: Any, x: Any, undamped: bool, even: bool) -> list[_Root] | None:
     """Return the modes that are roots of a polynomial in x, or None if a factor is not solved.
 
-    x is w^2 if `plain` (no damping), s^2 if `even` (only even powers of s), else the eigenvalue s.
+    x is w^2 if `undamped`, s^2 if `even` (only even powers of s), else the eigenvalue s.
     """
     roots: list[_Root] = []
     for factor, power in sympy.factor_list(polynomial, x)[1]:
         if not factor.has(x):
             continue  # SymPy lists the square root of a parameter as a factor
         coefficients = [simplest(c) for c in sympy.Poly(factor, x).all_coeffs()]
-        pair = _of_factor(coefficients, plain, even)
+        pair = _of_factor(coefficients, undamped, even)
         if pair is None:
             return None
         roots += pair * power
-    if not plain and not even:
+    if not undamped and not even:
         zeros = [root for root in roots if root.value == 0]  # both zeros of s^2 = 0 are one mode
         roots = [root for root in roots if root.value != 0] + zeros[: (len(zeros) + 1) // 2]
     return roots
 
 
-def _of_factor(coefficients: Sequence[Any], plain: bool, even: bool) -> list[_Root] | None:
+def _of_factor(coefficients: Sequence[Any], undamped: bool, even: bool) -> list[_Root] | None:
     """Return the modes of a factor with `coefficients`, the highest power first; None if it is not solved.
 
-    The variable is w^2 if `plain`, s^2 if `even`, else s = i w. A factor of degree above two is not solved.
+    The variable is w^2 if `undamped`, s^2 if `even`, else s = i w. A factor of degree above two is not solved.
     """
     zero = sympy.S.Zero
     if len(coefficients) == 2:
         root = simplest(-coefficients[1] / coefficients[0])
-        if not (plain or even):
+        if not (undamped or even):
             return [_Root(zero, zero, zero)] if root == 0 else None
-        return [_oscillation(root, plain)]
+        return [_oscillation(root, undamped)]
     if len(coefficients) != 3:
         return None
     a, b, c = coefficients
-    if plain or even:
+    if undamped or even:
         spread = _root_of(b**2 - 4 * a * c)
-        pair = [_oscillation(_neat((-b + sign * spread) / (2 * a)), plain) for sign in (-1, 1)]
-        other = _by_product(simplest((-b if plain else b) / a), simplest(c / a), plain)
+        pair = [_oscillation(_neat((-b + sign * spread) / (2 * a)), undamped) for sign in (-1, 1)]
+        other = _by_product(simplest((-b if undamped else b) / a), simplest(c / a), undamped)
         return min((pair, other), key=lambda two: size(two[0].frequency)) if other else pair
     decay = simplest(b / (2 * a))
     frequency = _root_of(c / a - decay**2)
     return [_Root(frequency, decay, -decay + sympy.I * frequency)]
 
 
-def _by_product(total: Any, squared: Any, plain: bool) -> list[_Root]:
+def _by_product(total: Any, squared: Any, undamped: bool) -> list[_Root]:
     """Return two modes from w1^2 + w2^2 = total and P = w1 w2: w = (sqrt(total + 2 P) -+ sqrt(total - 2 P))/2.
 
-    `squared` is P^2. If `plain`, the value of a mode is w^2, else i w. This form is shorter if P contains no root, as
-    for Foucault's pendulum. The list is empty if P may be imaginary.
+    `squared` is P^2. If `undamped`, the value of a mode is w^2, else i w. This form is shorter if P contains no root,
+    as for Foucault's pendulum. The list is empty if P may be imaginary.
     """
     product = _root_of(squared)
     if not product.is_positive:
         return []
     wide, narrow = (_root_of(total + sign * 2 * product) for sign in (1, -1))
     frequencies = [_neat(sympy.expand((wide - narrow) / 2)), _neat(sympy.expand((wide + narrow) / 2))]
-    return [_Root(w, sympy.S.Zero, sympy.expand(w**2) if plain else sympy.I * w) for w in frequencies]
+    return [_Root(w, sympy.S.Zero, sympy.expand(w**2) if undamped else sympy.I * w) for w in frequencies]
 
 
-def _oscillation(root: Any, plain: bool) -> _Root:
-    """Return the undamped mode of a root, which is w^2 if `plain`, else s^2."""
-    square = root if plain else -root
+def _oscillation(root: Any, undamped: bool) -> _Root:
+    """Return the undamped mode of a root, which is w^2 if `undamped`, else s^2."""
+    square = root if undamped else -root
     frequency = _root_of(square)
-    return _Root(frequency, sympy.S.Zero, root if plain else sympy.I * frequency)
+    return _Root(frequency, sympy.S.Zero, root if undamped else sympy.I * frequency)
 
 
 def _root_of(square: Any) -> Any:

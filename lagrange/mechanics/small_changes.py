@@ -117,9 +117,10 @@ class AtPoint:
         return total
 
     def turning(self, column: Sequence[Any], own: int) -> Any:
-        """Return the matrix from small turns of bodies, and `own` times changes of other coordinates, to coordinates.
+        """Return the matrix that maps small turns of bodies and changes of other coordinates to changes of all.
 
-        The coordinates are those of the statement. The `column` of their values determines the changes of quaternions.
+        The values of the coordinates, `column`, determine the changes of quaternions. Other changes are multiplied by
+        `own`.
         """
         coordinates, matrix = self.statement.coordinates, sympy.zeros(self.n, len(self.read))
         for j, q in enumerate(self.read):

@@ -147,32 +147,32 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
     generator = np.random.default_rng(start)
     if method == "sobol":
         whole = qmc.Sobol(len(entries), seed=generator).random_base2(max(members - 1, 1).bit_length())
-        parts = whole[:members]
+        probabilities = whole[:members]
     elif method == "latin":
-        parts = qmc.LatinHypercube(len(entries), seed=generator).random(members)
+        probabilities = qmc.LatinHypercube(len(entries), seed=generator).random(members)
     else:
-        parts = generator.random((members, len(entries)))
+        probabilities = generator.random((members, len(entries)))
     values = {
         key: _drawn(label_of(key), distribution, part)
-        for (key, distribution), part in zip(entries, parts.T, strict=True)
+        for (key, distribution), part in zip(entries, probabilities.T, strict=True)
     }
     return Varied(values, ({"sample": method, "seed": start, "of": [label_of(key) for key in values]},))
 
 
-def _drawn(label: str, distribution: Any, parts: FloatArray) -> FloatArray:
-    """Return quantiles (m,) of a user's range (low, high) or distribution, at the probabilities `parts` (m,).
+def _drawn(label: str, distribution: Any, probabilities: FloatArray) -> FloatArray:
+    """Return quantiles (m,) of a user's range (low, high) or distribution, at `probabilities` (m,).
 
     `label` is the name of what varies, for messages.
     """
     quantile = getattr(distribution, "ppf", None)
     if callable(quantile):
         # At probability 0, which a sequence may contain, a normal distribution has no value.
-        values = _quantiles(label, quantile, np.clip(parts, 2.0**-53, 1.0 - 2.0**-53))
+        values = _quantiles(label, quantile, np.clip(probabilities, 2.0**-53, 1.0 - 2.0**-53))
     elif isinstance(distribution, (tuple, list)) and len(distribution) == 2:
         low, high = (real_number(end, f"an end of {label}") for end in distribution)
         if not low < high:
             raise StatementError(f"the range of {label} goes from {low:g} to {high:g}: give (low, high), low first.")
-        values = low + (high - low) * parts
+        values = low + (high - low) * probabilities
     else:
         raise StatementError(
             f"the range of {label} is {shown(distribution)}: give (low, high), or a distribution of scipy.stats."
@@ -185,22 +185,22 @@ def _drawn(label: str, distribution: Any, parts: FloatArray) -> FloatArray:
     return values
 
 
-def _quantiles(label: str, quantile: Callable[[FloatArray], Any], parts: FloatArray) -> FloatArray:
-    """Return the quantiles (m,) of a distribution at the probabilities `parts` (m,), checked for errors and shape.
+def _quantiles(label: str, quantile: Callable[[FloatArray], Any], probabilities: FloatArray) -> FloatArray:
+    """Return the quantiles (m,) of a distribution at `probabilities` (m,), checked for errors and shape.
 
     `quantile` is the distribution's function from probabilities to values. `label` is the name of what varies.
     """
     what = f"the distribution of {label}"
     try:
-        quantiles = quantile(parts)
+        quantiles = quantile(probabilities)
     except (TypeError, ValueError, ArithmeticError) as error:
         raise StatementError(
             f"{what} gives no values: {error}. Give one number for each parameter of the distribution."
         ) from error
     values = real_array(quantiles, what)
-    if values.shape != parts.shape:
+    if values.shape != probabilities.shape:
         raise StatementError(
-            f"{what} returns values of shape {values.shape} for probabilities of shape {parts.shape}: give a "
+            f"{what} returns values of shape {values.shape} for probabilities of shape {probabilities.shape}: give a "
             "distribution with one number for each parameter."
         )
     return values

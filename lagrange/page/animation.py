@@ -87,7 +87,7 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
     scripts = short(joined(*PICTURES, *RECORDED))
     width = f":root{{--width:{max(film.size[0], 640)}px}}\n"
     rules = short(colour_rules(statement) + width + template("page.css") + template("player.css"))
-    # Trails by their seconds on the screen.
+    # Durations of trails by name, in seconds on the screen.
     trails = {"no": 0.0, "short": film.trail_seconds or 2.5, "long": 10.0, "whole": 1e9}
     chosen = "short" if film.trail_seconds else "no"
     choices = [

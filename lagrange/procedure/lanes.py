@@ -349,7 +349,7 @@ class _Rewriter(Visitor, MemberStatements):
                     self.memory[local.ref] = replace(held, ref=ref)
                     self.out.append(form.Part(ref, held.ref, self.index(held, offset)))
 
-    # --- calls, and the end
+    # --- calls and the return
 
     @visits(form.Call)
     def call_in_lanes(self, call: form.Call) -> None:

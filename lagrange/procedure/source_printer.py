@@ -62,7 +62,7 @@ class SourcePrinter(Visitor, Syntax):
         self.depth = 1
         self.loops = 0
 
-    # --- what languages share
+    # --- parts that all languages share
 
     def function(self) -> str:
         """Return the source text of the procedure, as a function of the language."""

@@ -63,7 +63,7 @@ def projection(equations: Equations) -> Named:
     slopes = list(map(first, values))
     second = tangents(slopes, direction)
     left = substitute([graph.sum([(Fraction(1, 2), second(slope))]) for slope in slopes], known)
-    # At rest the terms of rates are rounding: what the corrections add to them is larger.
+    # At rest the terms of velocity constraints are only rounding: add the sizes of their changes.
     added = substitute(term_sizes(slopes[len(lengths) + len(positions) :]), known)
     coordinates_alone = [*([graph.one] * len(lengths)), *term_sizes(positions)]
     speeds = [graph.sum([(1, graph.call("abs", equations.v[i])) for i in rows]) for rows in equations.quaternions]

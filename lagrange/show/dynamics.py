@@ -369,19 +369,19 @@ def bifurcation(
 
 def _runs(
     system: Stated | Model,
-    how: tuple[Any, Any, Any],
-    tight: float,
+    step_options: tuple[Any, Any, Any],
+    default_rtol: float,
     parameters: Mapping[Any, Any] | None,
     progress: bool | str,
     max_steps: int | None = None,
 ) -> tuple[Model, Runs]:
     """Return the compiled model of a system, and runs of it with the same options.
 
-    `how` is (method, rtol, step), and `tight` the default of rtol for adaptive methods.
+    `step_options` is (method, rtol, step), and `default_rtol` the default of rtol for adaptive methods.
     """
-    method, rtol, step = how
+    method, rtol, step = step_options
     if rtol is None and (method is None or (isinstance(method, str) and find(method).claims.adaptive)):
-        rtol = tight
+        rtol = default_rtol
     model = compiled(system, "pendulum", progress=flag_or_word(progress, "progress", LINES))
     check_without_contacts(model.statement.contacts, "a portrait, section or sweep")
     options = RunOptions(method, rtol, None, step, max_steps=max_steps)

@@ -336,7 +336,10 @@ def default_values(
 
 
 def _within(symbol: Any, value: float, frictions: Collection[str]) -> float:
-    """Return the value. Raises StatementError below zero if the symbol was declared positive, or is a friction."""
+    """Return the value.
+
+    Raises StatementError below zero for a symbol declared positive or a coefficient of friction.
+    """
     if value < 0 and symbol.name in frictions:
         raise StatementError(f"the coefficient of friction {symbol.name} is {value:g}: give one that is not negative.")
     if value < 0 and symbol.is_nonnegative:

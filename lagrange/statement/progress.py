@@ -1,6 +1,6 @@
 """What a terminal or a notebook shows: progress of work, tables, and the pages of results.
 
-Progress is a bar; outputs that are no terminal get nothing, or lines of text on request.
+Progress is a bar. Other outputs than terminals and notebooks get nothing, or lines of text on request.
 
 The page of a result needs the notation of formulas. This belongs to a later stage of the package than the class of
 the result. So a later module registers here the functions that write the pages. It is imported when the first page is

@@ -136,7 +136,7 @@ def children_first(expression: Any, done: Container[Any]) -> Iterator[Any]:
             stack += [(node, True), *((child, False) for child in children(node))]
 
 
-# Classes of inequalities
+# SymPy's classes of inequalities
 RELATIONS = (sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, sympy.GreaterThan)
 
 

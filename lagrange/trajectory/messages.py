@@ -200,7 +200,7 @@ def events_fill(problem: Problem) -> str:
     )
 
 
-def event_behind_outputs(t: FloatArray) -> str:
+def event_after_outputs(t: FloatArray) -> str:
     """Return the note on a run that an event ended after the last output; `t` (N,) are the output times."""
     last = f"The last output before the event is at t = {number(t[-1])}" if len(t) else "No output is before the event"
     return f"{last}; y_events has the state at the event."

@@ -33,7 +33,7 @@ from lagrange.trajectory.integrator import Problem, memory_limit
 from lagrange.trajectory.messages import (
     UNPROJECTED,
     coarse,
-    event_behind_outputs,
+    event_after_outputs,
     events_fill,
     limited,
     message,
@@ -396,7 +396,7 @@ class _Run:
         if self.rows.dropped:
             notes.append(outputs_alone(problem))
         if status is Status.EVENT and problem.t_eval is not None and (not len(t) or t[-1] != times[-1]):
-            notes.append(event_behind_outputs(t))
+            notes.append(event_after_outputs(t))
         watched: EventLog | Watcher | None = self.watch
         if watched is None and problem.events:
             watched = EventLog(len(problem.events), len(problem.y0))

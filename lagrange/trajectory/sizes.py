@@ -165,7 +165,7 @@ class _Response:
         """
         displaced, fastest = displacement > 0, np.inf
         for _ in range(RATE_ITERATIONS):
-            # A response is a displacement per time. In slow units of time it would be rounding.
+            # A response is a displacement per time. It is divided by the rate, so that units of time do not matter.
             first = self(displacement)
             once = _ratio(first, displacement, displaced) or self._from_rest(first, displacement)
             then = self(first / once if once > 0 else first)

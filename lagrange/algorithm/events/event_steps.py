@@ -23,7 +23,7 @@ from lagrange.algorithm.events.constants import (
     SHORTEST_RESTART,
 )
 from lagrange.algorithm.events.step_samples import Samples, edge_noise, samples_type
-from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, CROWDED, ENDED, UNKNOWN, ReviewedEvents, review
+from lagrange.algorithm.events.step_zeros import CHANGED, CROWDED, ENDED, IGNORED, UNKNOWN, ReviewedEvents, review
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.algorithm.step.memory import COUNTS, FUNCTION, RUN
@@ -531,7 +531,7 @@ def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, 
         noise = edge_noise(before, missed[e * WIDEST_VECTOR + 2])
         begin_side(watch.sign[e:], watch.near[e:], (before, value), noise, is_due=is_due, has_reset=has_reset)
         watch.stayed[e] = abs(before) if is_due else 0.0
-        other_direction = UNKNOWN if has_reset else ANYHOW
+        other_direction = UNKNOWN if has_reset else IGNORED
         watch.came[e] = run.way + 2 if is_due else other_direction
     run.starts, run.due = 1, 0
 

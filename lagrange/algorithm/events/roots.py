@@ -1,6 +1,6 @@
 """Zeros of an event function g that is a polynomial on each step: each root once, in order, with its direction.
 
-The search passes the last sign of g from step to step, like a relay. A sign counts once |g| exceeds the noise
+The search passes the last sign of g from step to step. A sign counts once |g| exceeds the noise
 of g. A crossing is reported by the step in which the opposite sign first counts. A touch is reported if g has
 been within its noise of zero and then has the same sign again. So crossings alternate over a whole run, and a
 root at a joint of two steps is reported once, whatever the rounding on its two sides (by the later step, at
@@ -107,7 +107,7 @@ def signs(b: In, count: int, first: int, noise: float) -> tuple[bool, int, float
             changes += 1
             before = now
             now = sign
-    # A change of sign through zero is one crossing. Values that reach zero and return are zero or two.
+    # A change of sign through zero is one crossing. Values that reach zero and return are no crossing or two.
     through = changes == 2 and before == 0 and now == -first
     return changes < 2 or through, now, size
 
@@ -126,7 +126,7 @@ def halve(b: Out, count: int, left: Out) -> None:
 
 
 @record
-class Relay:
+class SignState:
     """State of the search for zeros at a point: the last sign, and the value nearest to zero since then."""
 
     count: int
@@ -155,7 +155,7 @@ class Relay:
 class Search:
     """The search for the zeros of a polynomial on [0, 1], and the arrays for them.
 
-    c has the `count` coefficients by powers, and `noise` is the error of the polynomial's values. `relay` is
+    c has the `count` coefficients by powers, and `noise` is the error of the polynomial's values. `state` is
     the state of the search. `times` and `rising` take up to `room` zeros: the times, in a step of length h, and
     the directions.
     """
@@ -163,7 +163,7 @@ class Search:
     c: Readable[float]
     count: int
     noise: float
-    relay: Relay
+    state: SignState
     h: float
     times: Writable[float]
     rising: Writable[int]
@@ -184,13 +184,13 @@ class Search:
         Of all such points since the last sign, the one is stored at which the last sign times the function is
         least.
         """
-        relay = self.relay
-        if relay.counted == 0:
-            depth = float(relay.sign) * value(self.c, self.count, point)
-            if relay.near == 0 or depth < relay.depth:
-                relay.depth = depth
-                relay.near_at = point
-            relay.near = 1
+        state = self.state
+        if state.counted == 0:
+            depth = float(state.sign) * value(self.c, self.count, point)
+            if state.near == 0 or depth < state.depth:
+                state.depth = depth
+                state.near_at = point
+            state.near = 1
 
     @inline
     def count_sign(self, point: float, sign: int) -> None:
@@ -199,31 +199,31 @@ class Search:
         Report a crossing if the last sign is opposite. Report a touch if it is the same and the function has
         been within its noise since then.
         """
-        relay = self.relay
-        before = relay.sign
+        state = self.state
+        before = state.sign
         if sign == -before:
-            self.report(passage(self.c, self.count, relay.low, point, sign), sign)
-        if unlikely(sign == before and relay.near != 0):
+            self.report(passage(self.c, self.count, state.low, point, sign), sign)
+        if unlikely(sign == before and state.near != 0):
             self.report(self.touch(point), 0)
-        relay.sign = sign
-        relay.low = point
-        relay.near = 0
-        relay.counted = 0
+        state.sign = sign
+        state.low = point
+        state.near = 0
+        state.counted = 0
 
     @inline
     def touch(self, high: float) -> float:
         """Return the point at which a function that touches zero is nearest to zero; it is before `high`."""
-        relay = self.relay
-        return turn(self.c, self.count, relay.low, relay.near_at, high, relay.depth, relay.sign, self.noise)
+        state = self.state
+        return turn(self.c, self.count, state.low, state.near_at, high, state.depth, state.sign, self.noise)
 
     @inline
     def report(self, point: float, rising: int) -> None:
         """Write the root `point` if there is room, and count it. `rising` is its direction: 1, -1, or 0 for a touch."""
-        slot = self.relay.count
+        slot = self.state.count
         if likely(slot < self.room):
             self.times[slot] = self.h * point
             self.rising[slot] = rising
-        self.relay.count = slot + 1
+        self.state.count = slot + 1
 
 
 @procedure
@@ -251,22 +251,22 @@ def roots(
     The number is -1 if a coefficient is not finite, -2 if there are more than `room`; then the other results
     are undefined.
     """
-    c, relay = reals(PADDED), Relay()
+    c, state = reals(PADDED), SignState()
     total_noise, others, rates, end = scaled(coefficients, count, h, noise, c)
     if unlikely(not total_noise < math.inf):
         return UNFIT, sign, near
-    search = Search(c, count, total_noise, relay, h, times, rising, room)
+    search = Search(c, count, total_noise, state, h, times, rising, room)
     first = sign_of(c[0], total_noise)
     begin(search, first, sign, near)
     isolate(search, first, others, rates, end)
-    is_near = relay.near != 0 and relay.sign != 0
+    is_near = state.near != 0 and state.sign != 0
     if unlikely(is_near and last):
         # At the end of a run it is a crossing if g is still approaching zero.
-        if float(relay.sign) * slope_at_end(c, count) < 0.0:
-            search.report(1.0, -relay.sign)
+        if float(state.sign) * slope_at_end(c, count) < 0.0:
+            search.report(1.0, -state.sign)
         else:
             search.report(search.touch(1.0), 0)
-    return TOO_MANY if relay.count > room else relay.count, relay.sign, is_near
+    return TOO_MANY if state.count > room else state.count, state.sign, is_near
 
 
 @inline
@@ -287,15 +287,15 @@ def begin(search: Search, first: int, sign: int, near: bool) -> None:
     `sign` is the last sign beyond the noise; `near` is true if the function has been within its noise since
     then. `first` is the sign of the function at the start, 0 within its noise.
     """
-    relay, c = search.relay, search.c
+    state, c = search.state, search.c
     is_leaving = float(sign) * c[1] >= 0.0
-    # Without `near`, the previous step counted a root at the joint that g leaves. A root that g reaches there is new.
-    # With it, a start beyond the noise that leaves zero is a touch at the joint; one that still approaches is none yet.
+    # A start within the noise is a known root if the previous step counted it (not `near`) and g leaves zero. A start
+    # beyond the noise is a touch at the joint if g was `near` and leaves zero; it is no root while g approaches.
     is_new = (near or not is_leaving) if first == 0 else (near and is_leaving)
-    relay.sign = sign
-    relay.near = int(is_new)
-    relay.depth = float(sign) * c[0]
-    relay.counted = int(first == 0 and not is_new)
+    state.sign = sign
+    state.near = int(is_new)
+    state.depth = float(sign) * c[0]
+    state.counted = int(first == 0 and not is_new)
     if first != 0:
         search.count_sign(0.0, first)
 

@@ -55,8 +55,8 @@ ENDED, IRREGULAR, CHANGED, CROWDED = range(4)
 changes; before a step whose zeros may not fit into the arrays.
 """
 
-UNKNOWN, ANYHOW = 0, 5
-"""Codes in place of a direction for an event that starts at zero. UNKNOWN: the caller decides. ANYHOW: the zero is
+UNKNOWN, IGNORED = 0, 5
+"""Codes in place of a direction for an event that starts at zero. UNKNOWN: the caller decides. IGNORED: the zero is
 ignored.
 """
 
@@ -121,7 +121,7 @@ class ReviewedEvents:
 
     A motion may start at a zero of a function, as after an impact. There the function counts as zero if it is
     below `stayed`. `came` is 2 plus the direction in which it reached this zero; `UNKNOWN` leaves the decision
-    to the caller, and `ANYHOW` ignores the zero. `levels` are the values of functions that start at zero.
+    to the caller, and `IGNORED` ignores the zero. `levels` are the values of functions that start at zero.
 
     Zeros are written to `which` (events), `when` (times) and `there` (states). `noted` is work memory of four
     blocks: signs, `near` and remaining counts after the step, and 1 for each function that starts at zero.

@@ -16,9 +16,9 @@ from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.algorithm.events.constants import NOISE_HALVES
 from lagrange.algorithm.events.step_samples import Lines, Samples, work_size
 from lagrange.algorithm.events.step_zeros import (
-    ANYHOW,
     CHANGED,
     ENDED,
+    IGNORED,
     IRREGULAR,
     MOST_ZEROS,
     Review,
@@ -258,7 +258,7 @@ class StepEventSearch:
         memory.review.end, memory.review.room = 1, ZERO_ROOM
         for e in unrolled(self.events.count):
             memory.sign[e], memory.near[e] = 0, 0
-            memory.remaining[e], memory.came[e] = watched.terminal[e], ANYHOW
+            memory.remaining[e], memory.came[e] = watched.terminal[e], IGNORED
             memory.stayed[e] = 0.0
 
     @inline

@@ -52,7 +52,7 @@ ALL = 1_000_000
 
 
 def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
-    """Return how many doubles of memory the inverse or the factors of a matrix that depends on the state take.
+    """Return the number of doubles of memory for the inverse or the factors of a matrix that depends on the state.
 
     Inverses up to the size `largest` are written out, and take none.
     """

@@ -112,7 +112,7 @@ def try_step(arguments: Running, t: float, h: float, entries: Out | None, *, lay
         counts.evaluations += len(step.calls) - int(known) if step.starts_with_slope else len(step.calls)
         outcome = take_step(arguments, t, h, known, entries, layout=layout)
     else:
-        # A step from two states needs both at a distance equal to its length.
+        # The two-step method needs a previous step of the same length.
         equal = h == arguments.run.step
         arguments.work[layout.flags + 1] = float(equal)
         if equal and arguments.work[layout.flags] == 1.0:

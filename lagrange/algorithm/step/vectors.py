@@ -173,7 +173,7 @@ class StepVectors:
             target = self.at(call.first + i)
             copy_vector(results[first + i * length :], target, layout.width)
             for k in unrolled(length, layout.width if law.results > 1 else length):
-                target[k] = 0.0  # not the first entries of the next result
+                target[k] = 0.0  # padding: whole blocks were copied
         return is_singular, NO_REGISTERS
 
     @inline

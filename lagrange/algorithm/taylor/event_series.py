@@ -481,7 +481,7 @@ def contradicts(t: float, rtol: float, length: float, watched: Watched, *, layou
     for i in range(layout.watched):
         view.values[i] = view.rows[i]
     write_noise(view, view.numbers, t, watched.work)
-    # The error of the state is its rounding times the ratio of tolerance to rounding.
+    # The error of the state exceeds its rounding by the ratio of the tolerance to the rounding unit.
     slack = EVENT_SLACK * fma(rtol, 2.0**50, 1.0)
     is_wrong = False
     for i in range(layout.watched):

@@ -367,7 +367,7 @@ def iteration(arguments: Arguments, last: bool, digits: float, *, layout: Taylor
         is_blind = first_floors(run.share, arguments.floors, work, order, layout=layout)
         if is_blind and may_ask(run, counts):
             if counts.steps == 0:
-                # The first series is in the unit of time, and says nothing of the sizes in a step.
+                # The time scale of the first series is not that of a step: it does not show the sizes in a step.
                 forget_first_floors(arguments.floors, work, layout)
             return Outcome.UNSCALED
         weigh(run.rtol, arguments.floors, weights, work, layout=layout)

@@ -202,7 +202,7 @@ def choose_exponent(
     if not layout.crossing:
         first, second = radius(sizes, 1, order), radius(sizes, 0, order)
         least = lesser(least, (first if first > second else second) + RADIUS_FRACTION)
-    # A step stays within the bound of the row before the last, taken as the last one.
+    # The step also stays below the bound by the row before the last, as if this were the last one.
     before = fma(
         sizes[1],
         minus_one_over(less(order, 1)),

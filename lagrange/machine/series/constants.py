@@ -66,5 +66,5 @@ def inverse(matrix: FloatArray) -> FloatArray:
         raise SingularMassMatrix from error
     if not np.isfinite(inverse).all() or np.abs(inverse).max() > 1 / PIVOT:
         raise SingularMassMatrix
-    with np.errstate(all="ignore"):  # what overflows is infinite, and the run says so
+    with np.errstate(all="ignore"):  # values that overflow are infinite; the run reports them
         return np.asarray(inverse * units[:, None] * units)

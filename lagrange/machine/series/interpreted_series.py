@@ -124,7 +124,7 @@ class Jet:
         for i, j in plan.triangle:
             mass[i, j] = mass[j, i] = next(entries)
         if mass.dtype == float:
-            inverse(mass)  # refuses what is singular to the round-off of doubles
+            inverse(mass)  # raises SingularMassMatrix for a matrix that is singular in doubles
         return Eliminated(mass)
 
     def _fill(self, x: Numbers, k: int, members: Sequence[int], scale: Any) -> None:

@@ -138,7 +138,7 @@ class CompiledJet:
         else:
             jet = ByOrderJet(packing, self._numbers, self.layout)
         ir = series_ir(jet.build(), self._numbers.prepare_start("prepare_start"))
-        # Loops run more slowly where they are compiled quickly, and serve all orders.
+        # Code with loops serves all orders and is slow if compiled quickly: it has no tiers.
         self.tiers = TieredModule(ir, JET_NAME) if order else None
         self._module = self.tiers.quick if self.tiers else Module(ir)
         self._prepare = _PREPARE(self._module.address("prepare_start"))

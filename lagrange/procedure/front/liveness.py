@@ -150,13 +150,13 @@ class _Walk:
                 return live - {name} | self.kept
         return (live - frozenset(stored([s]))) | loaded([s]) | self.kept
 
-    def loop(self, s: ast.stmt, body: Sequence[ast.stmt], behind: Names, read: Names, targets: Names) -> Names:
+    def loop(self, s: ast.stmt, body: Sequence[ast.stmt], after: Names, read: Names, targets: Names) -> Names:
         """Return the names that are live before the loop `s`: they may be read before they are set again.
 
-        `behind` are the names that are live after the loop. `read` are the names that the head of the loop reads, and
+        `after` are the names that are live after the loop. `read` are the names that the head of the loop reads, and
         `targets` the names that each iteration sets at its start.
         """
-        live = behind | read
+        live = after | read
         while True:
             before = self.block(body, live) - targets
             if before <= live:

@@ -119,8 +119,8 @@ class BookOrder:
     def _last(self, ranks: list[tuple[int, int, int]]) -> int:
         """Return the class of a term by the ranks of its symbols, which are in ascending order.
 
-        It is 1 for a weight, a product with the acceleration of gravity g. It is 2 for a function of time alone,
-        which is printed last, and 0 for any other term.
+        It is 1 for a product with the acceleration of gravity g. It is 2 for a function of time alone, which is printed
+        last, and 0 for any other term.
         """
         if ranks and ranks[-1] == LAST and not any(rank[0] == POSITION for rank in ranks if rank != LAST):
             return 2

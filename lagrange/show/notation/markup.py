@@ -48,7 +48,7 @@ class LatexNotation(BookNotation):
         return head + (f"_{_argument(', '.join(parts))}" if parts else "")
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        r"""Return the symbol of a quantity whose usual `letter` the user has taken, such as \mathcal{L}.
+        r"""Return the symbol of a quantity whose usual `letter` is a name of the user, such as \mathcal{L}.
 
         A capital letter becomes calligraphic. A small letter is replaced by the upright `word`. `indices` are names.
         """
@@ -152,7 +152,7 @@ class MathmlNotation(BookNotation):
         return f"<msub>{head}{parts[0] if len(parts) == 1 else row(*parts)}</msub>" if parts else head
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return the symbol, in MathML, of a quantity whose usual `letter` the user has taken, with indices.
+        """Return the symbol, in MathML, of a quantity whose usual `letter` is a name of the user, with indices.
 
         The letter becomes calligraphic. A letter without a calligraphic form is replaced by its `word`.
         """

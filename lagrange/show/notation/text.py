@@ -216,7 +216,7 @@ class Notation:
         return "_".join([spelled + RATES[dots], *map(latin, indices)])
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return the symbol of a quantity whose usual `letter` the user has taken: its `word`, with indices."""
+        """Return the symbol of a quantity whose usual `letter` is a name of the user: its `word`, with indices."""
         return "_".join([word, *indices])
 
     def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
@@ -371,7 +371,7 @@ class UnicodeNotation(BookNotation):
         return "_".join([dotted + below, *map(self.letter, indices)])
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return the symbol of a quantity whose usual `letter` the user has taken: calligraphic, or its `word`.
+        """Return the symbol of a quantity whose usual `letter` is a name of the user: calligraphic, or its `word`.
 
         Its indices follow after underscores.
         """

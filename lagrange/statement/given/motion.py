@@ -42,9 +42,9 @@ class TabulatedFunction:
 def table(argument: Any, points: Any, values: Any) -> Any:
     """Return a function that is known from measurements, such as a force over a distance, as a SymPy expression.
 
-    It may stand in energies, forces and constraints: `lg.table(x, [0, 1, 2, 3], [0, 0.9, 2.1, 3.8])` is the value at
-    the coordinate x. `argument` is any expression: a coordinate, a velocity, a distance. `values` (K,) belong to
-    `points` (K,), 4 to 200 increasing numbers. They are joined by a cubic spline ("not a knot"), whose first and second
+    Use it in energies, forces and constraints: `lg.table(x, [0, 1, 2, 3], [0, 0.9, 2.1, 3.8])` is the value at the
+    coordinate x. `argument` is any expression: a coordinate, a velocity, a distance. `values` (K,) belong to `points`
+    (K,), 4 to 200 increasing numbers. They are joined by a cubic spline ("not a knot"), whose first and second
     derivatives are continuous: the expression is a Piecewise of cubics. Outside of the points it has no value. A run
     that leaves the points stops with a message.
 

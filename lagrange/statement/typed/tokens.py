@@ -103,7 +103,7 @@ class _Scanner:
         self.text, self.end = text[:end], end
         self.tokens: list[Token] = []
         self.spaced = False
-        self.listing: list[bool] = []  # for each open bracket, whether it has several arguments
+        self.listing: list[bool] = []  # True for each open bracket with several arguments
 
     def scan(self, offset: int) -> list[Token]:
         """Return all tokens of the text from an offset on."""

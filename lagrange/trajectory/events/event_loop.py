@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lagrange.algorithm.dense.polynomials import hermite_polynomial
-from lagrange.algorithm.events.step_zeros import ANYHOW, UNKNOWN
+from lagrange.algorithm.events.step_zeros import IGNORED, UNKNOWN
 from lagrange.graph.node import Binding
 from lagrange.machine.backend import Driver, Kernel
 from lagrange.machine.step_events import EventSteps, StepEventMemory
@@ -123,7 +123,7 @@ class WatchedEvents:
         resets = np.array([impact.reset for impact in impacts])
         memory.remaining[:] = np.where(resets, 1, memory.until_end)
         memory.stayed[:] = [stayed.get(i, 0.0) for i in range(len(impacts))]
-        unmet = [UNKNOWN if impact.reset else ANYHOW for impact in impacts]
+        unmet = [UNKNOWN if impact.reset else IGNORED for impact in impacts]
         memory.came[:] = [2 + zeros[i] if i in zeros else other for i, other in enumerate(unmet)]
 
     def collect(self, log: EventLog, breaks: Breaks) -> None:

@@ -49,7 +49,7 @@ class MotionStart:
     jumped: frozenset[int] = frozenset()
 
 
-def sides_behind(
+def sides_after_events(
     sides: Sequence[Side],
     impacts: Sequence[Impact],
     change: tuple[FloatArray, FloatArray],
@@ -76,7 +76,7 @@ of the largest value on the step counts as zero.
 """
 
 
-def passes_anyhow(model: Model, kernel: Kernel, impacts: Sequence[Impact], index: int, sample: Sample) -> bool:
+def still_passes(model: Model, kernel: Kernel, impacts: Sequence[Impact], index: int, sample: Sample) -> bool:
     """Return True if the motion after the reset of event `index` still passes zero in the event's direction.
 
     The reset is then useless. `kernel` evaluates the event functions, and `impacts` are all events. `sample` is the

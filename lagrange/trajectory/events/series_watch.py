@@ -28,7 +28,7 @@ from lagrange.trajectory.events.end_messages import (
     without_series,
 )
 from lagrange.trajectory.events.event_log import ChangeCounter, EventLog
-from lagrange.trajectory.events.motion_start import sides_behind
+from lagrange.trajectory.events.motion_start import sides_after_events
 from lagrange.trajectory.events.series_on_step import EventSeries, leaving, near, signed_scale
 from lagrange.trajectory.events.surfaces import (
     LEAP_SHARE,
@@ -340,7 +340,7 @@ class SeriesWatch(EventLog):
             return {}
         events = slice(self.surfaces, None)
         change, occurred = (before.watched[0, events], look.watched[0, events]), [i - self.surfaces for i in happened]
-        sides = sides_behind(self.zero_sides[events], self.impacts, change, before.noise[events], occurred)
+        sides = sides_after_events(self.zero_sides[events], self.impacts, change, before.noise[events], occurred)
         return {i: side for i, side in enumerate(sides, self.surfaces) if side.sign}
 
     def at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:

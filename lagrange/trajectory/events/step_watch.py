@@ -19,7 +19,7 @@ import numpy as np
 from lagrange.algorithm.events.constants import CLEAR_FACTOR, FIRST_LOOK, LONGEST_LOOK, NOISE_HALVES, TOGETHER
 from lagrange.algorithm.events.event_steps import GO_ON, LOOK, MOST_WAITING, READ_EVENTS, Waiting
 from lagrange.algorithm.events.roots import roots
-from lagrange.algorithm.events.step_zeros import ANYHOW, UNKNOWN
+from lagrange.algorithm.events.step_zeros import IGNORED, UNKNOWN
 from lagrange.errors import formula
 from lagrange.machine.backend import Driver, Kernel
 from lagrange.machine.state import DriverState, Outcome
@@ -40,9 +40,9 @@ from lagrange.trajectory.events.motion_start import (
     MotionStart,
     entry,
     lie,
-    passes_anyhow,
     sent_through,
-    sides_behind,
+    sides_after_events,
+    still_passes,
 )
 from lagrange.trajectory.events.step_batch import PathOf, Sample, StepBatch, StepsPath, Window, state_noise
 from lagrange.trajectory.events.zeros_on_step import (
@@ -265,7 +265,7 @@ class StepWatch(EventLog):
         self.changed = problem.t0
         self._changed_at = 0
         self._intervals = ResetIntervals()
-        self._relay = [Side()] * len(self.impacts)
+        self._sides = [Side()] * len(self.impacts)
         self._levels: dict[int, float] = {}
         self._stayed: Mapping[int, float] = {}
         self._resting: frozenset[int] = frozenset()
@@ -350,7 +350,7 @@ class StepWatch(EventLog):
         run.starts, run.jumps = int(begun is not None), self.jumps
         run.changed, run.changed_at = self.changed, self._changed_at
         stayed, zeros = ({}, {}) if begun is None else (begun.stayed, begun.zeros)
-        self.memory.write(self._relay, self.occurrences, stayed, zeros)
+        self.memory.write(self._sides, self.occurrences, stayed, zeros)
 
     def read(self) -> None:
         """Read events, resets and signs of event functions from the memory of machine code."""
@@ -360,13 +360,13 @@ class StepWatch(EventLog):
         if run.jumps > self.jumps:
             self.jumps, self.changed, self._changed_at = int(run.jumps), float(run.changed), int(run.changed_at)
             # An event that is zero at the start has 2 plus the direction in which zero was reached.
-            zeros = {i: way - 2 for i, way in enumerate(memory.came.tolist()) if way not in (UNKNOWN, ANYHOW)}
+            zeros = {i: way - 2 for i, way in enumerate(memory.came.tolist()) if way not in (UNKNOWN, IGNORED)}
             self.change_counter.begin(self.changed, next(iter(zeros), 0))
             self._intervals.begin(float(run.interval))
             self._stayed = {i: float(memory.stayed[i]) for i in zeros}
             self._start = MotionStart(stayed=self._stayed, zeros=zeros)
         pairs = zip(memory.sign.tolist(), memory.near.tolist(), strict=True)
-        self._relay, self._levels = [Side(sign, bool(near)) for sign, near in pairs], {}
+        self._sides, self._levels = [Side(sign, bool(near)) for sign, near in pairs], {}
         self._start = self._start if run.starts else None
         if run.due:
             self._pending, run.due = [EventZero(int(run.due) - 1, Root(0.0, int(run.way)))], 0
@@ -391,7 +391,7 @@ class StepWatch(EventLog):
             while following < step:
                 following = next(coming)
             begins = self._start is not None
-            unsettled = [i for i, side in enumerate(self._relay) if begins or not side.settled or i in self._levels]
+            unsettled = [i for i, side in enumerate(self._sides) if begins or not side.settled or i in self._levels]
             step = step if unsettled and step < len(times) - 1 else following
             if step == len(times) - 1:
                 return None
@@ -431,7 +431,7 @@ class StepWatch(EventLog):
             # Rounding errors of the steps add up, half a spacing each. At the end of the run no later step can decide.
             noise = max(noise, float(batch.edge[i, step + 1]) / NOISE_HALVES * (steps_before + step)) if last else noise
             traces[i] = trace(
-                sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last, isolate=self._isolate
+                sample, i, noise, self._sides[i], level=level, zero=i in zero, last=last, isolate=self._isolate
             )
             if begun is not None and i in begun.jumped:
                 # An earlier jump repeats in the first fraction of the step.
@@ -455,7 +455,7 @@ class StepWatch(EventLog):
             self._verdict = without_value(self.names()[without], value)
             return _cut(batch, step, sample, until)
         for i, step_zeros in traces.items():
-            self._relay[i] = step_zeros.after
+            self._sides[i] = step_zeros.after
             value = float(batch.ends[i, step + 1])
             if abs(value) > CLEAR_FACTOR * abs(self._levels.get(i, 0.0)) and value * step_zeros.after.sign > 0:
                 self._levels.pop(i, None)
@@ -476,7 +476,7 @@ class StepWatch(EventLog):
             sizes = {i: max(float(batch.edge[i, step]), 4 * begun.stayed.get(i, 0.0)) for i in watched}
             contacts = [i for i in watched if self.impacts[i].contact and i not in begun.zeros]
             sizes |= {i: max(sizes[i], entry(batch, step, i, self.problem.t1 - self.problem.t0)) for i in contacts}
-            zero = [i for i in watched if self._relay[i].sign == 0 and abs(ends[i]) <= sizes[i]]
+            zero = [i for i in watched if self._sides[i].sign == 0 and abs(ends[i]) <= sizes[i]]
             self._levels = {}
         self._levels.update((i, float(ends[i])) for i in zero)
         return zero
@@ -500,7 +500,7 @@ class StepWatch(EventLog):
             if along < 0:
                 self._verdict = unresolved(self.names()[i])
             elif not back:
-                passes = passes_anyhow(self.problem.model, self.kernel, self.impacts, i, sample)
+                passes = still_passes(self.problem.model, self.kernel, self.impacts, i, sample)
                 self._pending += [] if passes else [EventZero(i, Root(0.0, sign))]
             elif along == 0:
                 self._verdict = at_rest(self.names()[i])
@@ -528,10 +528,10 @@ class StepWatch(EventLog):
         for i, step_zeros in traces.items():
             # A contact within its noise of zero keeps its side, and may act after this change.
             step_roots, side = ended(step_zeros, s, self._isolate, decided=not self.impacts[i].reset)
-            self._relay[i] = side
+            self._sides[i] = side
             at_end = [root for root in step_roots if root.time >= s - close]
             if at_end and i not in mine:
-                # Another event that is zero there is recorded there, and not a second time before.
+                # Another event that is zero at this time occurs at this time, and is not recorded before it.
                 mine[i] = EventZero(i, Root(s, at_end[0].rising))
             early = [m for m in before if m.which == i][: len(step_roots) - len(at_end)]
             self._record(early, sample, steps_before)
@@ -582,7 +582,7 @@ class StepWatch(EventLog):
         moved = self.kernel(state.t, after, self.parameters)
         noise = state_noise(self.kernel, self.parameters, np.array([state.t]), before[:, None], values[:, None])[:, 0]
         happened = {m.which for m in all_zeros} | earlier.keys()
-        self._relay = sides_behind(self._relay, self.impacts, (values, moved), noise, happened)
+        self._sides = sides_after_events(self._sides, self.impacts, (values, moved), noise, happened)
         where = (state.t, *model.layout.split(after), self.parameters)
         if result.status is None and model.column_without_inertia(*where) is not None:
             return EventResult(Status.SINGULAR, jumped=True)

@@ -79,7 +79,7 @@ class MotionsPath:
         return _by_piece(motions, times, self._motion, states)
 
     def _motion(self, number: int) -> StepPath:
-        """Return the path over the smooth piece with index `number`. A piece ends at each reset."""
+        """Return the path over smooth piece number `number`. A reset ends a piece."""
         rows, ends, whole = self.breaks
         begin = int(rows[number - 1]) + 1 if number else 0
         last = int(rows[number]) if number < len(rows) else len(self.times) - 1
