@@ -43,7 +43,15 @@ from lagrange.statement.expression import (
 )
 from lagrange.statement.given.function import check_given, coordinate_or_given
 from lagrange.statement.given.motion import motion_of
-from lagrange.statement.parameters import Survey, check_rate, default_values, label_of, parameter_symbols, table_of
+from lagrange.statement.parameters import (
+    Survey,
+    check_rate,
+    default_values,
+    label_of,
+    parameter_symbols,
+    rate_name,
+    table_of,
+)
 from lagrange.statement.rotation import (
     check_moments,
     check_start,
@@ -220,7 +228,9 @@ def initial_state(
                 f"initial names {label_of(key)!r}, which is not a coordinate or velocity of this system; they are "
                 f"{listing(known)}." + suggestion(label_of(key), known)
             )
-        values[rows[key]] = real_number(value, f"the initial value of {label_of(key)}")
+        row = rows[key]
+        label = rate_name(name_of(coordinates[row % len(coordinates)]), row // len(coordinates))
+        values[row] = real_number(value, f"the initial value of {label}")
     check_start(coordinates, values)
     return tuple(values)
 
