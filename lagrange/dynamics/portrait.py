@@ -272,9 +272,9 @@ def _unvisited(
             progress(float(visited[1:-1, 1:-1].sum()))
 
 
-def _mark(work: _Portrait, taken: FloatArray, passed: Orbit) -> None:
-    """Mark the cells that the orbit `passed` crosses, and the neighbours of these cells, in the table `taken`."""
-    for part in passed.parts:
+def _mark(work: _Portrait, taken: FloatArray, orbit: Orbit) -> None:
+    """Mark the cells that an `orbit` crosses, and the neighbours of these cells, in the table `taken`."""
+    for part in orbit.parts:
         rows, columns = _cells(work, sampled(part, SAMPLES_PER_CELL)[1])
         for down, right in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
             taken[np.clip(rows + down, 0, CELLS + 1), np.clip(columns + right, 0, CELLS + 1)] = True

@@ -392,15 +392,15 @@ def _border(
     axes: tuple[str, str],
     energy: float | None,
     row: int | None,
-    done: Sequence[Crossings],
+    orbits: Sequence[Crossings],
 ) -> tuple[FloatArray, ...]:
     """Return the border lines (j, 2), in the plane of `axes`, of the region that the energy allows.
 
     There are lines only if the energy is prescribed, the state has four entries, and the velocity that follows from the
     energy, in row `row`, is not one of the axes. `start` has the entries that are not drawn. The points of the orbits
-    `done` determine where the border is searched.
+    `orbits` determine where the border is searched.
     """
-    points = np.concatenate([orbit.states for orbit in done]) if done else np.empty((0, 0))
+    points = np.concatenate([orbit.states for orbit in orbits]) if orbits else np.empty((0, 0))
     names = runs.model.statement.state_names
     if energy is None or row is None or len(names) != 4 or len(points) < 2:
         return ()
@@ -437,17 +437,17 @@ def _drift(runs: Runs, states: FloatArray, orbits: Sequence[Crossings]) -> float
     return worst / size
 
 
-def _ended(done: Sequence[Crossings], count: int, event: Event | None, statement: Statement) -> tuple[Status, str]:
+def _ended(orbits: Sequence[Crossings], count: int, event: Event | None, statement: Statement) -> tuple[Status, str]:
     """Return the status of a section of `count` orbits, and a message."""
-    total = sum(len(orbit.times) for orbit in done)
+    total = sum(len(orbit.times) for orbit in orbits)
     noun = "point" if event is None else "crossing"
-    if len(done) < count or any(orbit.status is Status.INTERRUPTED for orbit in done):
+    if len(orbits) < count or any(orbit.status is Status.INTERRUPTED for orbit in orbits):
         return Status.INTERRUPTED, (
-            f"interrupted: {counted(total, noun)} of {len(done)} among {counted(count, 'orbit')} were computed and are "
-            "kept."
+            f"interrupted: {counted(total, noun)} of {len(orbits)} among {counted(count, 'orbit')} were computed and "
+            "are kept."
         )
-    short = [(k, orbit) for k, orbit in enumerate(done) if orbit.status is not Status.EVENT and event is not None]
-    short = short or [(k, orbit) for k, orbit in enumerate(done) if not orbit.status.complete]
+    short = [(k, orbit) for k, orbit in enumerate(orbits) if orbit.status is not Status.EVENT and event is not None]
+    short = short or [(k, orbit) for k, orbit in enumerate(orbits) if not orbit.status.complete]
     words = f"{counted(total, noun)} of {counted(count, 'orbit')}."
     if not short:
         return Status.SUCCESS, words
@@ -455,7 +455,7 @@ def _ended(done: Sequence[Crossings], count: int, event: Event | None, statement
     if event is not None and not total:
         direction = {1: " rising", -1: " falling"}.get(event.direction, "")
         words = f"no orbit passes {surface(event, statement)}{direction}."
-    failed = [orbit.status for orbit in done if not orbit.status.complete]
+    failed = [orbit.status for orbit in orbits if not orbit.status.complete]
     return (failed or [Status.SUCCESS])[0], f"{words} Start {index}: {first.message}" + (
         f" {len(short) - 1} more ended early." if len(short) > 1 else ""
     )

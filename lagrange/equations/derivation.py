@@ -386,7 +386,7 @@ class Derivation:
 
 
 def _shorter(collected: Any, stated: Any) -> Any:
-    """Return the form of an expression with fewer operations, then with fewer terms, else the collected one."""
+    """Return the form with fewer operations or, if these are equal, with fewer terms; `collected` if both are equal."""
     return stated if _length(stated) < _length(collected) else collected
 
 

@@ -204,7 +204,7 @@ def motion_along(names: Sequence[str], null: FloatArray) -> str:
 
 
 def few(parts: list[str]) -> str:
-    """Return parts of a sentence as a list: at most `NAMED_VELOCITIES` of them, then "and so on"."""
+    """Return a text that lists at most `NAMED_VELOCITIES` of the `parts`, then "and so on"."""
     return ", ".join(parts if len(parts) <= NAMED_VELOCITIES else [*parts[: NAMED_VELOCITIES - 1], "and so on"])
 
 

@@ -293,11 +293,11 @@ class _PreciseRun:
             t, self.length = then, abs(left / parts) * guess.factor
         return state
 
-    def _check(self, t: float, length: float, whole: float) -> None:
-        """Raise RunError after the time limit, or for an interval `length` too short for a run of length `whole`."""
+    def _check(self, t: float, length: float, run_length: float) -> None:
+        """Raise RunError after the time limit, or for an interval `length` too short for a run of `run_length`."""
         if self.deadline is not None and time.perf_counter() > self.deadline:
             raise RunError(f"the precise run took longer than its time limit: it was at t = {t:.6g}.")
-        if abs(length) < SHORTEST_INTERVAL * whole:
+        if abs(length) < SHORTEST_INTERVAL * run_length:
             raise RunError(
                 f"no precise run of {self.model.statement.name} passes t = {t:.6g}: the energies or forces, or "
                 "their derivatives, jump there, or the accelerations have no value."

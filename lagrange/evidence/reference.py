@@ -479,19 +479,19 @@ class _Perturbed:
     held: tuple[Precise, Precise]
 
     @classmethod
-    def of(cls, whole: Reference, seed: int) -> _Perturbed:
-        """Return copies of all programs of the reference `whole`; each has its own random factors."""
+    def of(cls, reference: Reference, seed: int) -> _Perturbed:
+        """Return copies of all programs of a `reference`; each has its own random factors."""
 
         def copies(tapes: Sequence[Precise], seed: int) -> Sequence[Precise]:
             numbered = ((tape, seed + 6 * PERTURBED_COPIES * i) for i, tape in enumerate(tapes))
             return _each(numbered, lambda tape, tape_seed: tape.perturbed(PERTURBATION, tape_seed))
 
         return cls(
-            lagrangian=whole.lagrangian.perturbed(PERTURBATION, seed + 1),
-            energies=[copies(tapes, seed + i) for i, tapes in enumerate(whole._energies)],
-            loads=whole.loads.perturbed(PERTURBATION, seed + 3),
-            drag=copies(whole.local.dissipation, seed + 3) if whole.local else (),
-            held=(whole.held.perturbed(PERTURBATION, seed + 4), whole.held.perturbed(PERTURBATION, seed + 5)),
+            lagrangian=reference.lagrangian.perturbed(PERTURBATION, seed + 1),
+            energies=[copies(tapes, seed + i) for i, tapes in enumerate(reference._energies)],
+            loads=reference.loads.perturbed(PERTURBATION, seed + 3),
+            drag=copies(reference.local.dissipation, seed + 3) if reference.local else (),
+            held=(reference.held.perturbed(PERTURBATION, seed + 4), reference.held.perturbed(PERTURBATION, seed + 5)),
         )
 
 

@@ -67,11 +67,11 @@ def _is_complex(value: Any) -> bool:
 
 
 def _follow(
-    equations: Sequence[Any], unknowns: tuple[Any, ...], known_values: dict[Any, Any], left: list[int]
+    equations: Sequence[Any], unknowns: tuple[Any, ...], known_values: dict[Any, Any], branches_left: list[int]
 ) -> list[dict[Any, Any]]:
     """Return the solutions {unknown: value} of the remaining equations; each contains the known values, too.
 
-    `left` is a list with one entry, the number of branches that may still be tried. Raises GivenUpError if an
+    `branches_left` is a list with one entry, the number of branches that may still be tried. Raises GivenUpError if an
     equation is too long or no branch is left.
     """
     remaining = []
@@ -92,14 +92,14 @@ def _follow(
             continue
         solutions = []
         for unknown, value in steps:
-            left[0] -= 1
-            if left[0] < 0:
+            branches_left[0] -= 1
+            if branches_left[0] < 0:
                 raise GivenUpError
             put = {unknown: value}
             earlier = {x: simplest(known.xreplace(put)) for x, known in known_values.items()}
             others = [e.xreplace(put) for e in remaining if e is not equation]
             rest = tuple(x for x in unknowns if x != unknown)
-            solutions += _follow(others, rest, {**earlier, **put}, left)
+            solutions += _follow(others, rest, {**earlier, **put}, branches_left)
         return solutions
     return _together(remaining, unknowns, known_values)
 

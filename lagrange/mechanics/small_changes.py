@@ -116,16 +116,16 @@ class AtPoint:
             total = product if total.is_zero_matrix else (total + product).applyfunc(self.shortener.short)
         return total
 
-    def turning(self, column: Sequence[Any], own: int) -> Any:
+    def turning(self, column: Sequence[Any], factor: int) -> Any:
         """Return the matrix that maps small turns of bodies and changes of other coordinates to changes of all.
 
         The values of the coordinates, `column`, determine the changes of quaternions. Other changes are multiplied by
-        `own`.
+        `factor`.
         """
         coordinates, matrix = self.statement.coordinates, sympy.zeros(self.n, len(self.read))
         for j, q in enumerate(self.read):
             if q in coordinates:
-                matrix[coordinates.index(q), j] = own
+                matrix[coordinates.index(q), j] = factor
         for each, rows in self.bodies:
             for turn, axis in zip(each.turns, (x, y, z), strict=True):
                 for i, entry in zip(rows, velocities_at([column[i] for i in rows], axis, space=False), strict=True):
@@ -350,16 +350,16 @@ def _check(at_point: AtPoint) -> None:
                 )
 
 
-def _driven(at_point: AtPoint, mass: Any, left: Any) -> Any:
-    """Return the accelerations of independent velocities that the unbalanced forces `left` cause.
+def _driven(at_point: AtPoint, mass: Any, unbalanced: Any) -> Any:
+    """Return the accelerations of independent velocities that `unbalanced` forces cause.
 
     `mass` is the mass matrix of these velocities.
     """
-    if left.is_zero_matrix or (at_point.point.decimal and all(at_point.point.is_zero(x, ()) for x in left)):
-        return sympy.zeros(*left.shape)
+    if unbalanced.is_zero_matrix or (at_point.point.decimal and all(at_point.point.is_zero(x, ()) for x in unbalanced)):
+        return sympy.zeros(*unbalanced.shape)
     determinant = mass.det(method="berkowitz")
     if mass.has(sympy.Float) and determinant != 0:
-        return mass.LUsolve(left)
+        return mass.LUsolve(unbalanced)
     determinant = at_point.shortener.short(determinant)
     if determinant == 0:
         names = [at_point.statement.names[i] for i in at_point.equations.first_order]
@@ -373,7 +373,7 @@ def _driven(at_point: AtPoint, mass: Any, left: Any) -> Any:
             f"the mass matrix of {at_point.statement.name} is singular at this point, which is not an equilibrium: its "
             "accelerations are not determined there. Choose another point."
         )
-    return at_point.shortener.product(mass.adjugate(), left / determinant)
+    return at_point.shortener.product(mass.adjugate(), unbalanced / determinant)
 
 
 def _residuals(at_point: AtPoint, gradient: Rows, multipliers: Sequence[Any]) -> list[Node]:

@@ -114,15 +114,15 @@ def has_inertia(lin: Linearization) -> bool:
     return not is_zero(lin.M.det(method="berkowitz"))
 
 
-def criterion(lin: Linearization, gone: tuple[int, ...], *, axial: bool = False) -> tuple[Any, ...]:
-    """Return the leading minors of the stiffness matrix K at fixed momenta; `gone` are the ignorable coordinates.
+def criterion(lin: Linearization, fixed: tuple[int, ...], *, axial: bool = False) -> tuple[Any, ...]:
+    """Return the leading minors of the stiffness matrix K at fixed momenta.
 
-    `gone` has the indices of the coordinates whose momenta are fixed. If all minors are positive, the energy has a
-    minimum. The result is empty if M is singular.
+    `fixed` has the indices of the ignorable coordinates, whose momenta are fixed. If all minors are positive, the
+    energy has a minimum. The result is empty if M is singular.
     """
     if not has_inertia(lin):
         return ()
-    _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, gone, axial=axial)
+    _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, fixed, axial=axial)
     return tuple(simplest(stiffness[:k, :k].det(method="berkowitz")) for k in range(1, stiffness.rows + 1))
 
 
@@ -172,27 +172,27 @@ def ignorable(form: PlainForm) -> tuple[int, ...]:
 
 
 def at_fixed_momenta(
-    mass: Any, damping: Any, stiffness: Any, gone: tuple[int, ...], *, axial: bool = False
+    mass: Any, damping: Any, stiffness: Any, fixed: tuple[int, ...], *, axial: bool = False
 ) -> tuple[Any, Any, Any]:
-    """Return M, C and K of the other coordinates while the ignorable coordinates `gone` keep their momenta.
+    """Return M, C and K of the other coordinates while ignorable coordinates (indices `fixed`) keep their momenta.
 
     With I for the ignorable coordinates and R for the others, the momentum M_IR v_R + M_II v_I + C_IR q_R is
     constant, which gives v_I. The matrices are arrays or SymPy matrices. With `axial` the two others are along axes
     that turn about the equilibrium at the rate c/2m, where C = c J, M = m and J is the matrix of a quarter turn: then C
     is zero, and K is larger by c^2/4m.
     """
-    if not gone:
+    if not fixed:
         return mass, damping, stiffness
     symbolic = isinstance(mass, sympy.MatrixBase)
-    left = [i for i in range(mass.shape[0]) if i not in gone]
+    left = [i for i in range(mass.shape[0]) if i not in fixed]
 
     def part(matrix: Any, rows: Any, columns: Any) -> Any:
         return matrix.extract(list(rows), list(columns)) if symbolic else matrix[np.ix_(rows, columns)]
 
-    ignored_mass = part(mass, gone, gone)
+    ignored_mass = part(mass, fixed, fixed)
     inverse = ignored_mass.inv() if symbolic else np.linalg.inv(ignored_mass)
-    m_ri, m_ir = part(mass, left, gone), part(mass, gone, left)
-    c_ri, c_ir = part(damping, left, gone), part(damping, gone, left)
+    m_ri, m_ir = part(mass, left, fixed), part(mass, fixed, left)
+    c_ri, c_ir = part(damping, left, fixed), part(damping, fixed, left)
     mass = part(mass, left, left) - m_ri @ inverse @ m_ir
     damping = part(damping, left, left) - m_ri @ inverse @ c_ir - c_ri @ inverse @ m_ir
     stiffness = part(stiffness, left, left) - c_ri @ inverse @ c_ir
@@ -420,19 +420,19 @@ def _equilibrium(point: StatedPoint, model: Model, parameters: Any, before: Floa
     return None
 
 
-def _expected(known: Sequence[int], rows: Any, values: FloatArray, value: float) -> Any:
+def _expected(known_rows: Sequence[int], rows: Any, values: FloatArray, value: float) -> Any:
     """Return the eigenvalues expected at `value`, by extrapolation from two known rows; None if no row is known.
 
-    `known` are the indices of the known `rows` and of their parameter `values`. Extrapolation keeps the columns in
+    `known_rows` are the indices of known `rows` and of their parameter `values`. Extrapolation keeps the columns in
     order where eigenvalues cross.
     """
-    if not known:
+    if not known_rows:
         return None
-    last = rows[known[-1]]
-    if len(known) == 1 or values[known[-1]] == values[known[-2]]:
+    last = rows[known_rows[-1]]
+    if len(known_rows) == 1 or values[known_rows[-1]] == values[known_rows[-2]]:
         return last
-    share = (value - values[known[-1]]) / (values[known[-1]] - values[known[-2]])
-    return last + share * (last - rows[known[-2]])
+    share = (value - values[known_rows[-1]]) / (values[known_rows[-1]] - values[known_rows[-2]])
+    return last + share * (last - rows[known_rows[-2]])
 
 
 def _matched(eigenvalues: Any, before: Any) -> Any:

@@ -42,14 +42,14 @@ START_RESIDUAL = 1e-9  # Largest residual of the new velocities, relative to the
 
 @dataclass(frozen=True, eq=False)
 class Transformation:
-    """A change of coordinates: each old coordinate in `gone` is one of `expressions` in the `new` coordinates.
+    """A change of coordinates: each old coordinate in `replaced` is one of `expressions` in the `new` coordinates.
 
     The expressions may contain other coordinates, parameters and t. `positive` are the new coordinates that are
     positive.
     """
 
     statement: Statement
-    gone: tuple[Any, ...]
+    replaced: tuple[Any, ...]
     expressions: tuple[Any, ...]
     new: tuple[Any, ...]
     positive: tuple[Any, ...]
@@ -57,8 +57,8 @@ class Transformation:
     @cached_property
     def coordinates(self) -> tuple[Any, ...]:
         """The coordinates of the new statement. The new ones are at the index of the first one that they replace."""
-        left = [q for q in self.statement.coordinates if q not in self.gone]
-        first = min(self.statement.coordinates.index(q) for q in self.gone)
+        left = [q for q in self.statement.coordinates if q not in self.replaced]
+        first = min(self.statement.coordinates.index(q) for q in self.replaced)
         before = [q for q in self.statement.coordinates[:first] if q in left]
         return (*before, *self.new, *left[len(before) :])
 
@@ -99,13 +99,13 @@ class Transformation:
     def table(self) -> dict[Any, Any]:
         """Replacement of old coordinates and velocities by expressions in plain symbols of the new ones."""
         replacements = dict(self.plain)
-        for q, x in zip(self.gone, self.old, strict=True):
+        for q, x in zip(self.replaced, self.old, strict=True):
             replacements[q], replacements[velocity_of(q)] = x, self.rate(x)
         return replacements
 
     def put(self, expr: Any) -> Any:
         """Return a stated expression rewritten in the new coordinates, with functions of time."""
-        if not expr.has(*self.gone, *self.positive):
+        if not expr.has(*self.replaced, *self.positive):
             return expr
         return self.back(simplest(printable(expr.xreplace(self.table))))
 
@@ -129,7 +129,7 @@ def transformed(
     _check_regular(change)
     stated = table_of(initial, "initial", "new coordinate or velocity to value, such as {r: 1.0}")
     start = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
-    kept = {key: x for key, x in start.items() if not key.has(*change.gone)}
+    kept = {key: x for key, x in start.items() if not key.has(*change.replaced)}
     result = rewritten(
         statement,
         change.put,
@@ -160,7 +160,7 @@ def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
     StatementError if no such state is found, or if parameters have no values.
     """
     old, n = change.statement, len(statement.coordinates)
-    rows = [old.coordinates.index(q) for q in change.gone]
+    rows = [old.coordinates.index(q) for q in change.replaced]
     positions = np.array([old.initial[i] for i in rows])
     rates = np.array([old.initial[len(old.coordinates) + i] for i in rows])
     unknowns = [statement.coordinates.index(q) for q in change.new]
@@ -271,11 +271,12 @@ def _positive(positive: Any, new: Sequence[Any]) -> tuple[Any, ...]:
 def _check_regular(change: Transformation) -> None:
     """Raise StatementError if the Jacobian determinant of the transformation is zero everywhere."""
     columns = [change.coordinates.index(q) for q in change.new]
-    determinant = change.slopes.extract(list(range(len(change.gone))), columns).det(method="berkowitz")
+    determinant = change.slopes.extract(list(range(len(change.replaced))), columns).det(method="berkowitz")
     if simplest(determinant) == 0:
         raise StatementError(
-            f"{listing(map(name_of, change.gone))} do not vary independently with {listing(map(name_of, change.new))}: "
-            "the determinant of the derivatives is zero everywhere. Give independent expressions."
+            f"{listing(map(name_of, change.replaced))} do not vary independently with "
+            f"{listing(map(name_of, change.new))}: the determinant of the derivatives is zero everywhere. Give "
+            "independent expressions."
         )
 
 
@@ -286,12 +287,12 @@ def _forces(change: Transformation) -> dict[Any, Any]:
     pulls = {key: force.xreplace(change.table) for key, force in read.applied.items() if force != 0}
     forces: dict[Any, Any] = {}
     for q in dict.fromkeys((*change.coordinates, *pulls)):
-        if q in change.gone:
+        if q in change.replaced:
             continue
         terms = [pulls[q]] if q in pulls else []
         if q in change.coordinates:
             slopes = change.slopes[:, change.coordinates.index(q)]
-            terms += [pulls[x] * slope for x, slope in zip(change.gone, slopes, strict=True) if x in pulls]
+            terms += [pulls[x] * slope for x, slope in zip(change.replaced, slopes, strict=True) if x in pulls]
         forces[q] = change.back(simplest(printable(sympy.Add(*terms))))
     return forces
 

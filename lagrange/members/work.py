@@ -253,13 +253,13 @@ class Collector:
         self._processors: dict[str, None] = {}
         self.ran = 0
 
-    def __call__(self, first: int, done: ChunkResult) -> None:
-        """Store the results `done` of a chunk of members. `first` is the index of its first member."""
-        self._forms[done.form] = None
-        if done.processor:
-            self._processors[done.processor] = None
-        self._results.take(first, done.ends)
-        self.ran += done.ends.members
+    def __call__(self, first: int, result: ChunkResult) -> None:
+        """Store the `result` of a chunk of members. `first` is the index of its first member."""
+        self._forms[result.form] = None
+        if result.processor:
+            self._processors[result.processor] = None
+        self._results.take(first, result.ends)
+        self.ran += result.ends.members
         if self.report is not None:
             self.report(self.before + self.ran)
 

@@ -49,98 +49,98 @@ def run(procedure: Procedure, *args: Any) -> Results:
     return _block(procedure.body, environment) or ()
 
 
-def _block(block: Sequence[Any], known: Environment) -> Results | None:
+def _block(block: Sequence[Any], contents: Environment) -> Results | None:
     """Run statements. Return the results of the procedure if a statement ends it, else None.
 
-    `known` maps the ids of values, variables and memory to their present contents.
+    `contents` maps the ids of values, variables and memory to their present contents.
     """
     for statement in block:
         value = _VALUES.get(type(statement))
         if value is not None:
-            known[statement.ref] = value(statement, known)
-        elif (results := _effect(statement, known)) is not None:
+            contents[statement.ref] = value(statement, contents)
+        elif (results := _effect(statement, contents)) is not None:
             return results
     return None
 
 
-def _effect(statement: Statement, known: Environment) -> Results | None:
+def _effect(statement: Statement, contents: Environment) -> Results | None:
     """Run a statement that changes memory or variables, or directs control.
 
-    Return the results of the procedure if the statement ends it, else None. `known` maps the ids of values, variables
-    and memory to their present contents.
+    Return the results of the procedure if the statement ends it, else None. `contents` maps the ids of
+    values, variables and memory to their present contents.
     """
     match statement:
         case form.Store(array=array, place=index, value=value):
-            known[array][known[index]] = known[value]
+            contents[array][contents[index]] = contents[value]
         case form.Write(record=record, field=field, value=value):
-            setattr(known[record], field, known[value])
+            setattr(contents[record], field, contents[value])
         case form.Set(variable=variable, value=value):
-            known[variable] = known[value]
+            contents[variable] = contents[value]
         case form.SineCosine(sine=sine, cosine=cosine, angle=angle):
             for op, ref in (("sin", sine), ("cos", cosine)):
-                x, take = known[angle], OPERATIONS[op]
-                known[ref] = tuple(map(take, x)) if isinstance(x, tuple) else take(x)
+                x, take = contents[angle], OPERATIONS[op]
+                contents[ref] = tuple(map(take, x)) if isinstance(x, tuple) else take(x)
         case form.VectorStore(array=array, place=first, value=value, mask=mask):
-            adjacent = range(known[first], known[first] + len(known[value]))
-            _scatter(known[array], adjacent, known[value], None if mask is None else known[mask])
+            adjacent = range(contents[first], contents[first] + len(contents[value]))
+            _scatter(contents[array], adjacent, contents[value], None if mask is None else contents[mask])
         case form.Scatter(array=array, places=indices, value=value, mask=mask):
-            _scatter(known[array], known[indices], known[value], known[mask])
+            _scatter(contents[array], contents[indices], contents[value], contents[mask])
         case form.When(condition=condition, then=then, otherwise=otherwise):
-            return _block(then if known[condition] else otherwise, known)
+            return _block(then if contents[condition] else otherwise, contents)
         case form.Loop() | form.Repeat():
-            for _ in _iterations(statement, known):
-                results = _block(statement.body, known)
+            for _ in _iterations(statement, contents):
+                results = _block(statement.body, contents)
                 if results is not None:
                     return results
         case form.Each():
-            _each(statement, known)
+            _each(statement, contents)
         case form.Call(refs=refs, callee=callee, args=args):
-            arguments = [known[arg] for arg in args]
+            arguments = [contents[arg] for arg in args]
             if isinstance(callee, Procedure):
                 results = run(callee, *arguments)
             else:
-                returned = known[callee](*arguments)
+                returned = contents[callee](*arguments)
                 results = returned if len(refs) > 1 else (returned,)[: len(refs)]
-            known.update(zip(refs, results, strict=True))
+            contents.update(zip(refs, results, strict=True))
         case form.Leave(values=values):
-            return tuple(known[value] for value in values)
+            return tuple(contents[value] for value in values)
     return None
 
 
-def _iterations(loop: form.Loop | form.Repeat, known: Environment) -> Iterator[None]:
+def _iterations(loop: form.Loop | form.Repeat, contents: Environment) -> Iterator[None]:
     """Yield once for each iteration of a loop, after setting its index or computing its condition."""
     if isinstance(loop, form.Loop):
-        for index in range(known[loop.start], known[loop.stop], loop.step):
-            known[loop.place] = index
+        for index in range(contents[loop.start], contents[loop.stop], loop.step):
+            contents[loop.place] = index
             yield
         return
-    _block(loop.test, known)
-    while known[loop.condition]:
+    _block(loop.test, contents)
+    while contents[loop.condition]:
         yield
-        _block(loop.test, known)
+        _block(loop.test, contents)
 
 
-def _vector(let: form.VectorLet, known: Environment) -> tuple[Any, ...]:
-    args = [known[arg] for arg in let.args]
+def _vector(let: form.VectorLet, contents: Environment) -> tuple[Any, ...]:
+    args = [contents[arg] for arg in let.args]
     if let.op != "permute":
         return tuple(OPERATIONS[let.op](*entries) for entries in zip(*args, strict=True))
     entries = [entry for arg in args for entry in (arg if isinstance(arg, tuple) else (arg,))]
     return tuple(entries[index] for index in let.places)
 
 
-def _reduced(reduce: form.Reduce, known: Environment) -> Any:
-    return any(known[reduce.vector]) if reduce.op == "any" else known[reduce.vector][reduce.place]
+def _reduced(reduce: form.Reduce, contents: Environment) -> Any:
+    return any(contents[reduce.vector]) if reduce.op == "any" else contents[reduce.vector][reduce.place]
 
 
-def _loaded(load: form.VectorLoad, known: Environment) -> tuple[Any, ...]:
-    array, number = known[load.array], float if load.vector.kind is REAL else int
-    return tuple(number(array[known[load.place] + k]) for k in range(load.vector.width))
+def _loaded(load: form.VectorLoad, contents: Environment) -> tuple[Any, ...]:
+    array, number = contents[load.array], float if load.vector.kind is REAL else int
+    return tuple(number(array[contents[load.place] + k]) for k in range(load.vector.width))
 
 
-def _gathered(load: form.Gather, known: Environment) -> tuple[Any, ...]:
-    array, number = known[load.array], float if load.vector.kind is REAL else int
-    mask: Sequence[bool] = (True,) * load.vector.width if load.mask is None else known[load.mask]
-    return tuple(number(array[index] if read else 0) for index, read in zip(known[load.places], mask, strict=True))
+def _gathered(load: form.Gather, contents: Environment) -> tuple[Any, ...]:
+    array, number = contents[load.array], float if load.vector.kind is REAL else int
+    mask: Sequence[bool] = (True,) * load.vector.width if load.mask is None else contents[load.mask]
+    return tuple(number(array[index] if read else 0) for index, read in zip(contents[load.places], mask, strict=True))
 
 
 def _scatter(array: Any, indices: Sequence[int], entries: Sequence[Any], mask: Sequence[bool] | None) -> None:
@@ -150,18 +150,18 @@ def _scatter(array: Any, indices: Sequence[int], entries: Sequence[Any], mask: S
 
 
 _VALUES: Mapping[type, Callable[[Any, Environment], Any]] = {
-    form.Let: lambda s, known: s.data if s.op == CONSTANT else OPERATIONS[s.op](*[known[arg] for arg in s.args]),
+    form.Let: lambda s, contents: s.data if s.op == CONSTANT else OPERATIONS[s.op](*[contents[arg] for arg in s.args]),
     form.VectorLet: _vector,
     form.Reduce: _reduced,
     form.VectorLoad: _loaded,
     form.Gather: _gathered,
-    form.Reserve: lambda s, known: Span([math.nan if s.array.kind is REAL else 0] * (s.array.size + s.array.room)),
-    form.ReserveRecord: lambda s, known: s.record.structure(),
-    form.Part: lambda s, known: known[s.array].part(known[s.start]),
-    form.Load: lambda s, known: (float if s.kind is REAL else int)(known[s.array][known[s.place]]),
-    form.Read: lambda s, known: _field(getattr(known[s.record], s.field)),
-    form.Declare: lambda s, known: known[s.value],
-    form.Get: lambda s, known: known[s.variable],
+    form.Reserve: lambda s, contents: Span([math.nan if s.array.kind is REAL else 0] * (s.array.size + s.array.room)),
+    form.ReserveRecord: lambda s, contents: s.record.structure(),
+    form.Part: lambda s, contents: contents[s.array].part(contents[s.start]),
+    form.Load: lambda s, contents: (float if s.kind is REAL else int)(contents[s.array][contents[s.place]]),
+    form.Read: lambda s, contents: _field(getattr(contents[s.record], s.field)),
+    form.Declare: lambda s, contents: contents[s.value],
+    form.Get: lambda s, contents: contents[s.variable],
 }
 """The value that a statement gives to its id `ref`."""
 
@@ -171,15 +171,15 @@ def _field(value: Any) -> Any:
     return value if isinstance(value, (int, float)) else tuple(value)
 
 
-def _each(each: form.Each, known: Environment) -> None:
+def _each(each: form.Each, contents: Environment) -> None:
     values: list[list[tuple[float, ...]]] = [[] for _ in each.folds]
-    for index in range(known[each.iterations]):
-        known[each.place] = index
-        _block(each.body, known)
+    for index in range(contents[each.iterations]):
+        contents[each.place] = index
+        _block(each.body, contents)
         for fold, collected in zip(each.folds, values, strict=True):
-            collected.append(tuple(known[ref] for ref in (fold.value, fold.factor) if ref is not None))
+            collected.append(tuple(contents[ref] for ref in (fold.value, fold.factor) if ref is not None))
     for fold, collected in zip(each.folds, values, strict=True):
-        known[fold.ref] = _folded(fold, collected)
+        contents[fold.ref] = _folded(fold, collected)
 
 
 def _folded(fold: Fold, values: Sequence[tuple[float, ...]]) -> float:

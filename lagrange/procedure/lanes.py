@@ -255,19 +255,19 @@ class _Rewriter(Visitor, MemberStatements):
 
     # --- memory
 
-    def index(self, held: MemberMemory, old_index: int) -> int:
+    def index(self, memory: MemberMemory, old_index: int) -> int:
         """Return the id of the index in the new memory for `old_index`, which is the same for all members."""
-        if not held.own:
+        if not memory.own:
             return old_index
         known = self.constants.get(old_index)
         if known is not None:
             return self.constant(WHOLE, int(known) * self.lanes)
         return self.put("mul", WHOLE, old_index, self.constant(WHOLE, self.lanes))
 
-    def indices(self, held: MemberMemory, old_index: int) -> int:
+    def indices(self, memory: MemberMemory, old_index: int) -> int:
         """Return the id of a vector of indices in the new memory, one for each member, for an old index."""
-        index = old_index if held.apart is None else self.put("add", WHOLE, held.apart, old_index)
-        if not held.own:
+        index = old_index if memory.apart is None else self.put("add", WHOLE, memory.apart, old_index)
+        if not memory.own:
             return self.wide(index)
         lanes = [self.constant(WHOLE, k) for k in range(self.lanes)]
         numbers = self.new(WHOLE, wide=True)

@@ -25,9 +25,9 @@ LEAST_TERM_SIZE = Fraction(1, 2**1000)
 """Added to the sizes of terms, so that a violation is zero if all its terms are zero."""
 
 
-def constraint_positions(held: ConstraintEquations) -> list[Node]:
+def constraint_positions(constraints: ConstraintEquations) -> list[Node]:
     """Return phi of each constraint phi(q, t) = 0; zero for those that are stated as equations of velocities."""
-    pairs = zip(held.positions, held.velocities, strict=True)
+    pairs = zip(constraints.positions, constraints.velocities, strict=True)
     return [psi.graph.zero if phi is None else phi for phi, psi in pairs]
 
 

@@ -103,10 +103,10 @@ def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
     return frozenset(node for node in again if node.kind is not Kind.PRODUCT or node in themselves)
 
 
-def _expanded(node: Node, whole: Collection[Node]) -> Expansion | None:
+def _expanded(node: Node, unexpanded: Collection[Node]) -> Expansion | None:
     """Return a node as an expanded sum of products, or None if it has too many terms.
 
-    Nodes in `whole` are not expanded.
+    Nodes in `unexpanded` are not expanded.
     """
     expansion: Expansion = {}
     root = node
@@ -122,7 +122,7 @@ def _expanded(node: Node, whole: Collection[Node]) -> Expansion | None:
                 return None
             continue
         first, rest = todo[0], todo[1:]
-        opens = first is root or first not in whole
+        opens = first is root or first not in unexpanded
         if first.kind is Kind.CONSTANT:
             stack.append((coefficient * first.data, done, rest))
         elif first.kind is Kind.PRODUCT and (done or rest) and len(first.args) > LONGEST_FLAT:

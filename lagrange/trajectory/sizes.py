@@ -183,9 +183,9 @@ class _Response:
         return float(np.sqrt(np.max(force[both] / position[both], initial=0.0)))
 
 
-def _ratio(response: FloatArray, displacement: FloatArray, known: NDArray[np.bool_]) -> float:
-    """Return the largest ratio of `response` to `displacement`, both (2n,), over the entries in the mask `known`."""
-    both = known & (displacement > 0) & np.isfinite(response)
+def _ratio(response: FloatArray, displacement: FloatArray, mask: NDArray[np.bool_]) -> float:
+    """Return the largest ratio of `response` to `displacement`, both (2n,), over the entries in `mask`."""
+    both = mask & (displacement > 0) & np.isfinite(response)
     return float((response[both] / displacement[both]).max(initial=0.0))
 
 

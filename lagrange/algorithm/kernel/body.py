@@ -410,9 +410,9 @@ class Body:
             self.later[ref] = [(rows, i * width + column) for i in range(n)]
 
     def written_out(
-        self, factor: int, held: FactoredMatrix, right: Sequence[Sequence[Real | None]]
+        self, factor: int, factors: FactoredMatrix, right: Sequence[Sequence[Real | None]]
     ) -> list[list[Real]]:
-        """Return the solutions of linear systems, by the entries of the factors `held`.
+        """Return the solutions of linear systems, by the entries of `factors`.
 
         If a pivot is too small, they are computed with pivoting, or count as failed if the style has no
         pivoting. `factor` is the instruction that factors the matrix, and `right` has the right-hand sides.
@@ -420,20 +420,20 @@ class Body:
         p, instruction, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
         failed = self.fails()
         entries = self.entries(instruction) if plan.negative else {}
-        candidates = [elimination.solved(p, plan, held.entries, b) for b in right]
-        assert held.trusted is not None
+        candidates = [elimination.solved(p, plan, factors.entries, b) for b in right]
+        assert factors.trusted is not None
         satisfied = [
             flag
             for x, b in zip(candidates, right, strict=True)
             for flag in elimination.satisfied(p, plan, entries, x, b)
         ]
         if not self.style.pivoting:
-            tests = satisfied if factor in self.tested else [held.trusted, *satisfied]
+            tests = satisfied if factor in self.tested else [factors.trusted, *satisfied]
             self.tested[factor] = None
             if tests:
                 failed.value = failed.value | ~reduce(and_, tests)
             return candidates
-        good = reduce(and_, satisfied, held.trusted)
+        good = reduce(and_, satisfied, factors.trusted)
         kept = [[p.variable(value) for value in x] for x in candidates]
         with p.when(~good, likely=False):
             before = dict(self.values)

@@ -113,28 +113,28 @@ class LlvmDense:
             return None
 
     def _run(
-        self, procedure: Procedure, written: BlockPolynomial, times: FloatArray, states: FloatArray, **arguments: Any
+        self, procedure: Procedure, polynomial: BlockPolynomial, times: FloatArray, states: FloatArray, **arguments: Any
     ) -> None:
         """Run a compiled procedure on the steps of a run with accepted `times` (S+1,) and `states` (S+1, 2n).
 
-        `written` is the callback that writes the polynomials of steps. `arguments` are the other arguments of the
+        `polynomial` is the callback that writes the polynomials of steps. `arguments` are the other arguments of the
         procedure by name; it writes its results to them. The procedure serves all kinds of steps, and is compiled
         once per process.
         """
         n = self.dimension
         values = {
-            "polynomial": written.function,
-            "given": written.context,
+            "polynomial": polynomial.function,
+            "given": polynomial.context,
             "dimension": n,
             "degree": self.degree,
-            "columns": written.columns,
-            "both": int(written.both),
+            "columns": polynomial.columns,
+            "both": int(polynomial.both),
             "steps": len(times) - 1,
             "times": np.ascontiguousarray(times),
             "states": np.ascontiguousarray(states),
-            "own": np.zeros(block_size(n, written.columns) + WIDEST_VECTOR),
-            "beside": np.zeros(block_size(n, written.columns) + WIDEST_VECTOR),
-            "work": workspace(written.work),
+            "own": np.zeros(block_size(n, polynomial.columns) + WIDEST_VECTOR),
+            "beside": np.zeros(block_size(n, polynomial.columns) + WIDEST_VECTOR),
+            "work": workspace(polynomial.work),
             **arguments,
         }
         run = compiled(procedure)

@@ -222,57 +222,57 @@ def number(value: str) -> int | None:
     return None if value.startswith("%") else int(value)
 
 
-def printed(known: Printer, statement: form.VectorLet | form.Reduce | form.VectorLoad | form.Gather) -> str:
+def printed(printer: Printer, statement: form.VectorLet | form.Reduce | form.VectorLoad | form.Gather) -> str:
     """Print a statement that defines a vector, or a single value from a vector, and return its operand.
 
-    `known` is the printer of the procedure, which has the operands of earlier values.
+    `printer` prints the procedure, and has the operands of earlier values.
     """
     match statement:
         case form.VectorLet():
-            return _operation(known, statement)
+            return _operation(printer, statement)
         case form.Reduce():
-            return _reduced(known, statement)
+            return _reduced(printer, statement)
         case form.Gather():
-            return _gathered(known, statement)
+            return _gathered(printer, statement)
         case form.VectorLoad():
-            array, place, kind = known.values[statement.array], known.values[statement.place], statement.vector.kind
-            return known.e.load(known.e.address(array, place, KINDS[kind]), type_of(*statement.vector))
+            array, place, kind = printer.values[statement.array], printer.values[statement.place], statement.vector.kind
+            return printer.e.load(printer.e.address(array, place, KINDS[kind]), type_of(*statement.vector))
 
 
-def _vector(known: Printer, ref: int) -> Vector:
-    """Return the type of the vector with the id `ref`. `known` is the printer of the procedure."""
-    vector = known.types[ref]
+def _vector(printer: Printer, ref: int) -> Vector:
+    """Return the type of the vector with the id `ref`. `printer` prints the procedure."""
+    vector = printer.types[ref]
     assert isinstance(vector, Vector)
     return vector
 
 
-def _operation(known: Printer, let: form.VectorLet) -> str:
+def _operation(printer: Printer, let: form.VectorLet) -> str:
     """Print an operation on vectors and return its operand."""
-    e, (_, width) = known.e, let.vector
+    e, (_, width) = printer.e, let.vector
     if let.op == "permute":
-        return _permuted(known, let)
-    kinds, args = tuple(_vector(known, arg).kind for arg in let.args), [known.values[arg] for arg in let.args]
+        return _permuted(printer, let)
+    kinds, args = tuple(_vector(printer, arg).kind for arg in let.args), [printer.values[arg] for arg in let.args]
     return call_library(e, let.op, args, width) if let.op in LIBRARY else spell(e, let.op, kinds, args, width)
 
 
-def _permuted(known: Printer, let: form.VectorLet) -> str:
+def _permuted(printer: Printer, let: form.VectorLet) -> str:
     """Emit a vector whose entries come from other vectors or are single values, and return its operand.
 
     The statement `let` has the operation `permute` and says where each entry comes from. Entries of each vector are
     moved and merged; single values are inserted.
     """
-    e, (kind, width), begin = known.e, let.vector, 0
+    e, (kind, width), begin = printer.e, let.vector, 0
     single: dict[int, str] = {}
     made, filled = "", frozenset[int]()
     for arg in let.args:
-        held = known.types[arg]
+        held = printer.types[arg]
         count = held.width if isinstance(held, Vector) else 1
         sources = {k: source - begin for k, source in enumerate(let.places) if begin <= source < begin + count}
         begin += count
         if not sources or not isinstance(held, Vector):
-            single |= dict.fromkeys(sources, known.values[arg])
+            single |= dict.fromkeys(sources, printer.values[arg])
             continue
-        part = _moved(e, kind, known.values[arg], count, sources, width)
+        part = _moved(e, kind, printer.values[arg], count, sources, width)
         made = _merged(e, kind, made, part, frozenset(sources), width) if made else part
         filled |= frozenset(sources)
     return _inserted(e, kind, made, filled, single, width) if single else made
@@ -318,51 +318,53 @@ def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single:
     return made
 
 
-def _reduced(known: Printer, reduce: form.Reduce) -> str:
+def _reduced(printer: Printer, reduce: form.Reduce) -> str:
     """Emit one entry of a vector, or the flag that is true if any entry is true, and return its operand."""
-    e, value, (kind, width) = known.e, known.values[reduce.vector], _vector(known, reduce.vector)
+    e, value, (kind, width) = printer.e, printer.values[reduce.vector], _vector(printer, reduce.vector)
     if reduce.op == "entry":
         return e.value(f"extractelement {type_of(kind, width)} {value}, i64 {reduce.place}")
     mask = e.value(f"bitcast <{width} x i1> {value} to i{width}")
     return e.value(f"icmp ne i{width} {mask}, 0")
 
 
-def _gathered(known: Printer, gather: form.Gather) -> str:
+def _gathered(printer: Printer, gather: form.Gather) -> str:
     """Emit the read of the entries of an array at the indices in a vector, and return the operand of the result."""
-    e, (kind, width), made = known.e, gather.vector, "poison"
+    e, (kind, width), made = printer.e, gather.vector, "poison"
     if gather.mask is not None:
         vector = type_of(kind, width)
-        arguments = f"{_pointers(known, gather, kind, width)}, i32 8, <{width} x i1> {known.values[gather.mask]}"
+        arguments = f"{_pointers(printer, gather, kind, width)}, i32 8, <{width} x i1> {printer.values[gather.mask]}"
         name = f"llvm.masked.gather.{suffix(vector)}.v{width}p0"
         return e.value(f"call {vector} @{name}(<{width} x ptr> {arguments}, {vector} zeroinitializer)")
     for k in range(width):
-        index = e.value(f"extractelement <{width} x i64> {known.values[gather.places]}, i64 {k}")
-        value = e.get(known.values[gather.array], index, KINDS[kind])
+        index = e.value(f"extractelement <{width} x i64> {printer.values[gather.places]}, i64 {k}")
+        value = e.get(printer.values[gather.array], index, KINDS[kind])
         made = e.value(f"insertelement {type_of(kind, width)} {made}, {KINDS[kind]} {value}, i64 {k}")
     return made
 
 
-def _pointers(known: Printer, statement: form.Gather | form.Scatter, kind: Kind, width: int) -> str:
+def _pointers(printer: Printer, statement: form.Gather | form.Scatter, kind: Kind, width: int) -> str:
     """Emit the addresses of the array entries that a gather reads or a scatter writes, as a vector of pointers."""
-    indices = f"{type_of(WHOLE, width)} {known.values[statement.places]}"
-    return known.e.value(f"getelementptr {KINDS[kind]}, ptr {known.values[statement.array]}, {indices}")
+    indices = f"{type_of(WHOLE, width)} {printer.values[statement.places]}"
+    return printer.e.value(f"getelementptr {KINDS[kind]}, ptr {printer.values[statement.array]}, {indices}")
 
 
-def scatter(known: Printer, scatter: form.Scatter) -> None:
+def scatter(printer: Printer, scatter: form.Scatter) -> None:
     """Print the masked store of a vector to those entries of an array whose indices are in another vector."""
-    kind, width = _vector(known, scatter.value)
-    vector, mask = type_of(kind, width), f"<{width} x i1> {known.values[scatter.mask]}"
-    arguments = f"{vector} {known.values[scatter.value]}, <{width} x ptr> {_pointers(known, scatter, kind, width)}"
-    known.e.do(f"call void @llvm.masked.scatter.{suffix(vector)}.v{width}p0({arguments}, i32 8, {mask})")
+    kind, width = _vector(printer, scatter.value)
+    vector, mask = type_of(kind, width), f"<{width} x i1> {printer.values[scatter.mask]}"
+    arguments = f"{vector} {printer.values[scatter.value]}, <{width} x ptr> {_pointers(printer, scatter, kind, width)}"
+    printer.e.do(f"call void @llvm.masked.scatter.{suffix(vector)}.v{width}p0({arguments}, i32 8, {mask})")
 
 
-def store(known: Printer, store: form.VectorStore) -> None:
+def store(printer: Printer, store: form.VectorStore) -> None:
     """Print the store of a vector to adjacent entries of an array."""
-    (kind, width), value = _vector(known, store.value), known.values[store.value]
+    (kind, width), value = _vector(printer, store.value), printer.values[store.value]
     vector = type_of(kind, width)
-    address = known.e.address(known.values[store.array], known.values[store.place], KINDS[kind])
+    address = printer.e.address(printer.values[store.array], printer.values[store.place], KINDS[kind])
     if store.mask is not None:
         # Without `freeze` LLVM makes this a masked store, and later loads then wait until it has reached the cache.
-        before = known.e.value(f"freeze {vector} {known.e.load(address, vector)}")
-        value = known.e.value(f"select <{width} x i1> {known.values[store.mask]}, {vector} {value}, {vector} {before}")
-    known.e.store(value, address, vector)
+        before = printer.e.value(f"freeze {vector} {printer.e.load(address, vector)}")
+        value = printer.e.value(
+            f"select <{width} x i1> {printer.values[store.mask]}, {vector} {value}, {vector} {before}"
+        )
+    printer.e.store(value, address, vector)

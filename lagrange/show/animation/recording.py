@@ -99,17 +99,17 @@ def _cut(span: tuple[float, float], fps: float, speed: float) -> Timing:
     return Timing(t, 1.0 / fps, speed, (note,))
 
 
-def _fitting(whole: float, fps: float) -> float:
-    """Return the speed for a run of duration `whole`, at `fps` frames per second.
+def _fitting(duration: float, fps: float) -> float:
+    """Return the speed for a run of this `duration`, at `fps` frames per second.
 
     It is 1, real time, or a round speed if the animation would be too short or too long otherwise.
     """
     longest = (MOST_FRAMES - 1) / fps
-    if whole < _TINY or SHORTEST_RUN <= whole <= longest:
+    if duration < _TINY or SHORTEST_RUN <= duration <= longest:
         return 1.0
-    if whole > longest:
-        return _rounded_up(whole / min(longest, 30.0))
-    return 1.0 / _rounded_up(5.0 / whole)
+    if duration > longest:
+        return _rounded_up(duration / min(longest, 30.0))
+    return 1.0 / _rounded_up(5.0 / duration)
 
 
 def _rounded_up(value: float) -> float:

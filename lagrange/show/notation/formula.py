@@ -360,9 +360,10 @@ class LineWriter:
         self.ruler = self.sides if self.notation.in_one_line else SideWriter(statement, PrintedWidth)
 
     def formula(self, row: Formula) -> list[FormulaLine]:
-        """Return the lines of a formula, broken where it is wide. A second expression begins on a new line.
+        """Return the lines of a formula, broken where it is wide.
 
-        A second expression with the same text as the first one is left out.
+        A formula may have two right sides: the second begins on a new line, or is left out if it has the text of the
+        first.
         """
         *before, last = row.sides
         if len(before) == 2 and isinstance(before[1], sympy.Expr):
