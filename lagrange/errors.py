@@ -32,8 +32,11 @@ class StatementError(LagrangeError, ValueError):
     """An invalid statement or request: the message says what to change."""
 
 
-class UnknownKey(StatementError, KeyError):
-    """A key that is missing from a mapping. It is also a KeyError, so that `get` and `in` of mappings work."""
+class UnknownKey(StatementError, KeyError, IndexError):
+    """A key that is missing from a mapping, or an index outside of a vector.
+
+    It is also a KeyError, so that `get` and `in` of mappings work, and an IndexError, which ends a loop over a vector.
+    """
 
     __str__ = Exception.__str__  # KeyError.__str__ would add quotation marks
 

@@ -35,11 +35,12 @@ class StateLayout:
     """Layout of the state y = [q, v].
 
     `coordinates` are the names of q. `rates` are the names of the quantities whose time derivatives are v: the same as
-    `coordinates` if v = dq/dt.
+    `coordinates` if v = dq/dt. `rotations` are the names of the rotations whose quaternions are among them.
     """
 
     coordinates: tuple[str, ...]
     rates: tuple[str, ...]
+    rotations: tuple[str, ...] = ()
 
     @property
     def size(self) -> int:
@@ -430,7 +431,7 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
         matrix=matrix,
         plan=plan,
         structure=structure,
-        layout=StateLayout(statement.names, statement.names),
+        layout=StateLayout(statement.names, statement.names, statement.rotations),
         turning=turning(statement, graph, leaves | prescribed),
     )
 

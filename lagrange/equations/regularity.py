@@ -20,11 +20,11 @@ from lagrange.equations.singular import (
     RANK,
     FloatArray,
     Singular,
-    balanced,
     contradiction,
     dependent_everywhere,
     least_regular,
     motion_along,
+    no_inertia_along,
 )
 from lagrange.equations.solve_plan import eliminated
 from lagrange.errors import StatementError, listing
@@ -179,16 +179,26 @@ def check_regularity(equations: Equations, statement: Statement, reach: Reach) -
 
 def _check_mass_matrix(equations: Equations, statement: Statement) -> None:
     """Raise StatementError if the mass matrix is singular at all states and parameters tried."""
-    names = equations.structure.names
     coupled = [block for block in equations.structure.blocks if len(block) > 1]
     if not coupled:
         return
-    samples, n = Samples(equations, statement), len(names)
+    samples, n = Samples(equations, statement), len(equations.q)
     matrices = samples.values(samples.mass_entries()).reshape(n, n, -1)
     for block in coupled:
-        null = _common_null_vector(matrices[np.ix_(block, block)])
-        if null is not None:
-            raise StatementError(_no_inertia_along([names[i] for i in block], null))
+        mass = matrices[np.ix_(block, block)]
+        singular, point = _common_singular(mass, np.empty((0, *mass.shape[1:])))
+        if singular is None:
+            continue
+        null = np.zeros(n)
+        null[[*block]] = singular.motion
+        motion = motion_along(equations.layout, samples.points[point], null)
+        if "," not in motion and motion.endswith(".dot = 1"):
+            raise StatementError(no_inertia(motion.partition(".dot")[0]))
+        raise StatementError(
+            f"the mass matrix d2L/dv2 is singular at every state tried: {no_inertia_along(motion)}, so these "
+            "accelerations are not determined. Add the kinetic energy that is missing, use fewer coordinates, or "
+            "constrain this motion."
+        )
 
 
 def _check_constraints(samples: Samples, reach: Reach) -> None:
@@ -204,14 +214,14 @@ def _check_constraints(samples: Samples, reach: Reach) -> None:
     gradient, sizes, values, terms, mass = np.split(rows, np.cumsum([len(part) for part in parts[:-1]]))
     gradient = gradient.reshape(shape)
     _check_empty(constraints.names, gradient, sizes.reshape(shape), values, terms)
-    singular = _common_singular(mass.reshape(len(equations.q), len(equations.q), -1), gradient)
+    singular, point = _common_singular(mass.reshape(len(equations.q), len(equations.q), -1), gradient)
     if singular is None:
         return
     if singular.motion is not None:
         raise StatementError(
-            f"a motion with {motion_along(equations.layout.rates, singular.motion)} satisfies the constraints and has "
-            "no inertia at every state tried, so these accelerations are not determined. Add the kinetic energy that "
-            "is missing, or use fewer coordinates."
+            f"a motion with {motion_along(equations.layout, samples.points[point], singular.motion)} satisfies the "
+            "constraints and has no inertia at every state tried, so these accelerations are not determined. Add the "
+            "kinetic energy that is missing, or use fewer coordinates."
         )
     raise StatementError(_dependent(samples, singular, reach))
 
@@ -275,7 +285,9 @@ class Samples:
         near, order_one = SAMPLE_KINDS[:2]
         self._random = [sampler.point(order_one) for _ in range(RANDOM_STATES)]
         self._initial = sampler.initial()
-        self._near = [sampler.point(near, NEAR_ATTEMPT) for _ in range(RANDOM_STATES)]
+        near_initial = [sampler.point(near, NEAR_ATTEMPT) for _ in range(RANDOM_STATES)]
+        every = (*self._random, self._initial, *near_initial)
+        self.points = [(*point.q, *point.v, *point.parameters.values(), point.t) for point in every]
 
     def reached(self, reach: Reach) -> tuple[list[FloatArray], FloatArray]:
         """Return states (2n,) on the constraints, and the parameters (k,).
@@ -288,10 +300,7 @@ class Samples:
 
     def values(self, nodes: Sequence[Node], points: Sequence[tuple[float, ...]] | None = None) -> FloatArray:
         """Return the values of nodes, (nodes, points). A point is (*q, *v, *parameters, t); by default all points."""
-        if points is None:
-            every = (*self._random, self._initial, *self._near)
-            points = [(*point.q, *point.v, *point.parameters.values(), point.t) for point in every]
-        e = self.equations
+        points, e = self.points if points is None else points, self.equations
         rows = zip((*e.q, *e.v, *e.parameters, e.time), np.array(points).T, strict=True)
         return doubles(nodes, dict(rows), len(points))
 
@@ -315,40 +324,17 @@ def _check_empty(
             raise StatementError(empty_constraint(name, float(value[worst]), float(term[worst])))
 
 
-def _common_singular(mass: FloatArray, gradient: FloatArray) -> Singular | None:
-    """Return the singularity at the first finite state if M (n, n, k) and G (m, n, k) are singular at all k states."""
-    first = None
+def _common_singular(mass: FloatArray, gradient: FloatArray) -> tuple[Singular | None, int]:
+    """Return the singularity at the first finite state, and the index of this state.
+
+    The first result is None unless M (n, n, k) and G (m, n, k) are singular at all k states at which they are finite.
+    """
+    first: tuple[Singular | None, int] = None, 0
     for k in range(mass.shape[2]):
         singular = least_regular(mass[:, :, k], gradient[:, :, k])
         if singular is None:
             continue
         if singular.regularity > RANK:
-            return None
-        first = singular if first is None else first
+            return None, 0
+        first = (singular, k) if first[0] is None else first
     return first
-
-
-def _common_null_vector(matrices: FloatArray) -> FloatArray | None:
-    """Return a null vector of the first finite matrix if every finite matrix (n, n, states) is singular, else None."""
-    null = None
-    for k in range(matrices.shape[2]):
-        matrix = matrices[:, :, k]
-        if not np.isfinite(matrix).all():
-            continue
-        scaled, scale = balanced(matrix)
-        _, values, vectors = np.linalg.svd(scaled)
-        if values[-1] > RANK * values[0]:
-            return None
-        null = vectors[-1] / scale if null is None else null
-    return null
-
-
-def _no_inertia_along(names: list[str], null: FloatArray) -> str:
-    """Return the message for a mass matrix with the null vector `null` at every state tried."""
-    motion = motion_along(names, null)
-    if "," not in motion:
-        return no_inertia(motion.partition(".dot")[0])
-    return (
-        f"the mass matrix d2L/dv2 is singular at every state tried: a motion with {motion} has no inertia, so "
-        "these accelerations are not determined. Add the kinetic energy that is missing, or use fewer coordinates."
-    )

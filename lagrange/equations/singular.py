@@ -14,9 +14,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.equations.euler_lagrange import RELATION, Equations
+from lagrange.equations.euler_lagrange import RELATION, Equations, StateLayout
 from lagrange.errors import listing
 from lagrange.graph.node import Node
+from lagrange.statement.rotation import AXES, ENTRIES, symbols_of_entries
+from lagrange.statement.space import body_rates
 
 FloatArray = NDArray[np.float64]
 
@@ -159,21 +161,46 @@ def singular_sentence(provider: Provider, equations: Equations, t: float, y: Flo
     state_text = ", ".join(
         [f"t = {t:.6g}", *(f"{name} = {x:.6g}" for name, x in zip(layout.coordinates, y, strict=False))]
     )
-    worst = least_regular(*matrices_at(provider, equations, t, y, parameters)) if names else None
-    if worst is None or worst.regularity > NEARLY_SINGULAR:
+    worst = least_regular(*matrices_at(provider, equations, t, y, parameters))
+    motion = "" if worst is None or worst.motion is None else motion_along(layout, y, worst.motion)
+    if motion and (zeros := _zeros_without_inertia(provider, equations, t, y, parameters)):
+        return (
+            f"{no_inertia_along(motion)} with {listing(f'{name} = 0' for name in zeros)}, so the accelerations are not "
+            "determined at any state: give another value, or add the kinetic energy that is missing."
+        )
+    if not names or worst is None or worst.regularity > NEARLY_SINGULAR:
         return (
             f"the mass matrix is singular at {state_text}: the accelerations are not determined there. Start "
             "elsewhere, or choose coordinates that are regular at this configuration."
         )
-    if worst.motion is not None:
+    if motion:
         return (
-            f"a motion with {motion_along(layout.rates, worst.motion)} satisfies the constraints and has no inertia at "
-            f"{state_text}: the accelerations are not determined there. Add the kinetic energy that is missing, or "
-            "start elsewhere."
+            f"a motion with {motion} satisfies the constraints and has no inertia at {state_text}: the accelerations "
+            "are not determined there. Add the kinetic energy that is missing, or start elsewhere."
         )
     relations = any(names[i].startswith(RELATION) for i, _ in worst.rows)
     what, remedy = (FIRST_ORDER, "") if relations else (UNDETERMINED, ", or leave out one constraint")
     return f"{dependent_rows(names, worst)} at {state_text}: {what} Start elsewhere{remedy}."
+
+
+def _zeros_without_inertia(
+    provider: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray
+) -> list[str]:
+    """Return the names of parameters whose value 0 leaves a motion without inertia, not only at the state `y` (2n,).
+
+    They are those that alone make the matrices regular if they are 1 instead, else all that are zero.
+    """
+    elsewhere = y + np.sin(np.arange(1, len(y) + 1))
+
+    def has_inertia(values: FloatArray) -> bool:
+        singular = least_regular(*matrices_at(provider, equations, t, elsewhere, values))
+        return singular is None or singular.motion is None or singular.regularity > RANK
+
+    zeros = {str(equations.express(equations.parameters[k])): k for k in np.flatnonzero(parameters == 0)}
+    if not zeros or has_inertia(parameters):
+        return []
+    units = np.eye(len(parameters))
+    return [name for name, k in zeros.items() if has_inertia(parameters + units[k])] or [*zeros]
 
 
 FIRST_ORDER = "the accelerations are not determined there."
@@ -195,12 +222,32 @@ def dependent_rows(names: Sequence[str], singular: Singular) -> str:
     return f"the constraints {listing(involved)} are dependent"
 
 
-def motion_along(names: Sequence[str], null: FloatArray) -> str:
-    """Return the combination of velocities `null` (n,) as text, such as ``x.dot = 1, y.dot = -0.5``."""
-    size = np.abs(null)
+def motion_along(layout: StateLayout, q: Sequence[float] | FloatArray, null: FloatArray) -> str:
+    """Return the velocities `null` (n,) at coordinates `q` (n,) as text, such as ``x.dot = 1, R_body_z = -0.5``.
+
+    The rates of a body are in place of the velocities of its quaternion.
+    """
+    rates = dict(zip(layout.rates, null, strict=True))
+    motion = {f"{name}.dot": x for name, x in rates.items() if name not in symbols_of_entries(layout.rotations)}
+    place = dict(zip(layout.coordinates, q, strict=False))
+    for name in layout.rotations:
+        entries = [f"{name}_{entry}" for entry in ENTRIES]
+        turns = body_rates([place[entry] for entry in entries], [rates[entry] for entry in entries])
+        if np.abs(turns).max() <= 1e-9 * np.abs(null).max() and any(rates[entry] for entry in entries):
+            turns = (1.0, 1.0, 1.0)  # only the length changes, which has no inertia if no turn has
+        motion |= {f"{name}_body_{axis}": x for axis, x in zip(AXES, turns, strict=True)}
+    size = np.abs([*motion.values()])
     # The first of the largest entries is exactly 1.
-    null = null / null[np.argmax(size > 0.999 * size.max())]
-    return few([f"{name}.dot = {x:.4g}" for name, x in zip(names, null, strict=True) if abs(x) > 1e-9])
+    unit = [*motion.values()][int(np.argmax(size > 0.999 * size.max()))]
+    return few([f"{name} = {x / unit:.4g}" for name, x in motion.items() if abs(x / unit) > 1e-9])
+
+
+def no_inertia_along(motion: str) -> str:
+    """Return the beginning of a message on a motion without inertia, which has the text of `motion_along`."""
+    if "," in motion:
+        return f"a motion with {motion} has no inertia"
+    name, _, axis = motion.removesuffix(" = 1").removesuffix(".dot").partition("_body_")
+    return f"{name} has no inertia{axis and f' about the axis {axis} of its body'}"
 
 
 def few(parts: list[str]) -> str:

@@ -86,7 +86,7 @@ class Structure:
 
     def remarks(self) -> list[str]:
         """Return sentences as in a textbook: on coordinates without inertia, constraints, and conserved quantities."""
-        return [*self._first_order(), *self._constraints(), self._energy(), *self._momenta()]
+        return [*self._first_order(), *self._constraints(), *self._energy(), *self._momenta()]
 
     def _separation(self) -> list[str]:
         if self.separable:
@@ -130,12 +130,14 @@ class Structure:
         groups = listing("(" + ", ".join(self.names[i] for i in block) + ")" for block in self.blocks)
         return f"The mass matrix falls into blocks {groups}{kind}."
 
-    def _energy(self) -> str:
+    def _energy(self) -> list[str]:
+        if self.decisions.statement.lagrangian == 0:
+            return []
         if self.conservative:
             kept = "energy" if self.energy_name == "energy" else "Jacobi integral v.p - L"
             stated_alone = self.decisions.statement.lagrangian_alone
             other = " (T + V is not this integral)" if kept != "energy" and not stated_alone else ""
-            return f"{self.energy_reason()}: the {kept} is conserved{other}."
+            return [f"{self.energy_reason()}: the {kept} is conserved{other}."]
         verdict = "is not" if self.energy_kept is False else "was not found to be"
         time = "depends" if self.autonomous is False else "may depend"
         causes = [] if self.autonomous else [f"the Lagrangian {time} on time"]
@@ -143,7 +145,7 @@ class Structure:
         causes += ["constraints that depend on time, or on velocities other than in proportion, may do work"] * (
             not self.workless
         )
-        return f"The energy {verdict} conserved: {listing(causes)}."
+        return [f"The energy {verdict} conserved: {listing(causes)}."]
 
     @property
     def energy_name(self) -> str:

@@ -451,9 +451,7 @@ class Model:
         state = np.zeros(self.layout.size)
         state[: len(chosen)] = chosen[: len(state)]
         values = self.parameter_array(parameters)
-        return singular_sentence(
-            self._made, self.equations, time, state, values if len(self.equations.constraints) else state
-        )
+        return singular_sentence(self._made, self.equations, time, state, values)
 
     def _state(self, q: ArrayLike, v: ArrayLike) -> State:
         coordinates = self._vector(q, "q")

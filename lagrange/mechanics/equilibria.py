@@ -24,8 +24,8 @@ from lagrange.mechanics.reduction import rewritten
 from lagrange.mechanics.roots import STARTS, numeric_roots, solved
 from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
 from lagrange.statement.coordinate import coordinate_of, t, velocity_of
-from lagrange.statement.expression import expression
-from lagrange.statement.parameters import table_of
+from lagrange.statement.expression import check_once, expression
+from lagrange.statement.parameters import label_of, table_of
 from lagrange.statement.progress import ShownAsPage
 from lagrange.statement.rotation import AXES, Rotation, rotation_of, split_rates
 from lagrange.statement.space import cross_matrix, matrix_of, product, quaternion_of
@@ -134,19 +134,20 @@ class _Problem:
         """Return the user's steady velocities by symbol. Raises StatementError for invalid `rates`."""
         rates = table_of(rates, "rates", "ignorable coordinate to velocity")
         statement, form = self.statement, self.form
-        point = stated_point(statement, rates)
+        coordinates = {v: q for q, v in zip(statement.coordinates, statement.velocities, strict=True)}
+        coordinates |= {f"{name}_dot": q for q, name in zip(statement.coordinates, statement.names, strict=True)}
+        keys = [coordinates.get(key, key) for key in rates]
+        check_once([label_of(key) for key in keys], "rates")
+        rates = dict(zip(keys, rates.values(), strict=True))
+        point = stated_point(statement, rates, table="rates")
         named = [i for i, q in enumerate(statement.coordinates) if q in rates or statement.names[i] in rates]
-        if len(named) < len(rates):
-            raise StatementError(
-                f"rates has velocities as keys: give coordinates as keys, such as {{{statement.names[-1]}: 1.0}}."
-            )
         for i in named:
             if i not in self.free:
-                steady = listing(statement.names[k] for k in self.free)
+                name, steady = statement.names[i], listing(statement.names[k] for k in self.free)
                 raise StatementError(
-                    f"rates gives {statement.names[i]} a steady velocity, but energies or constraints depend on "
-                    f"{statement.names[i]}, or a force acts along it, so its momentum may change: "
-                    + (f"give rates of {steady}." if self.free else "call equilibria() without rates.")
+                    f"rates gives {name} a steady velocity, but energies or constraints depend on {name}, or a force "
+                    f"acts along it, so its momentum may change: linearize({{{name}.dot: w}}) tells of a rate w "
+                    "whether it is steady" + (f", or give rates of {steady}." if self.free else ".")
                 )
         return {form.v[i]: in_fractions(point.q[i]) for i in named}
 
@@ -189,13 +190,29 @@ class _Problem:
             remedy = f" Contact forces are left out: state the closed ones of {contacts} as constraints."
             return (
                 f"{statement.name} has no equilibrium: the forces on {named} at rest, solved in symbols, vanish "
-                "nowhere for general values of the parameters." + (remedy if contacts != "none" else "")
+                "nowhere for general values of the parameters."
+                + (remedy if contacts != "none" else self.steady_motion())
             )
         return (
             f"no equilibrium of {statement.name} was found: the forces on {named} are not solved in symbols, and "
             f"Newton's method from {STARTS} starts, the initial state among them, found none at the values of the "
             "parameters. Give an initial state near one, or other values."
         )
+
+    def steady_motion(self) -> str:
+        """Return a remedy with a motion at constant speeds, such as that of a motor under a torque and a drag.
+
+        The speeds are those of coordinates that no force depends on. Returns "" if no such motion is found.
+        """
+        form, names = self.form, self.statement.names
+        drifting = [i for i in self.rows if not any(r.has(form.q[i]) for r in form.residuals)]
+        still = dict.fromkeys((*form.a, *(v for i, v in enumerate(form.v) if i not in drifting)), sympy.S.Zero)
+        forces = [in_fractions(form.residuals[i].xreplace({**still, **self.speeds})) for i in self.rows]
+        unknowns = {form.v[i] if i in drifting else form.q[i]: names[i] + ".dot" * (i in drifting) for i in self.rows}
+        for values in (solved(forces, [*unknowns]) if drifting and not self.zeros else None) or ():
+            at = ", ".join(f"{unknowns[symbol]}: {formula(form.written(x), 60)}" for symbol, x in values.items())
+            return f" linearize({{{at}}}) is about a steady motion."
+        return ""
 
     def too_many(self, count: int) -> str:
         """Return the error message for `count` equilibria, which probably form a curve or a surface."""
@@ -389,7 +406,9 @@ def _steady_rotations(
         )
     ((_, axis, rate),) = rates
     if attitudes:
-        return _precessions(statement, axis, rate, others, matrix_of(quaternion_of(attitudes[0], rotation.name)))
+        return _precessions(
+            statement, axis, rate, others, matrix_of(quaternion_of(attitudes[0], f"the attitude of {rotation.name}"))
+        )
     return _turns(statement, axis, rate, others)
 
 

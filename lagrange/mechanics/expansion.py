@@ -15,7 +15,7 @@ from lagrange.mechanics.plain_form import PlainForm, number, simplest, size_of_t
 from lagrange.mechanics.reduction import rewritten
 from lagrange.statement.coordinate import name_of, rotation_name, velocity_of
 from lagrange.statement.expression import entries, expression, whole_number
-from lagrange.statement.parameters import Survey, in_own_parameters, label_of, table_of
+from lagrange.statement.parameters import Survey, in_own_parameters, label_of, rate_name, table_of
 from lagrange.statement.rotation import in_coordinates, is_scalar, rotation_of
 from lagrange.statement.statement import Constraint, Statement
 
@@ -161,56 +161,66 @@ class StatedPoint:
 INPUT_REMEDY = "call linearize(inputs=[{0!r}]) for a matrix B, or "  # Begin of a remedy for an input without values
 
 
-def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tuple[Statement, Any, Any]:
+def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tuple[Statement, Any, tuple[Any, ...]]:
     """Return statement, point and inputs, where a parameter replaces each input that is a function of time.
 
-    Raises StatementError if the statement contains a derivative of an input.
+    Raises StatementError for an input that is neither a parameter nor a given function, and for a function whose
+    derivative is in the statement.
     """
     listed = [inputs] if isinstance(inputs, str) else entries(inputs, "inputs")
     named = [label_of(entry) for entry in ([inputs] if listed is None else listed)]
-    table: dict[Any, Any] = {}
-    for function, order in zip(statement.given, statement.orders, strict=True):
-        name = name_of(function)
-        if name in named:
-            if order:
-                raise StatementError(
-                    f"the statement contains derivatives of the input {name}, and in the term B u of linear equations "
-                    "there are none: make the input a force, or an acceleration."
-                )
-            table[function] = sympy.Symbol(name, real=True)
-    if not table:
-        return statement, at, inputs
-    parameters = {p: statement.defaults.get(p) for p in statement.parameters} | dict.fromkeys(table.values())
-    result = rewritten(statement, lambda stated: stated.xreplace(table), parameters=parameters)
-    point = {table.get(key, key): x for key, x in at.items()} if isinstance(at, Mapping) else at
-    return result, point, named
+    orders = {name_of(function): order for function, order in zip(statement.given, statement.orders, strict=True)}
+    known = [*(p.name for p in statement.parameters), *(name for name, order in orders.items() if not order)]
+    for label in named:
+        function = next((name for name in orders if label in [rate_name(name, k) for k in range(3)]), "")
+        if orders.get(function):
+            raise StatementError(
+                f"the statement contains derivatives of the input {function}, and in the term B u of linear equations "
+                f"there are none: leave {function} out, and state its effect as a force with another input, such as "
+                f"-m*a with a = lg.given('a') for the acceleration of {function}."
+            )
+        if label not in known:
+            kind = f"a rate of {function}" if function else "not a parameter of this system"
+            kind = "a coordinate or a velocity" if label in statement.state_names else kind
+            raise StatementError(
+                f"inputs contains {label[:80]!r}, which is {kind}: choose of {listing(known)}, or state the system "
+                f"with the input, as in forces={{{statement.names[0]}: u}} with u = lg.given('u')."
+            )
+    table = {f: sympy.Symbol(name_of(f), real=True) for f in statement.given if name_of(f) in named}
+    if table:
+        parameters = {p: statement.defaults.get(p) for p in statement.parameters} | dict.fromkeys(table.values())
+        statement = rewritten(statement, lambda stated: stated.xreplace(table), parameters=parameters)
+        at = {table.get(key, key): x for key, x in at.items()} if isinstance(at, Mapping) else at
+    by_name = {p.name: p for p in statement.parameters}
+    return statement, at, tuple(by_name[label] for label in named)
 
 
-def stated_point(statement: Statement, at: Any, inputs: Any = (), *, turning: bool = False) -> StatedPoint:
+def stated_point(
+    statement: Statement, at: Any, inputs: Sequence[Any] = (), *, turning: bool = False, table: str = "at"
+) -> StatedPoint:
     """Return the expansion point from the mapping `at` of coordinates, velocities and `inputs` to their values.
 
     Those without an entry are zero; a rotation without an entry is the identity. With `turning` rotations may have
     rates, unless an expression contains an entry of a quaternion; else StatementError is raised for rates, as for
-    unknown keys, and for values that are not constant.
+    unknown keys, and for values that are not constant. Messages call the mapping `table`.
     """
-    stated = table_of(at, "at", f"coordinate or velocity to value, such as {{{statement.names[0]}: 0}}")
-    chosen = _inputs(statement, inputs)
+    stated = table_of(at, table, f"coordinate or velocity to value, such as {{{statement.names[0]}: 0}}")
     rest = {q: sympy.Integer(is_scalar(q)) for q in statement.coordinates}
     rest |= dict.fromkeys(statement.velocities, sympy.S.Zero)
     rows: dict[Any, Any] = {}
     for q, name in zip(statement.coordinates, statement.names, strict=True):
         rows[q] = rows[name] = q
         rows[velocity_of(q)] = rows[f"{name}_dot"] = velocity_of(q)
-    for symbol in chosen:
+    for symbol in inputs:
         rows[symbol] = rows[symbol.name] = symbol
     values = dict(rest)
-    for key, value in in_coordinates(stated, rest, "at").items():
+    for key, value in in_coordinates(stated, rest, table).items():
         known = [label for label in rows if isinstance(label, str)]
         if not isinstance(key, (str, sympy.Basic)) or key not in rows:
             label = label_of(key)
             raise StatementError(
-                f"at names {shown(label)}, which is not a coordinate, velocity or input; they are {listing(known)}."
-                + suggestion(label, known)
+                f"{table} names {shown(label)}, which is not a coordinate, velocity or input; they are "
+                f"{listing(known)}." + suggestion(label, known)
             )
         values[rows[key]] = _constant(statement, value, f"the value of {key}")
     turning = turning and statement.reading is not None
@@ -225,7 +235,7 @@ def stated_point(statement: Statement, at: Any, inputs: Any = (), *, turning: bo
         PlainForm(statement),
         tuple(values[q] for q in statement.coordinates),
         tuple(values[v] for v in statement.velocities),
-        {symbol: values.get(symbol, sympy.S.Zero) for symbol in chosen},
+        {symbol: values.get(symbol, sympy.S.Zero) for symbol in inputs},
     )
 
 
@@ -236,23 +246,6 @@ def with_lengths(statement: Statement) -> Statement:
         for each in map(rotation_of, statement.rotations)
     )
     return replace(statement, constraints=(*statement.constraints, *lengths), rotations=(), reading=None)
-
-
-def _inputs(statement: Statement, inputs: Any) -> tuple[Any, ...]:
-    """Return the parameters that the user lists as inputs."""
-    by_name = {p.name: p for p in statement.parameters}
-    listed: Sequence[Any] | None = entries(inputs, "inputs") if not isinstance(inputs, str) else [inputs]
-    symbols = []
-    for name in [inputs] if listed is None else listed:
-        label = name if isinstance(name, str) else name.name if isinstance(name, sympy.Symbol) else shown(name)
-        if label not in by_name:
-            raise StatementError(
-                f"inputs contains {label[:80]!r}, which is not a parameter of this system; its parameters are "
-                f"{listing(by_name)}. Choose of these, or state the system with the input, as in "
-                f"forces={{{statement.names[0]}: u}}."
-            )
-        symbols.append(by_name[label])
-    return tuple(symbols)
 
 
 def _constant(statement: Statement, argument: Any, what: str) -> Any:

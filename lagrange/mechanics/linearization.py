@@ -176,9 +176,13 @@ def linearized_at(point: StatedPoint, changes: SmallChanges | None = None) -> Li
     if statement.rotations:
         steady = all(point.is_zero(x, ()) for x in K * sympy.Matrix([rates[i] for i in positions]))
     else:
+        moved = [q for q, v in zip(point.form.q, point.v, strict=True) if v != 0]
+        stated = (*point.form.residuals, *(point.form.read(each.expression) for each in statement.constraints))
         moving = [k for k, i in enumerate(positions) if rates[i] != 0]
         rows = [k for k, i in enumerate(speeds) if rates[i] != 0]
-        steady = all(point.is_zero(x, ()) for x in (*K[:, moving], *K[rows, :]))
+        steady = not any(part.has(*moved) for part in stated) or all(
+            point.is_zero(x, ()) for x in (*K[:, moving], *K[rows, :])
+        )
     velocities = {v: x for v, x in zip(statement.velocities, point.v, strict=True) if x != 0}
     return Linearization(
         coordinates=tuple(read.coordinates[i] for i in positions),

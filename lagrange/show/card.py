@@ -113,9 +113,10 @@ def _lines(solution: Solution) -> Iterator[tuple[str, str]]:
     outputs = counted(len(run.t), "output") if len(run.t) else "no outputs"
     yield "time", f"{begun:.6g} to {reached:.6g}{f' {unit}' if unit else ''}, {outputs}"
     yield "steps", f"{run.steps} ({run.rejected} rejected), {counted(run.evaluations, 'evaluation')}"
-    unknown = "not known: it has no value at some state of the run"
-    drift = solution.drift.sentence() if solution.has_energy else unknown
-    yield "energy drift" if solution.model.conservative else "energy", drift
+    if solution.model.statement.lagrangian != 0:
+        unknown = "not known: it has no value at some state of the run"
+        drift = solution.drift.sentence() if solution.has_energy else unknown
+        yield "energy drift" if solution.model.conservative else "energy", drift
     yield from drift_lines(solution.momentum_drift)
     for name, error in _lengths(solution).items():
         yield f"quaternion of {name}", f"length differs from 1 by at most {error:.1e}"

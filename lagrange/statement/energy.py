@@ -14,7 +14,16 @@ from sympy.functions.elementary.trigonometric import InverseTrigonometricFunctio
 
 from lagrange.errors import StatementError, formula, listing, shown
 from lagrange.statement.coordinate import name_of, t
-from lagrange.statement.expression import as_typed, entries, expression, in_full, one_of, refusing_deep, vector
+from lagrange.statement.expression import (
+    as_typed,
+    entries,
+    expression,
+    in_full,
+    is_shorthand,
+    one_of,
+    refusing_deep,
+    vector,
+)
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.rotation import Rotation
 from lagrange.statement.space import in_space
@@ -85,11 +94,22 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
     moving = any(in_full(rate).has(AppliedUndef) for rate in rates)
     for i, rate in enumerate(map(in_full, rates)):
         what = "the angular velocity" if len(rates) == 1 else f"component {i} of the angular velocity"
+        for term in sympy.Add.make_args(sympy.expand_mul(rates[i])):
+            factors = (factor.as_base_exp() for factor in sympy.Mul.make_args(term))
+            powers = {base: power for base, power in factors if _is_rate(base)}
+            if sum(powers.values()) > 1:
+                example = f"such as {_plain(min(powers, key=str))}, whose square is in the energy"
+                raise _no_rate(what, "has the term", term, "a product of rates", example)
         if not moving and rate.has(t):
             raise _no_rate(what, "is", rate, "an angle or its function", "such as w for the angle w*t")
         _check_rate(rate, what)
     omega = sympy.Matrix(rates)
     return (omega.T * _tensor(inertia, omega.rows) * omega)[0, 0] / 2
+
+
+def _is_rate(factor: Any) -> bool:
+    """Return True for a velocity, and for a rate about an axis such as R.body[2]."""
+    return isinstance(factor, sympy.Derivative) or (is_shorthand(factor) and in_full(factor).has(sympy.Derivative))
 
 
 TAKEN = "kinetic_energy takes a place, and rotational_energy a rate."
@@ -107,11 +127,13 @@ def _no_rate(what: str, verb: str, term: Any, kind: str, example: str) -> Statem
     Its message is "`what` `verb` `term`, `kind`: give its rate, `example`", as in "w is theta, an angle: give its
     rate, such as theta.dot".
     """
+    return StatementError(f"{what} {verb} {formula(_plain(term), 60)}, {kind}: give its rate, {example}. {TAKEN}")
+
+
+def _plain(term: Any) -> Any:
+    """Return a term with symbols such as x.dot and x in place of functions of time and their derivatives."""
     plain = {rate: sympy.Symbol(_dotted(rate)) for rate in term.atoms(sympy.Derivative)}
-    plain |= {q: sympy.Symbol(name_of(q)) for q in term.atoms(AppliedUndef)}
-    return StatementError(
-        f"{what} {verb} {formula(term.xreplace(plain), 60)}, {kind}: give its rate, {example}. {TAKEN}"
-    )
+    return term.xreplace(plain | {q: sympy.Symbol(name_of(q)) for q in term.atoms(AppliedUndef)})
 
 
 def _check_rate(rate: Any, what: str) -> None:
@@ -159,10 +181,13 @@ def _is_ratio(factor: Any) -> bool:
 
 
 def _tensor(inertia: Any, k: int) -> Any:
-    """Return the inertia tensor (k, k) from a scalar, from k principal moments, or from k rows."""
+    """Return the inertia tensor (k, k) from a scalar, from k principal moments, or from k rows.
+
+    Raises StatementError for a negative moment, and for rows that are not a symmetric matrix.
+    """
     listed = entries(inertia, "the inertia")
     if listed is None:
-        return expression(inertia, "the inertia") * sympy.eye(k)
+        return _checked_tensor(expression(inertia, "the inertia") * sympy.eye(k))
     rows = [entries(row, f"row {i} of the inertia") for i, row in enumerate(listed)]
     lengths = [1 if row is None else len(row) for row in rows]
     if any(row is not None for row in rows) and (len(rows), *set(lengths)) != (k, k):
@@ -174,8 +199,26 @@ def _tensor(inertia: Any, k: int) -> Any:
             f"the inertia has {len(listed)} entries and the angular velocity {k}: give as many moments as components."
         )
     if rows[0] is None:
-        return sympy.diag(*vector(listed, "the inertia"))
-    return sympy.Matrix([vector(row, f"row {i} of the inertia") for i, row in enumerate(rows)])
+        return _checked_tensor(sympy.diag(*vector(listed, "the inertia")))
+    return _checked_tensor(sympy.Matrix([vector(row, f"row {i} of the inertia") for i, row in enumerate(rows)]))
+
+
+def _checked_tensor(tensor: Any) -> Any:
+    """Return an inertia tensor (k, k). Raises StatementError if it is not symmetric, or has a negative moment."""
+    for (i, j), entry in sympy.Matrix.todok(tensor).items():
+        if sympy.expand(entry - tensor[j, i]) != 0:
+            raise StatementError(
+                f"the inertia is not symmetric: entry ({i}, {j}) is {formula(entry, 60)}, and entry ({j}, {i}) is "
+                f"{formula(tensor[j, i], 60)}. Both are the same product of inertia."
+            )
+    moments = [f"the moment {formula(entry, 60)}" for entry in tensor.diagonal() if entry.is_negative]
+    if not moments and tensor.is_positive_semidefinite is False and not tensor.free_symbols:
+        moments = ["a principal moment"]
+    if moments:
+        raise StatementError(
+            f"the inertia has {moments[0]} below zero, which no body has: for a hole subtract its rotational energy."
+        )
+    return tensor
 
 
 @refusing_deep

@@ -56,9 +56,7 @@ from lagrange.statement.space import (
 )
 
 ENTRIES = "wxyz"  # Suffixes of the names of a quaternion's entries: the scalar, then the vector
-
-AXES = "xyz"
-"""Suffixes of the names of axes: R_xz is an entry of the matrix, R_body_x a rate about an axis of the body."""
+AXES = "xyz"  # Suffixes of the names of axes: R_xz is an entry of the matrix, R_body_x a rate about a body axis
 
 
 def _refusal(instead: str) -> Callable[..., NoReturn]:
@@ -150,6 +148,7 @@ class Rotation(NonScalar):
         "use its entries {0}[i, j], its rates {0}.body and {0}.space, or a turned vector {0}*v"
     )
     """SymPy calls `_sympy_` for a scalar, and NumPy `__array_ufunc__` for its functions and operators."""
+    dot = ddot = property(_refusal("its rates are {0}.body and {0}.space, and the rates of these {0}.body.diff(t)"))
     _before = _refusal("it stands left of the vector that it turns, {0}*v or {0}.T*v")
 
     __matmul__ = __mul__
@@ -194,6 +193,7 @@ def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: s
     whole and by entries of its quaternion.
     """
     plain, rates = split_rates(state, values, table)
+    kind = {"initial": "the start", "the reset": "the reset"}.get(table, "the attitude")
     check_once([*map(row_label, plain)], table)
     by_entry = {row_label(key): value for key, value in plain.items()}
     starts = {key: plain.pop(key) for key in list(plain) if isinstance(key, Rotation)}
@@ -213,7 +213,7 @@ def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: s
             if row_label(entry) in by_entry:
                 raise StatementError(f"{table} gives both {whole} and {row_label(entry)}: give one of the two.")
         now, moving = ([by_entry.get(row_label(x), values[x]) for x in part] for part in (each.quaternion, velocities))
-        q = quaternion_of(starts[each], each.name) if each in starts else now
+        q = quaternion_of(starts[each], f"{kind} of {each.name}") if each in starts else now
         kept, vector = (space_rates, each.space) if each.space in rates else (body_rates, each.body)
         given_rates = rates.get(vector, [None] * 3)
         w = [old if new is None else new for old, new in zip(kept(now, moving), given_rates, strict=True)]
@@ -312,7 +312,8 @@ def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
         q, v = state[rows], state[moving]
         sizes = np.sqrt((q * q).sum(axis=0))
         if (abs(sizes - 1) > STRETCH).any():
-            raise StatementError(of_length(each.name, float(np.atleast_1d(sizes)[abs(sizes - 1).argmax()])))
+            size = float(np.atleast_1d(sizes)[abs(sizes - 1).argmax()])
+            raise StatementError(of_length(f"the start of {each.name}", size))
         if (abs((q * v).sum(axis=0)) > STRETCH * np.sqrt((v * v).sum(axis=0))).any():
             raise StatementError(
                 f"the start of {each.name} has velocities of {each.name}_w to {each.name}_z that change the length of "
@@ -361,8 +362,7 @@ def is_scalar(coordinate: Any) -> bool:
     return name is not None and coordinate == rotation_of(name).quaternion[0]
 
 
-TORQUES = "forces", "the torque on "
-"""Words of messages on torques: the name of the table, and the prefix of the name of a rate."""
+TORQUES = "forces", "the torque on "  # Words of messages on torques: name of the table, prefix of the name of a rate
 
 
 def forces_on_coordinates(forces: Any, coordinates: Iterable[Any]) -> Any:

@@ -11,12 +11,19 @@ import sympy
 from numpy.typing import ArrayLike, NDArray
 from sympy.matrices.exceptions import ShapeError
 
-from lagrange.errors import StatementError, shown
+from lagrange.errors import StatementError, UnknownKey, shown
 from lagrange.statement.expression import TEXTS, as_typed, entries, real_number
 
 
 class SpaceMatrix(sympy.ImmutableMatrix):
     """A vector or a matrix in space. In operations a tuple, list or array of three entries counts as a vector."""
+
+    def __getitem__(self, index: Any) -> Any:
+        try:
+            return super().__getitem__(index)
+        except IndexError:
+            kind, use = ("vector", "the entries") if 1 in self.shape else ("3 by 3 matrix", "rows and columns")
+            raise UnknownKey(f"a {kind} in space has no entry {shown(index)}: {use} are 0, 1 and 2.") from None
 
     def __add__(self, other: Any) -> Any:
         return self._combined(super().__add__, other)
@@ -169,10 +176,11 @@ def turn(axis: ArrayLike, angle: float) -> Turn:
     return Turn((float(np.cos(half)), i, j, k))
 
 
-def quaternion_of(value: Any, name: str) -> Quaternion:
-    """Return the quaternion of a rotation's initial value, which is a quaternion or a rotation matrix.
+def quaternion_of(value: Any, what: str) -> Quaternion:
+    """Return the quaternion of a value of a rotation, which is a quaternion or a rotation matrix.
 
-    Raises StatementError, with the deviation, for a value that is not a rotation.
+    `what` names the value in messages, such as "the start of R". Raises StatementError, with the deviation, for a
+    value that is not a rotation.
     """
     numbers = np.zeros(0)
     # A SymPy matrix has 9 entries. An array of a long sequence, such as range(10**9), would not fit into the memory.
@@ -181,32 +189,32 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
             numbers = np.array(value, dtype=object).astype(float)
     if numbers.shape not in ((4,), (3, 3)) or not np.isfinite(numbers).all():
         raise StatementError(
-            f"the start of {name} is {shown(value)}: give lagrange.turn(axis, angle), a quaternion of four numbers, "
+            f"{what} is {shown(value)}: give lagrange.turn(axis, angle), a quaternion of four numbers, "
             "scalar first, or a matrix of 3 by 3 numbers."
         )
     if numbers.shape == (4,):
         size = float(np.linalg.norm(numbers))
         if abs(size - 1) > LARGEST_DEVIATION:
-            raise StatementError(of_length(name, size))
+            raise StatementError(of_length(what, size))
         return tuple((numbers / size).tolist())
     if (off := float(np.abs(numbers.T @ numbers - np.eye(3)).max())) > LARGEST_DEVIATION:
         raise StatementError(
-            f"the start of {name} is not a rotation: its matrix times its transpose differs from the unit matrix by "
+            f"{what} is not a rotation: its matrix times its transpose differs from the unit matrix by "
             f"{off:.3g}. Give all digits, lagrange.turn(axis, angle), or the nearest rotation: u @ vh, with u, _, vh = "
             "numpy.linalg.svd(matrix)."
         )
     if np.linalg.det(numbers) < 0:
-        raise StatementError(f"the start of {name} is a reflection, with determinant -1: change the sign of one axis.")
+        raise StatementError(f"{what} is a reflection, with determinant -1: change the sign of one axis.")
     from scipy.spatial.transform import Rotation as Matrix
 
     i, j, k, w = Matrix.from_matrix(numbers).as_quat().tolist()
     return w, i, j, k
 
 
-def of_length(name: str, size: float) -> str:
-    """Return the message for an initial quaternion of the rotation `name` whose length `size` is not one."""
+def of_length(what: str, size: float) -> str:
+    """Return the message for a quaternion `what`, such as "the start of R", whose length `size` is not one."""
     return (
-        f"the start of {name} is a quaternion of length {size:.9g}: give one of length 1 with all digits, such as "
+        f"{what} is a quaternion of length {size:.9g}: give one of length 1 with all digits, such as "
         "lagrange.turn(axis, angle)."
     )
 

@@ -79,7 +79,7 @@ def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
     state = few([f"{name} = {number(x)}" for name, x in zip(problem.model.layout.names(), y, strict=True)])
     return (
         f"the mass matrix d2L/dv2 becomes singular there, at {state}: the inertia of a motion with "
-        f"{motion_along(model.layout.rates, null / units)} is {left / least:.2g} times the least inertia at the "
+        f"{motion_along(model.layout, y, null / units)} is {left / least:.2g} times the least inertia at the "
         "start, and its acceleration grows beyond all bounds. End the run before, or state a Lagrangian whose inertia "
         "does not vanish."
     )
@@ -204,7 +204,7 @@ def rank_lost(problem: Problem, y: FloatArray, singular: Singular, *, equal_step
     left = f"{share:.2g} times its value at the start"
     if singular.motion is not None:
         return (
-            f"the inertia of a motion with {motion_along(problem.model.layout.rates, singular.motion)}, which "
+            f"the inertia of a motion with {motion_along(layout, y, singular.motion)}, which "
             f"satisfies the constraints, vanishes there, at {state}: it is {left}. End the run before, or state a "
             "Lagrangian whose inertia does not vanish."
         )

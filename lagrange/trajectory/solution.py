@@ -215,9 +215,10 @@ class Solution:
 
     @cached_property
     def has_energy(self) -> bool:
-        """True if the energy is finite at every output."""
+        """True if the Lagrangian is not zero and the energy is finite at every output."""
         try:
-            return len(self.t) > 0 and math.isfinite(self.drift.absolute)
+            stated = self.model.statement.lagrangian != 0
+            return stated and len(self.t) > 0 and math.isfinite(self.drift.absolute)
         except LagrangeError:
             return False
 

@@ -249,7 +249,7 @@ SLIDING, STRING = m * (x.dot - y.dot) ** 2 / 2, m * (x.dot + y.dot) ** 2 / 2 + m
         ({"lagrangian": x.dot * sin(x) - x**2}, [x], ["Add the kinetic energy of x, or make x a parameter."]),
         ({"lagrangian": m * x.dot**2 / 2 + y.dot * sin(x) - k * y**2}, [x, y], [NO_TERM.format("y")]),
         ({"kinetic": (x.dot + y.dot) ** 2}, [x, y], [SINGULAR, "with x.dot = 1, y.dot = -1 has no inertia"]),
-        ({"kinetic": (x.dot + y.dot) ** 2}, [x, y], ["Add the kinetic energy that is missing, or use fewer coordin"]),
+        ({"kinetic": (x.dot + y.dot) ** 2}, [x, y], ["Add the kinetic energy that is missing, use fewer coordinat"]),
         ({"kinetic": m * (x.dot + 2 * y.dot) ** 2 / 2}, [x, y], ["x.dot = 1, y.dot = -0.5 has no inertia"]),
         ({"kinetic": SLIDING + M * z.dot**2 + theta.dot**2}, [z, x, theta, y], ["x.dot = 1, y.dot = 1 has no inertia"]),
         ({"kinetic": STRING}, [x, y, z], ["x.dot = 1, y.dot = -1, z.dot = 1 has no inertia"]),

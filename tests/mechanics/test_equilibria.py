@@ -191,7 +191,14 @@ EDGE: dict[str, Any] = {"constraints": {"edge": y.dot * cos(theta) - x.dot * sin
             "rates gives theta a steady velocity, but energies or constraints depend on theta, or a force acts",
         ),
         (lambda: shared_scene("bouncing-ball"), None, "bouncing-ball has no equilibrium: the forces on y at rest"),
-        (hoop, {theta.dot: 1}, "rates has velocities as keys: give coordinates as keys, such as {theta: 1.0}."),
+        (
+            lambda: lg.System(T, forces={x: k}, dissipation=c * x.dot**2 / 2),
+            {x.dot: 1},
+            "rates gives x a steady velocity, but energies or constraints depend on x, or a force acts along it, so "
+            "its momentum may change: linearize({x.dot: w}) tells of a rate w whether it is steady.",
+        ),
+        (hoop, {theta: 1, theta.dot: 1}, "rates has theta twice, by its symbol and by its name"),
+        (hoop, {phi: 1}, "rates names 'phi', which is not a coordinate"),
         (hoop, [1], "rates is a list: give a dict from ignorable coordinate to velocity."),
     ],
 )
@@ -199,6 +206,23 @@ def test_refusals(system: Any, rates: Any, words: str) -> None:
     message = refusal(system().equilibria, rates)
     assert message.startswith(words)
     assert ("Contact forces are left out: state the closed ones of 'floor' as" in message) == ("bouncing" in words)
+
+
+def test_a_motor_has_a_steady_motion_in_place_of_an_equilibrium() -> None:
+    """J phi'' = k i - c phi', i' = u - R i - k phi': both rates vanish at the speed k u/(R c + k^2)."""
+    current = lg.coordinate("i")
+    resistance, voltage = lg.parameters("R u")
+    motor = lg.System(
+        m * phi.dot**2 / 2,
+        forces={phi: k * current - c * phi.dot, current: voltage - resistance * current - k * phi.dot},
+        dissipation=current.dot**2 / 2,
+    )
+    speed = k * voltage / (c * resistance + k**2)
+    message = refusal(motor.equilibria)
+    assert f"linearize({{phi.dot: {speed}, i: " in message and message.endswith("is about a steady motion.")
+    lin = motor.linearize({phi.dot: speed, current: c * speed / k})
+    assert lin.equilibrium and lin.note == "About a steady motion."
+    assert refusal(motor.linearize, {phi.dot: 2 * speed}).startswith("this point is not an equilibrium of system")
 
 
 def test_a_wrong_equilibrium_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -209,11 +209,20 @@ MOVED: dict[str, Any] = {"constraints": [x - y * (1 + sin(lg.t))], "coordinates"
         (lambda: cart().linearize({z: 0}), "at names 'z', which is not a coordinate, velocity or input; they are x, x"),
         (lambda: cart().linearize({x: theta}), "the value of x(t) contains theta: give numbers, or expressions in par"),
         (lambda: cart().linearize({x: "1"}), "the value of x(t) is the text '1': give a SymPy expression"),
-        (lambda: cart().linearize({}, inputs=["v"]), "inputs contains 'v', which is not a parameter of this system; i"),
+        (lambda: cart().linearize({}, inputs=["v"]), "inputs contains 'v', which is not a parameter of this system: c"),
         (
             lambda: rod().linearize({y: -l}, inputs=[x]),
-            "inputs contains 'x(t)', which is not a parameter of this system; its parameters are m, g and l. Choose of "
-            "these, or state the system with the input, as in forces={x: u}.",
+            "inputs contains 'x', which is a coordinate or a velocity: choose of m, g and l, or state the system with "
+            "the input, as in forces={x: u} with u = lg.given('u').",
+        ),
+        (
+            lambda: lg.System(T, forces={x: lg.given("w")}).linearize(inputs=[lg.given("w").ddot]),
+            "inputs contains 'w_ddot', which is a rate of w: choose of m and w,",
+        ),
+        (
+            lambda: lg.System(m * (x.dot + lg.given("X").dot) ** 2 / 2).linearize(inputs=[lg.given("X").ddot]),
+            "the statement contains derivatives of the input X, and in the term B u of linear equations there are none"
+            ": leave X out, and state its effect as a force",
         ),
         (lambda: linear(T, **FILTER), "the constraint 'filter' contains the input u, so B would need the rate of u"),
         (lambda: linear(T, k * abs(x)), CORNER.format("x") + " so that they are not linear near it."),

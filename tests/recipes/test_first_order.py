@@ -41,6 +41,15 @@ def motor() -> lg.System:
 MOTOR_UNITS = {J: "kg*m**2", L: "H", R: "ohm", k: "N*m/A", u: "V", i: "A"}
 
 
+def test_a_system_without_lagrangian_has_no_energy_to_report() -> None:
+    system = lowpass()
+    solution = system.run(1.0)
+    derivation = system.derivation().text()
+    assert not solution.has_energy and solution.card()["energy"] is None
+    assert not any("nergy" in text for text in (str(solution), derivation, *system.structure))
+    assert len(solution.plot().axes) == 1
+
+
 def test_terms_of_first_order_need_no_unit_of_energy() -> None:
     """The equation of a current has voltages as terms, that of a filter rates."""
     stated = motor().statement

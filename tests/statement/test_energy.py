@@ -103,6 +103,20 @@ REFUSALS: list[tuple[Any, str]] = [
     (lambda: rotational_energy(i1, y.dot + k / l * sympy.sin(x)), "the angular velocity has the term k*sin(x)/l, a nu"),
     (lambda: rotational_energy(i1, [0, 0, x.ddot]), "component 2 of the angular velocity contains x.ddot, an accelera"),
     (lambda: rotational_energy(i1, k * lg.t), "the angular velocity is k*t, an angle or its function: give its rate,"),
+    (
+        lambda: rotational_energy(i1, y.dot + x.dot**2),
+        "the angular velocity has the term x.dot**2, a product of rates: give its rate, such as x.dot, whose square is",
+    ),
+    (lambda: rotational_energy(i1, [0, 0, lg.rotation("R").body[2] ** 2]), "the term R_body_z**2, a product of rates"),
+    (
+        lambda: rotational_energy([1, -2, 1], [w1, w2, w3]),
+        "the inertia has the moment -2 below zero, which no body has",
+    ),
+    (lambda: rotational_energy([[1, 2], [2, 1]], [w1, w2]), "the inertia has a principal moment below zero"),
+    (
+        lambda: rotational_energy([[i1, k], [0, i2]], [w1, w2]),
+        "the inertia is not symmetric: entry (0, 1) is k, and entry (1, 0) is 0. Both are the same product of inertia.",
+    ),
     (lambda: spring(k, [x, y], [0]), "the ends of the spring have 2 and 1 components: give both the same number."),
 ]
 

@@ -234,6 +234,11 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "modes of a spin": (lambda: top().modes({R.body: (0, 0, 1)}), "modes and equilibria are those of a body at rest"),
     "a large number": (lambda: top(initial={R: (10**400, 0, 0, 0)}), "the start of R is .*a whole number of about 401"),
     "a long range": (lambda: top(initial={R: range(10**15)}), r"the start of R is range\(0, 1000000000000000\): give"),
+    "a reset to a long quaternion": (
+        lambda: top().run(0.1, events=lg.event(R[2, 2], reset={R: (1, 1, 0, 0)})),
+        "the reset of R is a quaternion of length 1.41421",
+    ),
+    "an attitude that is a text": (lambda: top().linearize({R: "up"}), "the attitude of R is 'up'"),
     "a text": (lambda: top(initial={R: "up"}), r"the start of R is 'up': give lagrange.turn\(axis, angle\)"),
     "two rates": (lambda: top(initial={R.body: (1, 2)}), "give its components about the axes x, y and z"),
     "a turn and an entry": (lambda: top(initial={R: (1, 0, 0, 0), "R_w": 1}), "gives both R and R_w: give one"),
@@ -245,6 +250,12 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a torque on an entry": (lambda: top(forces={R[0, 0]: 1}), "forces names R_xx.*use R.body or R.space"),
     "a rate twice": (lambda: top(initial={R.body: (1, 2, 3), "R_body_x": 1}), "initial names R_body_x twice"),
     "an entry outside": (lambda: R[3, 0], r"without an entry \(3, 0\): rows and columns are 0, 1 and 2"),
+    "an entry of the rates outside": (
+        lambda: R.body[3],
+        "a vector in space has no entry 3: the entries are 0, 1 and 2",
+    ),
+    "an entry of the inverse outside": (lambda: R.T[3, 0], r"no entry \(3, 0\): rows and columns are 0, 1 and 2"),
+    "its velocity": (lambda: R.dot, "its rates are R.body and R.space, and the rates of these R.body.diff"),
     "three places": (lambda: R[0, 1, 2], r"without an entry \(0, 1, 2\): rows and columns are 0, 1 and 2"),
     "a symbolic row": (lambda: R[x, 1], r"without an entry \(x\(t\), 1\)"),
     "a product with NaN": (lambda: R.T * np.float32(np.nan), "is neither a number nor a vector"),
@@ -300,6 +311,22 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         "a root or a quotient that is singular where R.body is zero",
     ),
     "no inertia": (lambda: lg.System(m * x.dot**2 / 2, R[0, 0]), "gives R no inertia at rest: add its energy"),
+    "no inertia about an axis": (
+        lambda: lg.System(R.body.dot(diag(J1, J1, 0) * R.body) / 2).compile(),
+        "R has no inertia about the axis z of its body.* constrain this motion",
+    ),
+    "no inertia about a held axis": (
+        lambda: lg.System(R.body.dot(diag(J1, J1, 0) * R.body) / 2, constraints={"held": R.body[0]}).compile(),
+        "a motion with R_body_z = 1 satisfies the constraints and has no inertia",
+    ),
+    "a torque with the dimension of a force": (
+        lambda: top(forces={R.space: (0, m**2, 0)}, dimensions={m: "energy"}),
+        r"the torque on R_body_x has the term R_yx\*m\*\*2, whose dimension is .*; it should be energy",
+    ),
+    "an energy with the dimension of a force": (
+        lambda: top(dimensions={m: "force"}),
+        r"the potential energy has the term R_zz\*m, whose dimension is force",
+    ),
     "Hamilton's equations": (lambda: top().hamiltonian(), "are not written out for rotations"),
     "a name": (lambda: lg.rotation("1x"), "cannot name a rotation"),
 }

@@ -101,8 +101,14 @@ WRONG: dict[str, tuple[dict[str, Any], dict[Any, Any], str, str]] = {
     "speed of a given motion": (
         {"kinetic": T, "potential": k * (x - lg.given("X", a * sin(w * lg.t) + 0.1)) ** 2 / 2},
         {x: "m", a: "m", w: "1/min"},
-        "the given function X has the term t*w",
-        "0.0166667",
+        "the given function X has the term t*w in sin(t*w)",
+        "0.0166667 rad",
+    ),
+    "angle in degrees": (
+        {"kinetic": m * l**2 * theta.dot**2 / 2, "potential": -m * g * l * cos(theta)},
+        {m: "kg", l: "m", theta: "deg"},
+        "the potential energy has the term theta in cos(theta)",
+        "0.0174533 rad",
     ),
 }
 
@@ -113,7 +119,8 @@ def test_units_that_do_not_fit_are_refused(name: str) -> None:
     with pytest.raises(StatementError) as refusal:
         lg.System(**given, dimensions=units)
     message = str(refusal.value)
-    assert message.startswith(f"{term}{OTHER}{ratio} times that of the other terms: state ") and len(message) <= 400
+    unit = ratio if "rad" in ratio else f"{ratio} times that of the other terms"
+    assert message.startswith(f"{term}{OTHER}{unit}: state ") and len(message) <= 400
     remedies = re.findall(r"(\w+) in (\S+) instead of ([^\s,]+?)[,.](?= |$)", message)
     assert remedies
     for symbol, unit, stated in remedies:

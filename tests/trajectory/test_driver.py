@@ -21,7 +21,7 @@ from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
-from tests.models import LLVM_FIRST, TARGETS, build, k, m, model, shared_scene, x
+from tests.models import LLVM_FIRST, TARGETS, build, k, m, model, shared_scene, x, y
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, planned, run
 
 
@@ -293,6 +293,26 @@ def test_what_goes_wrong_is_raised_with_the_sentence_of_a_run(target: str) -> No
         spherical([0.0, 0.0, 0.1, 0.2], 0.0, 1.0)
     with pytest.raises(RunError, match="the mass matrix is singular"):
         flow_of(model("coupled masses", target))(START, 0.0, 1.0, parameters={"m": 0.0})
+
+
+TURN = lg.rotation("R")
+
+
+@pytest.mark.parametrize(
+    ("kinetic", "zeros", "words"),
+    [
+        (m * x.dot**2 / 2 + k * y.dot**2, (m,), "x has no inertia with m = 0, so"),
+        (TURN.body.dot(sp.diag(m, m, k) * TURN.body), (k,), "R has no inertia about the axis z of its body with k = 0"),
+        (
+            TURN.body.dot(sp.diag(m, m, k) * TURN.body),
+            (m, k),
+            "a motion with R_body_x = 1, R_body_y = 1, R_body_z = 1 has no inertia with m = 0 and k = 0",
+        ),
+    ],
+)
+def test_a_parameter_of_zero_that_takes_an_inertia_away_is_named(kinetic: Any, zeros: Any, words: str) -> None:
+    run = lg.System(kinetic, parameters={m: 1, k: 1}).run(1.0, parameters=dict.fromkeys(zeros, 0))
+    assert run.status is lg.Status.SINGULAR and words in run.message and len(run.message) <= 400
 
 
 @pytest.mark.parametrize("target", TARGETS)

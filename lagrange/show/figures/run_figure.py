@@ -55,7 +55,8 @@ class Contents:
         rest = [name for name in self.chosen if name not in entries]
         rates = [panel for rotation in self.turned for rate in rotation.body for panel in self.of(rate)]
         momenta = self._over_time(quantities.momenta, wide=True)
-        return [*self._rows(rest), *rates, *self.named("drift"), *momenta, *self._paths()]
+        drift = self.named("drift") if self.solutions[0].model.statement.lagrangian != 0 else []
+        return [*self._rows(rest), *rates, *drift, *momenta, *self._paths()]
 
     def of(self, what: Any) -> list[Panel]:
         """Return the panels for one quantity: `what` is a name such as "energies" or "theta", or an expression.

@@ -123,7 +123,7 @@ def sections(derivation: Derivation) -> Iterator[Section]:
         ("Equations of motion", None, lambda d: [Formula((eq.lhs, eq.rhs)) for eq in (*d.equations, *d.constraints)]),
         ("Matrix form", None, _matrices),
         (solved, None, _accelerations),
-        (energy, None, lambda d: [Formula((ShownQuantity(letter), d.energy))]),
+        (energy, None, lambda d: [Formula((ShownQuantity(letter), d.energy))] if statement.lagrangian != 0 else ()),
     ]
     for heading, symbol, part in parts:
         rows: tuple[Formula | str, ...]

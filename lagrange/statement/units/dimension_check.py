@@ -13,12 +13,14 @@ from typing import Any
 
 import sympy
 from sympy.core.function import AppliedUndef
+from sympy.functions.elementary.trigonometric import TrigonometricFunction
 
 from lagrange.errors import StatementError
 from lagrange.statement.contact import Contact, along, impact_speed
-from lagrange.statement.coordinate import name_of, t
+from lagrange.statement.coordinate import RATE, name_of, t
 from lagrange.statement.given.motion import motion_of, table_range
 from lagrange.statement.parameters import in_own_parameters, label_of, rate_name
+from lagrange.statement.rotation import rotation_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.units.dimension import (
     BASE,
@@ -80,6 +82,10 @@ def with_dimensions(statement: Statement, table: Mapping[Any, Any]) -> Statement
     functions = (*statement.coordinates, *statement.given)
     rates = {rate_name(name_of(q), order): q.diff(t, order) for q in functions for order in (1, 2)}
     stated = with_dimensions_of_rates(read_dimensions(table, known | rates))
+    for rotation in map(rotation_of, statement.rotations):
+        stated |= dict.fromkeys((*rotation.quaternion, *rotation.matrix, *rotation.turns), DIMENSIONLESS)
+        rate = stated.get(t, named("second")) ** Fraction(-1)
+        stated |= dict.fromkeys((*rotation.body, *rotation.space), rate)
     parts = _parts(statement, stated)
     dimensions = check_dimensions(parts, stated, statement.plain)
     check_dimensions(parts, dimensions | dict(multiplier_dimensions(statement, dimensions)), statement.plain)
@@ -89,25 +95,27 @@ def with_dimensions(statement: Statement, table: Mapping[Any, Any]) -> Statement
 
 def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[CheckedPart]:
     """Return every expression of a statement with its required dimension, such as energy over q for the force on q."""
-    energies = {"the Lagrangian": statement.lagrangian}
-    if not statement.lagrangian_alone:
-        energies = {"the kinetic energy": statement.kinetic, "the potential energy": statement.potential}
+    read = statement.reading or statement  # with torques about the axes of bodies in place of forces on quaternions
+    energies = {"the Lagrangian": read.lagrangian}
+    if not read.lagrangian_alone:
+        energies = {"the kinetic energy": read.kinetic, "the potential energy": read.potential}
     parts = [CheckedPart(what, expression, "energy") for what, expression in energies.items()]
     # The equation of a state of first order, such as a current, may be one of voltages: its terms only agree.
-    held = (statement.lagrangian, *(constraint.expression for constraint in statement.constraints))
-    rates = zip(statement.coordinates, statement.velocities, strict=True)
-    first_order = {q: rate for q, rate in rates if not any(part.has(q, rate) for part in held)}
-    for name, q, force in zip(statement.names, statement.coordinates, statement.forces, strict=True):
+    held = (read.lagrangian, *(constraint.expression for constraint in read.constraints))
+    torqued = {q: getattr(q.func, RATE) for q in read.coordinates if hasattr(q.func, RATE)}
+    rates = zip(read.coordinates, read.velocities, strict=True)
+    first_order = {q: rate for q, rate in rates if q not in torqued and not any(part.has(q, rate) for part in held)}
+    for name, q, force in zip(read.names, read.coordinates, read.forces, strict=True):
         if q in first_order:
-            equation = sympy.Add(force, -statement.dissipation.diff(first_order[q]), evaluate=False)
+            equation = sympy.Add(force, -read.dissipation.diff(first_order[q]), evaluate=False)
             parts.append(CheckedPart(f"the equation of {name}", equation, None))
         elif force != 0:
-            parts.append(CheckedPart(f"the force on {name}", force, "energy", q))
-    dissipation = statement.dissipation.xreplace(dict.fromkeys(first_order.values(), sympy.S.Zero))
+            what = f"the torque on {name_of(torqued[q])}" if q in torqued else f"the force on {name}"
+            parts.append(CheckedPart(what, force, "energy", q))
+    dissipation = read.dissipation.xreplace(dict.fromkeys(first_order.values(), sympy.S.Zero))
     parts += [CheckedPart("the dissipation", dissipation, "energy", t)]
     parts += [
-        CheckedPart(f"the constraint {constraint.name}", constraint.expression, None)
-        for constraint in statement.constraints
+        CheckedPart(f"the constraint {constraint.name}", constraint.expression, None) for constraint in read.constraints
     ]
     for label, point in (*statement.positions.items(), *statement.surfaces.items()):
         what = f"the position of {label}" if label in statement.positions else f"the surface of {label}"
@@ -371,9 +379,13 @@ def with_scales(
         try:
             equations.require(part)
         except OtherUnitError as wrong:
+            term, unit = in_short(wrong.term, plain), "times that of the other terms"
+            if wrong.within is not None:
+                term = f"{term} in {in_short(wrong.within, plain)}"
+                unit = "rad" if isinstance(wrong.within, TrigonometricFunction) else "instead of a number"
             raise StatementError(
-                f"{part.what} has the term {in_short(wrong.term, plain)}, whose unit is {_factor(wrong.ratio)} times "
-                f"that of the other terms: {_remedy(parts, dimensions, wrong.term)}"
+                f"{part.what} has the term {term}, whose unit is {_factor(wrong.ratio)} {unit}: "
+                f"{_remedy(parts, dimensions, wrong.term)}"
             ) from None
     completed = {symbol: _completed(equations, symbol, dimension) for symbol, dimension in dimensions.items()}
     _check_inferred([dimension for dimension in dimensions.values() if dimension.unit], completed)

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.statement.coordinate import t
+from lagrange.statement.coordinate import name_of, t
+from lagrange.statement.expression import is_shorthand
 from lagrange.statement.given.motion import table_range
 from lagrange.statement.units.dimension import DIMENSIONLESS, SAME_FACTOR, Dimension, named
 
@@ -48,7 +49,8 @@ def in_short(term: Any, plain: Mapping[Any, Any]) -> str:
     named_tables = term.replace(
         lambda node: table_range(node) is not None, lambda node: sympy.Function("table")(node.args[0].cond.args[0].lhs)
     )
-    return str(named_tables.xreplace(plain))[:80]
+    shorthands = {f: sympy.Symbol(name_of(f)) for f in term.atoms(AppliedUndef) if is_shorthand(f)}
+    return str(named_tables.xreplace({**plain, **shorthands}))[:80]
 
 
 def number_of(exponent: Any) -> Fraction | None:
@@ -159,11 +161,14 @@ class UnitProduct:
 
 
 class OtherUnitError(Exception):
-    """Error: a term has another unit than required. `ratio` is the logarithm of the factor between both units."""
+    """Error: a term has another unit than required. `ratio` is the logarithm of the factor between both units.
 
-    def __init__(self, term: Any, ratio: float) -> None:
+    `within` is the function of whose argument the term is, or None.
+    """
+
+    def __init__(self, term: Any, ratio: float, within: Any) -> None:
         super().__init__()
-        self.term, self.ratio = term, ratio
+        self.term, self.ratio, self.within = term, ratio, within
 
 
 class UnitEquations:
@@ -255,16 +260,16 @@ class UnitEquations:
             if dimension is None:
                 self.unit(argument)
             else:
-                self._number(argument)
+                self._number(argument, expression)
         if isinstance(expression, sympy.Piecewise) and table_range(expression) is None:
             return self._common([pair.expr for pair in expression.args])
         return UnitProduct()
 
-    def _number(self, expression: Any) -> None:
-        """Add the equation that an expression is dimensionless."""
+    def _number(self, expression: Any, within: Any = None) -> None:
+        """Add the equation that an expression, such as the argument of the function `within`, is dimensionless."""
         unit = self.unit(expression)
         if unit is not None:
-            self._equate(sympy.Add.make_args(expression)[0], unit, UnitProduct())
+            self._equate(sympy.Add.make_args(expression)[0], unit, UnitProduct(), within)
 
     def _reduced(self, unit: UnitProduct) -> UnitProduct:
         """Return a unit in which each unknown with a determined value is replaced by this value."""
@@ -273,17 +278,18 @@ class UnitEquations:
             unit = unit.times(UnitProduct({known: power}), Fraction(-1)).times(self.solved[known], power)
         return unit
 
-    def _equate(self, term: Any, unit: UnitProduct, other: UnitProduct) -> None:
+    def _equate(self, term: Any, unit: UnitProduct, other: UnitProduct, within: Any = None) -> None:
         """Add the equation that two units are equal, and solve it for one of its unknowns.
 
-        Without unknowns, units that differ raise OtherUnitError if the check is strict. The error names `term`.
+        Without unknowns, units that differ raise OtherUnitError if the check is strict. The error names `term`, and the
+        function `within` that has it in its argument.
         """
         ratio = self._reduced(unit.times(other, Fraction(-1)))
         unknown = ratio.unknown(sympy.Basic)
         if unknown is None and ratio.unknown(str) is None:
             unknown = ratio.unknown(Factor)
             if unknown is None and self.strict and abs(ratio.logarithm) > SAME_FACTOR:
-                raise OtherUnitError(term, ratio.logarithm)
+                raise OtherUnitError(term, ratio.logarithm, within)
         if unknown is not None:
             power = ratio.powers[unknown]
             rest = ratio.times(UnitProduct({unknown: power}), Fraction(-1))
