@@ -216,7 +216,7 @@ def _working() -> Iterator[None]:
     except Exception as error:
         if isinstance(error, (BrokenExecutor, CancelledError)) or type(error).__module__.startswith("distributed."):
             raise RunError(
-                f"the executor gave up ({str(error) or type(error).__name__}): it was closed, or a process of it was "
+                f"the executor failed ({str(error) or type(error).__name__}): it was closed, or a process of it was "
                 "ended or ran out of memory, or the program that made its processes does so without "
                 f"`if __name__ == '__main__':`. {GOES_ON}"
             ) from error

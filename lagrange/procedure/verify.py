@@ -66,7 +66,7 @@ class _Check:
             if not isinstance(parameter.type, (Kind, Vector)):
                 self.memory[parameter.ref] = parameter.type
         if not self.block(self.procedure.body) and self.procedure.results:
-            raise self.error("a way through it ends without results")
+            raise self.error("a path through it ends without results")
 
     def error(self, problem: str) -> LagrangeError:
         return LagrangeError(f"procedure {self.procedure.name} is malformed: {problem}")
@@ -87,7 +87,7 @@ class _Check:
         ended = False
         for statement in block:
             if ended:
-                raise self.error("a statement stands behind the end")
+                raise self.error("a statement follows the end")
             if self.each is not None and not isinstance(statement, IN_ITERATIONS):
                 raise self.error(f"an iteration of an `each` has a {type(statement).__name__}")
             ended = self.statement(statement)
@@ -97,7 +97,7 @@ class _Check:
         """Raise an error unless the values with these ids are in scope."""
         for ref in refs:
             if ref not in self.known:
-                raise self.error(f"%{ref} is read where it is not known")
+                raise self.error(f"%{ref} is read outside of its scope")
 
     def statement(self, statement: Statement) -> bool:
         """Check a statement; return True if it ends the procedure."""
@@ -116,7 +116,7 @@ class _Check:
                 self.place(index)
             case form.Store(array=array, place=index):
                 if self.each is not None and index != self.each:
-                    raise self.error("an iteration of an `each` stores at another place than its own")
+                    raise self.error("an iteration of an `each` stores at an index other than its own")
                 self.place(index)
                 self.writable(array)
             case form.VectorStore(array=array) | form.Scatter(array=array):
@@ -127,7 +127,7 @@ class _Check:
             case form.Get(variable=variable) | form.Set(variable=variable):
                 self.read([variable])
                 if isinstance(statement, form.Set) and self.each is not None and variable not in self.own:
-                    raise self.error("an iteration of an `each` sets a variable from outside")
+                    raise self.error("an iteration of an `each` sets a variable of an outer block")
             case form.Reserve(ref=ref, array=array_type):
                 self.memory[ref] = array_type
             case form.ReserveRecord(ref=ref, record=record):
@@ -150,7 +150,7 @@ class _Check:
         `index` is the id of the array index.
         """
         if index in self.places and index != self.each:
-            raise self.error("an iteration of an `each` reads or writes at a place made of its index")
+            raise self.error("an iteration of an `each` reads or writes at an index computed from its own")
 
     def writable(self, array: int) -> None:
         """Raise an error if an array is only read."""
@@ -167,7 +167,7 @@ class _Check:
         ]
         for arg, expected in zip(call.args, types, strict=True):
             if not isinstance(expected, (Kind, Vector)) and not _fits(self.memory.get(arg), expected):
-                raise self.error(f"a call has %{arg} in the place of another type")
+                raise self.error(f"a call has %{arg} as an argument of another type")
 
     def loop(self, loop: form.Loop | form.Repeat | form.Each) -> None:
         match loop:
@@ -209,7 +209,7 @@ class _Check:
                 held = self.memory[statement.array]
                 if isinstance(held, Array) and held.room < PARTIAL:
                     raise self.error(
-                        f"the array %{statement.array} of a sum has no room for a whole block behind its end"
+                        f"the array %{statement.array} of a sum has no room for a whole block after its end"
                     )
 
 

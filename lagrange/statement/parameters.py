@@ -72,8 +72,8 @@ class Survey:
             self.multipliers[constraint] = None
         else:
             raise StatementError(
-                f"{what} contains {node}, the multiplier of a constraint, which is found from the motion. It may stand "
-                "in forces, in events and in solution.evaluate(...)."
+                f"{what} contains {node}, the multiplier of a constraint, which is found from the motion. It may be "
+                "used in forces, events and solution.evaluate(...)."
             )
 
     def _add_function(self, node: Any, what: str) -> None:
@@ -121,7 +121,7 @@ class Survey:
         if order > 2 or (order == 2 and not accelerations):
             leaves = "coordinates, velocities and accelerations" if accelerations else "coordinates and velocities"
             raise StatementError(
-                f"{what} contains the derivative of order {order} of {name_of(inner)}. Only {leaves} may stand there: "
+                f"{what} contains the derivative of order {order} of {name_of(inner)}. Only {leaves} are allowed: "
                 f"write it in terms of {name_of(inner)} and {name_of(inner)}.dot."
             )
         self._add_function(inner, what)

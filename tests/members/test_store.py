@@ -132,7 +132,7 @@ def test_a_worker_that_is_killed_is_told() -> None:
     with ProcessPoolExecutor(1) as processes:
         pid = processes.submit(os.getpid).result()
         kill(pid)
-        with pytest.raises(lg.RunError, match="the executor gave up"):
+        with pytest.raises(lg.RunError, match="the executor failed"):
             run(executor=processes)
 
 

@@ -160,7 +160,7 @@ def test_samples_are_a_histogram_and_rows_over_time_a_fan() -> None:
     [
         (lambda runs: runs.plot("mass"), "'mass' is not a coordinate, a velocity or a quantity that varies or was kep"),
         (lambda runs: runs.plot(style="bright"), "style = 'bright' is not known"),
-        (lambda runs: runs.plot(), "3 things vary, theta, l and g: a picture has two axes"),
+        (lambda runs: runs.plot(), "3 quantities vary, theta, l and g: a picture has two axes"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(call: Any, text: str) -> None:

@@ -112,7 +112,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"constraints": [x - x]}, "constraint 'constraint_1' is 0 = 0, which always holds: leave it out."),
     ({"constraints": [x - x + 1]}, "constraint 'constraint_1' is 1 = 0, which never holds: no motion satisfies it."),
     ({"constraints": {"c": m - 1}}, "constraint 'c' contains no coordinate and no velocity (m - 1 = 0)"),
-    ({"constraints": [x.dot.diff(t)]}, "the derivative of order 2 of x. Only coordinates and velocities may stand the"),
+    ({"constraints": [x.dot.diff(t)]}, "the derivative of order 2 of x. Only coordinates and velocities are allowed"),
     ({"constraints": [theta, theta - 1]}, "there are 2 constraints (constraint_1 and constraint_2) for 1 coordinate ("),
     ({"kinetic": x.dot**2 * multiplier("rod")}, "contains lambda[rod], the multiplier of a constraint"),
     # energies
@@ -294,7 +294,7 @@ def test_deep_expressions_are_walked_without_recursion() -> None:
 UNKNOWN = [
     (sympy.Function("é")(x), "'é' cannot name a function"),
     (sympy.Derivative(x * y, t), "a derivative that is not evaluated. Call .doit() on it, or write it out."),
-    (x.ddot, "the energy contains the derivative of order 2 of x. Only coordinates and velocities may stand there"),
+    (x.ddot, "the energy contains the derivative of order 2 of x. Only coordinates and velocities are allowed"),
     (sympy.I * x, "the energy contains the imaginary unit I. Energies and forces are real: write real expressions."),
     (sympy.zoo, "the energy contains zoo, which is not a finite number: check for a division by zero."),
     (sympy.Pow(0, -1, evaluate=False), "the energy contains 1/0: check for a division by zero."),

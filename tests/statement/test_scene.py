@@ -120,7 +120,7 @@ FIELDS: list[Bad] = [
     ({"lagrangian": "m", "kinetic": DROP, "potential": DROP}, 9, 14, "lagrangian does not contain theta_dot"),
     ({"potential": "-m*g*l*cos(phi)"}, 4, 25, "potential: 'phi' is not declared"),
     ({"potential": True}, 4, 13, "potential is true or false: give an expression as a text"),
-    ({"dissipation": "theta_dot^2"}, 11, 25, "dissipation: '^' cannot stand in an expression: write ** for a power."),
+    ({"dissipation": "theta_dot^2"}, 11, 25, "dissipation: '^' is not allowed in an expression: write ** for a power."),
     # forces
     ({"forces": {"phi": "1"}}, 5, 11, "'phi' is not a coordinate of this scene; there are theta."),
     ({"forces": {"thet": "1"}}, 5, 11, "Did you mean 'theta'?"),
@@ -129,12 +129,12 @@ FIELDS: list[Bad] = [
     # parameters
     ({"parameters": [1]}, 6, 14, "parameters is a list: write a table [parameters] of names and values."),
     ({"parameters": {"m": True}}, 6, 21, 'parameters.m is true or false: give a number, or a constant'),
-    ({"parameters": {"m": "2*g"}}, 6, 24, "parameters.m: 'g' cannot stand in a constant: write numbers, pi and"),
+    ({"parameters": {"m": "2*g"}}, 6, 24, "parameters.m: 'g' is not allowed in a constant: write numbers, pi and"),
     ({"parameters": {"m": "1/0"}}, 6, 22, "parameters.m: a denominator is zero."),
     ({"parameters": {"theta": 1}}, 6, 15, "'theta' cannot name a parameter, it is a coordinate already"),
     # initial state
     ({"initial": {"phi": 1}}, 7, 12, "'phi' is not a coordinate or velocity of this scene; there are theta and"),
-    ({"initial": {"theta": "2*m"}}, 7, 25, "initial.theta: 'm' cannot stand in a constant"),
+    ({"initial": {"theta": "2*m"}}, 7, 25, "initial.theta: 'm' is not allowed in a constant"),
     ({"initial": {"theta": [1]}}, 7, 22, "initial.theta is a list: give a number, or a constant expression such as"),
     # positions and links
     ({"positions": {"origin": ["0", "0"]}}, 8, 14, "'origin' is the point at zero already: choose another name."),

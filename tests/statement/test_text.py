@@ -157,7 +157,7 @@ def test_constants_are_numbers(text: str, value: float) -> None:
 @pytest.mark.parametrize("name", ["x", "t", "g"])
 def test_a_constant_holds_no_names(name: str) -> None:
     with pytest.raises(
-        SceneError, match=f"'{name}' cannot stand in a constant: write numbers, pi and functions only"
+        SceneError, match=f"'{name}' is not allowed in a constant: write numbers, pi and functions only"
     ) as e:
         read_number(f"2*{name}")
     assert e.value.column == 3

@@ -144,7 +144,7 @@ def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
     over_time = label in runs.names and any(column.name == OUTPUTS for column in runs.columns)
     if len(axes) > 2 and not over_time:
         raise StatementError(
-            f"{len(axes)} things vary, {listing(axes)}: a picture has two axes. Vary one or two, or draw "
+            f"{len(axes)} quantities vary, {listing(axes)}: a picture has two axes. Vary one or two, or draw "
             "a part of runs.to_xarray()."
         )
     if over_time and not len(runs.t):

@@ -307,7 +307,7 @@ class Reader:
         if name in FUNCTIONS:
             refuse(f"{name!r} is a function: write {name}(...).", token.offset)
         if self.constant:
-            refuse(f"{name!r} cannot stand in a constant: write numbers, pi and functions only.", token.offset)
+            refuse(f"{name!r} is not allowed in a constant: write numbers, pi and functions only.", token.offset)
         reason = f"{name!r} is not declared: add it to [parameters] or coordinates.{suggestion(name, self.names)}"
         raise SceneError(reason, column=token.offset + 1)
 

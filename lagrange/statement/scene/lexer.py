@@ -95,7 +95,7 @@ def tokens(text: str, *, unevaluated: bool = False) -> list[Token]:
         elif token.kind == "name":
             _check_name(token, text)
         elif token.text in _REMEDIES:
-            refuse(f"{token.text!r} cannot stand in an expression: {_REMEDIES[token.text]}.", token.offset)
+            refuse(f"{token.text!r} is not allowed in an expression: {_REMEDIES[token.text]}.", token.offset)
         if token.kind != "blank":
             listed.append(token)
     return [*listed, Token("end", "", len(text.rstrip()))]
@@ -144,12 +144,12 @@ def _refuse_character(text: str, offset: int) -> NoReturn:
         refuse(_unknown_letter(character), offset)
     if character == "'" and offset and _LETTER.match(text[offset - 1]):
         refuse("a prime is no derivative here: the velocity of x is x_dot, its acceleration x_ddot.", offset)
-    refuse(f"{character!r} cannot stand in an expression: {_REMEDIES.get(character, _ALLOWED)}.", offset)
+    refuse(f"{character!r} is not allowed in an expression: {_REMEDIES.get(character, _ALLOWED)}.", offset)
 
 
 def _unknown_letter(character: str) -> str:
     name = unicodedata.name(character, "control character")
     return (
-        f"the character U+{ord(character):04X} ({name}) cannot stand in an expression: write letters A to Z, a to z "
+        f"the character U+{ord(character):04X} ({name}) is not allowed in an expression: write letters A to Z, a to z "
         "and Greek ones without accents, digits and + - * / **."
     )
