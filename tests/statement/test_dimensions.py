@@ -174,7 +174,7 @@ def test_units_must_fit_together() -> None:
     stated(PENDULUM, si)
     stated(PENDULUM, {m: "g", l: "cm", g: units.centimeter / units.second**2})
     for wrong in ({l: "cm"}, {g: units.kilometer / units.second**2}, {theta: "deg"}, {g: "m/minute**2"}):
-        with pytest.raises(StatementError, match=r"whose unit is .* (times that of the other terms|rad): .* instead of"):
+        with pytest.raises(StatementError, match=r"whose unit is .* (times that of the other terms|rad): .* instead"):
             stated(PENDULUM, {**si, **wrong})
 
 
