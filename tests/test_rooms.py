@@ -10,12 +10,12 @@ from tests.test_layering import ROOT, Modules, imports_of, package
 
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": (
-        *("backend", "calls", "copies", "event_memory"),
-        *("parameters", "python_source", "state", "step_events"),
+        *("backend", "calls", "copies", "taylor_event_memory"),
+        *("parameters", "python_source", "state", "step_event_memory"),
     ),
     "machine entries": ("drivers", "llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "trajectory"),
-    "trajectory runs": ("endings", "messages", "outputs", "pace", "plan", "run_loop", "sizes"),
+    "trajectory runs": ("ending_messages", "endings", "outputs", "pace", "plan", "run_loop", "sizes"),
     "trajectory parts": ("parts",),
     "trajectory entries": ("flow", "progress", "run", "solution"),
 }

@@ -1,4 +1,4 @@
-"""Table of elementary functions: arity, derivatives and exact values.
+"""Table of the functions that nodes of the graph may call: number of arguments, derivatives, and exact values.
 
 `partials` has one rule for each argument. A rule returns the derivative from the function's value and its arguments.
 Each target defines its own code for a function.

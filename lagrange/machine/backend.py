@@ -14,7 +14,7 @@ from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.errors import RunError, StatementError
 from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.machine.step_events import EventSteps
+from lagrange.machine.step_event_memory import EventSteps
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram

@@ -11,11 +11,11 @@ from lagrange.algorithm.step.memory import EFFORT, NEWTON, Kept, kept
 from lagrange.algorithm.taylor.memory import HELD
 from lagrange.graph.node import Node
 from lagrange.machine.backend import FloatArray, Kernel, Machine, SeriesCode
-from lagrange.machine.event_memory import EventMemory, idle
 from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.machine.llvm.address import workspace
 from lagrange.machine.state import OUTCOMES, DriverState, Outcome, Outputs
-from lagrange.machine.step_events import StepFunction
+from lagrange.machine.step_event_memory import StepFunction
+from lagrange.machine.taylor_event_memory import EventMemory, idle
 from lagrange.procedure.form import Record
 from lagrange.program.program import Program
 from lagrange.program.step import StepProgram

@@ -12,8 +12,8 @@ import numpy as np
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import StepPolynomial, block_size
-from lagrange.algorithm.events.event_steps import event_steps
-from lagrange.algorithm.events.step_samples import work_size
+from lagrange.algorithm.events.loop import event_steps
+from lagrange.algorithm.events.samples import work_size
 from lagrange.algorithm.members.queue import LANE
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.step.loops import steps_of
@@ -30,7 +30,7 @@ from lagrange.machine.llvm.procedures import module
 from lagrange.machine.llvm.processor import lanes, processor
 from lagrange.machine.series.llvm_series import LlvmSeries
 from lagrange.machine.state import DriverState
-from lagrange.machine.step_events import StepEventMemory, StepFunction
+from lagrange.machine.step_event_memory import StepEventMemory, StepFunction
 from lagrange.procedure.form import REAL, WHOLE, Kind, Procedure
 from lagrange.procedure.lanes import ACTIVE, MemberProcedures
 from lagrange.procedure.rewrite import Pruner

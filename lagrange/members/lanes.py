@@ -29,9 +29,9 @@ from lagrange.algorithm.taylor.memory import SIZES
 from lagrange.equations.euler_lagrange import node_of
 from lagrange.graph.node import Node
 from lagrange.machine.backend import MemberRuns
-from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
-from lagrange.machine.step_events import Reaction
+from lagrange.machine.step_event_memory import Reaction
+from lagrange.machine.taylor_event_memory import EventMemory
 from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, Reduction, event_states, event_times
 from lagrange.members.singly import Energies, RunEngine
@@ -40,8 +40,7 @@ from lagrange.procedure.interpreter import run as interpret
 from lagrange.procedure.rewrite import Pruner
 from lagrange.program.step import LAWS
 from lagrange.trajectory.endings import DOMAIN_PROBE, slope_ahead
-from lagrange.trajectory.events.actions import Impact
-from lagrange.trajectory.events.actions import impacts as impacts_of
+from lagrange.trajectory.events.actions import ModelEvent, model_events
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.taylor import TaylorPlan
 from lagrange.trajectory.plan import Plan, StepPlan
@@ -68,15 +67,15 @@ class MemberEvents:
     events: int
 
     @classmethod
-    def of(cls, impacts: Sequence[Impact]) -> MemberEvents | None:
-        """Return the event functions of the events `impacts` with their reactions, or None if there are none."""
-        if not impacts:
+    def of(cls, events: Sequence[ModelEvent]) -> MemberEvents | None:
+        """Return the event functions of `events` with their reactions, or None if there are none."""
+        if not events:
             return None
         reactions = [
-            Reaction(impact.direction, impact.terminal, root=impact.root, smooth=impact.smooth) for impact in impacts
+            Reaction(event.direction, event.terminal, root=event.root, smooth=event.smooth) for event in events
         ]
-        nodes = tuple(impact.node for impact in impacts)
-        return cls(nodes, tuple(reactions), sum(not impact.root for impact in impacts))
+        nodes = tuple(event.node for event in events)
+        return cls(nodes, tuple(reactions), sum(not event.root for event in events))
 
     def arrays_of_steps(self, dimension: int) -> dict[str, Any]:
         """Return the constant arrays that the search for events on steps reads, by argument name.
@@ -354,11 +353,11 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
     if not _runs_in_lanes(alone, plan, problem):
         return None
     # A series also watches the square roots in the equations of motion.
-    impacts = plan.impacts if isinstance(plan, TaylorPlan) else impacts_of(problem.model, problem.events)
+    events = plan.events if isinstance(plan, TaylorPlan) else model_events(problem.model, problem.events)
     path = None
     if isinstance(plan, StepPlan) and (alone.times is not None or alone.keep.reductions or problem.events):
         path = plan.path_of(problem, np.array([problem.t0]), problem.y0[None]).kind
-    watched = MemberEvents.of(impacts)
+    watched = MemberEvents.of(events)
     tasks = MemberTasks(alone.keep.reductions, path, varying, watched)
     cache = _COMPILED.setdefault(alone.model, {})
     key = _kind(plan), tasks
@@ -381,7 +380,7 @@ def _runs_in_lanes(alone: RunEngine, plan: Plan, problem: Problem) -> bool:
         return False
     if isinstance(plan, TaylorPlan):
         small = single_operations(pack(plan.series.program, WIDEST_VECTOR), plan.order) <= MOST_LANE_OPERATIONS
-        resets = any(impact.reset for impact in plan.impacts)
+        resets = any(event.reset for event in plan.events)
         return small and not resets and not plan.series.program.sides and plan.series.program.projection is None
     resets = any(event.reset for event in problem.events)
     return isinstance(plan, StepPlan) and not resets and not plan.step.solves and plan.step.starter is None

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from lagrange.equations.derivation import Derivation
 from lagrange.show.notation.formula import FormulaLine, LineWriter
-from lagrange.show.notation.markup import LatexNotation, MathmlNotation
+from lagrange.show.notation.latex_mathml import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import Formula, Section, ShownQuantity, sections
 from lagrange.show.notation.text import GREEK, Notation, UnicodeNotation, latex_text, markdown_text, plain_text, width
 from lagrange.show.terminal import DETAILS, FORMATS

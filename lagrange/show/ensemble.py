@@ -62,8 +62,8 @@ from lagrange.statement.event import declare_events
 from lagrange.statement.expression import flag_or_word, whole_number
 from lagrange.statement.progress import LINES, announced, counter, text_table
 from lagrange.statement.run_settings import DEFAULT_METHOD
+from lagrange.trajectory.ending_messages import message, number
 from lagrange.trajectory.integrator import Problem, RunOptions
-from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.outputs import output_times
 from lagrange.trajectory.plan import Planned

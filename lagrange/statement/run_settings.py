@@ -23,10 +23,17 @@ DEFAULT_METHOD = "taylor"
 At errors of 1e-6 and below it needs the least time of the methods here (docs/benchmarks/race.md).
 """
 
+DEFAULT_RTOL = 1e-9
+"""The relative tolerance of an adaptive method for which neither the caller nor the scene of a run states one.
+
+On the double pendulum over 20 s, started at 30 degrees each, DOP853 then ends within 5e-9 of a run at 1e-13, in 0.5 ms.
+At 1e-6 the difference would be 1e-5; SciPy's default is 1e-3.
+"""
+
 DESCRIPTIONS = {
     "t_end": f"time at which the run ends (default: that of the scene, or {DEFAULT_T_END:g})",
     "method": f"integrator, such as dop853 or rk4 (default: that of the scene, or {DEFAULT_METHOD})",
-    "rtol": "relative tolerance of an adaptive method",
+    "rtol": f"relative tolerance of an adaptive method (default: {DEFAULT_RTOL:g})",
     "atol": "absolute tolerance of an adaptive method; by default it follows the size of each entry",
     "step": "step of a method with equal steps",
 }

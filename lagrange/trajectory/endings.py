@@ -17,8 +17,8 @@ from lagrange.machine.model import Model
 from lagrange.statement.given.motion import ranges
 from lagrange.trajectory.constraints.dependence import dependent_passage
 from lagrange.trajectory.constraints.discontinuities import Discontinuity
+from lagrange.trajectory.ending_messages import message, number
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.paths.step_paths import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, run_until
 

@@ -14,12 +14,12 @@ from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, listing
 from lagrange.statement.event import Event
 from lagrange.trajectory.constraints.consistent import consistent_start
-from lagrange.trajectory.events.actions import ALIKE, impacts
+from lagrange.trajectory.ending_messages import message, number
+from lagrange.trajectory.events.actions import ALIKE, model_events
 from lagrange.trajectory.events.end_messages import EventResult, accumulating, nowhere
 from lagrange.trajectory.events.event_log import MOST_REPEATS, ChangeCounter
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.measures.conservation import energy
-from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.paths.step_paths import OutputPath, PiecewisePath
 from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory
 
@@ -199,12 +199,12 @@ def _after_event(
     `before` (2n,) is the state before the events, and `segment` has the parameters before them. `problem` is the
     whole run, with all events.
     """
-    model, y, resets = problem.model, before.copy(), [problem.events[i] for i in acting]
-    effects = impacts(model, resets)
-    for impact in effects:
-        impact.apply(t, before, segment.parameter_array, y)
+    model, y, events = problem.model, before.copy(), [problem.events[i] for i in acting]
+    resets = model_events(model, events)
+    for reset in resets:
+        reset.apply(t, before, segment.parameter_array, y)
     parameters = dict(segment.parameters)
-    for event in resets:
+    for event in events:
         nodes = tuple(model.equations.translate(value) for value in event.settings.values())
         new_values = model.function("settings", nodes)(t, before, segment.parameter_array) if nodes else ()
         for symbol, value in zip(event.settings, map(float, new_values), strict=True):
@@ -213,7 +213,7 @@ def _after_event(
             parameters[symbol] = value if free else np.nan
     if not (np.isfinite(y).all() and np.isfinite(list(parameters.values())).all()):
         return _AfterEvent(y, parameters, nowhere(listing(_name(problem, i) for i in acting)))
-    named = {row for impact in effects for row in impact.rows}
+    named = {row for reset in resets for row in reset.rows}
     follows = [row for row in model.equations.following if row not in named]
     y[follows] = 0.0
     try:

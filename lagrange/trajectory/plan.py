@@ -13,7 +13,7 @@ from lagrange.machine.drivers import StepDriver
 from lagrange.machine.model import Model
 from lagrange.machine.state import NO_OUTPUTS, DriverState
 from lagrange.program.step import LAWS, StepProgram
-from lagrange.trajectory.events.event_loop import WatchedEvents
+from lagrange.trajectory.events.compiled_loop import WatchedEvents
 from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Integrator, Problem, Tolerances
@@ -126,7 +126,7 @@ class StepPlan:
         if not problem.events:
             return None
         fixed = self.step.control is None
-        return StepWatch(problem, driver, partial(self.path_of, problem), fixed=fixed, memory=memory)
+        return StepWatch(problem, partial(self.path_of, problem), fixed=fixed, memory=memory)
 
     def followed(self, problem: Problem, output_times: FloatArray, watch: Any) -> FollowedSteps:
         """Return the object that evaluates the dense output at `output_times` (K,) during a run.

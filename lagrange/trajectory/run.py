@@ -29,12 +29,12 @@ from lagrange.statement.run_settings import DEFAULT_METHOD, PreparationTooLongEr
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
 from lagrange.trajectory.constraints.dependence import check_independent, refuse_dependent
 from lagrange.trajectory.contact.run import run_through_contacts
+from lagrange.trajectory.ending_messages import interrupted
 from lagrange.trajectory.endings import table_left, with_resolution, with_singular_state_ahead, with_touching_bodies
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Integrator, Problem, RunOptions, memory_limit, run_by
 from lagrange.trajectory.measures.conservation import energy, verified
 from lagrange.trajectory.measures.stiffness import with_stiff_end
-from lagrange.trajectory.messages import interrupted
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.outputs import output_times
 from lagrange.trajectory.parts import run_in_segments

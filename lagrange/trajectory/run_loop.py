@@ -15,22 +15,7 @@ from lagrange.machine.calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.statement.run_settings import PreparationTooLongError, preparation, preparation_ends
 from lagrange.trajectory.constraints.discontinuities import Discontinuities, may_be_discontinuous
-from lagrange.trajectory.endings import (
-    DOMAIN_PROBE,
-    dependent_ahead,
-    lost_inertia,
-    slope_ahead,
-    table_left,
-    until_dependent,
-    until_discontinuity,
-)
-from lagrange.trajectory.events.end_messages import EventResult
-from lagrange.trajectory.events.event_log import EventLog
-from lagrange.trajectory.events.series_watch import SeriesWatch
-from lagrange.trajectory.events.step_watch import StepWatch
-from lagrange.trajectory.events.time_switches import TimeSwitches
-from lagrange.trajectory.integrator import Problem, memory_limit
-from lagrange.trajectory.messages import (
+from lagrange.trajectory.ending_messages import (
     UNPROJECTED,
     coarse,
     event_after_outputs,
@@ -41,6 +26,22 @@ from lagrange.trajectory.messages import (
     unsolved,
     without_tolerance,
 )
+from lagrange.trajectory.endings import (
+    DOMAIN_PROBE,
+    dependent_ahead,
+    lost_inertia,
+    slope_ahead,
+    table_left,
+    until_dependent,
+    until_discontinuity,
+)
+from lagrange.trajectory.events.end_messages import EventResult
+from lagrange.trajectory.events.event_driver import EventDriver
+from lagrange.trajectory.events.event_log import EventLog
+from lagrange.trajectory.events.series_watch import SeriesWatch
+from lagrange.trajectory.events.step_watch import StepWatch
+from lagrange.trajectory.events.time_switches import TimeSwitches
+from lagrange.trajectory.integrator import Problem, memory_limit
 from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.pace import Pace, compiled_late, limiting_entry
 from lagrange.trajectory.paths.step_paths import MotionsPath, OutputPath, StepPath
@@ -163,7 +164,7 @@ def _driven(problem: Problem, prepared_plan: PreparedPlan, name: str) -> Traject
             preparation_ends()
             run.began = time.perf_counter()
             per_call = max(FIRST_STEPS_PER_CALL, prepared_plan.steps if idle is None else idle.steps)
-            driver = steps if watch is None else watch.driver
+            driver = EventDriver(steps, watch) if isinstance(watch, StepWatch) else steps
             status, detail = (Status.MAX_WALL, late) if late else run.advance_to_end(driver, per_call)
         except SingularMassMatrix:
             status, detail = Status.SINGULAR, ""

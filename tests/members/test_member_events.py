@@ -15,7 +15,7 @@ from sympy import cos, sin, sqrt
 import lagrange as lg
 from lagrange.members import job, lanes
 from lagrange.members.singly import RunEngine
-from lagrange.trajectory.events import event_loop
+from lagrange.trajectory.events import compiled_loop
 
 EQUAL_STEPS: dict[str, dict[str, Any]] = {"rk4": {"step": 0.02}, "forest-ruth4": {"step": 0.02}}
 METHODS: dict[str, dict[str, Any]] = {
@@ -168,7 +168,7 @@ def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
     """With equal steps the bits are the same. A short run would search events on arrays, which add in another order."""
     system, starts, given = random_ensemble(np.random.default_rng(seed))
     given |= {"method": method, **EQUAL_STEPS[method]}
-    monkeypatch.setattr(event_loop, "WORTH_COMPILING", 0)
+    monkeypatch.setattr(compiled_loop, "WORTH_COMPILING", 0)
     with runs_alone(monkeypatch) as left:
         together = lg.ensemble(system, 15.0, starts, **given)
     with without_lanes(monkeypatch):

@@ -15,7 +15,7 @@ import lagrange as lg
 from lagrange.page.document import filled
 from lagrange.show.derivation_page import render
 from lagrange.show.notation.formula import LineWriter
-from lagrange.show.notation.markup import LatexNotation, MathmlNotation
+from lagrange.show.notation.latex_mathml import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import READABLE, Formula, ShownQuantity
 from lagrange.show.notation.text import Notation, UnicodeNotation, latex_text, letters, markdown_text, plain_text
 from lagrange.show.terminal import terminal_style

@@ -16,7 +16,7 @@ import sympy
 
 import lagrange as lg
 from lagrange.show.notation.formula import FormulaLine, LineWriter, Typesetter
-from lagrange.show.notation.markup import LatexNotation, MathmlNotation
+from lagrange.show.notation.latex_mathml import LatexNotation, MathmlNotation
 from lagrange.show.notation.sections import (
     ExpressionRows,
     Formula,

@@ -78,9 +78,9 @@ def taken(place: int, *, everything: bool) -> list[tuple[str, tuple[Model, dict[
 def both(monkeypatch: pytest.MonkeyPatch, go: Callable[[], Trajectory]) -> tuple[Trajectory, Trajectory]:
     """Return a run with events found on arrays, and one with the compiled loop on all regular steps."""
     result = []
-    monkeypatch.setattr("lagrange.trajectory.events.event_loop.ENOUGH", 0)
+    monkeypatch.setattr("lagrange.trajectory.events.compiled_loop.ENOUGH", 0)
     for least in (math.inf, 0):
-        monkeypatch.setattr("lagrange.trajectory.events.event_loop.WORTH_COMPILING", least)
+        monkeypatch.setattr("lagrange.trajectory.events.compiled_loop.WORTH_COMPILING", least)
         result.append(go())
     return result[0], result[1]
 
@@ -158,7 +158,7 @@ def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
     wall = event(y + 0.15, direction=-1, reset={y.dot: -y.dot})
     events = [x, x.dot * y - 0.01, sin(3 * t), Abs(x) - 0.05, y + 0.1495]
     for least in (0, 512, math.inf):
-        monkeypatch.setattr("lagrange.trajectory.events.event_loop.WORTH_COMPILING", least)
+        monkeypatch.setattr("lagrange.trajectory.events.compiled_loop.WORTH_COMPILING", least)
         for several in (events, [*events, wall]):
             result = []
             for most in (16384, 64, 7, 2) if everything else (16384, 7):

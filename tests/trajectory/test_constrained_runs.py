@@ -13,7 +13,7 @@ from sympy import exp
 
 import lagrange as lg
 from lagrange.machine.backend import FloatArray
-from lagrange.trajectory.messages import UNPROJECTED
+from lagrange.trajectory.ending_messages import UNPROJECTED
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.registry import find
 from tests.mechanisms.random_mechanisms import SEEDS, compiled

@@ -15,7 +15,7 @@ from lagrange.algorithm.events.roots import roots as isolation
 from lagrange.algorithm.taylor.event_series import keeps_sign
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.python_source import called
-from lagrange.trajectory.events.zeros_on_step import Root, Side, roots
+from lagrange.trajectory.events.array_search import Root, Side, roots
 from lagrange.trajectory.trajectory import FloatArray
 from tests.covering import Share
 
@@ -23,7 +23,7 @@ from tests.covering import Share
 @pytest.fixture(autouse=True)
 def _in_machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
     """Isolate roots in machine code; `tests/procedure/test_root_isolation.py` compares it with printed Python."""
-    monkeypatch.setattr("lagrange.trajectory.events.zeros_on_step.printed", lambda: LlvmMachine().called(ISOLATE))
+    monkeypatch.setattr("lagrange.trajectory.events.array_search.printed", lambda: LlvmMachine().called(ISOLATE))
 
 
 ISOLATE = isolation.form()

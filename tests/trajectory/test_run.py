@@ -15,8 +15,8 @@ from sympy import cos
 
 import lagrange as lg
 from lagrange.equations.euler_lagrange import StateLayout
+from lagrange.trajectory.ending_messages import coarse, message, unsolved
 from lagrange.trajectory.integrator import Problem, RunOptions, Tolerances
-from lagrange.trajectory.messages import coarse, message, unsolved
 from lagrange.trajectory.run import trajectory_of
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, VALUES, build, k, m, model, r, x, y, z

@@ -1,7 +1,7 @@
 """Members that run by the steps of an explicit step program, with error control or with equal steps, and their events.
 
 Each accepted step is searched for events before the next. The samples and decisions are those on the blocks of single
-runs, in `lagrange.algorithm.events.step_zeros`. An irregular case, such as an event that is not resolved, ends the
+runs, in `lagrange.algorithm.events.search`. An irregular case, such as an event that is not resolved, ends the
 member here, and the member is run again alone.
 """
 
@@ -14,8 +14,8 @@ from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import OwnStep
 from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.algorithm.events.constants import NOISE_HALVES
-from lagrange.algorithm.events.step_samples import Lines, Samples, work_size
-from lagrange.algorithm.events.step_zeros import (
+from lagrange.algorithm.events.samples import Lines, Samples, work_size
+from lagrange.algorithm.events.search import (
     CHANGED,
     ENDED,
     IGNORED,
@@ -162,7 +162,7 @@ def review_step(
 ) -> int:
     """Find the zeros of event functions on a step up to time `end`. Return why the search ended.
 
-    The codes are those of `step_zeros`: ENDED after the whole step, CHANGED if an event ends the run, or
+    The codes are those of the search for zeros: ENDED after the whole step, CHANGED if an event ends the run, or
     IRREGULAR. The zeros are written to `watch`. `step` has the data of the step as in `OwnStep`. `numbers` are
     the parameters and all values that depend on them alone, and `table` has the coefficients of the dense
     output. `factors` are near 1 and perturb the entries of a state, to estimate rounding errors.

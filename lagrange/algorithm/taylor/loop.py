@@ -23,7 +23,7 @@ from lagrange.algorithm.taylor.defect_test import (
     retry_shorter,
 )
 from lagrange.algorithm.taylor.event_series import contradicts, doubtful_events
-from lagrange.algorithm.taylor.events_on_step import GO_ON, WAIT, InspectedStep, inspect_step
+from lagrange.algorithm.taylor.event_zeros import GO_ON, WAIT, InspectedStep, inspect_step
 from lagrange.algorithm.taylor.memory import STEP_GROWTH, Held, TaylorLayout, TaylorState, weights_type
 from lagrange.algorithm.taylor.resets import begin_sides, cross_surface, reset_state
 from lagrange.algorithm.taylor.step_size import (

@@ -26,7 +26,7 @@ from lagrange.algorithm.series.jets import NAME as JET_NAME
 from lagrange.algorithm.series.jets import ByOrderJet, Row, WrittenJet, by_order_scratch
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import Packing, pack
-from lagrange.algorithm.taylor.events_on_step import inspect_step
+from lagrange.algorithm.taylor.event_zeros import inspect_step
 from lagrange.algorithm.taylor.loop import taylor_steps
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.algorithm.taylor.resets import begin_sides, cross_surface, reset_state

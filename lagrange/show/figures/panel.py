@@ -43,7 +43,7 @@ from lagrange.show.figures.style import (
     on_paper,
 )
 from lagrange.show.notation.formula import Typesetter
-from lagrange.show.notation.markup import LatexNotation
+from lagrange.show.notation.latex_mathml import LatexNotation
 from lagrange.show.notation.text import Notation, letter_of, letters
 from lagrange.show.units import energy_letter, energy_unit, unit_of, with_unit
 from lagrange.statement.coordinate import row_label

@@ -21,8 +21,8 @@ from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics
 from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, PreparedMode, modes_of
 from lagrange.trajectory.contact.resets import SHORT, WrittenFriction, WrittenImpacts, in_order
 from lagrange.trajectory.contact.transition import Transition, Transitions, Undetermined
+from lagrange.trajectory.ending_messages import message, number
 from lagrange.trajectory.integrator import Integrator, Problem
-from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.parts import (
     before_outputs_at_end,
     joined,

@@ -14,7 +14,7 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Kind, Node, reachable
 from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
-from lagrange.machine.step_events import Reaction
+from lagrange.machine.step_event_memory import Reaction
 from lagrange.statement.declare import state_rows
 from lagrange.statement.event import Event
 from lagrange.trajectory.constraints.projection import Projection
@@ -30,7 +30,7 @@ ALIKE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Impact:
+class ModelEvent:
     """An event of a model: the zeros of the expression `node` with a direction, a terminal count and a reset.
 
     `direction` is the sign of the crossings that count, 0 for both. The run ends at occurrence number `terminal`,
@@ -93,7 +93,7 @@ class Impact:
 
 
 def reset_state(
-    resets: Mapping[Impact, int],
+    resets: Mapping[ModelEvent, int],
     names: Callable[[], Sequence[str]],
     t: float,
     before: FloatArray,
@@ -113,7 +113,7 @@ def reset_state(
         return after, EventResult()
     hold = residuals_of(first.model).hold
     # Velocities without inertia that no reset sets follow from the equations.
-    named = [row for impact in resets for row in impact.rows]
+    named = [row for event in resets for row in event.rows]
     left = [row for row in first.model.equations.following if row not in named]
     if not left and hold(t, before, parameters) and hold(t, after, parameters):
         return after, EventResult()
@@ -135,15 +135,15 @@ def reset_state(
     return after if reached is None else reached, EventResult()
 
 
-def _reset(resets: Iterable[Impact], t: float, before: FloatArray, parameters: FloatArray) -> FloatArray:
+def _reset(resets: Iterable[ModelEvent], t: float, before: FloatArray, parameters: FloatArray) -> FloatArray:
     after = before.copy()
-    for impact in resets:
-        impact.apply(t, before, parameters, after)
+    for event in resets:
+        event.apply(t, before, parameters, after)
     return after
 
 
-def impacts(model: Model, events: Sequence[Event]) -> tuple[Impact, ...]:
-    """Return the events of a run as `Impact` objects, with expressions as nodes of the model's graph.
+def model_events(model: Model, events: Sequence[Event]) -> tuple[ModelEvent, ...]:
+    """Return the events of a run as `ModelEvent` objects, with expressions as nodes of the model's graph.
 
     One kernel computes the new values of all resets.
     """
@@ -155,7 +155,7 @@ def impacts(model: Model, events: Sequence[Event]) -> tuple[Impact, ...]:
         indices = tuple(rows[key] for key in event.reset)
         reset = kernel if indices else None
         node = equations.translate(event.expression)
-        translated.append(Impact(node, event.direction, event.terminal, indices, reset, first, model=model))
+        translated.append(ModelEvent(node, event.direction, event.terminal, indices, reset, first, model=model))
         first += len(indices)
     return tuple(translated)
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.machine.state import DriverState
-from lagrange.trajectory.events.actions import Impact
-from lagrange.trajectory.events.zeros_on_step import EventZero
+from lagrange.trajectory.events.actions import ModelEvent
+from lagrange.trajectory.events.array_search import EventZero
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_REPEATS = 3
@@ -121,28 +121,28 @@ class EventLog:
         self.occurrences = [Occurrences(size) for _ in range(events)]
         self.state: DriverState | None = None
 
-    def first_change(self, zeros: Iterable[EventZero], impacts: Sequence[Impact]) -> EventZero | None:
+    def first_change(self, zeros: Iterable[EventZero], events: Sequence[ModelEvent]) -> EventZero | None:
         """Return the first zero in `zeros`, in order of time, whose event resets the state or ends the run, or None.
 
-        `impacts` are all events; a zero refers to its event by index.
+        `events` are all events; a zero refers to its event by index.
         """
         seen = [len(times) for times in self.occurrences]
         for zero in zeros:
             index = zero.which
-            if impacts[index].counts(zero.root.rising):
+            if events[index].counts(zero.root.rising):
                 seen[index] += 1
-                if impacts[index].reset or 0 < impacts[index].terminal <= seen[index]:
+                if events[index].reset or 0 < events[index].terminal <= seen[index]:
                     return zero
         return None
 
-    def occur(self, indices: Sequence[int], impacts: Sequence[Impact], state: DriverState) -> bool:
+    def occur(self, indices: Sequence[int], events: Sequence[ModelEvent], state: DriverState) -> bool:
         """Record an occurrence of some events at the present state. Return True if one of them ends the run.
 
-        `indices` are those of the events in `impacts`, which has all events.
+        `indices` are those in `events`, which has all events.
         """
         for i in indices:
             self.occurrences[i].append(state.t, state.y.copy(), state.count(DriverState.STEPS))
-        return any(0 < impacts[i].terminal <= len(self.occurrences[i]) for i in indices)
+        return any(0 < events[i].terminal <= len(self.occurrences[i]) for i in indices)
 
     def keep(self, which: NDArray[np.int64], when: FloatArray, states: FloatArray, steps: int) -> None:
         """Add k occurrences, in order of time, which are reported as soon as the run has `steps` accepted steps.

@@ -25,9 +25,9 @@ import numpy as np
 from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, EPSILON
 from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
-from lagrange.trajectory.events.actions import Impact
+from lagrange.trajectory.events.actions import ModelEvent
+from lagrange.trajectory.events.array_search import EventZero, Side
 from lagrange.trajectory.events.step_batch import Sample, StepBatch
-from lagrange.trajectory.events.zeros_on_step import EventZero, Side
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -51,7 +51,7 @@ class MotionStart:
 
 def sides_after_events(
     sides: Sequence[Side],
-    impacts: Sequence[Impact],
+    events: Sequence[ModelEvent],
     change: tuple[FloatArray, FloatArray],
     noise: FloatArray,
     happened: Container[int],
@@ -64,9 +64,9 @@ def sides_after_events(
     reset does not count as near it afterwards, since it must not act without crossing zero.
     """
     sides_after = []
-    for i, (side, impact, before, after) in enumerate(zip(sides, impacts, *change, strict=True)):
-        stays = i not in happened and not impact.root and abs(after - before) <= noise[i]
-        sides_after.append(Side(side.sign, side.near and not impact.reset) if stays else Side())
+    for i, (side, event, before, after) in enumerate(zip(sides, events, *change, strict=True)):
+        stays = i not in happened and not event.root and abs(after - before) <= noise[i]
+        sides_after.append(Side(side.sign, side.near and not event.reset) if stays else Side())
     return sides_after
 
 
@@ -76,20 +76,20 @@ of the largest value on the step counts as zero.
 """
 
 
-def still_passes(model: Model, kernel: Kernel, impacts: Sequence[Impact], index: int, sample: Sample) -> bool:
+def still_passes(model: Model, kernel: Kernel, events: Sequence[ModelEvent], index: int, sample: Sample) -> bool:
     """Return True if the motion after the reset of event `index` still passes zero in the event's direction.
 
-    The reset is then useless. `kernel` evaluates the event functions, and `impacts` are all events. `sample` is the
+    The reset is then useless. `kernel` evaluates the event functions, and `events` are all events. `sample` is the
     step that begins at the event.
     """
-    t, y, impact, parameters = sample.t, sample.state(0.0), impacts[index], sample.batch.parameters
+    t, y, event, parameters = sample.t, sample.state(0.0), events[index], sample.batch.parameters
     after = y.copy()
-    impact.apply(t, y, parameters, after)
+    event.apply(t, y, parameters, after)
     slope = model.rhs(t, after, parameters)
     h = SMALL_FRACTION * sample.h
     around = [float(kernel(t + s * h, after + s * h * slope, parameters)[index]) for s in (-1, 0, 1)]
     rise = (around[2] - around[0]) / (2 * SMALL_FRACTION)
-    return impact.direction * rise > SMALL_FRACTION * float(np.abs(sample.values[index]).max())
+    return event.direction * rise > SMALL_FRACTION * float(np.abs(sample.values[index]).max())
 
 
 def sent_through(
@@ -124,13 +124,13 @@ def entry(batch: StepBatch, step: int, index: int, span: float) -> float:
     return float(max(batch.noise[index, step], batch.sensitive[index, step] * (EPSILON / DENSE_ROUND_OFF) * steps))
 
 
-def lie(begun: MotionStart, impacts: Sequence[Impact], sample: Sample) -> set[int]:
+def lie(begun: MotionStart, events: Sequence[ModelEvent], sample: Sample) -> set[int]:
     """Return the indices of the contacts that are at rest on the first step of a motion.
 
     The function of such a contact is zero at the start without a new event, and changes only by rounding on the step
     `sample`. An example is a ball that has given its velocity to the next ball and lies beside it. `begun` describes
-    the start, and `impacts` are all events.
+    the start, and `events` are all events.
     """
-    margins = {i: 4 * size for i, size in begun.stayed.items() if i not in begun.zeros and impacts[i].contact}
+    margins = {i: 4 * size for i, size in begun.stayed.items() if i not in begun.zeros and events[i].contact}
     moves = np.abs(sample.values - sample.values[:, :1]).max(axis=1)
     return {i for i, margin in margins.items() if moves[i] <= margin}

@@ -15,9 +15,10 @@ import numpy as np
 from lagrange.algorithm.taylor.event_series import comparable_unit
 from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.drivers import SeriesDriver
-from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.state import DriverState
-from lagrange.trajectory.events.actions import Impact, reset_state
+from lagrange.machine.taylor_event_memory import EventMemory
+from lagrange.trajectory.events.actions import ModelEvent, reset_state
+from lagrange.trajectory.events.array_search import EventZero, Root, Side
 from lagrange.trajectory.events.end_messages import (
     EventResult,
     accumulating,
@@ -29,7 +30,7 @@ from lagrange.trajectory.events.end_messages import (
 )
 from lagrange.trajectory.events.event_log import ChangeCounter, EventLog
 from lagrange.trajectory.events.motion_start import sides_after_events
-from lagrange.trajectory.events.series_on_step import EventSeries, leaving, near, signed_scale
+from lagrange.trajectory.events.series_at_state import EventSeries, leaving, near, signed_scale
 from lagrange.trajectory.events.surfaces import (
     LEAP_SHARE,
     Continuations,
@@ -38,7 +39,6 @@ from lagrange.trajectory.events.surfaces import (
     settled_sides,
     stated_sides,
 )
-from lagrange.trajectory.events.zeros_on_step import EventZero, Root, Side
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState
@@ -47,7 +47,7 @@ S = DriverState
 class SeriesWatch(EventLog):
     """Finds zeros of surfaces and events along a run by Taylor steps. Indices count surfaces first, then events.
 
-    `series` has the given `order`, and `names` returns the names of the functions. `impacts` are the events. `memory`
+    `series` has the given `order`, and `names` returns the names of the functions. `events` are all events. `memory`
     is shared with the loop over steps; it comes from a former run by the driver, or is None. `zero_sides` are the
     sides of zero (known signs) of the functions before the next step. `starting` has the indices of the functions
     that are zero at the start of this step. `pending` are the zeros at the present state that are still to be
@@ -60,17 +60,17 @@ class SeriesWatch(EventLog):
         order: int,
         driver: SeriesDriver,
         parameters: FloatArray,
-        impacts: Sequence[Impact],
+        events: Sequence[ModelEvent],
         names: Callable[[], Sequence[str]],
         continuations: Continuations,
         memory: EventMemory | None = None,
     ) -> None:
-        super().__init__(len(impacts), series.program.states)
+        super().__init__(len(events), series.program.states)
         self.steep, self.hides_growth = series.program.watched_degree > order, series.program.hides_growth
         self.series, self.order, self.driver = series, order, driver
         self.names, self.continuations = names, continuations
-        self.impacts, self.surfaces = tuple(impacts), series.program.sides
-        self.zero_sides = [Side()] * (self.surfaces + len(self.impacts))
+        self.events, self.surfaces = tuple(events), series.program.sides
+        self.zero_sides = [Side()] * (self.surfaces + len(self.events))
         self.starting: frozenset[int] = frozenset()
         self.pending: list[EventZero] = []
         self.change_counter = ChangeCounter()
@@ -79,12 +79,12 @@ class SeriesWatch(EventLog):
         self._values: dict[int, FloatArray] = {}
         self._last: tuple[object, EventSeries] | None = None
         if memory is None:
-            resets = next((impact.kernel for impact in self.impacts if impact.kernel is not None), None)
-            reactions = [impact.reaction for impact in self.impacts]
+            resets = next((event.kernel for event in self.events if event.kernel is not None), None)
+            reactions = [event.reaction for event in self.events]
             states = series.program.states
             memory = EventMemory(states, self.surfaces, reactions, series.values, resets, parameters)
             memory.record.hides_growth, memory.record.steep = int(self.hides_growth), int(self.steep)
-            memory.record.checked = int(any(impact.constrained for impact in self.impacts))
+            memory.record.checked = int(any(event.constrained for event in self.events))
             driver.watch(memory)
             memory.keep_start()
         else:
@@ -110,7 +110,7 @@ class SeriesWatch(EventLog):
         """Determine the signs of surfaces and events at the start of a smooth piece, without the loop."""
         result = self.start(state, {})
         if result.status is None:
-            self.pending = self.impacts_at_once(state, ())
+            self.pending = self.events_at_once(state, ())
         self.write()
         return result
 
@@ -164,7 +164,7 @@ class SeriesWatch(EventLog):
         self.read(state)
         if self.unbegun and (begun := self._begin(state)).status is not None:
             return begun
-        events = [self.surfaces + i for i, impact in enumerate(self.impacts) if not impact.root]
+        events = [self.surfaces + i for i, event in enumerate(self.events) if not event.root]
         for end in self.continuations.ahead(state):
             y = self.continuations.landing(state, end, switched=lambda soon: self._switches(self.ahead(state), soon))
             if y is None:
@@ -174,7 +174,7 @@ class SeriesWatch(EventLog):
             ends = np.sign(self.series.rows(self.order, end, y, signed_scale(state), values)[0, len(y) :][events])
             # A zero at the start of the motion is not an event, but a zero with a reset must not be passed.
             if all(
-                b in (0, a) or (a == 0 and not self.impacts[i - self.surfaces].reset)
+                b in (0, a) or (a == 0 and not self.events[i - self.surfaces].reset)
                 for i, a, b in zip(events, sides, ends, strict=True)
             ):
                 self.continuations.land(state, end, y, state.count(S.STEPS) + self.jumps)
@@ -203,22 +203,22 @@ class SeriesWatch(EventLog):
     def _finish(self, state: DriverState) -> EventResult:
         """Apply the pending zeros at a state: cross surfaces, record events, reset the state, or end the run."""
         pending, self.pending = self.pending, []
-        if self.change_counter.accumulates(state.t, (m.which for m in pending)):
+        if self.change_counter.accumulates(state.t, (zero.which for zero in pending)):
             return accumulating(self.names()[pending[0].which])
         before = list(self.zero_sides)
-        for m in pending:
-            self.zero_sides[m.which] = Side(m.root.rising or self.zero_sides[m.which].sign)
-        self.starting = frozenset(m.which for m in pending)
-        crossed = [m for m in pending if m.which < self.surfaces and m.root.rising]
+        for zero in pending:
+            self.zero_sides[zero.which] = Side(zero.root.rising or self.zero_sides[zero.which].sign)
+        self.starting = frozenset(zero.which for zero in pending)
+        crossed = [zero for zero in pending if zero.which < self.surfaces and zero.root.rising]
         result = self._cross(crossed, state) if crossed else EventResult()
-        zeros = [m for m in pending if m.which >= self.surfaces]
+        zeros = [zero for zero in pending if zero.which >= self.surfaces]
         if crossed and result.status is None:
             zeros = self._on_surface(zeros, before, state)
-        zeros = [m for m in zeros if self.impact_of(m).counts(m.root.rising)]
-        roots_met = [m for m in zeros if self.impact_of(m).root]
-        zeros = [m for m in zeros if not self.impact_of(m).root]
-        ends = self.occur([m.which - self.surfaces for m in zeros], self.impacts, state)
-        resets = [m for m in zeros if self.impact_of(m).reset]
+        zeros = [zero for zero in zeros if self.event_of(zero).counts(zero.root.rising)]
+        roots_met = [zero for zero in zeros if self.event_of(zero).root]
+        zeros = [zero for zero in zeros if not self.event_of(zero).root]
+        ends = self.occur([zero.which - self.surfaces for zero in zeros], self.events, state)
+        resets = [zero for zero in zeros if self.event_of(zero).reset]
         if resets:
             return self._jump(resets, pending, state, ends=ends)
         if ends:
@@ -233,21 +233,21 @@ class SeriesWatch(EventLog):
         before the crossing.
         """
         events = []
-        for m in zeros:
-            g = self.ahead(state).near(m.which)
+        for zero in zeros:
+            g = self.ahead(state).near(zero.which)
             if clear(g):  # a jump: zero on one side of the surface, another value on the other
-                self.zero_sides[m.which], self.starting = Side(int(np.sign(g[0]))), self.starting - {m.which}
-                events += [m] * (not self.is_root(m.which))
+                self.zero_sides[zero.which], self.starting = Side(int(np.sign(g[0]))), self.starting - {zero.which}
+                events += [zero] * (not self.is_root(zero.which))
                 continue
             after = leaving(g)[0]
-            if self.is_root(m.which) and g[0] > 0 and not g[1:].any():
+            if self.is_root(zero.which) and g[0] > 0 and not g[1:].any():
                 # The branch that contains the root ends here, and the motion continues in another branch.
-                self.zero_sides[m.which] = Side(1)
+                self.zero_sides[zero.which] = Side(1)
                 continue
-            self.zero_sides[m.which] = Side(after)
+            self.zero_sides[zero.which] = Side(after)
             # The step may have ended after the zero: then its direction gives the side before.
-            side = -m.root.rising or before[m.which].sign
-            events.append(replace(m, root=Root(m.root.time, after if after != side else 0)))
+            side = -zero.root.rising or before[zero.which].sign
+            events.append(replace(zero, root=Root(zero.root.time, after if after != side else 0)))
         return events
 
     def _jump(
@@ -259,7 +259,7 @@ class SeriesWatch(EventLog):
         functions at this time, also of those without a reset.
         """
         before = self.ahead(state)
-        resets = {self.impact_of(m): m.which for m in sorted(zeros, key=lambda m: m.which)}
+        resets = {self.event_of(zero): zero.which for zero in sorted(zeros, key=lambda zero: zero.which)}
         after, broken = reset_state(resets, self.names, state.t, state.y, self.parameters)
         if broken.status is not None:
             return broken
@@ -268,14 +268,14 @@ class SeriesWatch(EventLog):
         self.driver.restart(state)
         if ends:
             return EventResult(Status.EVENT, jumped=True)
-        happened = {m.which: abs(float(before.watched[0, m.which])) for m in all_zeros}
+        happened = {zero.which: abs(float(before.watched[0, zero.which])) for zero in all_zeros}
         began = self.start(state, happened, before)
         if began.status is None:
-            for m in zeros:
-                sign, order = self.ahead(state).leaving(m.which)
-                if m.which in self.starting and order > 1 and sign == m.root.rising:
-                    return replace(at_rest(self.names()[m.which]), jumped=True)
-            self.pending = self.impacts_at_once(state, happened)
+            for zero in zeros:
+                sign, order = self.ahead(state).leaving(zero.which)
+                if zero.which in self.starting and order > 1 and sign == zero.root.rising:
+                    return replace(at_rest(self.names()[zero.which]), jumped=True)
+            self.pending = self.events_at_once(state, happened)
         return replace(began, jumped=True)
 
     def _cross(self, crossed: Sequence[EventZero], state: DriverState) -> EventResult:
@@ -284,7 +284,7 @@ class SeriesWatch(EventLog):
         A motion that stayed on another surface may leave that surface with the new equations. The run ends if no side
         is consistent.
         """
-        choices = {m.which: (m.root.rising, -m.root.rising, 0) for m in crossed}
+        choices = {zero.which: (zero.root.rising, -zero.root.rising, 0) for zero in crossed}
         choices |= {i: (0, 1, -1) for i in range(self.surfaces) if self.sides[i] == 0 and i not in choices}
         try:
             self.sides = settled_sides(self.at(state), self.sides, choices)
@@ -340,7 +340,7 @@ class SeriesWatch(EventLog):
             return {}
         events = slice(self.surfaces, None)
         change, occurred = (before.watched[0, events], look.watched[0, events]), [i - self.surfaces for i in happened]
-        sides = sides_after_events(self.zero_sides[events], self.impacts, change, before.noise[events], occurred)
+        sides = sides_after_events(self.zero_sides[events], self.events, change, before.noise[events], occurred)
         return {i: side for i, side in enumerate(sides, self.surfaces) if side.sign}
 
     def at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
@@ -367,21 +367,21 @@ class SeriesWatch(EventLog):
             self.epochs.append((state.count(S.STEPS) + self.jumps, values))
         state.taylor.inspect = 1
 
-    def impacts_at_once(self, state: DriverState, happened: Container[int]) -> list[EventZero]:
+    def events_at_once(self, state: DriverState, happened: Container[int]) -> list[EventZero]:
         """Return the zeros of contacts that act at the start of the motion, by the rules of `motion_start`.
 
         Contacts whose indices are in `happened` have just acted and are left out. An example is a ball that starts on
         the floor and falls: it has to bounce.
         """
         zeros = []
-        for index, impact in enumerate(self.impacts):
+        for index, event in enumerate(self.events):
             which = self.surfaces + index
-            turns = impact.reset and impact.direction == self.zero_sides[which].sign != 0
+            turns = event.reset and event.direction == self.zero_sides[which].sign != 0
             if which in self.starting and which not in happened and turns:
                 y = state.y.copy()
-                impact.apply(state.t, state.y, self.parameters, y)
-                passes = self.ahead(state, y).leaving(which, 0.0) == (impact.direction, 1)
-                zeros += [] if passes else [EventZero(which, Root(0.0, impact.direction))]
+                event.apply(state.t, state.y, self.parameters, y)
+                passes = self.ahead(state, y).leaving(which, 0.0) == (event.direction, 1)
+                zeros += [] if passes else [EventZero(which, Root(0.0, event.direction))]
         return zeros
 
     def ahead(self, state: DriverState, y: FloatArray | None = None) -> EventSeries:
@@ -410,13 +410,13 @@ class SeriesWatch(EventLog):
         """Count a jump of the state."""
         self.memory.record.jumps += 1
 
-    def impact_of(self, zero: EventZero) -> Impact:
+    def event_of(self, zero: EventZero) -> ModelEvent:
         """Return the event to which a zero belongs."""
-        return self.impacts[zero.which - self.surfaces]
+        return self.events[zero.which - self.surfaces]
 
     def is_root(self, which: int) -> bool:
         """Return True if function `which` is a square root in the equations of motion."""
-        return which >= self.surfaces and self.impacts[which - self.surfaces].root
+        return which >= self.surfaces and self.events[which - self.surfaces].root
 
     def read(self, state: DriverState) -> None:
         """Read events, signs of the watched functions and pending events from the memory of the compiled loop."""

@@ -26,7 +26,7 @@ from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.machine.state import DriverState
 from lagrange.program.series import SeriesProgram
-from lagrange.trajectory.events.series_on_step import leaving
+from lagrange.trajectory.events.series_at_state import leaving
 from lagrange.trajectory.integrator import Integrator, Problem
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.trajectory import FloatArray, Status

@@ -19,7 +19,7 @@ from lagrange.machine.calls import nothing, one_state
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.expression import real_number
-from lagrange.trajectory.events.event_loop import WatchedEvents
+from lagrange.trajectory.events.compiled_loop import WatchedEvents
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Problem, Tolerances
 from lagrange.trajectory.methods.tolerances import adaptive_settings
@@ -295,7 +295,7 @@ class SolverPlan:
 
         `memory` is the memory of the watcher in a former run by this driver, which is used again, or None.
         """
-        return StepWatch(problem, driver, self._latest, fixed=False, memory=memory) if problem.events else None
+        return StepWatch(problem, self._latest, fixed=False, memory=memory) if problem.events else None
 
     def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
         """Return the path over the most recent steps, with accepted times (S+1,) and states (S+1, 2n)."""

@@ -1,4 +1,7 @@
-"""The adaptive Taylor integrator. The recurrence of its coefficients is the Euler-Lagrange equation."""
+"""The adaptive Taylor integrator. The recurrence of its coefficients is the Euler-Lagrange equation.
+
+The order of the series is chosen by cost, in `lagrange/algorithm/series/cost.py`.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,9 @@ from lagrange.errors import StatementError, formula, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series
 from lagrange.machine.drivers import SeriesDriver
-from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
-from lagrange.trajectory.events.actions import Impact
-from lagrange.trajectory.events.actions import impacts as impacts_of
+from lagrange.machine.taylor_event_memory import EventMemory
+from lagrange.trajectory.events.actions import ModelEvent, model_events
 from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.surfaces import Continuations
 from lagrange.trajectory.integrator import Claims, Problem, Tolerances
@@ -67,12 +69,12 @@ class Taylor:
         tolerances = adaptive_settings(
             self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=partial(_margin, problem)
         )
-        events = impacts_of(problem.model, problem.events)
+        events = model_events(problem.model, problem.events)
         # A square root ends the run: after its zero the series would have the wrong sign.
         roots = _square_roots(problem.model, tuple(event.node for event in events))
-        impacts = (*events, *(Impact(root, 0, 1, (), None, root=True) for root in roots))
-        series, _ = problem.model.series(tuple(impact.node for impact in impacts))
-        return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
+        events = (*events, *(ModelEvent(root, 0, 1, (), None, root=True) for root in roots))
+        series, _ = problem.model.series(tuple(event.node for event in events))
+        return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, events)
 
     def integrate(self, problem: Problem) -> Trajectory:
         """Return the trajectory of a problem, run by this method."""
@@ -81,7 +83,7 @@ class Taylor:
 
 @dataclass(frozen=True, eq=False)
 class TaylorPlan:
-    """The plan of a run by Taylor series: the series, its order, the tolerances, and the event functions `impacts`.
+    """The plan of a run by Taylor series: the series, its order, the tolerances, and the `events`.
 
     In the series the event functions follow the switching surfaces.
     """
@@ -89,7 +91,7 @@ class TaylorPlan:
     series: Series
     order: int
     tolerances: Tolerances
-    impacts: tuple[Impact, ...] = ()
+    events: tuple[ModelEvent, ...] = ()
 
     @cached_property
     def form(self) -> str:
@@ -124,7 +126,7 @@ class TaylorPlan:
         absolute = None if tolerances.share else tolerances.margin * tolerances.atol
         continuations = Continuations(problem, partial(DOP853, rtol=tolerances.margin * tolerances.rtol, atol=absolute))
         names = partial(watched_names, problem)
-        return SeriesWatch(self.series, self.order, driver, parameters, self.impacts, names, continuations, memory)
+        return SeriesWatch(self.series, self.order, driver, parameters, self.events, names, continuations, memory)
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: SeriesWatch | None) -> SeriesPath:
         """Return the dense output through accepted times (S+1,) and states (S+1, 2n): the Taylor series of each step.

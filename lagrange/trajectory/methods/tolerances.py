@@ -12,14 +12,8 @@ from lagrange.algorithm.step.constants import LEAST_FLOOR
 from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.statement.expression import positive_number, real_number
+from lagrange.statement.run_settings import DEFAULT_RTOL
 from lagrange.trajectory.integrator import FLOOR_SHARE, LEAST_ATOL, LEAST_SHARE, Problem, Tolerances
-
-RTOL = 1e-9
-"""The default relative tolerance.
-
-On the double pendulum over 20 s, started at 30 degrees each, DOP853 then ends within 5e-9 of a run at 1e-13, in 0.5 ms.
-At 1e-6 the difference would be 1e-5; SciPy's default is 1e-3.
-"""
 
 EQUAL_STEPS = 1000
 """Number of equal steps of a run if no step is stated; the status card reports it."""
@@ -73,7 +67,7 @@ def adaptive_settings(
             f"{name} chooses its steps by itself: give rtol and atol, or a fixed-step method such as rk4."
         )
     requested, absolute = _tolerance(name, "rtol", problem.rtol, rtol), _tolerance(name, "atol", problem.atol, atol)
-    relative = RTOL if requested is None else requested
+    relative = DEFAULT_RTOL if requested is None else requested
     notes: tuple[str, ...] = ()
     if relative < least:
         notes = (f"rtol = {relative:g} is below round-off and was raised to {least:.3g}.",)
@@ -192,6 +186,7 @@ def _number(what: str, value: Any) -> float:
         raise StatementError(f"{what} = {number:g}: give a finite tolerance that is not negative.")
     if what == "rtol" and number >= 1:
         raise StatementError(
-            f"rtol = {number:g} allows errors as large as the state itself: give a smaller number, such as {RTOL:g}."
+            f"rtol = {number:g} allows errors as large as the state itself: give a smaller number, such as "
+            f"{DEFAULT_RTOL:g}."
         )
     return number

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.events.step_samples import nodes
+from lagrange.algorithm.events.samples import nodes
 from lagrange.machine.backend import Places
 from lagrange.trajectory.trajectory import FloatArray
 

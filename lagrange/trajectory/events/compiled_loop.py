@@ -8,15 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lagrange.algorithm.dense.polynomials import hermite_polynomial
-from lagrange.algorithm.events.step_zeros import IGNORED, UNKNOWN
+from lagrange.algorithm.events.search import IGNORED, UNKNOWN
 from lagrange.graph.node import Binding
 from lagrange.machine.backend import Driver, Kernel
-from lagrange.machine.step_events import EventSteps, StepEventMemory
-from lagrange.trajectory.events.actions import Impact
-from lagrange.trajectory.events.actions import impacts as impacts_of
+from lagrange.machine.step_event_memory import EventSteps, StepEventMemory
+from lagrange.trajectory.events.actions import ModelEvent, model_events
+from lagrange.trajectory.events.array_search import Side
 from lagrange.trajectory.events.event_log import Breaks, EventLog, Occurrences
 from lagrange.trajectory.events.step_batch import PathOf, StepsPath
-from lagrange.trajectory.events.zeros_on_step import Side
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
@@ -37,12 +36,12 @@ CHANGE_STEPS = 8
 class WatchedEvents:
     """The events of a run by a step program, kept for the next run of its driver with the same events.
 
-    `impacts` are the events, and `kernel` evaluates their functions. `memory` is shared with the compiled loop
+    `events` are those of the run, and `kernel` evaluates their functions. `memory` is shared with the compiled loop
     `steps`, which is None if no run was long enough to compile it. `dense` is the first dense output, whose compiled
     code all later ones use.
     """
 
-    impacts: tuple[Impact, ...]
+    events: tuple[ModelEvent, ...]
     kernel: Kernel
     memory: StepEventMemory
     steps: EventSteps | None = None
@@ -52,16 +51,16 @@ class WatchedEvents:
     def of(cls, problem: Problem) -> WatchedEvents:
         """Return the events of a problem, with the kernel that evaluates them and the memory of the loop."""
         model = problem.model
-        impacts = impacts_of(model, problem.events)
-        kernel = model.function("events", tuple(impact.node for impact in impacts))
-        memory = StepEventMemory(len(problem.y0), [impact.reaction for impact in impacts])
-        checked = any(impact.constrained for impact in impacts)
+        events = model_events(model, problem.events)
+        kernel = model.function("events", tuple(event.node for event in events))
+        memory = StepEventMemory(len(problem.y0), [event.reaction for event in events])
+        checked = any(event.constrained for event in events)
         # No reset can make the inertia of an uncoupled coordinate zero if it is constant.
         alone = [block[0] for block in model.equations.plan.blocks if len(block) == 1]
         constant = all(model.equations.mass[i][i].binding <= Binding.PARAMETER for i in alone)
         memory.run.resets = int(constant and not checked)
         memory.keep_start()
-        return cls(impacts, kernel, memory)
+        return cls(events, kernel, memory)
 
     @property
     def nbytes(self) -> int:
@@ -96,7 +95,7 @@ class WatchedEvents:
             cubic = hermite_polynomial(3)
             screened = not fixed and dense.degree > cubic.degree
             screen = model.machine.dense(cubic, model.kernel("rhs"), parameters) if screened else None
-            resets = next((impact.kernel.program for impact in self.impacts if impact.kernel is not None), None)
+            resets = next((event.kernel.program for event in self.events if event.kernel is not None), None)
             self.steps = model.machine.event_steps(driver, self.kernel.program, resets, parameters, dense, screen)
         return self.steps
 
@@ -114,16 +113,16 @@ class WatchedEvents:
         counts as zero at the start of a smooth piece of motion to the size of its function there. `zeros` maps each
         event that has just occurred to the direction of its zero.
         """
-        memory, impacts = self.memory, self.impacts
+        memory, events = self.memory, self.events
         memory.sign[:] = [side.sign for side in zero_sides]
         memory.near[:] = [side.near for side in zero_sides]
         memory.until_end[:] = [
-            max(0, impact.terminal - len(occurrence)) for impact, occurrence in zip(impacts, occurrences, strict=True)
+            max(0, event.terminal - len(occurrence)) for event, occurrence in zip(events, occurrences, strict=True)
         ]
-        resets = np.array([impact.reset for impact in impacts])
+        resets = np.array([event.reset for event in events])
         memory.remaining[:] = np.where(resets, 1, memory.until_end)
-        memory.stayed[:] = [stayed.get(i, 0.0) for i in range(len(impacts))]
-        unmet = [UNKNOWN if impact.reset else IGNORED for impact in impacts]
+        memory.stayed[:] = [stayed.get(i, 0.0) for i in range(len(events))]
+        unmet = [UNKNOWN if event.reset else IGNORED for event in events]
         memory.came[:] = [2 + zeros[i] if i in zeros else other for i, other in enumerate(unmet)]
 
     def collect(self, log: EventLog, breaks: Breaks) -> None:

@@ -16,7 +16,7 @@ from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbatio
 from lagrange.algorithm.taylor.memory import MOST_SURFACES
 from lagrange.algorithm.taylor.watching import MOST_ZEROS, PARTS, SETTINGS, SIDES, WATCH, scratch_sizes
 from lagrange.machine.backend import FloatArray, Kernel
-from lagrange.machine.step_events import Reaction
+from lagrange.machine.step_event_memory import Reaction
 from lagrange.program.series import SeriesProgram
 
 TAYLOR_EVENT_ROOM = 4096

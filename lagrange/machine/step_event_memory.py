@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
-from lagrange.algorithm.events.event_steps import EVENT_RUN, MOST_WAITING, SETTINGS
-from lagrange.algorithm.events.step_zeros import MOST_ZEROS, REVIEW
+from lagrange.algorithm.events.loop import EVENT_RUN, MOST_WAITING, SETTINGS
+from lagrange.algorithm.events.search import MOST_ZEROS, REVIEW
 from lagrange.machine.state import DriverState
 
 FloatArray = NDArray[np.float64]

@@ -25,7 +25,7 @@ from lagrange.algorithm.events.constants import (
     UNFIT,
 )
 from lagrange.algorithm.events.roots import roots as procedure
-from lagrange.algorithm.events.step_samples import DEGREE, nodes, to_chebyshev, to_powers
+from lagrange.algorithm.events.samples import DEGREE, nodes, to_chebyshev, to_powers
 from lagrange.machine.python_source import called
 from lagrange.trajectory.events.step_batch import Sample, StepBatch, certain
 from lagrange.trajectory.trajectory import FloatArray
@@ -253,25 +253,25 @@ def trace(
     before: Side,
     *,
     level: float = 0.0,
-    zero: bool = False,
+    starting: bool = False,
     last: bool = False,
     isolate: Isolate | None = None,
 ) -> StepZeros:
     """Return the zeros on a step of the event function with the given index, minus `level`, and its sides (signs).
 
     `sample` evaluates the event functions on the step. `noise` is the error of the function, and `before` its side
-    before the step. `zero` is True if the function starts at `level` with an undecided side. `last` is True if no
+    before the step. `starting` is True if the function starts at `level` with an undecided side. `last` is True if no
     step follows. `isolate` is the procedure that isolates the roots of a polynomial.
     """
     parts: list[tuple[LocalPolynomial, Side]] = []
     located: list[Root] = []
     leaving = (0, 0)
     for piece in local_polynomials(
-        lambda s: sample.events(s)[index] - level, sample.values[index] - level, noise, smooth=zero
+        lambda s: sample.events(s)[index] - level, sample.values[index] - level, noise, smooth=starting
     ):
         if not len(piece.coefficients):
             return StepZeros(tuple(parts), tuple(located), before, piece.start, leaving)
-        if zero and piece.start == 0:
+        if starting and piece.start == 0:
             piece = _divided(piece)
             leaving = _leaving(piece)
             if leaving[1] != 1:
@@ -282,7 +282,7 @@ def trace(
             parts.append((piece, before))
             final = last and piece.start + piece.width == 1.0
             zeros, before = roots(piece.coefficients, 1.0, before, noise=piece.noise, last=final, isolate=isolate)
-            begins = zero and piece.start == 0
+            begins = starting and piece.start == 0
             # A change of sign at a start far from zero is a jump.
             sizes = np.abs(piece.coefficients)
             starts_clear = not begins and bool(sizes[0] > JUMP * sizes.sum())

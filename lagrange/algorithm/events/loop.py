@@ -22,8 +22,8 @@ from lagrange.algorithm.events.constants import (
     RESTART_FACTOR,
     SHORTEST_RESTART,
 )
-from lagrange.algorithm.events.step_samples import Samples, edge_noise, samples_type
-from lagrange.algorithm.events.step_zeros import CHANGED, CROWDED, ENDED, IGNORED, UNKNOWN, ReviewedEvents, review
+from lagrange.algorithm.events.samples import Samples, edge_noise, samples_type
+from lagrange.algorithm.events.search import CHANGED, CROWDED, ENDED, IGNORED, UNKNOWN, ReviewedEvents, review
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.algorithm.step.memory import COUNTS, FUNCTION, RUN
@@ -381,7 +381,7 @@ def event_steps(loop: EventLoop) -> int:
 
 @inline
 def review_steps(loop: EventLoop) -> int:
-    """Search the waiting steps for events. Return why the search ended: a code of `step_zeros`.
+    """Search the waiting steps for events. Return why the search ended: a code of `search`.
 
     It is `ENDED` if all steps were searched, `CHANGED` if the motion changes on a step, `CROWDED` if there is
     no space for events, else IRREGULAR. `event_run.begin` is the number of the first step to search. It becomes

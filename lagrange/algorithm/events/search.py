@@ -22,7 +22,7 @@ from lagrange.algorithm.events.constants import (
     TOGETHER,
 )
 from lagrange.algorithm.events.roots import roots, sort_zeros
-from lagrange.algorithm.events.step_samples import (
+from lagrange.algorithm.events.samples import (
     COARSE,
     DEGREE,
     Lines,

@@ -1,0 +1,186 @@
+"""The driver of a run with events by a step program: it takes steps, has them searched, and goes back to events.
+
+Some steps are taken first and then reviewed, that is, searched for events. If an event on them resets the state or
+ends the run, the run is set back to it, and later steps are discarded. In long runs machine code handles all regular
+events. Other steps are reviewed on arrays, by `StepWatch`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from lagrange.algorithm.events.constants import FIRST_LOOK, LONGEST_LOOK
+from lagrange.algorithm.events.loop import GO_ON, LOOK, MOST_WAITING, READ_EVENTS, Waiting
+from lagrange.machine.backend import Driver
+from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.step_event_memory import EventSteps
+from lagrange.trajectory.events.step_watch import Cut, StepWatch
+from lagrange.trajectory.trajectory import FloatArray
+
+S = DriverState
+
+
+class EventDriver:
+    """Advances a run like the driver of its steps, but only up to an event that resets the state or ends the run."""
+
+    def __init__(self, driver: Driver, watch: StepWatch) -> None:
+        self._driver, self._watch = driver, watch
+        self._memory, self._run = watch.shared, watch.shared.run
+        self._run.ahead = FIRST_LOOK if watch.resets else LONGEST_LOOK
+        self._run.fixed = int(watch.fixed)
+        self._compiled: EventSteps | None = None
+        self._next_left, self._left_to_arrays, self._reviewed = 1, 0, 0
+        self._first = self._stale = True
+
+    def adopt(self, state: DriverState) -> None:
+        """Do nothing. Only a driver by Taylor series replaces the array `state.y` by its own."""
+
+    def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
+        """Advance a run by at most `budget` steps; write accepted times and states to `times` (k,), `rows` (k, 2n).
+
+        The outcome is WATCHED if the state is at an event that resets it or ends the run.
+        """
+        run = self._run
+        run.budget = run.left = budget
+        self._memory.keep(state)
+        try:
+            while True:
+                few = self._watch.ends or self._compiled is None
+                run.longest = LONGEST_LOOK if few else MOST_WAITING
+                compiled = self._compiled is not None and not self._left_to_arrays and self._watch.regular
+                outcome = (self._in_loop if compiled else self._on_arrays)(state, times, rows)
+                if outcome is not None:
+                    return outcome
+        except KeyboardInterrupt:
+            self._watch.collect()
+            self._forget(state)
+            raise
+        finally:
+            self._first = False
+
+    def _in_loop(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
+        """Advance the run by machine code. Return an outcome, or None after a step that must be searched on arrays.
+
+        Accepted times and states are written to `times` (k,) and `rows` (k, 2n); k is their capacity.
+        """
+        if self._compiled is None:
+            raise AssertionError("there is machine code")
+        if self._stale:
+            self._watch.write()
+        code = self._compiled(state, self._memory, times, rows)
+        self._watch.read()
+        self._stale = code in (LOOK, Outcome.WATCHED)
+        if code == READ_EVENTS:
+            return None
+        if code != LOOK:
+            return Outcome(code)
+        if self._memory.reviewed > self._reviewed:
+            self._next_left = 1
+        self._leave_to_arrays()
+        return None
+
+    def _leave_to_arrays(self) -> None:
+        """Choose the number of next steps to search on arrays, not by machine code: 1, then twice the last number."""
+        self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, LONGEST_LOOK)
+
+    def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
+        """Take steps if all earlier ones are searched, and search some steps for events on NumPy arrays.
+
+        Return an outcome, or None to continue. Accepted times and states are written to `times` (k,) and `rows` (k,
+        2n).
+        """
+        memory, run, waiting = self._memory, self._run, self._waiting(state, times, rows)
+        if not memory.waits:
+            if run.starts and self._is_compiled(state.t, state.count(S.STEPS)):
+                return None
+            code = waiting.take()
+            if code != GO_ON:
+                return Outcome(code)
+            if self._first and self._is_compiled(memory.times[run.count + 1], memory.taken + run.count):
+                return None
+        if self._compiled is not None and not self._left_to_arrays and memory.waits:
+            self._leave_to_arrays()
+        count = run.count - run.begin + 1
+        count = min(count, self._left_to_arrays) if self._compiled is not None else count
+        self._left_to_arrays = max(0, self._left_to_arrays - count)
+        return self._look(state, run.begin + count - 1, waiting)
+
+    def _is_compiled(self, t: float, steps: int) -> bool:
+        """Return True if this call compiled the loop over steps with events. It does so if that saves time.
+
+        This is decided only in the first call and at the start of a smooth piece of motion. The number of steps in
+        other calls depends on measured times, but the digits of events must not depend on measured times.
+        """
+        if self._compiled is None:
+            watch, driver = self._watch, self._driver
+            self._compiled = watch.memory.compiled(
+                watch.problem, driver, float(t), steps, watch.jumps, fixed=watch.fixed
+            )
+            return self._compiled is not None
+        return False
+
+    def _waiting(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Waiting:
+        """Return the steps not yet searched for events, the driver, and the arrays for accepted steps, as one object.
+
+        The procedures of the event loop take this object. The arrays are `times` (k,) and `rows` (k, 2n).
+        """
+        memory, size = self._memory, len(state.y)
+
+        def drive(*arguments: Any) -> Outcome:
+            try:
+                return self._driver.advance(state, arguments[4], memory.times[2:], memory.states[2:])
+            except KeyboardInterrupt:
+                state.counts[:], state.reals[:], state.y[:] = memory.kept_counts, memory.kept_reals, memory.states[1]
+                raise
+
+        steps = self._run, size, memory.times, memory.states.reshape(-1), drive, state.counts
+        numbers = state.floats, state.integers, memory.kept_reals, memory.kept_counts
+        arguments: Any = *steps, *numbers, state.y, np.arange(size), state.y, times, rows.reshape(-1)
+        return Waiting(*arguments)
+
+    def _forget(self, state: DriverState) -> None:
+        """Discard the steps not yet searched for events. The driver state is set back to the time before them."""
+        memory, run = self._memory, self._run
+        if memory.waits:
+            state.reals[:], state.counts[:], state.y[:] = memory.kept_reals, memory.kept_counts, memory.states[1]
+            run.count, run.begin, run.before = 0, 1, 0
+            state.fault = None
+
+    def _look(self, state: DriverState, last: int, waiting: Waiting) -> Outcome | None:
+        """Find the events on the steps up to number `last`, on arrays. Return an outcome, or None to continue.
+
+        When all steps are searched, they are accepted. If an event resets the state or ends the run, the run is set
+        back to this event. `waiting` has the steps.
+        """
+        memory, run = self._memory, self._run
+        if not memory.waits:
+            return None
+        shift = 1 - run.before
+        rows = slice(shift, run.count + 2)
+        path = memory.times[rows].copy(), memory.states[rows].copy()
+        cut = self._watch.review(*path, run.begin - shift, last + 1 - shift, memory.taken - 1 + shift)
+        if cut is not None:
+            self._set_back(state, cut, cut.steps - 1 + shift, waiting)
+            return Outcome.PAUSED if cut.late else Outcome.WATCHED
+        run.begin, run.starts = last + 1, 0
+        self._reviewed = self._memory.reviewed
+        if memory.waits:
+            return None
+        code = waiting.accept()
+        return None if code == GO_ON else Outcome(code)
+
+    def _set_back(self, state: DriverState, cut: Cut, steps: int, waiting: Waiting) -> None:
+        """Set the driver state back to the point `cut`, where the next smooth piece of motion begins.
+
+        `waiting` has the steps not yet accepted. Its first `steps` steps are kept, and later ones are discarded.
+        """
+        memory, run, count = self._memory, self._run, len(state.floors)
+        state.fault = None
+        run.changed = self._watch.changed
+        waiting.go_back(steps, cut.t, cut.y, cut.length)
+        sizes = np.abs(memory.states[2 : steps + 2, :count]).max(axis=0, initial=0.0)
+        np.maximum(memory.kept_reals[S.FLOORS :][:count], state.reals[S.SHARE] * sizes, out=state.floors)
+        run.starts, self._next_left, self._left_to_arrays = 1, 1, 0
+        self._watch.whole = cut.whole
