@@ -17,7 +17,6 @@ import lagrange.procedure
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.series.integrator import TaylorProcedures
 from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
-from lagrange.algorithm.series.looped import LoopedJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.taylor.memory import SMALLEST_RTOL
@@ -263,7 +262,7 @@ def test_a_fused_product_is_rounded_once(a: float, b: float, c: float, expected:
 # --- series ---------------------------------------------------------------------------------------------------
 # Series and whole Taylor integrators as procedures, against those of the machines: coefficients, steps, end states.
 
-FORMS = ("written out", "looped", "by order")
+FORMS = ("written out", "by order")
 HIGHEST = 9
 
 FITTED = 3
@@ -283,10 +282,8 @@ def view(values: Any) -> memoryview:
 def jet(program: SeriesProgram, form: str) -> tuple[Any, SeriesNumbers, Any]:
     """Return a series as a Python function, with the sizes of its numbers and its rows."""
     numbers = SeriesNumbers(program, program.constants.parameters)
-    made: LoopedJet | ByOrderJet | WrittenJet
-    if form == "looped":
-        made = LoopedJet(pack(program, 8, aligned=True), numbers)
-    elif form == "by order":
+    made: ByOrderJet | WrittenJet
+    if form == "by order":
         made = ByOrderJet(pack(program, 1), numbers)
     else:
         made = WrittenJet(pack(program, 1), numbers, HIGHEST)

@@ -21,8 +21,7 @@ from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.projection import CORRECTIONS, starts_on_constraints
 from lagrange.algorithm.series.cost import cheapest_order, single_operations
-from lagrange.algorithm.series.jets import WrittenJet
-from lagrange.algorithm.series.looped import LoopedJet
+from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.algorithm.step.constants import LEAST_FLOOR
@@ -51,6 +50,11 @@ MOST_WRITTEN_OUT = 5000
 """Largest number of operations of a series that is printed without a loop up to its highest order. A double pendulum
 has 2,700 (130 kB of C), which gcc compiles in 3 s; in a loop over orders it takes 1.2 times as long. With more
 operations the values do not fit into registers: the outer solar system would take 2.5 times as long.
+"""
+
+EXPORTED_TILE = 12
+"""Largest number of sums over lower orders that exported code computes together: their totals stay in the 16 registers
+of most processors. With 24 the series of pleiades takes 1.1 to 1.6 times as long.
 """
 
 ORDER_BITS, ORDER_GRID = 53, 1060
@@ -95,13 +99,8 @@ class TaylorProcedures:
 
     @cached_property
     def single(self) -> Packing:
-        """The series packed as single values, for code without loops and for lanes."""
+        """The series packed as single values."""
         return pack(self.program, 1)
-
-    @cached_property
-    def aligned(self) -> Packing:
-        """The series packed for a loop over orders: values that are read together are adjacent in memory."""
-        return pack(self.program, WIDEST_VECTOR, aligned=True)
 
     @cached_property
     def numbers(self) -> SeriesNumbers:
@@ -138,9 +137,9 @@ class TaylorProcedures:
     @cached_property
     def jet(self) -> tuple[Procedure, TaylorLayout]:
         """The procedure that computes the series, and the layout of its memory."""
-        jet: LoopedJet | WrittenJet
+        jet: ByOrderJet | WrittenJet
         if self.looped:
-            jet = LoopedJet(self.aligned, self.numbers)
+            jet = ByOrderJet(self.single, self.numbers, tile=EXPORTED_TILE)
         else:
             jet = WrittenJet(self.single, self.numbers, self.highest)
         return jet.build(), jet.layout

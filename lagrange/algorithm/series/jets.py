@@ -1,4 +1,4 @@
-"""Builders of the procedure that computes a series: without loops, or in a loop over orders for lanes of members.
+"""Builders of the procedure that computes a series: without loops, or in a loop over orders.
 
 A builder makes the procedure
 
@@ -8,10 +8,9 @@ It writes the Taylor coefficients of q and v at the state y, times scale**k, to 
 the order. `prepared` are the numbers that depend on parameters alone. Like values are adjacent, in chunks of a
 length known at compile time, so that a compiler turns each chunk into vectors.
 
-`WrittenJet` is for a small system: each coefficient is a value of the procedure. In the loop of `ByOrderJet` one vector
-holds a value of all members. Vectors of the present order are values of the procedure. Each vector that later orders
-read is stored in a row of memory. Straight-line code computes the values of the present order from the sums over lower
-orders.
+`WrittenJet` is for a small system: each coefficient is a value of the procedure. `ByOrderJet` loops over orders: it
+stores each vector that later orders read in a row of memory. Straight-line code computes the values of the present
+order from the sums over lower orders.
 """
 
 from __future__ import annotations
@@ -27,6 +26,7 @@ from lagrange.algorithm.kernel.body import SOURCE
 from lagrange.algorithm.series.numbers import ALONE, SeriesNumbers, Start
 from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.algorithm.series.rules import (
+    TILE,
     ChunkAt,
     OrderSums,
     Pair,
@@ -130,53 +130,6 @@ class JetBuilder:
     def matrices(self) -> Memory:
         """Return the memory for matrices, which follows the rows of Taylor coefficients."""
         return self.rows.at((self.order + 1) * self.layout.width)
-
-
-class LoopJet(JetBuilder):
-    """Base class of builders whose procedure loops over orders k. It computes 1 / k and scale / k."""
-
-    def __init__(
-        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = LARGEST_IN_LINE
-    ) -> None:
-        super().__init__(packing, numbers, layout, largest)
-        self.k: Whole = self.order
-        self.rank = self.time = self.high = self.low = self.scale
-        self.shares = self.scale, self.scale
-
-    @contextmanager
-    def each_order(self) -> Iterator[Whole]:
-        """Add a loop over the orders from 1 on; the body of the `with` statement adds the code of one order.
-
-        With a mass matrix that depends on the state there is an iteration 0 as well: order 1 is computed twice.
-        """
-        p, moving = self.p, any(stage.plan.moving for stage in self.packing.stages)
-        if moving:
-            p.note("Order 1 is computed twice, the second time from the velocities found first.")
-        with p.loop(0 if moving else 1, self.order + 1) as iteration:
-            self.set_order(p.larger(iteration, 1) if moving else iteration)
-            yield iteration
-
-    def set_order(self, k: Whole) -> None:
-        """Set k as the present order, and compute its reciprocal and scale / k, in two doubles each."""
-        p = self.p
-        self.k, self.rank = k, p.real(k)
-        self.high = 1.0 / self.rank
-        p.note("What 1 - k high leaves over is exact, and its share is the part of 1 / k that rounding lost.")
-        self.low = p.fma(-self.rank, self.high, 1.0) * self.high
-        self.shares = self.high * self.scale, self.low * self.scale
-        self.time = p.choose(k.equals(1), self.scale, 0.0)
-
-    def start(self) -> Term:
-        """Return the present Taylor coefficient of the time itself: the scale of time at order 1, else 0."""
-        return self.time
-
-    def share(self, x: Term) -> Term:
-        """Return scale * x / k: the order k of a value from the order k-1 of its derivative, x."""
-        return divided(self, x, *self.shares)
-
-    def part(self, x: Term) -> Term:
-        """Return x / k, where k is the present order of the series."""
-        return divided(self, x, self.high, self.low)
 
 
 def divided(jet: JetBuilder, x: Term, high: Term, low: Term) -> Term:
@@ -445,18 +398,25 @@ def by_order_scratch(packing: Packing) -> int:
     return sum(system_size(stage.plan, LARGEST_INVERSE) for stage in packing.program.stages)
 
 
-class ByOrderJet(LoopJet):
-    """Builder of the procedure that computes the Taylor coefficients of all lanes in a loop over orders.
+class ByOrderJet(JetBuilder):
+    """Builder of the procedure that computes the Taylor coefficients in a loop over orders k.
 
-    `x` has the coefficients of each chunk of values at the present order.
+    `x` has the coefficients of each chunk of values at the present order. `tile` is the largest number of sums
+    that are computed together.
     """
 
-    def __init__(self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout | None = None) -> None:
+    def __init__(
+        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout | None = None, tile: int = TILE
+    ) -> None:
         if layout is None:
             program, width = packing.program, Row(packing, packing.program.states).size
             ways = {"by_rows": True, "observes": len(program.watched) > 0}
             layout = TaylorLayout.of(program, width, scratch=by_order_scratch(packing), **ways)
         super().__init__(packing, numbers, layout, LARGEST_INVERSE)
+        self.k: Whole = self.order
+        self.rank = self.time = self.high = self.low = self.scale
+        self.shares = self.scale, self.scale
+        self.tile = tile
         self.places = Row(packing, self.layout.watched_at).places
         self.x: dict[Chunk, Term] = {}
         self.operands: dict[Operand, Term] = {}
@@ -477,7 +437,7 @@ class ByOrderJet(LoopJet):
                 # The entries are gathered to vectors before the loop over orders.
                 system.read(stage.rows)
         pairs = (pair for chunk in packing.computed for pair in chunk.sums)
-        sums = OrderSums(p, pairs, self.places, self.rows, self.layout.width)
+        sums = OrderSums(p, pairs, self.places, self.rows, self.layout.width, self.tile)
         self.write_first()
         guesses = [
             [p.variable(wide(p, None, len(chunk.values))) for chunk in stage.unknowns] if stage.plan.moving else None
@@ -494,11 +454,44 @@ class ByOrderJet(LoopJet):
         p.leave(self.singular)
         return p.finish(FLAG)
 
+    @contextmanager
+    def each_order(self) -> Iterator[Whole]:
+        """Add a loop over the orders from 1 on; the body of the `with` statement adds the code of one order.
+
+        With a mass matrix that depends on the state there is an iteration 0 as well: order 1 is computed twice.
+        """
+        p, moving = self.p, any(stage.plan.moving for stage in self.packing.stages)
+        if moving:
+            p.note("Order 1 is computed twice, the second time from the velocities found first.")
+        with p.loop(0 if moving else 1, self.order + 1) as iteration:
+            self.set_order(p.larger(iteration, 1) if moving else iteration)
+            yield iteration
+
     def set_order(self, k: Whole) -> None:
-        """Set k as the present order: compute 1 / k, and find the rows of this and the previous order."""
-        width = self.layout.width
+        """Set k as the present order: find its row and the previous one, and compute 1 / k and scale / k.
+
+        Both quotients are sums of two doubles.
+        """
+        p, width = self.p, self.layout.width
         self.row, self.previous = self.rows.at(k * width), self.rows.at((k - 1) * width)
-        super().set_order(k)
+        self.k, self.rank = k, p.real(k)
+        self.high = 1.0 / self.rank
+        p.note("What 1 - k high leaves over is exact, and its share is the part of 1 / k that rounding lost.")
+        self.low = p.fma(-self.rank, self.high, 1.0) * self.high
+        self.shares = self.high * self.scale, self.low * self.scale
+        self.time = p.choose(k.equals(1), self.scale, 0.0)
+
+    def start(self) -> Term:
+        """Return the present Taylor coefficient of the time itself: the scale of time at order 1, else 0."""
+        return self.time
+
+    def share(self, x: Term) -> Term:
+        """Return scale * x / k: the order k of a value from the order k-1 of its derivative, x."""
+        return divided(self, x, *self.shares)
+
+    def part(self, x: Term) -> Term:
+        """Return x / k, where k is the present order of the series."""
+        return divided(self, x, self.high, self.low)
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
         """Compute the Taylor coefficients of `chunks` at the present order, each by the rule of its chunk."""

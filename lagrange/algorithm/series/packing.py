@@ -6,84 +6,13 @@ values that a chunk reads. Unless it is another chunk, it is gathered from sever
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from lagrange.algorithm.blocks import whole_blocks
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.program.series import SUMS, SeriesProgram, SeriesRule, Stage
-
-Members = Sequence[int]
-
-MOST_VECTORS = 1.1
-"""A group is divided if that increases its number of vectors by at most this factor, because last lanes may be unused.
-"""
-
-
-class Alignment:
-    """Divides groups of like values into parts that are read together, unless that takes too many vectors.
-
-    `vectors` is a function from the number of values in a part to the number of vectors that hold them. The
-    values of a part are read by rules of the same part at the same argument, or are computed from values of the
-    same part. Example: for distances the squares of all x are one part, and the squares of all y the next, in
-    the same order. So sums read whole vectors.
-    """
-
-    def __init__(self, program: SeriesProgram, groups: Sequence[Members], vectors: Callable[[int], int]) -> None:
-        self.program, self.vectors = program, vectors
-        self.part: dict[int, tuple[int, ...]] = {}
-        """For each value the number of its group, then those of its parts."""
-        self.reader: dict[int, int] = {}
-        """For each value the first rule that reads it, for parts that are divided by their readers."""
-        for number, members in enumerate(groups):
-            self.part |= dict.fromkeys(members, (number,))
-        readers: dict[int, list[tuple[int, int]]] = {}
-        for i in self.part:
-            for argument, arg in enumerate(program.rules[i].args):
-                readers.setdefault(arg, []).append((i, argument))
-        for members in reversed(groups):
-            roles = {i: self.role(readers.get(i, [])) for i in members}
-            if self.divide(members, roles):
-                self.reader |= {i: min(readers[i])[0] for i in members if i in readers}
-        for members in groups:
-            if len(dict.fromkeys(self.part[i] for i in members)) == 1:
-                self.divide(members, {i: self.made_of(i) for i in members})
-
-    def role(self, readers: Sequence[tuple[int, int]]) -> Any:
-        """Return how rules read a value: sorted pairs (`part` of the computed value, argument number).
-
-        `readers` has a pair for each use of the value: (value that the rule computes, argument number).
-        """
-        return tuple(sorted(dict.fromkeys((self.part[i], argument) for i, argument in readers)))
-
-    def made_of(self, i: int) -> Any:
-        """Return the parts that contain the arguments of value number i, sorted."""
-        return tuple(sorted(self.part.get(arg, ()) for arg in self.program.rules[i].args))
-
-    def divide(self, members: Members, keys: Mapping[int, Any]) -> bool:
-        """Divide the group `members` into parts of values with equal `keys`; return True if it was divided.
-
-        It is not divided if all keys are equal, or if the parts take too many vectors.
-        """
-        parts: dict[Any, list[int]] = {}
-        for i in members:
-            parts.setdefault(keys[i], []).append(i)
-        apart, together = sum(self.vectors(len(part)) for part in parts.values()), self.vectors(len(members))
-        if len(parts) == 1 or apart > together * MOST_VECTORS:
-            return False
-        for number, part in enumerate(parts.values()):
-            for i in part:
-                self.part[i] = (*self.part[i], number)
-        return True
-
-    def parts(self, members: Members) -> list[list[int]]:
-        """Return the parts of the group `members`, as lists of values."""
-        parts: dict[tuple[int, ...], list[int]] = {}
-        for i in members:
-            parts.setdefault(self.part.get(i, ()), []).append(i)
-        return list(parts.values())
 
 
 @dataclass(frozen=True)
@@ -167,7 +96,7 @@ class Packing:
     """A series program packed into chunks: vectors of values with one rule, in the order of evaluation.
 
     Chunks `before` come before the linear systems, the `stages`. `rates` are the operands of dq/dt. Chunks have
-    up to `lanes` values. With one lane they have any length, and are computed value by value.
+    up to `lanes` values.
     """
 
     program: SeriesProgram
@@ -219,23 +148,14 @@ class Packing:
         return tuple(dict.fromkeys(operands))
 
 
-ALIGNED_BLOCK = 4
-"""Parts of an aligned chunk have a multiple of this many values, the width of vectors of most processors."""
-
 ZERO_LANE = -1
 """Entry of an operand in a lane that is zero."""
 
 
-def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packing:
-    """Return a series program packed into vectors of up to `lanes` values that are computed by one rule.
-
-    If `aligned`, values with one rule are one chunk of any length, for compilers that vectorize loops. Values
-    that are read together are adjacent, and a value may be in a chunk twice.
-    """
+def pack(program: SeriesProgram, lanes: int) -> Packing:
+    """Return a series program packed into vectors of up to `lanes` values that are computed by one rule."""
     packer = _Packer(program, lanes)
     groups = _groups(program, packer.level)
-    if aligned:
-        packer.alignment = Alignment(program, list(groups.values()), lambda count: -(-count // ALIGNED_BLOCK))
     coordinates = tuple(packer.chunks("coordinate", list(range(program.dimension))))
     unknowns = [packer.unknowns(stage) for stage in program.stages]
     made = {group: packer.chunks(group.op, members) for group, members in groups.items()}
@@ -256,7 +176,7 @@ def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packin
         for stage_number, (stage, chunks) in enumerate(zip(program.stages, unknowns, strict=True), 1)
     )
     rates = tuple(Operand(tuple(program.rates[value] for value in chunk.values)) for chunk in coordinates)
-    return Packing(program, 1 if aligned else lanes, coordinates, rates, part(0), stages)
+    return Packing(program, lanes, coordinates, rates, part(0), stages)
 
 
 def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_Group, list[int]]:
@@ -327,7 +247,6 @@ class _Packer:
         self.program, self.lanes = program, lanes
         self.level = levels(program)
         self.position: dict[int, int] = {}
-        self.alignment: Alignment | None = None
 
     def unknowns(self, stage: Stage) -> tuple[Chunk, ...]:
         """Return the chunks of the unknowns of a linear system. Velocities have separate chunks.
@@ -351,52 +270,19 @@ class _Packer:
 
     def chunks(self, op: str, members: list[int]) -> list[Chunk]:
         """Return the chunks into which the group `members` of values with the operation `op` is divided."""
-        if self.alignment is not None:
-            return [self.whole(op, self.alignment.parts(members))] if members else []
         rules = {i: self.canonical(self.program.rules[i]) for i in members}
-        members, chunks = self.in_order(members, rules), []
+        # Values whose operands have equal positions keep their order.
+        members, chunks = sorted(members, key=lambda i: [self.at(arg) for arg in rules[i].args[::-1]]), []
         for width in widths(len(members), self.lanes):
             chosen, members = members[:width], members[width:]
             padded = chosen + [chosen[-1]] * (width - len(chosen))
-            self.place(chosen)
-            chunks.append(self.chunk(op, padded, len(chosen), rules))
+            for value in chosen:
+                self.position[value] = len(self.position)
+            lanes = [rules[i] for i in padded]
+            args = tuple(Operand(args) for args in zip(*(rule.args for rule in lanes), strict=True))
+            coefficients = tuple(zip(*(rule.coefficients for rule in lanes), strict=True))
+            chunks.append(Chunk(op, tuple(padded), len(chosen), args, coefficients))
         return chunks
-
-    def in_order(self, members: Sequence[int], rules: Mapping[int, SeriesRule]) -> list[int]:
-        """Return the values `members` of one group, sorted by the positions of their operands.
-
-        Values with equal positions keep their order. `rules` has the rule of each value.
-        """
-        readers = {} if self.alignment is None else self.alignment.reader
-        key = {i: (readers.get(i, 0), [self.at(arg) for arg in rules[i].args[::-1]]) for i in members}
-        return sorted(members, key=key.__getitem__)
-
-    def place(self, members: Sequence[int]) -> None:
-        """Record positions for the values `members`, after those of all values packed so far."""
-        for value in members:
-            self.position[value] = len(self.position)
-
-    def whole(self, op: str, parts: Sequence[list[int]]) -> Chunk:
-        """Return one chunk with all `parts` of a group. Each part begins at a multiple of `ALIGNED_BLOCK`.
-
-        A part is a list of values; its last value is repeated up to that multiple. `op` is the operation of
-        their rule.
-        """
-        lanes: list[int] = []
-        rules = {i: self.canonical(self.program.rules[i]) for part in parts for i in part}
-        for part in parts:
-            ordered = self.in_order(part, rules)
-            self.place(ordered)
-            block = 1 if op in ("coordinate", "unknown") else min(ALIGNED_BLOCK, 1 << (len(ordered) - 1).bit_length())
-            size = whole_blocks(len(ordered), block)
-            lanes += ordered + [ordered[-1]] * (size - len(ordered))
-        return self.chunk(op, lanes, len(lanes), rules)
-
-    def chunk(self, op: str, padded: list[int], count: int, rules: dict[int, SeriesRule]) -> Chunk:
-        lanes = [rules[i] for i in padded]
-        args = tuple(Operand(args) for args in zip(*(rule.args for rule in lanes), strict=True))
-        coefficients = tuple(zip(*(rule.coefficients for rule in lanes), strict=True))
-        return Chunk(op, tuple(padded), count, args, coefficients)
 
     def canonical(self, rule: SeriesRule) -> SeriesRule:
         """Return a rule with its exchangeable arguments sorted by the order in which they are computed.

@@ -325,13 +325,19 @@ class OrderSums:
     """Builds the code for all sums of x[j] y[k-j] over 0 < j < k that rules read at an order k.
 
     The coefficients are in `rows`, one row for each order, `width` reals apart. `pairs` are the factors (x, y),
-    and `places` are the indices of the factors in a row.
+    and `places` are the indices of the factors in a row. `tile` is the largest number of sums in a tile.
     """
 
     def __init__(
-        self, p: Builder, pairs: Iterable[Pair], places: Mapping[Operand, int], rows: Memory, width: int
+        self,
+        p: Builder,
+        pairs: Iterable[Pair],
+        places: Mapping[Operand, int],
+        rows: Memory,
+        width: int,
+        tile: int = TILE,
     ) -> None:
-        self.p, self.places, self.rows, self.width = p, places, rows, width
+        self.p, self.places, self.rows, self.width, self.tile = p, places, rows, width, tile
         different = dict.fromkeys(pairs)
         uses = Counter(kept for pair in different for kept in pair)
         known = [(pair, sorted(pair, key=lambda kept: (uses[kept], -places[kept]))) for pair in different]
@@ -352,10 +358,10 @@ class OrderSums:
         p = self.p
         even = (k - k // 2 * 2).equals(0)
         with p.when(~even & (k > 2)):
-            for tile in self.tiles(TILE // 2):
+            for tile in self.tiles(self.tile // 2):
                 self.sum_two(tile, k)
         totals = self.totals.at(p.choose(even, p.whole(self.size), 0))
-        return {pair: total for tile in self.tiles(TILE) for pair, total in self.completed(tile, totals, k, even)}
+        return {pair: total for tile in self.tiles(self.tile) for pair, total in self.completed(tile, totals, k, even)}
 
     def tiles(self, size: int) -> Iterator[Sequence[OrderSum]]:
         """Yield the vectors of sums of x[j] y[k-j] in tiles: at most `size` vectors, computed together."""
