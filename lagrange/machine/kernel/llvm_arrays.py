@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from lagrange.machine.backend import FloatArray, QuickCalls
 from lagrange.machine.llvm.address import address, by_layout
+from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
 from lagrange.statement.expression import DOUBLE
 
@@ -48,180 +49,92 @@ FIELDS = (
 functions of Python's interface that it calls.
 """
 
+NUMBERS = ("size", "results")
+"""Fields of the record that are counts; the others are addresses."""
+
 METH_FASTCALL = 0x80
 
 
-def _field(name: str, kind: str = "ptr") -> str:
-    """Return the IR lines that load the field `name` of the structure to which `%record` points."""
-    return f"""  %at.{name} = getelementptr i64, ptr %record, i64 {FIELDS.index(name)}
-  %{name} = load {kind}, ptr %at.{name}"""
+def _at(e: Emitter, base: str, offset: int, kind: str = "ptr") -> str:
+    """Emit the load of the value at an offset in bytes from an address, and return its operand."""
+    return e.load(e.value(f"getelementptr i8, ptr {base}, i64 {offset}"), kind)
 
 
-_CHECKED = f"""
-define internal ptr @numbers(ptr %record, ptr %given, i64 %size) alwaysinline {{
-{_field("array")}
-{_field("doubles")}
-  %at.type = getelementptr i8, ptr %given, i64 {TYPE}
-  %type = load ptr, ptr %at.type
-  %plain = icmp eq ptr %type, %array
-  br i1 %plain, label %arrays, label %no
-arrays:
-  %at.entries = getelementptr i8, ptr %given, i64 {ENTRIES}
-  %entries = load ptr, ptr %at.entries
-  %double = icmp eq ptr %entries, %doubles
-  %at.count = getelementptr i8, ptr %given, i64 {DIMENSIONS}
-  %count = load i32, ptr %at.count
-  %row = icmp eq i32 %count, 1
-  %flat = and i1 %row, %double
-  br i1 %flat, label %one, label %no
-one:
-  %at.shape = getelementptr i8, ptr %given, i64 {SHAPE}
-  %shape = load ptr, ptr %at.shape
-  %length = load i64, ptr %shape
-  %fits = icmp eq i64 %length, %size
-  %at.strides = getelementptr i8, ptr %given, i64 {STRIDES}
-  %strides = load ptr, ptr %at.strides
-  %stride = load i64, ptr %strides
-  %dense = icmp eq i64 %stride, 8
-  %at.data = getelementptr i8, ptr %given, i64 {DATA}
-  %data = load ptr, ptr %at.data
-  %place = ptrtoint ptr %data to i64
-  %odd = and i64 %place, 7
-  %aligned = icmp eq i64 %odd, 0
-  %both = and i1 %fits, %dense
-  %all = and i1 %both, %aligned
-  %found = select i1 %all, ptr %data, ptr null
-  ret ptr %found
-no:
-  ret ptr null
-}}
+def _check(e: Emitter, condition: str, otherwise: str = "no") -> None:
+    """Emit a branch to the block `otherwise`, taken unless the instruction `condition` gives true."""
+    following = e.fresh("checked")
+    e.do(f"br i1 {e.value(condition)}, label %{following}, label %{otherwise}")
+    e.label(following)
 
-define internal double @time(ptr %record, ptr %given) alwaysinline {{
-{_field("float")}
-{_field("numpy_float")}
-  %at.type = getelementptr i8, ptr %given, i64 {TYPE}
-  %type = load ptr, ptr %at.type
-  %python = icmp eq ptr %type, %float
-  %numpy = icmp eq ptr %type, %numpy_float
-  %known = or i1 %python, %numpy
-  br i1 %known, label %read, label %no
-read:
-  %at.value = getelementptr i8, ptr %given, i64 {VALUE}
-  %value = load double, ptr %at.value
-  ret double %value
-no:
-  ret double 0x7FF8000000000000
-}}
 
-define internal ptr @refused(ptr %record) alwaysinline {{
-{_field("none")}
-{_field("retain")}
-  call void %retain(ptr %none)
-  ret ptr %none
-}}
+def _arguments(e: Emitter, fields: Mapping[str, str], parts: int) -> tuple[str, str]:
+    """Emit the checks of a time and of `parts` arrays, and return the operands of the time and of the state.
 
-define internal ptr @run(ptr %record, double %t, ptr %y) alwaysinline {{
-  %late = fsub double %t, %t
-  %now = fcmp oeq double %late, 0.0
-  br i1 %now, label %make, label %no
-make:
-{_field("kernel")}
-{_field("prepared")}
-{_field("results", "i64")}
-{_field("empty")}
-{_field("shape")}
-{_field("call")}
-{_field("release")}
-  %out = call ptr %call(ptr %empty, ptr %shape)
-  %made = icmp ne ptr %out, null
-  br i1 %made, label %go, label %raised
-raised:
-  ret ptr null
-go:
-  %at.data = getelementptr i8, ptr %out, i64 {DATA}
-  %data = load ptr, ptr %at.data
-  %status = call i32 %kernel(double %t, ptr %y, ptr %prepared, ptr %data)
-  %well = icmp eq i32 %status, 0
-  br i1 %well, label %turn, label %drop
-turn:
-  %i = phi i64 [ 0, %go ], [ %next, %turn ]
-  %total = phi double [ 0.0, %go ], [ %sum, %turn ]
-  %at = getelementptr double, ptr %data, i64 %i
-  %x = load double, ptr %at
-  %nothing = fmul double %x, 0.0
-  %sum = fadd double %total, %nothing
-  %next = add i64 %i, 1
-  %more = icmp ult i64 %next, %results
-  br i1 %more, label %turn, label %judge
-judge:
-  %finite = fcmp oeq double %sum, 0.0
-  br i1 %finite, label %good, label %drop
-good:
-  ret ptr %out
-drop:
-  call void %release(ptr %out)
-  br label %no
-no:
-  %nil = call ptr @refused(ptr %record)
-  ret ptr %nil
-}}
+    `fields` has the operand of each field of the record.
+    """
+    _check(e, f"icmp eq i64 %count, {1 + parts}")
+    length = e.value(f"udiv i64 {fields['size']}, {parts}")
+    arrays = []
+    for k in range(1, 1 + parts):
+        array = _at(e, "%given", 8 * k)
+        _check(e, f"icmp eq ptr {_at(e, array, TYPE)}, {fields['array']}")
+        _check(e, f"icmp eq ptr {_at(e, array, ENTRIES)}, {fields['doubles']}")
+        _check(e, f"icmp eq i32 {_at(e, array, DIMENSIONS, 'i32')}, 1")
+        _check(e, f"icmp eq i64 {_at(e, _at(e, array, SHAPE), 0, 'i64')}, {length}")
+        _check(e, f"icmp eq i64 {_at(e, _at(e, array, STRIDES), 0, 'i64')}, 8")
+        arrays.append(_at(e, array, DATA))
+        where = e.value(f"ptrtoint ptr {arrays[-1]} to i64")
+        _check(e, f"icmp eq i64 {e.value(f'and i64 {where}, 7')}, 0")
+    time = _at(e, "%given", 0)
+    kind = _at(e, time, TYPE)
+    python, numpy = (e.value(f"icmp eq ptr {kind}, {fields[field]}") for field in ("float", "numpy_float"))
+    _check(e, f"or i1 {python}, {numpy}")
+    t = _at(e, time, VALUE, "double")
+    _check(e, f"fcmp oeq double {e.value(f'fsub double {t}, {t}')}, 0.0")
+    state = arrays[0]
+    if parts > 1:
+        state = e.value(f"alloca double, i64 {fields['size']}, align 64")
+        for k, array in enumerate(arrays):
+            start = e.value(f"mul i64 {length}, {k}")
+            with e.loop(0, length) as i:
+                e.put(e.get(array, i), state, e.value(f"add i64 {start}, {i}"))
+    return t, state
 
-define ptr @whole(ptr %self, ptr %given, i64 %count) {{
-  %at.record = getelementptr i8, ptr %self, i64 {DATA}
-  %record = load ptr, ptr %at.record
-  %two = icmp eq i64 %count, 2
-  br i1 %two, label %look, label %no
-look:
-{_field("size", "i64")}
-  %t.object = load ptr, ptr %given
-  %at.y = getelementptr ptr, ptr %given, i64 1
-  %y.object = load ptr, ptr %at.y
-  %y = call ptr @numbers(ptr %record, ptr %y.object, i64 %size)
-  %good = icmp ne ptr %y, null
-  br i1 %good, label %go, label %no
-go:
-  %t = call double @time(ptr %record, ptr %t.object)
-  %found = call ptr @run(ptr %record, double %t, ptr %y)
-  ret ptr %found
-no:
-  %nil = call ptr @refused(ptr %record)
-  ret ptr %nil
-}}
 
-define ptr @parts(ptr %self, ptr %given, i64 %count) {{
-  %at.record = getelementptr i8, ptr %self, i64 {DATA}
-  %record = load ptr, ptr %at.record
-  %three = icmp eq i64 %count, 3
-  br i1 %three, label %look, label %no
-look:
-{_field("size", "i64")}
-  %half = lshr i64 %size, 1
-  %t.object = load ptr, ptr %given
-  %at.q = getelementptr ptr, ptr %given, i64 1
-  %q.object = load ptr, ptr %at.q
-  %at.v = getelementptr ptr, ptr %given, i64 2
-  %v.object = load ptr, ptr %at.v
-  %q = call ptr @numbers(ptr %record, ptr %q.object, i64 %half)
-  %v = call ptr @numbers(ptr %record, ptr %v.object, i64 %half)
-  %good.q = icmp ne ptr %q, null
-  %good.v = icmp ne ptr %v, null
-  %good = and i1 %good.q, %good.v
-  br i1 %good, label %go, label %no
-go:
-  %t = call double @time(ptr %record, ptr %t.object)
-  %y = alloca double, i64 %size, align 64
-  %bytes = shl i64 %half, 3
-  %rest = getelementptr double, ptr %y, i64 %half
-  call void @llvm.memcpy.p0.p0.i64(ptr %y, ptr %q, i64 %bytes, i1 false)
-  call void @llvm.memcpy.p0.p0.i64(ptr %rest, ptr %v, i64 %bytes, i1 false)
-  %found = call ptr @run(ptr %record, double %t, ptr %y)
-  ret ptr %found
-no:
-  %nil = call ptr @refused(ptr %record)
-  ret ptr %nil
-}}
+def _entry(name: str, parts: int) -> str:
+    """Return the IR of the function `name`, which takes a time and the state in `parts` arrays of equal length.
 
-define i32 @probe(double %t, ptr %y, ptr %p, ptr %out) {{
+    Its arguments are an object that holds the record, an array of Python's objects, and their number.
+    """
+    e = Emitter()
+    record = _at(e, "%self", DATA)
+    fields = {name: _at(e, record, 8 * k, "i64" if name in NUMBERS else "ptr") for k, name in enumerate(FIELDS)}
+    t, state = _arguments(e, fields, parts)
+    out = e.value(f"call ptr {fields['call']}(ptr {fields['empty']}, ptr {fields['shape']})")
+    _check(e, f"icmp ne ptr {out}, null", "raised")
+    data = _at(e, out, DATA)
+    arguments = f"double {t}, ptr {state}, ptr {fields['prepared']}, ptr {data}"
+    status = e.value(f"call i32 {fields['kernel']}({arguments})")
+    _check(e, f"icmp eq i32 {status}, 0", "drop")
+    # The sum of all results times zero is zero if all are finite.
+    with e.carry(0, fields["results"], [("double", "0.0")]) as loop:
+        product = e.value(f"fmul double {e.get(data, loop.index)}, 0.0")
+        loop.following = [e.value(f"fadd double {loop.values[0]}, {product}")]
+    _check(e, f"fcmp oeq double {loop.values[0]}, 0.0", "drop")
+    e.do(f"ret ptr {out}")
+    e.label("raised")
+    e.do("ret ptr null")
+    e.label("drop")
+    e.do(f"call void {fields['release']}(ptr {out})")
+    e.jump("no")
+    e.label("no")
+    e.do(f"call void {fields['retain']}(ptr {fields['none']})")
+    e.do(f"ret ptr {fields['none']}")
+    return e.function(f"define ptr @{name}(ptr %self, ptr %given, i64 %count)")
+
+
+_PROBE = """
+define i32 @probe(double %t, ptr %y, ptr %p, ptr %out) {
   store double %t, ptr %out
   %at = getelementptr double, ptr %out, i64 1
   %first = load double, ptr %y
@@ -230,10 +143,9 @@ define i32 @probe(double %t, ptr %y, ptr %p, ptr %out) {{
   %sum = fsub double %last, %first
   store double %sum, ptr %at
   ret i32 0
-}}
-
-declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
+}
 """
+"""Kernel for a trial call: it returns the time, and the last entry of a state of four less the first."""
 
 MOST_STATE = 4096
 """Largest number of inputs for which a call joins q and v on the stack."""
@@ -290,7 +202,7 @@ _new: Callable[..., Any] = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, 
 
 @lru_cache(maxsize=1)
 def _module() -> Module:
-    return Module(_CHECKED)
+    return Module(_entry("whole", 1) + _entry("parts", 2) + _PROBE)
 
 
 @lru_cache(maxsize=1)
