@@ -79,11 +79,7 @@ class StepDriver:
         """Do nothing. Only a driver by Taylor series replaces the array `state.y` by its own."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps of a run, and return why the loop over steps stopped.
-
-        The times and states of accepted steps are written to the arrays `times` (c,) and `rows` (c, 2n); c is their
-        capacity.
-        """
+        """Try up to `budget` steps of a run, and return why the loop over steps stopped."""
         self._work[self._entries] = state.y
         self._use(state)
         if state.integers[DriverState.RECORD]:
@@ -239,18 +235,11 @@ class SeriesDriver:
         state.taylor.low = 0.0
 
     def adopt(self, state: DriverState) -> None:
-        """Replace the array `state.y` by the driver's own array, so that steps do not copy the state.
-
-        The values in the old array are lost. The caller must set `state.y` before the next step.
-        """
+        """Replace the array `state.y` by the driver's own array, so that steps do not copy the state."""
         state.y = self._y
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Try up to `budget` steps of a run, and return why the loop over steps stopped.
-
-        The times and states of accepted steps are written to the arrays `times` (c,) and `rows` (c, 2n); c is their
-        capacity.
-        """
+        """Try up to `budget` steps of a run, and return why the loop over steps stopped."""
         if state is not self._state:
             self._state = state
             if self._memory is None and self._code.layout.watched:

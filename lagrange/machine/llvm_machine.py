@@ -147,10 +147,7 @@ class MembersCode:
         self._known: Mapping[str, Any] = {LANE: numbers, ACTIVE: np.ones_like(numbers), "lanes": self.lanes}
 
     def __call__(self, arguments: Mapping[str, Any]) -> None:
-        """Run members of an ensemble. `arguments` maps each parameter of the procedure to a number or array.
-
-        Results are written to these arrays.
-        """
+        """Run members of an ensemble. `arguments` are the procedure's, by name; results are written to them."""
         known = {**arguments, **self._known}
         values = [known[parameter.name] for parameter in self._parameters]
         self._call(*[value.ctypes.data if isinstance(value, np.ndarray) else value for value in values])
@@ -198,20 +195,12 @@ class LlvmMachine:
         return LlvmSeries(program)
 
     def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[CompiledProcedure, Layout]:
-        """Return the compiled loop over the steps of a method, and the layout of its vectors in memory.
-
-        `law` is the program of the right-hand side that steps evaluate. `projected` is true if steps are projected
-        onto constraints. The code is not optimized until it has taken many steps.
-        """
+        """Return the compiled loop over the steps of a method, and the layout of its vectors in memory."""
         dimension = LAWS[step.law].dimension(law.states)
         return compiled_loop(step, dimension, projected, by_value=bool(law.returned))
 
     def callback(self, kernel: LlvmKernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return the address of a kernel for calls from compiled code, and the array of numbers that it reads.
-
-        The numbers are the parameters and all values that depend on them alone. With `of_steps` it is the address of
-        the kernel that steps call: for a small state this kernel takes the state in registers.
-        """
+        """Return the address of a kernel for calls from compiled code, and the array of numbers that it reads."""
         return Callback(kernel.law_address if of_steps else kernel.address, kernel.prepare(parameters))
 
     def called(self, procedure: Procedure) -> CompiledProcedure:
@@ -230,11 +219,7 @@ class LlvmMachine:
     def dense(
         self, kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
     ) -> LlvmDense:
-        """Return the dense output of steps: the polynomial on each step, compiled at its first use.
-
-        `kind` says how a method's polynomial follows from the ends of a step. `kernel` is the right-hand side and
-        `jacobian` its derivative, None if the polynomial does not need it.
-        """
+        """Return the dense output of steps: the polynomial on each step, compiled at its first use."""
         polynomial = partial(of_steps, kind, kernel, parameters, jacobian)
         return LlvmDense(kernel.program.states, kind.degree, polynomial)
 
@@ -247,12 +232,7 @@ class LlvmMachine:
         dense: DensePath,
         screen: DensePath | None,
     ) -> LlvmEventSteps | None:
-        """Return the compiled loop that takes steps and finds events, or None if a constant mass matrix is singular.
-
-        `events` computes the event functions. `resets` computes the new values of the state after events, or is None
-        without resets. Zeros are located on the polynomials of `dense`. The cheaper polynomials of `screen`, if any,
-        show which steps have no zero.
-        """
+        """Return the compiled loop that takes steps and finds events, or None if a constant mass matrix is singular."""
         try:
             return LlvmEventSteps(driver, events, resets, parameters, dense, screen)
         except SingularMassMatrix:

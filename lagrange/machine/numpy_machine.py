@@ -35,19 +35,12 @@ class NumpyMachine:
         return NumpySeries(program)
 
     def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[PrintedProcedure, Layout]:
-        """Return the loop over the steps of a method as printed Python, and the layout of its vectors in memory.
-
-        `law` is the program of the right-hand side that steps evaluate. `projected` is true if steps are projected
-        onto constraints. A loop is printed once per process.
-        """
+        """Return the loop over the steps of a method as printed Python, and the layout of its vectors in memory."""
         layout = Layout(step, LAWS[step.law].dimension(law.states), block=1, projected=projected)
         return called(steps_of(layout)), layout
 
     def callback(self, kernel: Kernel, parameters: FloatArray, *, of_steps: bool = False) -> Callback:
-        """Return a kernel as a Python function for printed procedures, with the array of parameters that it reads.
-
-        `of_steps` has no effect here. On the other machine it selects a kernel for the steps of methods.
-        """
+        """Return a kernel as a Python function for printed procedures, with the parameters that it reads."""
         return Callback(between_arrays(kernel), parameters)
 
     def called(self, procedure: Procedure) -> PrintedProcedure:
@@ -65,11 +58,7 @@ class NumpyMachine:
     def dense(
         self, kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
     ) -> NumpyDense:
-        """Return the dense output of steps: the polynomial on each step, printed as Python on arrays.
-
-        `kind` says how a method's polynomial follows from the ends of a step. `kernel` is the right-hand side and
-        `jacobian` its derivative, None if the polynomial does not need it.
-        """
+        """Return the dense output of steps: the polynomial on each step, printed as Python on arrays."""
         n, write = kernel.program.states, partial(write_steps, kind, kernel, parameters, jacobian)
         return NumpyDense(n, kind.degree, kind.derivative, partial(kind.size, n), write)
 

@@ -292,10 +292,7 @@ class PrintedCall:
         self._arguments: dict[str, Any] = dict.fromkeys(code.names, EMPTY)
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments of the procedure by name. Names that the procedure does not have are ignored.
-
-        Arrays and records are not copied. None stands for an absent array or function.
-        """
+        """Set arguments of the procedure by name, as `BoundCall` says."""
         for name, value in arguments.items():
             if name in self._arguments:
                 flat = value.reshape(-1).data if isinstance(value, np.ndarray) else value

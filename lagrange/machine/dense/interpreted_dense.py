@@ -54,11 +54,7 @@ class NumpyDense:
         return BlockPolynomial(write, np.empty(0).data, WIDEST_VECTOR, self.size(WIDEST_VECTOR), self.both, ())
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the coefficients (degree + 1, 2n, k) of the polynomials on the k steps with the indices `steps`.
-
-        The run has accepted times `times` (S+1,) and states `states` (S+1, 2n). Each polynomial is in the fraction of
-        its step.
-        """
+        """Return the coefficients (degree + 1, 2n, k) of the polynomials on the k steps with the indices `steps`."""
         coefficients = np.empty((self.degree + 1, self.dimension, len(steps)))
         for low in range(0, len(steps), STEPS_PER_BLOCK):
             part = slice(low, low + STEPS_PER_BLOCK)
@@ -66,10 +62,7 @@ class NumpyDense:
         return coefficients
 
     def at(self, times: FloatArray, states: FloatArray, requested_times: FloatArray, out: FloatArray) -> None:
-        """Write the states at `requested_times` (K,), sorted in the direction of the run, to `out` (2n, K).
-
-        The run has accepted times `times` (S+1,) and states `states` (S+1, 2n).
-        """
+        """Write the states of a run at `requested_times` (K,) to `out` (2n, K)."""
         sign = 1.0 if times[-1] >= times[0] else -1.0
         step_of = np.searchsorted(sign * times, sign * requested_times, side="right") - 1
         step_of = np.clip(step_of, 0, len(times) - 2)

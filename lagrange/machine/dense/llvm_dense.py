@@ -74,11 +74,7 @@ class LlvmDense:
     polynomial: Callable[[], BlockPolynomial]
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the coefficients (degree + 1, 2n, k) of the polynomials on the k steps with the indices `steps`.
-
-        The run has accepted times `times` (S+1,) and states `states` (S+1, 2n). Each polynomial is in the fraction of
-        its step.
-        """
+        """Return the coefficients (degree + 1, 2n, k) of the polynomials on the k steps with the indices `steps`."""
         n, count = self.dimension, len(steps)
         if (written := self._written()) is None:
             return np.full((self.degree + 1, n, count), np.nan)
@@ -91,10 +87,7 @@ class LlvmDense:
         return np.moveaxis(c, 0, 2).reshape(self.degree + 1, n, -1)[:, :, :count]
 
     def at(self, times: FloatArray, states: FloatArray, requested_times: FloatArray, out: FloatArray) -> None:
-        """Write the states at `requested_times` (K,), sorted in the direction of the run, to `out` (2n, K).
-
-        The run has accepted times `times` (S+1,) and states `states` (S+1, 2n).
-        """
+        """Write the states of a run at `requested_times` (K,) to `out` (2n, K)."""
         if (written := self._written()) is None:
             out[:] = np.nan
             return

@@ -82,11 +82,7 @@ class InterpretedKernel:
         """Return None: this kernel has no quick calls (calls for one state that check their own arguments)."""
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the program's result for many states, one in each column: the shape ends with the axis (batch,).
-
-        `inputs` has an array (size, batch) for each input of the program, such as q and v. `t` is a number or
-        (batch,).
-        """
+        """Return the program's result for many states, one in each column."""
         return self._rows(t, [row for block in inputs for row in block], inputs[0].shape[1:], parameters)
 
     def _rows(

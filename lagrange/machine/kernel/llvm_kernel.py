@@ -379,11 +379,7 @@ class LlvmKernel(Shared):
         return known[1]
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the program's result for many states, one in each column: the shape ends with the axis (batch,).
-
-        `inputs` has an array (size, batch) for each input of the program, such as q and v. States are computed in
-        blocks of the width of a vector. The last block is filled up with copies of the last state.
-        """
+        """Return the results for many states, in blocks of vectors. The last block repeats the last state."""
         prepared = self.prepare(parameters)
         batch = inputs[0].shape[1]
         if batch == 0:

@@ -216,11 +216,7 @@ class PythonKernel:
         return _PrintedFunction(defined(self._lines.checked(arrays), self.program.name, names))
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result of the program for many states, one in each column: the shape ends with (batch,).
-
-        `inputs` has an array (size, batch) for each input of the program, such as q and v. Sines may be rounded
-        differently than for one state.
-        """
+        """Return the results for many states. Sines may be rounded differently than for one state."""
         return self._by_blocks(self._blocks(half_angles=tangents_are_fast()), t, inputs, parameters)
 
     def _by_blocks(

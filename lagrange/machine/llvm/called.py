@@ -86,10 +86,7 @@ class CompiledProcedure(Shared):
         return CompiledCall(self)
 
     def __call__(self, *args: Any) -> Any:
-        """Run the procedure; return None, a value or a tuple of values, as the procedure printed in Python does.
-
-        Arguments are in the order of the parameters. Arrays must be contiguous and of the parameter's type.
-        """
+        """Run the procedure. Arrays must be contiguous and of the parameter's type."""
         call = self.bound()
         call.give(**dict(zip(self.places, args, strict=True)))
         return call()
@@ -108,10 +105,7 @@ class CompiledCall:
         self._quick = isinstance(code.module, TieredModule) and not code.module.is_final
 
     def give(self, **arguments: Any) -> None:
-        """Set arguments of the procedure by name. Names that the procedure does not have are ignored.
-
-        Arrays and records are not copied. None stands for an absent array or function.
-        """
+        """Set arguments of the procedure by name, as `BoundCall` says."""
         indices, reals, references, words = self.code.places, self.code.reals, self._kept, self._wholes
         for name, value in arguments.items():
             if name in reals:

@@ -298,11 +298,7 @@ class NumpySeries(Shared):
         return _between_arrays(self)
 
     def joined(self, parameters: FloatArray, values: Kernel | None) -> tuple[FloatArray, Sequence[int]]:
-        """Return one array of all numbers that a run reads, and the length of each of its parts.
-
-        The parts are the parameters for the series, constants (none on this machine), and the parameters for the
-        kernel `values` of the event functions.
-        """
+        """Return the parameters twice, for the series and for the event functions, and the lengths of three parts."""
         return np.concatenate([parameters, parameters]), (len(parameters), 0, len(parameters))
 
     def count(self, steps: int) -> bool:

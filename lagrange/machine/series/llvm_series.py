@@ -65,10 +65,7 @@ class LlvmSeries(Shared):
         return LlvmSeries, (self.program,)
 
     def form(self, order: int) -> str:
-        """Return the words by which the printed summary of a run says how the series of an order is computed.
-
-        They are "written out" for unrolled code, else "in loops".
-        """
+        """Return "written out" for code without loops, else "in loops"."""
         return "in loops" if self._is_large(order) else "written out"
 
     def order(self, tolerance: float) -> int:
@@ -93,11 +90,7 @@ class LlvmSeries(Shared):
         return LlvmDense(self.program.states, order, partial(_polynomial, self, order, parameters))
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the Taylor coefficients of the motion at a state y (2n,), with order k in row k, times scale**k.
-
-        The columns are the state (2n), then the event functions and switching surfaces. `parameters` end with the
-        signs of the switching surfaces' functions.
-        """
+        """Return the scaled Taylor coefficients of the motion at a state y (2n,), with order k in row k."""
         return self.code(order).rows(order, t, y, scale, parameters)
 
 
@@ -203,11 +196,7 @@ class CompiledJet:
         return numbers
 
     def joined(self, parameters: FloatArray, values: Any) -> tuple[FloatArray, list[int]]:
-        """Return one array of all numbers that a run reads, and the length of each of its parts.
-
-        The parts are the two arrays of `numbers`, and the numbers that the kernel `values` reads. `values` evaluates
-        the event functions; without it, the third part is missing. The last array is cached.
-        """
+        """Return one array of all numbers that a run reads, and the lengths of its parts. It is cached."""
         key, known = (parameters.tobytes(), values), self._joined
         if known is None or known[0] != key:
             parts = [*self.numbers(parameters), *([] if values is None else [values.prepare(parameters)])]
@@ -215,10 +204,7 @@ class CompiledJet:
         return known[1]
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the Taylor coefficients of the motion at a state (2n,), with order k in row k, times scale**k.
-
-        The columns are the state (2n), then the event functions and switching surfaces. Raises SingularMassMatrix.
-        """
+        """Return the scaled Taylor coefficients at a state (2n,), with order k in row k. Raises SingularMassMatrix."""
         layout, numbers = self.layout, self.numbers(parameters)
         work = np.zeros(layout.size(order))
         state = np.zeros(2 * layout.padded)
