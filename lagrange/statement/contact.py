@@ -149,8 +149,9 @@ def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str,
 
 def _check_number(value: Any, low: Any, high: Any, what: str, bounds: str) -> None:
     """Raise StatementError for a number that is not from `low` to `high`; the message says `bounds`."""
-    if value.is_number and not bool(low <= value) & bool(value <= high):
-        given = formula(value, 40) if value.is_Rational else f"{float(value):.10g}"
+    is_real = value.is_real is not False  # infinity is not real
+    if value.is_number and not (is_real and bool(low <= value) and bool(value <= high)):
+        given = formula(value, 40) if value.is_Rational or not is_real else f"{float(value):.10g}"
         raise StatementError(f"{what} is {given}: give a number {bounds}.")
 
 
