@@ -261,5 +261,5 @@ def test_what_is_printed_reads_back_as_the_same_numbers(name: str, notation: Any
             plain = typed(writer.setter, text) if notation is MathmlNotation else text
             (equation,) = reader.equations(f"{plain} - 1 = 0")
             expected = side.xreplace(system.statement.plain).xreplace(point)
-            result = equation.readings[0].zero.xreplace(point) + 1
+            result = equation.zero.xreplace(point) + 1
             assert abs(sympy.N(result - expected, 25)) <= 1e-12 * max(1, abs(sympy.N(expected, 25))), (text, side)

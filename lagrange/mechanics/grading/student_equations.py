@@ -25,7 +25,7 @@ from lagrange.statement.scene.guard import LARGEST_EXPONENT
 from lagrange.statement.statement import Statement
 from lagrange.statement.typed.lines import parts_of_document
 from lagrange.statement.typed.names import RATES, canonical
-from lagrange.statement.typed.reader import Reading, TypedEquation, TypedReader
+from lagrange.statement.typed.reader import Reading, TypedReader
 from lagrange.statement.vocabulary.letters import WORD
 
 MULTIPLIER = "lambda_"  # Prefix that turns the name of a constraint into the name of its multiplier
@@ -47,16 +47,14 @@ class StudentEquation(Reading):
     """An equation of motion as it was understood, in the plain symbols of `Statement.plain`.
 
     `label` names it in messages. `index` is that of the equation in the answer; a chain a = b = c is one equation in
-    the answer and several here. `letters` maps multipliers to the letters that were typed for them. `others` are
-    further interpretations of an ambiguous text. `note` is a sentence on why an equation counts as right, such as for
-    rounded decimals, or "". `aside` is true for a remark, such as on an equilibrium, which need not hold.
+    the answer and several here. `letters` maps multipliers to the letters that were typed for them. `note` is a
+    sentence on why an equation counts as right, such as for rounded decimals, or "".
     """
 
     label: str = ""
     letters: Mapping[Any, Any] = field(default_factory=dict)
     others: tuple[StudentEquation, ...] = ()
     note: str = ""
-    aside: bool = False
     index: int = 0
 
     def with_numbers(self, numbers: Mapping[Any, Any]) -> StudentEquation:
@@ -212,11 +210,11 @@ class _EquationReader:
         """Return the equations of a text. Raises StatementError if there are none, or if the text cannot be read."""
         reader, letters = self.reader(answer)
         kinetic = self.statement.kinetic.xreplace(self.plain)
-        equations = list[TypedEquation]()
-        for typed in reader.equations(answer):
-            first = typed.readings[0]
-            force = first.read.startswith(MULTIPLIER)  # T may be the kinetic energy
-            equations += [] if force and sympy.expand(first.right - kinetic) == 0 else [typed]
+        equations = [
+            typed
+            for typed in reader.equations(answer)  # without T = ..., where T may be the kinetic energy
+            if not (typed.read.startswith(MULTIPLIER) and sympy.expand(typed.right - kinetic) == 0)
+        ]
         if not equations:
             raise StatementError(f"there is no equation: write one equation per line, {reader.example()}")
         indices = list(accumulate((not typed.link for typed in equations), initial=-1))[1:]
@@ -298,19 +296,17 @@ class _EquationReader:
         return stated.xreplace(self.prescribed).xreplace(self.plain | table)
 
 
-def _equation(label: str, typed: TypedEquation, letters: Mapping[Any, Any], index: int) -> StudentEquation:
-    """Return the first reading of a typed equation; its `others` are the further readings.
+def _equation(label: str, typed: Reading, letters: Mapping[Any, Any], index: int) -> StudentEquation:
+    """Return a typed equation, with its further readings, as an equation of a student.
 
     `label` names the equation in messages, and `index` is its position in the answer. `letters` maps multipliers to the
     letters that were typed for them.
     """
     if typed.link:
         label = f"the {ORDINALS[min(typed.link, len(ORDINALS) - 1)]} equality of {label}"
-    first, *others = (
-        StudentEquation(**vars(reading), label=label, letters=letters, aside=typed.aside, index=index)
-        for reading in typed.readings
-    )
-    return replace(first, others=tuple(others))
+    stated = {"label": label, "letters": letters, "index": index, "aside": typed.aside}
+    others = tuple(StudentEquation(**vars(reading) | stated) for reading in typed.others)
+    return StudentEquation(**vars(typed) | stated | {"others": others})
 
 
 @lru_cache(maxsize=16)

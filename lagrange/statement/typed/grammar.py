@@ -31,12 +31,14 @@ _DIFFERENTIAL = re.compile(r"d[A-Z]\w*")  # The differential of a function, as i
 class TypedFault(Exception):
     """A fault in a typed text: its `reason`, a sentence without the final period, and its `offset` in the text.
 
-    `read` is the equation before the fault in the strict notation, or "".
+    `read` is the equation before the fault in the strict notation, or "". `others` are the further faults of the
+    equation.
     """
 
-    def __init__(self, reason: str, offset: int, read: str = "") -> None:
+    def __init__(self, reason: str, offset: int) -> None:
         super().__init__(reason)
-        self.reason, self.offset, self.read = reason, offset, read
+        self.reason, self.offset, self.read = reason, offset, ""
+        self.others = list[TypedFault]()
 
 
 class UnknownWord(TypedFault):

@@ -8,67 +8,39 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 
 from lagrange.errors import StatementError
-from lagrange.statement.typed.latex import FRAME, FRAMED, LINE_BREAK, MATRIX, MATRIX_END, OPERATOR, PROSE, with_marks
+from lagrange.statement.typed.respelling import MATRIX, MATRIX_END, blanks, respelled
+from lagrange.statement.typed.tokens import OPERATOR
 
-_COMMENT = re.compile(r"(?<!\\)[#%][^\n]*|\|\s*:[^\n]*|^\s*```[^\n]*|^\s*\*\*[^*=\n]+\*\*:?\s*$", re.MULTILINE)
-# A row of a Markdown table: a label and an equation
-_TABLE_ROW = re.compile(r"^([ \t]*)\|([^|=\n]*:[ \t]*)\|([^|\n]*)\|([ \t]*)$", re.MULTILINE)
-_CODE = re.compile(r"(?<![\w)\]}'`])`([^`\n]+)`(?!`)")
+# Marks around formulas: environments, labels, dollar signs, and an empty group before a sign
+_FRAME = re.compile(
+    r"\\(?:begin|end)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\(?:label|tag|[hv]space|[hv]?phantom|color)\*?\{[^{}\n]*\}"
+    r"|\\[\[\]()]|\\item\b|\$+"
+    r"|(?<=[\s&])\{\s*\}|\\left\s*\\\{(?=\s*\\begin)|\\right\s*\.|\\(?:left|right)(?![A-Za-z])"
+)
+# The begin of a frame around an equation, up to its bracket
+_FRAMED = re.compile(r"\\(?:boxed|fbox|underline|textcolor\{[^{}\n]*\})[ \t]*\{|(?<![A-Za-z0-9_])Eq\(")
 _LABEL = re.compile(
     r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*(?:[ivx]{1,4}|[a-h])\s*\)(?=\s)|[0-9]{1,2}\.?\s*\)|[0-9]{1,2}\.(?=\s)"
     r"|(?:i{1,3}|i?v|vi{1,3}|[a-h])\)(?=\s)|•(?=\s))"
 )
 _BULLET = re.compile(r"\s*[-*](?=\s+[-(A-Za-z\\])")
 _COORDINATE = re.compile(r"\s*\(\s*([^\W\d_]\w*)\s*\)(?=\s+[^\s=+*/^-])")
-_HEADING = re.compile(r"[^=\n]*:(?!=)")
+_HEADING = re.compile(r"[^=\n]*:")
 _TRAILING_LABEL = re.compile(
     r"(?:(?<=\s)\(\s?(?:[0-9]{1,2}[a-z]?|i{1,3}|iv|\*{1,3})\s?\)|\.{2,}\s*\(?[0-9a-zA-Z*]{1,4}\))$"
 )
 _END = " \t\r\f\v\u00a0;,.!?✓✔☑∎□■"
 _GOES_ON = re.compile(rf"(?:[-+*/=({{\[,\u2212·⋅×]|{OPERATOR})[&\s]*$")
 _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:right|quad|qquad)\b)")
-_CHAINED = re.compile(r"[\s&]*={1,2}(?![=>])")  # a = b and on the next line = c
+_CHAINED = re.compile(r"[\s&]*={1,2}(?!=)")  # a = b and on the next line = c
 _MATRIX = re.compile(r"\\begin\{[pbBvV]?(?:small)?matrix\}|\bMatrix\(")
-_ABOVE_TIME = r"(?:(?!\\partial)[^=+\n]){0,24}\}\s*\{\s*\\partial\s*t(?![A-Za-z])"  # The rest of a quotient by dt
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
 # The space \, is within an equation; the space \; divides two equations if no other mark does
 _SEPARATOR = re.compile(
     r"(?<!\\)[;&\v]|\.(?=\s)|(?<![0-9\\]),|(?<!\\),(?![0-9])|\band\b|\bund\b|\\q?quad\b"
     r"|\\;(?=(?:(?!\\q?quad)[^=,;])*=)"
-)
-# Patterns and their replacements, by which spellings become those that the reader knows, in this order
-_REWRITTEN = (
-    (PROSE, r" \1"),
-    (re.compile(r"^([ \t>-]*(?:[^=*\n]*:[ \t]*)?)\*\*(?=\S)([^\n]*[^\s*])\*\*(?=[ \t.,;]*$)", re.MULTILINE), r"\1  \2"),
-    (re.compile(r"^[ \t]*>+(?=[ \t])", re.MULTILINE), ""),  # a quoted mail
-    (re.compile(r"\b(?:np|numpy|math|sp|sympy)\.(?=[a-z])"), ""),
-    (re.compile(r"([ \t\u00a0]+)([\u0307\u0308]+)"), r"\2\1"),  # dots after a blank, as Word exports them
-    (re.compile(r"\(\s*d\s*/\s*d\s*t\s*\)\s*(?:²|(?:\^|\*\*)\s*2)"), "d²/dt²"),
-    (re.compile(r"∂(?=\s*t(?![A-Za-z])|[^∂=+\n]{0,12}/\s*\(?\s*∂\s*t(?![A-Za-z]))"), "d"),
-    (re.compile(rf"\\partial(?=\s*t(?![A-Za-z])|{_ABOVE_TIME})"), "d"),
-    (
-        re.compile(
-            r"\b(?:is|ist)\s+(?:a\s+)?(?:constant|conserved|const\b\.?|konstant|erhalten)|\((?:constant|conserved)\)"
-        ),
-        "= const",
-    ),
-    (re.compile(r"\b(?:is\s+equal\s+to|equals|ist\s+gleich)\b"), "="),
-    (
-        re.compile(r"\b((?:where|with|here|wobei)\s+[^\W\d]\w*(?:\^2)?\s+)(?:is|ist)\s+(?=[\\(√]|sqrt|\w+\s*[/*^])"),
-        r"\1= ",
-    ),
-    (re.compile(r"(=[^\n]*\s)(?:where|with|wobei|mit)(?=[\s:]*$)", re.MULTILINE), r"\1"),
-    (re.compile(r"^([^|\n]*=[^|\n]*\s)\|(?=\s[^|\n]*=[^|\n]*$)", re.MULTILINE), r"\1;"),
-    (
-        re.compile(r":=|=:|≔|≡|\\(?:equiv|coloneqq)(?![A-Za-z])|\\(?:stackrel|overset)\s*\{[^{}\n]*\}\s*\{\s*=\s*\}"),
-        "=",
-    ),
-    (re.compile(r"[,;.]?[ \t]*\\q?quad[ \t]*$", re.MULTILINE), ""),
-    (re.compile(r"\b(?:i\.\s?e|d\.\s?h|viz)\.,?"), ";"),
-    (re.compile(r"(=[^,;=\n]*[0-9]),(?=[0-9][^,;=\n]*=)"), r"\1;"),  # x'' = 1,2 y'' = 3 has no decimal comma
 )
 OPEN, CLOSE = f"([{{{MATRIX}", f")]}}{MATRIX_END}"
 
@@ -84,20 +56,15 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     environment, after a label, and if its indentation is that of an equation whose further lines are indented more.
     Raises StatementError for a matrix that is not read.
     """
-    text = _TABLE_ROW.sub(r"\1 \2 \3 \4", text)
-    blanked = with_marks(_CODE.sub(r" \1 ", _blank(_COMMENT, text)))
-    if _MATRIX.search(blanked):
+    framed = _unframed(respelled(text))
+    if _MATRIX.search(framed):
         raise StatementError(r"an answer has a matrix that is not read: write \begin{pmatrix}, or one equation a line.")
-    blanked = _unframed(LINE_BREAK.sub(lambda match: "\n" + _spaces(match.group()[1:]), blanked))
-    for pattern, template in _REWRITTEN:
-        blanked = pattern.sub(partial(_rewritten, template=template), blanked)
-    framed = blanked.split("\n")
-    blanked = _blank(FRAME, blanked)
     spans: list[tuple[int, int]] = []
     offset = 0
     lines: list[str] = []
-    unlabelled = _without_labels(blanked.split("\n"), is_coordinate)
-    for line, frame in zip(unlabelled, framed, strict=True):
+    plain = _FRAME.sub(lambda match: blanks(match.group()), framed)
+    unlabelled = _without_labels(plain.split("\n"), is_coordinate)
+    for line, frame in zip(unlabelled, framed.split("\n"), strict=True):
         before = "" if not spans else "\n".join(lines)[spans[-1][0] : spans[-1][1]]
         lines.append(line if depth_of(before) > 0 else _without_label(line))
         begin, end = offset, offset + len(line)
@@ -112,17 +79,12 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     return "\n".join(lines), spans
 
 
-def _rewritten(match: re.Match[str], template: str) -> str:
-    """Return a match replaced by `template`, which may contain its groups, with blanks up to the same length."""
-    return match.expand(template).ljust(len(match.group()))
-
-
 def _unframed(text: str) -> str:
     r"""Return a text with blanks for \boxed{...} around an equation and for brackets around all equations.
 
     Eq(a, b) becomes a = b. In a list of expressions that are zero, [a, b], a vertical tab replaces each comma.
     """
-    frames = {match.end() - 1: match.start() for match in FRAMED.finditer(text)}
+    frames = {match.end() - 1: match.start() for match in _FRAMED.finditer(text)}
     first, last = len(text) - len(text.lstrip()), len(text.rstrip()) - 1
     frames |= {first: first} if text[first : first + 1] in ("{", "[") else {}
     marks, opened, commas = list(text), list[int](), list[int]()
@@ -138,7 +100,7 @@ def _unframed(text: str) -> str:
             start = frames.get(begin, i)
             listed = start == first and i == last
             if start < begin or (listed and (commas or "=" in marks)):
-                marks[start : begin + 1], marks[i] = _spaces(text[start : begin + 1]), " "
+                marks[start : begin + 1], marks[i] = blanks(text[start : begin + 1]), " "
             for comma in commas if listed and "=" not in marks else ():
                 marks[comma] = "\v"
     return "".join(marks)
@@ -153,7 +115,7 @@ def _without_labels(lines: Sequence[str], is_coordinate: Callable[[str], bool]) 
     stated = [line for line in lines if line.strip() and not line.rstrip().endswith(":")]
     certain = len(stated) > 1 or (stated and stated[0].lstrip().startswith("*"))
     listed = certain and all(_BULLET.match(line) and _EQUALITY.search(line) for line in stated)
-    lines = [_BULLET.sub(lambda match: _spaces(match.group()), line, count=1) if listed else line for line in lines]
+    lines = [_BULLET.sub(lambda match: blanks(match.group()), line, count=1) if listed else line for line in lines]
     matches = ((line, _COORDINATE.match(line)) for line in lines)
     labels = [(line, label if label and is_coordinate(label.group(1)) else None) for line, label in matches]
     several = len({label.group(1) for _, label in labels if label}) > 1
@@ -202,16 +164,6 @@ def separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
     return [*spans, (start, end)]
 
 
-def _blank(pattern: re.Pattern[str], text: str) -> str:
-    """Return a text with blanks for the matches of a pattern."""
-    return pattern.sub(lambda match: _spaces(match.group()), text)
-
-
-def _spaces(text: str) -> str:
-    """Return blanks of the same length as a text, with its line breaks kept."""
-    return re.sub(r"[^\n]", " ", text)
-
-
 _BODY = re.compile(r"\\begin\{document\}(.*?)\\end\{document\}", re.DOTALL)
 _MARK = r"[ \t]*(?:\\(?:sub)*section\*?\{|#+|\*\*)"
 # A heading on a line of its own, and the text up to the next one: after a blank line, not indented, without = or $
@@ -239,7 +191,7 @@ def parts_of_document(text: str) -> Iterator[str]:
         spans = [formula.span() for formula in _FORMULA.finditer(text, begin, end) if "=" in formula.group()]
         if not (spans or match is section):
             continue
-        kept, offset, blank = list[str](), 0, _spaces(text)
+        kept, offset, blank = list[str](), 0, blanks(text)
         for first, last in spans or [(begin, end)]:
             kept += [re.sub("^ ", ";", blank[offset:first]), text[first:last]]
             offset = last

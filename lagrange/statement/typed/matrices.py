@@ -12,8 +12,8 @@ from dataclasses import replace
 from itertools import groupby, pairwise, takewhile
 
 from lagrange.statement.typed.grammar import TypedFault
-from lagrange.statement.typed.latex import CELL, MATRIX, MATRIX_END, ROW
 from lagrange.statement.typed.names import Names
+from lagrange.statement.typed.respelling import CELL, MATRIX, MATRIX_END, ROW
 from lagrange.statement.typed.tokens import Token, bracketed, closing
 
 MOST_TOKENS = 4_000  # Most tokens of a product of matrices, which repeats their entries

@@ -23,11 +23,11 @@ from lagrange.errors import SceneError, StatementError, listing
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.expressions import read_expression
 from lagrange.statement.typed.grammar import Choices, Formula, TypedFault, UnknownWord, faults_of, parsed
-from lagrange.statement.typed.latex import MATRIX
 from lagrange.statement.typed.lines import equation_spans
 from lagrange.statement.typed.matrices import rows_of, without_bars
 from lagrange.statement.typed.names import RATES, Names, canonical
 from lagrange.statement.typed.remarks import Clause, Definition, Uses, is_constant
+from lagrange.statement.typed.respelling import MATRIX
 from lagrange.statement.typed.tokens import Token, bracketed, tokens_of, with_derivatives
 from lagrange.statement.vocabulary.letters import GREEK, WORD
 
@@ -77,6 +77,10 @@ class Reading:
     expressions whose time derivative was typed, as in d/dt(m x'), or as dp/dt with p = m x'. `terms` are the other
     terms of each side as typed, before SymPy adds like terms; () if nothing was differentiated or added. `meanings`
     maps the symbols that the answer defines to their values; all other symbols are those of the system.
+
+    `others` are the less likely readings of the same equation. `aside` is true for a remark such as "in equilibrium x =
+    m g/k", which need not hold for every motion. In a chain a = b = c, which is several equations, `link` is the index
+    of the equation, from 0.
     """
 
     zero: Any
@@ -85,18 +89,7 @@ class Reading:
     differentiated: tuple[Any, ...] = ()
     terms: tuple[tuple[Any, ...], ...] = ()
     meanings: Mapping[Any, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class TypedEquation:
-    """An equation with all its readings, the likeliest first, and the line on which it begins (from 1).
-
-    `aside` is true for a remark such as "in equilibrium x = m g/k", which need not hold for every motion. In a chain a
-    = b = c, which is several equations, `link` is the index of the equation, from 0.
-    """
-
-    readings: tuple[Reading, ...]
-    line: int
+    others: tuple[Reading, ...] = ()
     aside: bool = False
     link: int = 0
 
@@ -152,18 +145,18 @@ class TypedReader:
             raise StatementError(f"the text has {len(clauses)} equations, and {MOST_EQUATIONS} are the most.")
         return self._with_definitions(clauses)
 
-    def equations(self, text: str, what: str = "") -> list[TypedEquation]:
-        """Return the equations of a text; none if it has only comments. Raises StatementError with all faults.
+    def equations(self, text: str, what: str = "") -> list[Reading]:
+        """Return the likeliest reading of each equation of a text; none if it has only comments.
 
         A line such as r = sqrt(x^2 + y^2) defines a symbol for the other lines. Remarks and values of parameters are
-        left out.
+        left out. Raises StatementError with all faults.
 
         `what` begins the message, such as "equation 2". A fault is located by its column, and by its line if the text
         has several lines.
         """
         text = text.translate(_LETTERS)
         reader, clauses = self._clauses(text, what)
-        read, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
+        read, faults, remarks = list[Reading](), list[TypedFault](), list[TypedFault]()
         exact = any(reader.names.order(clause.tokens) > 1 and not self._is_special(text, clause) for clause in clauses)
         for clause in clauses:
             wordless = all(token.kind in ("number", "sign") for token in clause.tokens)  # such as 0 = 0
@@ -176,13 +169,11 @@ class TypedReader:
             special = exact and self._is_special(text, clause)
             aside = special or (not moves and (clause.aside or introduced or named or narrow[0] > clause.begin))
             try:
-                equations = reader._readings(clause, *narrow)
-            except _Faults as error:
+                for link, (first, *others) in enumerate(reader._readings(clause, *narrow)):
+                    read.append(replace(first, others=tuple(others), aside=aside, link=link))
+            except TypedFault as fault:
                 left_out = reader._is_left_out(clause, narrow, moves=moves) or introduced or special
-                (remarks if left_out else faults).extend(error.faults)
-                continue
-            line = _line(text, clause.begin)
-            read += [TypedEquation(readings, line, aside, index) for index, readings in enumerate(equations)]
+                (remarks if left_out else faults).extend([fault, *fault.others])
         if faults or (remarks and not read):
             raise StatementError(reader._refusal(text, faults or remarks, what))
         return read
@@ -207,7 +198,7 @@ class TypedReader:
         reader, clauses = self._clauses(text.translate(_LETTERS), what)
         moving = (clause for clause in clauses if reader.names.order(clause.tokens) > 1)
         words = {token.text for clause in moving for token in clause.formula() if token.kind == "word"}
-        return {canonical(word) for word in words if not reader._reads(word)}
+        return {canonical(word) for word in words if not reader.names.readings(word)}
 
     def _clause(self, text: str, begin: int, end: int) -> Clause:
         """Return text[begin:end] as a clause, with its tokens."""
@@ -224,7 +215,7 @@ class TypedReader:
             if index < after:
                 continue
             following = [other.text for other in clause.tokens[index + 1 : index + 4]]
-            unknown = token.kind == "word" and not self._reads(token.text)
+            unknown = token.kind == "word" and not self.names.readings(token.text)
             if unknown and following == ["(", "t", ")"]:
                 after = index + 4
             elif unknown and token.text == "H" and following[:1] == ["("] and not named:
@@ -238,7 +229,7 @@ class TypedReader:
     def _without_accents(self, match: re.Match[str]) -> str:
         """Return a word such as für or Newton's without its accents, unless it is a product of symbols."""
         words = [token.text for token in tokens_of(match.group(), 0, len(match.group())) if token.kind == "word"]
-        return match.group() if all(map(self._reads, words)) else match.group().translate(_ACCENTS)
+        return match.group() if all(map(self.names.readings, words)) else match.group().translate(_ACCENTS)
 
     def _is_introduced(self, text: str, begin: int) -> bool:
         """Return True if a sentence or "equilibrium", followed by a colon, precedes the offset `begin` on its line."""
@@ -258,28 +249,24 @@ class TypedReader:
         equality = text.find("=", clause.begin, clause.end)
         return bool(_SMALL.search(text, line, clause.end) or _STILL.search(text, line, max(equality, line)))
 
-    def _reads(self, word: str) -> bool:
-        """Return True if a word is a symbol of the system, or a product of symbols."""
-        return bool(self.names.readings(word))
-
     def _is_coordinate(self, word: str) -> bool:
         """Return True if a word is the name of a coordinate."""
         return any(len(pieces) == 1 and pieces[0].name in self.names.bases for pieces in self.names.readings(word))
 
     def _readings(self, clause: Clause, begin: int, end: int) -> list[tuple[Reading, ...]]:
-        """Return the readings of each equation of a clause; a = b = c is two equations. Raises _Faults.
+        """Return the readings of each equation of a clause; a = b = c is two equations. Raises TypedFault.
 
         If the clause cannot be read as a whole, text[begin:end] is read.
         """
         try:
             return [self._readings_of(sides, clause.begin) for sides in self._equated(clause)]
-        except _Faults:
+        except TypedFault:
             if begin >= end or (begin, end) == (clause.begin, clause.end):
                 raise
             return self._readings(clause.part(begin, end), begin, end)
 
     def _readings_of(self, sides: Sequence[Sequence[Token]], begin: int) -> tuple[Reading, ...]:
-        """Return all readings of one equation, the likeliest first. Raises _Faults if there are none.
+        """Return all readings of one equation, the likeliest first. Raises TypedFault if there are none.
 
         `sides` are the tokens of its sides, and `begin` is its offset.
         """
@@ -288,13 +275,14 @@ class TypedReader:
             free = self._without_free_names(sides, begin)
             if free:
                 return free
-            faults[0].read = self._read_before(sides, faults[0].offset)
-            raise _Faults(faults)
+            fault, *fault.others = faults
+            fault.read = self._read_before(sides, fault.offset)
+            raise fault
         choices = Choices()
         formulas = [self._formulas(sides, choices)]
         readings = [self._built(formulas[0], begin)]
         for chosen in choices.others():
-            with suppress(_Faults):
+            with suppress(TypedFault):
                 other = self._formulas(sides, Choices(chosen))
                 if other not in formulas:
                     formulas.append(other)
@@ -306,7 +294,9 @@ class TypedReader:
 
         Example: the radius R of a pulley is such a name in (T1 - T2) R = 1/2 M R^2 x''/R.
         """
-        words = [token for side in sides for token in side if token.kind == "word" and not self._reads(token.text)]
+        words = [
+            token for side in sides for token in side if token.kind == "word" and not self.names.readings(token.text)
+        ]
         names = Counter(canonical(word.text) for word in words)
         if not 0 < len(names) <= MOST_FREE or not all(_FREE.fullmatch(name) and names[name] > 1 for name in names):
             return ()
@@ -315,7 +305,7 @@ class TypedReader:
         ones = dict.fromkeys(symbols.values(), sympy.S.One)
         try:
             readings = reader._readings_of(sides, begin)
-        except _Faults:
+        except TypedFault:
             return ()
         cancelled = []
         for reading in readings:
@@ -338,7 +328,7 @@ class TypedReader:
                 tokens.pop()
             try:
                 read += [formula.shown for formula in self._formulas([tokens], Choices())] if tokens else []
-            except _Faults:
+            except TypedFault:
                 break
         return " = ".join(read)
 
@@ -370,7 +360,7 @@ class TypedReader:
         reader = TypedReader(self.symbols, self.others, self.meanings | {symbol: symbol})
         try:
             zero = reader._readings_of(definition.sides, 0)[0].zero.xreplace(self.meanings)
-        except _Faults:
+        except TypedFault:
             return {}
         for power in (1, 2):
             slope = sympy.diff(zero.xreplace({symbol**power: _VALUE}), _VALUE)
@@ -386,7 +376,7 @@ class TypedReader:
         return {}
 
     def _equated(self, clause: Clause) -> list[list[list[Token]]]:
-        """Return the equations that a clause states, each as a list of sides. Raises _Faults.
+        """Return the equations that a clause states, each as a list of sides. Raises TypedFault.
 
         A side is a list of tokens. The chain a = b = c states a = b and a = c. A side of a chain is left out if all
         its names are unknown, such as p in p = m x' = const. A side between two others, such as F/m, is left out if
@@ -398,7 +388,7 @@ class TypedReader:
         for offset, left, right in zip(offsets, sides, sides[1:], strict=False):
             if not left or not right:
                 side = "left" if not left else "right"
-                raise _Faults([TypedFault(f"nothing stands {side} of the sign of equality", offset)])
+                raise TypedFault(f"nothing stands {side} of the sign of equality", offset)
         laws = [side for side in sides if len(sides) > 2 and clause.is_law(side[0].begin, side[-1].end)]
         plain = [
             side
@@ -408,7 +398,7 @@ class TypedReader:
         sides = plain if len(plain) > 1 else sides
         if len(sides) > 2 and not any(self.names.order(side) > 1 for side in sides):
             many = f"there are {len(offsets)} signs of equality: write one equation with two sides"
-            raise _Faults([TypedFault(many, offsets[1])])
+            raise TypedFault(many, offsets[1])
         if clause.constant:
             sides = [*sides, []]
         if clause.constant or (len(sides) > 1 and (is_constant(sides[-1]) or self._is_integral(*sides))):
@@ -431,22 +421,19 @@ class TypedReader:
         `others` are the other sides. Such an equation states that a quantity is conserved.
         """
         names = [token.text for other in others for token in other]
-        unknown = len(names) == 1 and names[0].isidentifier() and not self._reads(names[0])
+        unknown = len(names) == 1 and names[0].isidentifier() and not self.names.readings(names[0])
         return unknown and not self.names.hint(names[0]) and self.names.order(side) == 1
 
     def _formulas(self, sides: Sequence[Sequence[Token]], choices: Choices) -> list[Formula]:
         formulas: list[Formula] = []
-        try:
-            for side in sides:
-                formulas.append(parsed(side, self.names, choices, sum(len(formula.rates) for formula in formulas)))
-        except TypedFault as fault:
-            raise _Faults([fault]) from None
+        for side in sides:
+            formulas.append(parsed(side, self.names, choices, sum(len(formula.rates) for formula in formulas)))
         return formulas
 
     def _built(self, formulas: Sequence[Formula], begin: int) -> Reading:
         """Return the reading of an equation from one formula per side.
 
-        Raises _Faults, located at `begin`, if the reader of scene files refuses a formula.
+        Raises TypedFault, located at `begin`, if the reader of scene files refuses a formula.
         """
         names = dict(self.symbols)
         differentiated = []
@@ -464,8 +451,7 @@ class TypedReader:
             terms = tuple(tuple(read_expression(term, names) for term in formula.terms) for formula in formulas if like)
         except SceneError as error:
             read = " = ".join(formula.shown for formula in formulas)
-            fault = TypedFault(f"read as {read[:120]}: {error.reason.removesuffix('.')[:160]}", begin)
-            raise _Faults([fault]) from None
+            raise TypedFault(f"read as {read[:120]}: {error.reason.removesuffix('.')[:160]}", begin) from None
         left, right = (*values, sympy.S.Zero)[:2]
         shown = " = ".join(formula.shown for formula in formulas)
         return Reading(left - right, right, shown, tuple(differentiated), terms, self.meanings)
@@ -527,14 +513,6 @@ class TypedReader:
         for base in self.names.bases[:1]:
             names += f", with derivatives such as {base}'' or {base}_ddot"
         return names
-
-
-class _Faults(Exception):
-    """All faults of one equation."""
-
-    def __init__(self, faults: list[TypedFault]) -> None:
-        super().__init__(faults)
-        self.faults = faults
 
 
 def _is_factor(symbol: Any, expression: Any) -> bool:

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, pairwise, takewhile
 
-from lagrange.statement.typed.latex import ARROW
 from lagrange.statement.typed.lines import CLOSE, OPEN, depth_of, separated
 from lagrange.statement.typed.names import SPELLINGS, Names, canonical
+from lagrange.statement.typed.respelling import CONSEQUENCE
 from lagrange.statement.typed.tokens import Token
 from lagrange.statement.vocabulary.letters import GREEK
 
@@ -39,7 +39,7 @@ _AFTER_COMMA = re.compile(rf"[^=,;.]*[,;.]\s*(?:{_CONNECTING.pattern})\b")
 _JOINING = ("and", "or", "und", "oder", "by", "per", "pro", "of")
 # Words with which prose after an equation may begin
 _ENDING = (*_JOINING, "is", "be", "we", "this", "it", "ist", "sei", "wir", "das", "dies", "es")
-_ARROW = re.compile(rf"=>|//(?=[^\n]*=)|->|(?:[,;]\s*[\w()-]+(?:[ \t][\w()-]+)?\s*)?:|[⇒→⟹⟶∴⇔↔⟺⟷]|{ARROW}")
+_ARROW = re.compile(rf"{CONSEQUENCE}|(?:[,;]\s*[\w()-]+(?:[ \t][\w()-]+)?\s*)?:")
 _ASIDE = re.compile(rf"(?<!\\)\b(?:{_ASIDES})\b", re.IGNORECASE)
 _UNIT = r"(?:rad|degrees|deg|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
 # Without the possessive *+ the time is exponential in the length of a text such as "3 g- 3 g- 3 g- ...".

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
 
-from lagrange.statement.typed import latex
+from lagrange.statement.typed.respelling import MATRIX_MARKS
 from lagrange.statement.vocabulary.letters import GREEK
 from lagrange.statement.vocabulary.words import ALIASES, WORDS
 
@@ -22,12 +22,51 @@ DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2, "\N{COMBININ
 PRIMES = {**dict.fromkeys("'’‘′´`˙", 1), **dict.fromkeys('"″”“¨', 2)}
 # Signs of a formula, and their plain signs
 SIGNS = {
-    **{mark: mark for mark in (*"+-*/^=()[]{}|,", *latex.MATRIX_MARKS)},
+    "**": "^",
+    "==": "=",
+    **{mark: mark for mark in (*"+-*/^=()[]{}|,", *MATRIX_MARKS)},
     **dict.fromkeys("\u2212\u2013\u2014\u2010\u2011\u2012", "-"),
     **dict.fromkeys("·⋅×∗•", "*"),
     **dict.fromkeys("÷∕⁄", "/"),
     "√": "sqrt",
 }
+# LaTeX commands that are signs, and their plain signs
+_COMMAND_SIGNS = {
+    **dict.fromkeys(("cdot", "times", "ast"), "*"),
+    **dict.fromkeys(("lvert", "rvert", "vert", "mid"), "|"),
+    **dict.fromkeys(("lbrace", "lparen"), "("),
+    **dict.fromkeys(("rbrace", "rparen"), ")"),
+    "div": "/",
+    "prime": "'",
+    "{": "(",
+    "}": ")",
+    "|": "|",
+}
+# LaTeX commands with a numerator and a denominator
+_FRACTIONS = ("frac", "dfrac", "tfrac", "cfrac", "sfrac", "nicefrac")
+# LaTeX commands for derivatives with respect to time, and the order of the derivative
+_DERIVATIVES = {"dot": 1, "ddot": 2, "dddot": 3, "dv": 1, "odv": 1}
+# LaTeX commands whose group is one word
+_WORD_GROUPS = (
+    *("mathrm", "text", "textrm", "mathit", "operatorname", "mathsf"),
+    *("mathbf", "boldsymbol", "rm", "mathop", "vec", "hat"),
+)
+# LaTeX commands that change only the appearance of a formula
+_SPACES = (
+    *(f"{size}{side}" for size in ("big", "Big", "bigg", "Bigg") for side in ("", "l", "r")),
+    *("quad", "qquad", "cancel", "bcancel", "displaystyle", "textstyle", "limits", "nonumber", "notag"),
+    *("thinspace", "space", "hfill", "blacksquare", *",;:!>"),
+)
+# LaTeX commands that are words: letters, and functions; and their spelling in names
+_COMMAND_WORDS = {f"var{name}": name for name in ("phi", "theta", "epsilon", "rho", "sigma", "pi")} | {
+    name: name
+    for name in (
+        *(*GREEK.values(), "pi", "ell", "min", "max", "sqrt", "exp", "log", "ln", "sgn", "arcsin", "arccos", "arctan"),
+        *("sin", "cos", "tan", "cot", "sec", "csc", "sinh", "cosh", "tanh"),
+    )
+}
+# A command that is an operator between two values
+OPERATOR = rf"\\(?:{'|'.join(name for name, sign in _COMMAND_SIGNS.items() if sign in '*/')})(?![A-Za-z])"
 # Characters that look like letters of a name, and their spelling in names
 GREEK_VARIANTS = {"ϕ": "phi", "ϑ": "theta", "ϵ": "epsilon", "ϱ": "rho", "µ": "mu", "π": "pi", "ℓ": "ell", "ς": "sigma"}
 _NUMBER = re.compile(r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+(?![A-Za-z0-9_]))?")
@@ -39,7 +78,7 @@ _COMMAND = re.compile(r"\\([A-Za-z]+|.)", re.DOTALL)
 _BLANK = re.compile(r"[\s~&$\u00a0\u2009\u200b\u2061\u2062\u2063]+")
 _GROUP = re.compile(r"\s*\{\s*([^{}]*?)\s*\}")
 _INDEX = re.compile(r"\s*_\s*(?:\{((?:[^{}]|\{[^{}]*\})*)\}|\\([A-Za-z]+)|([A-Za-z0-9]))")
-_INDEX_COMMAND = re.compile(rf"\\(?:{'|'.join(latex.WORD_GROUPS)})(?![A-Za-z])|[{{}}\\]")
+_INDEX_COMMAND = re.compile(rf"\\(?:{'|'.join(_WORD_GROUPS)})(?![A-Za-z])|[{{}}\\]")
 _LETTER = f"[A-Za-z{''.join(GREEK)}]"
 _PLAIN_INDEX = re.compile(rf"_([0-9]+|{_LETTER}(?:{_LETTER}|[0-9])*)")
 _BRACKETED = re.compile(r"\[([A-Za-z][A-Za-z0-9_]*)\]")
@@ -51,8 +90,8 @@ SEVERAL = {"Eq", "diff", "Derivative", *(name for name, word in WORDS.items() if
 SEVERAL |= {name for name, strict in ALIASES.items() if strict in SEVERAL}
 """Functions of several arguments: a comma between digits in their brackets is not a decimal comma."""
 
-# A fraction of small digits, such as ¹⁄₂, that is not an exponent
-_SMALL_FRACTION = re.compile(r"(?<![\w)\]}̇̈'])([⁰¹²³⁴⁵⁶⁷⁸⁹]+)[⁄∕/]([₀₁₂₃₄₅₆₇₈₉]+)")
+# A fraction of small digits, such as ¹⁄₂, that is not an exponent; or a fraction that is one character, such as ½
+_SMALL_FRACTION = re.compile(r"(?<![\w)\]}̇̈'])[⁰¹²³⁴⁵⁶⁷⁸⁹]+[⁄∕/][₀₁₂₃₄₅₆₇₈₉]+|[¼-¾⅐-⅞↉]")
 _SUPERSCRIPT = re.compile(r"([⁺⁻]?)([⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
 _SUBSCRIPTS = dict(zip("₀₁₂₃₄₅₆₇₈₉ₐₑₕᵢⱼₖₗₘₙₒₚᵣₛₜᵤᵥₓ", "0123456789aehijklmnoprstuvx", strict=True))
 OPENING = {"(": ")", "[": "]", "{": "}"}  # Opening brackets and their closing brackets
@@ -126,47 +165,38 @@ class _Scanner:
 
     def _token(self, offset: int) -> int:
         """Add the token that begins at an offset to the list of tokens, and return the offset after it."""
-        mark = self.text[offset]
-        decimal = _DECIMAL_COMMA.match(self.text, offset)
+        text, mark = self.text, self.text[offset]
+        decimal = _DECIMAL_COMMA.match(text, offset)
         if decimal and not any(self.listing[-1:]):
-            return self._add("number", ".".join(decimal.groups()), offset, decimal.end())
-        number = _NUMBER.match(self.text, offset)
-        if number:
-            return self._add("number", number.group().removesuffix("."), offset, number.end())
-        small = _SMALL_FRACTION.match(self.text, offset)
-        if small:
-            return self._add("number", unicodedata.normalize("NFKC", "/".join(small.groups())), offset, small.end())
-        superscript = _SUPERSCRIPT.match(self.text, offset)
-        if superscript:
+            return self._add("number", ".".join(decimal.groups()), *decimal.span())
+        if number := _NUMBER.match(text, offset):
+            return self._add("number", number.group().removesuffix("."), *number.span())
+        if small := _SMALL_FRACTION.match(text, offset):
+            return self._fraction(unicodedata.normalize("NFKC", re.sub("[∕/]", "⁄", small.group())), *small.span())
+        if superscript := _SUPERSCRIPT.match(text, offset):
             sign = "-" if superscript.group(1) == "⁻" else ""
-            digits = unicodedata.normalize("NFKC", superscript.group(2))
-            return self._add("power", sign + digits, offset, superscript.end())
+            return self._add("power", sign + unicodedata.normalize("NFKC", superscript.group(2)), *superscript.span())
         if mark == "\\":
             return self._command(offset)
-        if self.text.startswith("**", offset):
-            return self._add("sign", "^", offset, offset + 2)
-        if self.text.startswith("==", offset):
-            return self._add("sign", "=", offset, offset + 2)
         if mark in PRIMES:
             return self._add("prime", str(PRIMES[mark]), offset, offset + 1)
-        if mark in SIGNS:
-            return self._add("sign", SIGNS[mark], offset, offset + 1)
-        if mark == "_" or mark in _SUBSCRIPTS:
-            index, after = self._indices(offset)
-            if index:
-                return self._add("index", index, offset, after)
+        for sign in (text[offset : offset + 2], mark):
+            if sign in SIGNS:
+                return self._add("sign", SIGNS[sign], offset, offset + len(sign))
+        index, after = self._indices(offset)
+        if index:
+            return self._add("index", index, offset, after)
         if mark.isalpha():  # of any alphabet, so that messages name whole words
             return self._word(offset)
-        above, slash, below = unicodedata.normalize("NFKC", mark).partition("⁄")
-        if slash:
-            last = self.tokens[-1] if self.tokens else None
-            if last and last.end == offset and last.kind == "number" and last.text.isdigit():  # 1½
-                self.tokens.pop()
-                return self._add(
-                    "number", f"{int(last.text) * int(below) + int(above)}/{below}", last.begin, offset + 1
-                )
-            return self._add("number", f"{above}/{below}", offset, offset + 1)
         return self._add("fault", f"the character {_named(mark)} cannot stand in an equation", offset, offset + 1)
+
+    def _fraction(self, text: str, begin: int, end: int) -> int:
+        """Add a fraction, such as "1⁄2", to the list of tokens, joined to a whole number before it as in 1½."""
+        above, below = map(int, text.split("⁄"))
+        last = self.tokens[-1] if self.tokens else None
+        if last and last.end == begin and last.kind == "number" and last.text.isdigit():
+            begin, above = self.tokens.pop().begin, int(last.text) * below + above
+        return self._add("number", f"{above}/{below}", begin, end)
 
     def _word(self, offset: int) -> int:
         """Add the word that begins at an offset to the list of tokens, and return the offset after it.
@@ -192,8 +222,8 @@ class _Scanner:
         rate = _RATE.match(self.text, offset)
         if rate:
             order, offset = order + (len(rate.group(1)) if rate.group(1) else 1 + bool(rate.group(2))), rate.end()
-        if spelled in latex.DERIVATIVES and _OPERAND.match(self.text, offset):  # ddot(x) and ddot x
-            return self._add("dots", str(latex.DERIVATIVES[spelled]), begin, offset)
+        if spelled in _DERIVATIVES and _OPERAND.match(self.text, offset):  # ddot(x) and ddot x
+            return self._add("dots", str(_DERIVATIVES[spelled]), begin, offset)
         return self._add("word", spelled, begin, offset, order)
 
     def _indices(self, offset: int) -> tuple[str, int]:
@@ -216,13 +246,13 @@ class _Scanner:
         if match is None:
             return self._add("fault", "a backslash stands at the end", offset, offset + 1)
         name, after = match.group(1), match.end()
-        if name in latex.SPACES or name.isspace():
+        if name in _SPACES or name.isspace():
             self.spaced = True
             return after
-        if name in latex.COMMAND_SIGNS:
-            sign = latex.COMMAND_SIGNS[name]
+        if name in _COMMAND_SIGNS:
+            sign = _COMMAND_SIGNS[name]
             return self._add("prime", "1", offset, after) if sign == "'" else self._add("sign", sign, offset, after)
-        if name in latex.FRACTIONS:
+        if name in _FRACTIONS:
             after = self._add("sign", "\\frac", offset, after)
             for _ in range(2):
                 lone = _LONE.match(self.text, after)
@@ -231,19 +261,19 @@ class _Scanner:
                     self._add("number" if lone.group(1).isdigit() else "word", lone.group(1), *lone.span(1))
                     after = self._add("sign", "}", *lone.span(1))
             return after
-        if name in latex.DERIVATIVES:
+        if name in _DERIVATIVES:
             twice = self.text.startswith("[2]", after)  # \\dv[2]{x}{t}
-            return self._add("dots", str(latex.DERIVATIVES[name] + twice), offset, after + 3 * twice)
-        if name in latex.WORD_GROUPS:
+            return self._add("dots", str(_DERIVATIVES[name] + twice), offset, after + 3 * twice)
+        if name in _WORD_GROUPS:
             group = _GROUP.match(self.text, after)
             if group and group.group(1):
                 index, end = self._indices(group.end())
                 return self._add("word", group.group(1).replace("\\_", "_").replace(" ", "_") + index, offset, end)
             if group is None:  # \mathrm d sets one letter upright
                 return after
-        if name in latex.WORDS:
+        if name in _COMMAND_WORDS:
             index, end = self._indices(after)
-            return self._add("word", latex.WORDS[name] + index, offset, end)
+            return self._add("word", _COMMAND_WORDS[name] + index, offset, end)
         instead = r": write \frac{}{}" if name == "over" else ""
         return self._add("fault", f"the LaTeX command {_named(name[:30])} is not known here{instead}", offset, after)
 

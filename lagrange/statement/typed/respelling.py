@@ -1,0 +1,109 @@
+r"""Respelling of typed text: LaTeX, Markdown, mail and prose become the few spellings that the other modules read.
+
+Text around formulas becomes blanks. The text keeps its length, so that offsets in it are those of the typed text.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import partial
+
+MATRIX_MARKS = MATRIX, CELL, ROW, MATRIX_END = "⟦╎╱⟧"  # Begin of a matrix, a new column, a new row, and its end
+CONSEQUENCE = "⇒"  # Mark between an equation and its consequence
+_ROW_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?")
+_ABOVE_TIME = r"(?:(?!\\partial)[^=+\n]){0,24}\}\s*\{\s*\\partial\s*t(?![A-Za-z])"  # The rest of a quotient by dt
+
+
+def _marked(match: re.Match[str]) -> str:
+    """Return the matched text of one matrix on one line, with single characters in place of its LaTeX commands."""
+    group = 3 if match.group(2) is None else 2
+    inside = _ROW_BREAK.sub(lambda row: ROW.ljust(len(row.group())), match.group(group)).rstrip(f"{ROW} \n")
+    inside = inside.replace("&", CELL).replace("\n", " ").ljust(len(match.group(group)))
+    before, after = match.start(group) - match.start(), match.end() - match.end(group)
+    return MATRIX.ljust(before) + inside + MATRIX_END.rjust(after)
+
+
+_RESPELLED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
+    # A row of a Markdown table: a label and an equation
+    (r"^([ \t]*)\|([^|=\n]*:[ \t]*)\|([^|\n]*)\|([ \t]*)$", r"\1 \2 \3 \4"),
+    # Comments after # or %, the rule of a table, a fence ``` and a heading in bold type
+    (r"(?<!\\)[#%][^\n]*|\|\s*:[^\n]*|^\s*```[^\n]*|^\s*\*\*[^*=\n]+\*\*:?\s*$", ""),
+    # Code of Markdown: `x'' = 0`
+    (r"(?<![\w)\]}'`])`([^`\n]+)`(?!`)", r" \1 "),
+    # A matrix of LaTeX
+    (
+        r"\\begin\{([pbB]?(?:small)?matrix)\}(.*?)\\end\{\1\}"
+        r"|\\left\s*[(\[]\s*\\begin\{array\}(?:\{[^{}]*\})?(.*?)\\end\{array\}\s*\\right\s*[)\]]",
+        _marked,
+    ),
+    # A new line of LaTeX, or the end of one formula and the begin of the next
+    (r"\\\\(?:\[[^\]\n]*\])?|\$\s+\$|\\\]\s*\\\[|\\\)\s*\\\(", "\n"),
+    # A group of words: \text{and}
+    (r"(?<![_{])\\(?:text|mbox|textrm|textit|intertext)\s*\{([^{}\n]*)\}", r" \1"),
+    # An equation in bold type: **x'' = 0**
+    (r"^([ \t>-]*(?:[^=*\n]*:[ \t]*)?)\*\*(?=\S)([^\n]*[^\s*])\*\*(?=[ \t.,;]*$)", r"\1  \2"),
+    # A quoted mail
+    (r"^[ \t]*>+(?=[ \t])", ""),
+    # A module of Python: np.sin
+    (r"\b(?:np|numpy|math|sp|sympy)\.(?=[a-z])", ""),
+    # Dots after a blank, as Word exports them
+    (r"([ \t\u00a0]+)([\u0307\u0308]+)", r"\2\1"),
+    # The square of a derivative: (d/dt)^2
+    (r"\(\s*d\s*/\s*d\s*t\s*\)\s*(?:²|(?:\^|\*\*)\s*2)", "d²/dt²"),
+    # Partial derivatives by the time
+    (r"∂(?=\s*t(?![A-Za-z])|[^∂=+\n]{0,12}/\s*\(?\s*∂\s*t(?![A-Za-z]))", "d"),
+    (rf"\\partial(?=\s*t(?![A-Za-z])|{_ABOVE_TIME})", "d"),
+    # Words for a constant, and for equality
+    (
+        r"\b(?:is|ist)\s+(?:a\s+)?(?:constant|conserved|const\b\.?|konstant|erhalten)|\((?:constant|conserved)\)",
+        "= const",
+    ),
+    (r"\b(?:is\s+equal\s+to|equals|ist\s+gleich)\b", "="),
+    (
+        r"\b((?:where|with|here|wobei)\s+[^\W\d]\w*(?:\^2)?\s+)(?:is|ist)\s+(?=[\\(√]|sqrt|\w+\s*[/*^])",
+        r"\1= ",
+    ),
+    # The word "where" at the end of a line
+    (r"(=[^\n]*\s)(?:where|with|wobei|mit)(?=[\s:]*$)", r"\1"),
+    # A bar between two equations
+    (r"^([^|\n]*=[^|\n]*\s)\|(?=\s[^|\n]*=[^|\n]*$)", r"\1;"),
+    # Signs for a definition or an identity
+    (r":=|=:|≔|≡|\\(?:equiv|coloneqq)(?![A-Za-z])|\\(?:stackrel|overset)\s*\{[^{}\n]*\}\s*\{\s*=\s*\}", "="),
+    # A space of LaTeX at the end of a line
+    (r"[,;.]?[ \t]*\\q?quad[ \t]*$", ""),
+    # Abbreviations before a consequence: i.e.
+    (r"\b(?:i\.\s?e|d\.\s?h|viz)\.,?", ";"),
+    # A comma between two equations that is not a decimal comma: x'' = 1,2 y'' = 3
+    (r"(=[^,;=\n]*[0-9]),(?=[0-9][^,;=\n]*=)", r"\1;"),
+    # Arrows
+    (
+        r"=>|->|//(?=[^\n]*=)|[→⟹⟶∴⇔↔⟺⟷]"
+        r"|\\(?:Rightarrow|implies|Longrightarrow|rightarrow|therefore|iff|(?:L|l|Longl)eftrightarrow)(?![A-Za-z])",
+        CONSEQUENCE,
+    ),
+)
+"""Patterns of spellings, applied in this order, and what is written for each: groups in a template, or a function.
+
+Blanks fill up the rest of the length. An empty template leaves only blanks.
+"""
+
+_PATTERNS = [(re.compile(pattern, re.MULTILINE | re.DOTALL), spelling) for pattern, spelling in _RESPELLED]
+
+
+def respelled(text: str) -> str:
+    """Return a text of the same length in which the spellings of the table are replaced."""
+    for pattern, spelling in _PATTERNS:
+        text = pattern.sub(partial(_written, spelling=spelling), text)
+    return text
+
+
+def _written(match: re.Match[str], spelling: str | Callable[[re.Match[str]], str]) -> str:
+    """Return what replaces a match: the spelling, and blanks up to the same length."""
+    text = spelling(match) if callable(spelling) else match.expand(spelling)
+    return text + blanks(match.group()[len(text) :])
+
+
+def blanks(text: str) -> str:
+    """Return blanks of the same length as a text, with its line breaks kept."""
+    return re.sub(r"[^\n]", " ", text)
