@@ -40,12 +40,8 @@ from lagrange.statement.statement import Statement
 DRAWS = 1000  # Random points drawn to reach other branches; most of them cost one evaluation of the switches
 MOST = 16  # Largest number of states added to cover other branches
 
+# Most leading digits that a drawn entry shares with a number of the equations: it is then between 3 and 3.0001
 NEAREST = 8.0
-"""Largest number of leading digits that a drawn entry shares with a number of the equations.
-
-A branch that holds only between 3 and 3.0001 is then reached.
-"""
-
 Way = tuple[Any, int]  # A switch (such as a condition or Abs) and one of its outcomes
 
 
@@ -164,17 +160,37 @@ NEGATIVE = 0.5  # Cost of a negative force, such as a tension, in units of the c
 MOST_LISTED = 4  # Largest number of coordinates for which a message lists the whole state
 MOST_READ = 2  # Largest number of ambiguous equations whose reading a message shows; `.read` has all of them
 LONGEST_MESSAGE = 400  # Longest message, in characters. The rest goes to `.details`.
-
 # Numbers smaller than this, in a right equation, are tried as zero: terms below `HELD` are not tested otherwise
 NEGLIGIBLE = 1e-9
 LONGEST_QUOTED = 120  # Longest constraint in a message, in characters
-
 SIGNED_SAMPLES = 16  # Number of random states in the search for the sign with which an answer is right
-SAMPLES = 5
-"""Number of random states at which equations without switches are compared.
+SAMPLES = 5  # Number of random states at which equations without switches are compared: a wrong one may pass by chance
 
-A wrong equation passes only if it holds by chance at all of them.
-"""
+
+@dataclass(frozen=True)
+class _Case:
+    """An answer to be compared: a row for each of its equations, and the derivation of the right ones.
+
+    `write` turns an expression into text for messages. `distances` are the names of coordinates that are positive in
+    all samples. `pulling` is true if multipliers were typed as forces such as T. `doubted` is true if the answer has a
+    remark that does not hold, which was left out.
+    """
+
+    rows: Sequence[EquationRow]
+    derivation: Derivation
+    write: Write
+    distances: Collection[str]
+    pulling: bool
+    doubted: bool
+
+    @property
+    def statement(self) -> Statement:
+        """The statement of the system."""
+        return self.derivation.statement
+
+    def wrong(self, samples: Sequence[MotionSample]) -> tuple[int, ...]:
+        """Return the indices of the equations that do not hold at all samples."""
+        return tuple(i for i, row in enumerate(self.rows) if not row.holds(samples))
 
 
 @dataclass(frozen=True, repr=False)
@@ -235,8 +251,8 @@ def compare_equations(
     further, untried = branch_samples(statement, rows, samples)
     entries = [statement.names.index(name) for name in distances]
     samples += [sample for sample in further if all(sample.point.q[i] > 0 for i in entries)]
-    doubted = len(rows) < len(likeliest)
-    result = _compared(derivation, rows, samples, untried, written, distances, pulling=pulling, doubted=doubted)
+    case = _Case(rows, derivation, written, distances, pulling, doubted=len(rows) < len(likeliest))
+    result = _compared(case, samples, untried)
     label = equations[result.wrong[0]].label if result.wrong else ""
     told = [i for i in range(len(equations)) if i in result.wrong or not result.wrong]
     remark = "".join(f" {equations[i].note}" for i in told if equations[i].note)
@@ -301,43 +317,27 @@ def _integrated(row: EquationRow) -> EquationRow | None:
     return row_of(rate, statement) if rate.zero != 0 else None
 
 
-def _compared(
-    derivation: Derivation,
-    rows: Sequence[EquationRow],
-    samples: Sequence[MotionSample],
-    untried: Sequence[Way],
-    write: Write,
-    distances: Collection[str],
-    *,
-    pulling: bool,
-    doubted: bool,
-) -> EquationsComparison:
-    """Return the result for one reading of each equation.
-
-    `untried` lists outcomes of switches that no sample has. `distances` are the names of coordinates that are positive
-    in all samples. `pulling` is true if multipliers were typed as forces such as T. `doubted` is true if the answer has
-    a remark that does not hold, which was left out.
-    """
-    statement = rows[0].statement
-
+def _compared(case: _Case, samples: Sequence[MotionSample], untried: Sequence[Way]) -> EquationsComparison:
+    """Return the result for an answer. `untried` lists outcomes of switches that no sample has."""
+    rows, statement = case.rows, case.statement
     choices = with_multiples(rows, samples)
     negated = [replace(sample, multipliers=tuple(-x for x in sample.multipliers)) for sample in samples]
     count, slopes = len(statement.names), [list(row.slopes.values()) for row in rows]
     free = not any(any(line[:count]) and any(line[count:]) for line in slopes)  # no equation determines their sign
-    if statement.constraints and free and not (pulling and _is_negative(negated)):
+    if statement.constraints and free and not (case.pulling and _is_negative(negated)):
         choices.append(negated)
-    right = next((chosen for chosen in choices if not _wrong(rows, chosen)), None)
+    right = next((chosen for chosen in choices if not case.wrong(chosen)), None)
     if right is None:
         choices += [negated] if statement.constraints and choices[-1] is not negated else []
-        return _judged_wrong(rows, choices, derivation, write, distances, pulling=pulling)
-    missing = _missing(rows, right, doubted=doubted)
+        return _judged_wrong(case, choices)
+    missing = _missing(rows, right, doubted=case.doubted)
     if missing:
         start = "The equation holds" if len(rows) == 1 else "The equations hold"
         return EquationsComparison(right=False, message=f"{start}, but {missing}")
     idle = _idle(rows, samples)
     if idle:
         return EquationsComparison(right=False, message=idle)
-    where = f" where {listing(f'{name} > 0' for name in distances)}" if distances else ""
+    where = f" where {listing(f'{name} > 0' for name in case.distances)}" if case.distances else ""
     message = f"The equations are right{where}: they are equivalent to those of the system"
     message += f", at the {len(samples)} states tried.{sentence_on_multipliers(right, samples)}"
     if untried:
@@ -346,41 +346,31 @@ def _compared(
     return EquationsComparison(right=True, message=message)
 
 
-def _wrong(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> tuple[int, ...]:
-    """Return the indices of the equations that fail at one or more samples."""
-    return tuple(i for i, row in enumerate(rows) if not row.holds(samples))
-
-
-def _judged_wrong(
-    rows: Sequence[EquationRow],
-    choices: Sequence[Sequence[MotionSample]],
-    derivation: Derivation,
-    write: Write,
-    distances: Collection[str],
-    *,
-    pulling: bool,
-) -> EquationsComparison:
+def _judged_wrong(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> EquationsComparison:
     """Return the result for equations that are wrong at all `choices` of samples, which differ in the multipliers.
 
     The cause is, in this order: numbers in place of parameters, a common slip, a wrong definition, a slip of factors or
     directions, or a wrong term. The details have the wrong term if the cause explains more than this term for certain;
-    else the message has both. For `distances` and `pulling` see `_compared`.
+    else the message has both.
     """
-    numbers = _numbers_in_place(rows, distances)
+    numbers = _numbers_in_place(case)
     if numbers:
         named = f"The equations are right for {numbers}, but they are asked for in symbols."
-        return _refuted(rows, _wrong(rows, choices[0]), choices[0], named)
-    rows, start = with_parameters(rows, choices)
-    condition = _condition(rows, derivation, write, distances)
+        return _refuted(case.rows, case.wrong(choices[0]), choices[0], named)
+    rows, start = with_parameters(case.rows, choices)
+    case = replace(case, rows=rows)
+    condition = _condition(case)
     start += f"The equations hold only where {condition}. " if condition else ""
     common = slip_of(rows, choices, common=True)
-    wrong, term = _blamed(rows, choices, derivation, write, pulling=pulling)
+    wrong, term = _blamed(case, choices)
     alone = term.alone and len(wrong) == 1
     named = start + term.sentence
     if len(wrong) > 1:
         others = listing(rows[i].equation.label for i in wrong[1:])
         named += f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."
-    definition = "" if common or (alone and term.shorter) else wrong_definition(rows, choices[0], write, alone=alone)
+    definition = (
+        "" if common or (alone and term.shorter) else wrong_definition(rows, choices[0], case.write, alone=alone)
+    )
     slip = common or definition or ("" if alone else slip_of(rows, choices, common=False))
     if not slip:
         return _refuted(rows, wrong, choices[0], named)
@@ -416,43 +406,40 @@ def _kinks(derivation: Derivation) -> list[Any]:
     return list(dict.fromkeys(kink.args[0].xreplace(derivation.statement.plain) for kink in kinks))
 
 
-def _condition(rows: Sequence[EquationRow], derivation: Derivation, write: Write, distances: Collection[str]) -> str:
+def _condition(case: _Case) -> str:
     """Return the condition under which wrong equations are right, such as "x > 0"; "" if there is none.
 
     It is on the signs of expressions x whose abs(x) or sign(x) is in the right equations.
     """
-    statement = derivation.statement
+    statement = case.statement
     try:
-        arguments = _kinks(derivation)
+        arguments = _kinks(case.derivation)
         if not arguments:
             return ""
-        samples = motion_samples(statement, SIGNED_SAMPLES, seed=1, positive=distances)
+        samples = motion_samples(statement, SIGNED_SAMPLES, seed=1, positive=case.distances)
         program = tape(arguments, statement)
         signs = [[value > 0 for value in values_at(program, sample)] for sample in samples]
     except (StatementError, OutsideDomain):
         return ""
-    held = [k for k, sample in enumerate(samples) if all(row.holds([sample]) for row in rows)]
+    held = [k for k, sample in enumerate(samples) if not case.wrong([sample])]
     shared = {i: signs[held[0]][i] for i in range(len(arguments)) if len({signs[k][i] for k in held}) == 1}
     if not shared or held != [k for k, line in enumerate(signs) if all(line[i] == way for i, way in shared.items())]:
         return ""
-    return listing(f"{write(arguments[i])} {'>' if way else '<'} 0" for i, way in shared.items())
+    return listing(f"{case.write(arguments[i])} {'>' if way else '<'} 0" for i, way in shared.items())
 
 
-def _numbers_in_place(rows: Sequence[EquationRow], distances: Collection[str]) -> str:
+def _numbers_in_place(case: _Case) -> str:
     """Return the values that an answer has in place of parameters, as a text such as "m = 1 and k = 30".
 
     The result is "" if the answer is not right with these values of the parameters. It is also "" if all values are 0
     or 1, because then a term or factor was probably forgotten.
     """
-    statement = rows[0].statement
-    absent = {p: x for p, x in statement.defaults.items() if not any(row.zero.has(p) for row in rows)}
+    absent = {p: x for p, x in case.statement.defaults.items() if not any(row.zero.has(p) for row in case.rows)}
 
     def right(values: Mapping[Any, float]) -> bool:
-        try:
-            samples = motion_samples(statement, 2, positive=distances, values=values)
-        except StatementError:
-            return False
-        return all(row.holds(samples) for row in rows)
+        with suppress(StatementError):
+            return not case.wrong(motion_samples(case.statement, 2, positive=case.distances, values=values))
+        return False
 
     if not absent or not right(absent):
         return ""
@@ -476,30 +463,23 @@ def _idle(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> str:
     return ""
 
 
-def _blamed(
-    rows: Sequence[EquationRow],
-    choices: Sequence[Sequence[MotionSample]],
-    derivation: Derivation,
-    write: Write,
-    *,
-    pulling: bool,
-) -> tuple[tuple[int, ...], WrongTerm]:
+def _blamed(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> tuple[tuple[int, ...], WrongTerm]:
     """Return the indices of the wrong equations and the first wrong term, for the likeliest multipliers.
 
     Of the `choices` of samples, those with the fewest wrong equations are compared, and the one with the cheapest
-    change is taken. If multipliers were typed as forces such as T, which is `pulling`, negative ones are less likely.
+    change is taken. If multipliers were typed as forces such as T, negative ones are less likely.
     """
-    wrong_by_choice = [_wrong(rows, chosen) for chosen in choices]
+    wrong_by_choice = [case.wrong(chosen) for chosen in choices]
     fewest = min(len(wrong) for wrong in wrong_by_choice if wrong)
     ranked = []
     for index, (chosen, wrong) in enumerate(zip(choices, wrong_by_choice, strict=True)):
         if len(wrong) == fewest:
-            row = rows[wrong[0]]
+            row = case.rows[wrong[0]]
             term = WrongTerm(f"{row.equation.label[0].upper()}{row.equation.label[1:]} does not hold. {UNNAMED}")
             with suppress(BudgetSpent):
                 check_size(*row.sides)
-                term = wrong_term(row, derivation, chosen, write)
-            ranked.append(((term.cost + NEGATIVE * (pulling and _is_negative(chosen)), index), (wrong, term)))
+                term = wrong_term(row, case.derivation, chosen, case.write)
+            ranked.append(((term.cost + NEGATIVE * (case.pulling and _is_negative(chosen)), index), (wrong, term)))
     return min(ranked, key=lambda choice: choice[0])[1]
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -46,31 +47,25 @@ MOST_TRIPLED = 12  # Largest number of factors of which products of three are tr
 MOST_MODELS = 120  # Largest number of right terms that a missing or replaced term may be a multiple of
 LONGEST = 600  # Largest number of operations of an equation whose terms are changed
 
-# Largest number of operations of a corrected term that is expanded to find it among the right terms
-LONGEST_EXPANDED = 80
+LONGEST_EXPANDED = 80  # Most operations of a corrected term that is expanded to find it among the right terms
 CLOSE = 1e-9  # Largest difference of two logarithms that count as equal: in doubles equal ones agree to 1e-14
-
-# Magnitude, relative to its terms, below which a sum counts as zero: the accelerations have about 30 digits
-NONE = 1e-20
+NONE = 1e-20  # Magnitude, relative to its terms, below which a sum is zero: the accelerations have about 30 digits
 # Costs of a change: of a sign, a factor 2 or 1/2, another number, an extra, a missing and a replaced term
 SIGN, DOUBLED, FRACTION, LEFT_OUT, MISSED, REPLACED = 1.0, 1.1, 1.3, 1.4, 1.6, 2.4
 # Costs of a sine in place of a cosine and of one power, and the added cost of a sum or an unknown in a factor
 SWAPPED, POWER, OF_FACTOR = 0.2, 0.35, 1.2
 OF_NUMBER = 0.3  # Added cost of a change after which the accelerations are those of a right equation times a number
 
+# Added cost of changing a term of a typed d/dt(...) whose expression as a whole is not a wrong momentum
 OF_DERIVATIVE = 1.5
-"""Added cost of changing a term of a typed derivative d/dt(...) if the derivative as a whole is not a wrong
-momentum."""
-
-OF_SIDE, OF_RATE, OF_SOLVED, DENOMINATOR = 0.45, 0.15, 5.0, 0.1
-"""Added costs of a change of a whole sum, of a term with an acceleration, of a left side that is a lone acceleration,
-and in a denominator."""
-
+# Added costs of a change of a whole sum, of a term with an acceleration, and of a left side that is an acceleration
+OF_SIDE, OF_RATE, OF_SOLVED = 0.45, 0.15, 5.0
+DENOMINATOR = 0.1  # Added cost of a change in a denominator
 # Added costs of an acceleration and of a multiplier that the equation does not have elsewhere
 NEW_RATE, NEW_FORCE = 1.0, 0.5
-NATURAL, FORCE, TURNED, NUMBERED = -0.3, -0.28, -0.1, 0.05
-"""Added costs of a corrected term that is a right term, of one with a multiplier, of one that has the opposite sign,
-and of one with a number."""
+# Added costs of a corrected term that is a right term, of one with a multiplier, and of one with the opposite sign
+NATURAL, FORCE, TURNED = -0.3, -0.28, -0.1
+NUMBERED = 0.05  # Added cost of a corrected term with a number
 
 
 @dataclass(frozen=True)
@@ -157,11 +152,10 @@ def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) ->
     """
     if not any(row.slopes.values()):
         return bool(sympy.expand(corrected.zero) == 0)
-    try:
+    with suppress(OutsideDomain):
         slopes, stated = (each.numbers(sample)[0] for each in (corrected, row))
-    except OutsideDomain:
-        return True
-    return bool(max(map(abs, slopes)) <= NONE * max(map(abs, stated)))
+        return bool(max(map(abs, slopes)) <= NONE * max(map(abs, stated)))
+    return True
 
 
 def _sums(side: int, expression: Any, typed: Sequence[Any]) -> Iterator[Sum]:
@@ -203,11 +197,7 @@ class _Search:
     """Search for the right change of one term, by the values of terms and candidate factors at all samples."""
 
     def __init__(
-        self,
-        row: EquationRow,
-        samples: Sequence[MotionSample],
-        models: Sequence[Any],
-        denominators: Sequence[Any],
+        self, row: EquationRow, samples: Sequence[MotionSample], models: Sequence[Any], denominators: Sequence[Any]
     ) -> None:
         self.row, self.samples = row, samples
         self.unknowns = unknowns_of(row.statement)
@@ -333,10 +323,9 @@ class _Search:
                         yield cost + extra + OF_SIDE * whole + self._doubt(total, part), total, difference
             rates = total.whole.has(*self.unknowns)
             for cost, missing in self._among_models(changes):
-                if total.path and not rates and missing.has(*self.unknowns):
-                    continue  # an acceleration does not belong in this bracket
-                cost += extra + self._misplaced(total, missing) + OF_RATE * missing.has(*self.moving)
-                yield cost, total, Difference("missing", sympy.S.Zero, missing)
+                if rates or not total.path or not missing.has(*self.unknowns):  # else its bracket has no accelerations
+                    cost += extra + self._misplaced(total, missing) + OF_RATE * missing.has(*self.moving)
+                    yield cost, total, Difference("missing", sympy.S.Zero, missing)
 
     def _changes(self) -> Iterator[tuple[Sum, Numbers]]:
         """Yield each sum whose change can make the equation right, with the necessary change at each sample.
@@ -373,13 +362,14 @@ class _Search:
             yield LEFT_OUT, Difference("extra", term, sympy.S.Zero)
             return
         for cost, number, factor in self.multiples([x / a for x, a in zip(required, value, strict=True)]):
-            right = _without_float((term if number == 1 else scaled_by(number, term)) * factor)
+            right = (term if number == 1 else scaled_by(number, term)) * factor
+            decimal, rest = right.as_coeff_Mul()
+            if decimal.is_Float:
+                right = sympy.Rational(Fraction(float(decimal)).limit_denominator(LARGEST_FACTOR)) * rest
             if factor == 1:
-                other = DOUBLED if number in (2, sympy.S.Half) else FRACTION + len(str(number)) / 20
-                yield (
-                    SIGN if number == -1 else other,
-                    Difference("scaled", term, right, 1 / Fraction(number.p, number.q)),
-                )
+                price = FRACTION + len(str(number)) / 20
+                price = SIGN if number == -1 else DOUBLED if number in (2, sympy.S.Half) else price
+                yield price, Difference("scaled", term, right, 1 / Fraction(number.p, number.q))
             else:
                 plain = 0 if number == 1 else 0.2 if number == -1 else 0.7
                 yield SIGN + cost + plain, Difference("wrong", term, right)
@@ -434,20 +424,19 @@ class _Search:
         Only the coefficients of accelerations are compared. A factor is likely if it is a product of symbols, without
         a number other than 1 or -1.
         """
-        try:
+        with suppress(OutsideDomain):
             slopes = [row.numbers(sample)[0] for sample in self.samples]
-        except OutsideDomain:
-            return False
-        for i in range(len(self.row.statement.names)):
-            masses = [sample.mass[i] for sample in self.samples]
-            if not all(mass[i] for mass in masses):
-                continue
-            factors = [line[i] / mass[i] for line, mass in zip(slopes, masses, strict=True)]
-            entries = zip(slopes, masses, factors, strict=True)
-            left = [max(abs(x - c * y) for x, y in zip(line, mass, strict=False)) for line, mass, c in entries]
-            if all(x <= CLOSE * max(map(abs, line)) for x, line in zip(left, slopes, strict=True)):
-                numbers = sorted((cost, abs(number)) for cost, number, _ in self.multiples(factors))
-                return not numbers or numbers[0][1] != 1
+            for i in range(len(self.row.statement.names)):
+                pairs = [(line, sample.mass[i]) for line, sample in zip(slopes, self.samples, strict=True)]
+                if not all(mass[i] for _, mass in pairs):
+                    continue
+                factors = [line[i] / mass[i] for line, mass in pairs]
+                left = [
+                    [x - c * y for x, y in zip(*pair, strict=False)] for pair, c in zip(pairs, factors, strict=True)
+                ]
+                if all(max(map(abs, x)) <= CLOSE * max(map(abs, line)) for x, line in zip(left, slopes, strict=True)):
+                    numbers = sorted((cost, abs(number)) for cost, number, _ in self.multiples(factors))
+                    return not numbers or numbers[0][1] != 1
         return False
 
     def corrected(self, total: Sum, difference: Difference) -> EquationRow | None:
@@ -465,15 +454,6 @@ def _sums_below(term: Any) -> set[Any]:
     """Return the sums that are factors in the denominator of a product."""
     powers = (factor for factor in sympy.Mul.make_args(term) if factor.is_Pow and factor.base.is_Add)
     return {power.base for power in powers if power.exp.is_negative}
-
-
-def _without_float(term: Any) -> Any:
-    """Return a term; if its numerical factor is a decimal, it is replaced by the nearest small fraction."""
-    number, rest = term.as_coeff_Mul()
-    if not number.is_Float:
-        return term
-    fraction = Fraction(float(number)).limit_denominator(LARGEST_FACTOR)
-    return sympy.Rational(fraction.numerator, fraction.denominator) * rest
 
 
 def _root(first: Any, second: Any, third: Any) -> Any:

@@ -49,9 +49,11 @@ def slip_of(rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample
         return ""
     if len(statement.names) + len(statement.parameters) > MOST_SYMBOLS:
         return ""
+    parameters = [p for p in statement.parameters if any(zero.has(p) for zero in zeros)]
     with suppress(BudgetSpent):
         check_size(*zeros)
-        for sentence, table in _slips(zeros, statement) if common else _factors(zeros, statement):
+        slips = _slips(zeros, parameters, statement) if common else _factors(parameters, statement)
+        for sentence, table in slips:
             check_budget()
             if _all_hold([zero.xreplace(table) for zero in zeros], statement, *choices):
                 return sentence
@@ -61,11 +63,10 @@ def slip_of(rows: Sequence[EquationRow], choices: Sequence[Sequence[MotionSample
 
 def _all_hold(zeros: Sequence[Any], statement: Statement, *choices: Sequence[MotionSample]) -> bool:
     """Return True if equations, as expressions that are zero, hold at all samples of one of the `choices`."""
-    try:
+    with suppress(StatementError):
         rows = [row_of(StudentEquation(zero), statement) for zero in zeros]
-    except StatementError:
-        return False
-    return any(all(row.holds(samples) for row in rows) for samples in choices)
+        return any(all(row.holds(samples) for row in rows) for samples in choices)
+    return False
 
 
 def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
@@ -82,12 +83,11 @@ def _small_angles(zeros: Sequence[Any], statement: Statement) -> str:
     pairs = [(x, y) for x in moving for y in moving if x.name <= y.name]
     if any(sympy.diff(zero, x, y) != 0 for zero in zeros for x, y in pairs):
         return ""
-    try:
+    with suppress(StatementError):
         linear = small(statement, None, 2)
-        right = _all_hold(zeros, linear, motion_samples(linear, 2))
-    except StatementError:
-        return ""
-    return "These are the equations for small motions: the exact ones are asked for." if right else ""
+        if _all_hold(zeros, linear, motion_samples(linear, 2)):
+            return "These are the equations for small motions: the exact ones are asked for."
+    return ""
 
 
 def _has_direction(parameter: Any, statement: Statement) -> bool:
@@ -109,12 +109,12 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
     return not (below.has(*statement.plain.values()) or slope.is_nonnegative or slope.is_nonpositive)
 
 
-def _slips(zeros: Sequence[Any], statement: Statement) -> Iterator[Slip]:
+def _slips(zeros: Sequence[Any], parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
     """Yield common slips that the equations may contain, the most common first.
 
-    `zeros` are the equations as expressions that are zero.
+    `zeros` are the equations as expressions that are zero, and `parameters` those that they contain.
     """
-    for p in _parameters_in(zeros, statement):
+    for p in parameters:
         if _has_direction(p, statement):
             yield f"All is right with -{p} in place of {p}: check the direction in which {p} is counted.", {p: -p}
     circular = sorted({f for zero in zeros for f in zero.atoms(*_CIRCULAR)}, key=str)
@@ -132,16 +132,19 @@ def _slips(zeros: Sequence[Any], statement: Statement) -> Iterator[Slip]:
     yield from _multiples(angles)
 
 
-def _factors(zeros: Sequence[Any], statement: Statement) -> Iterator[Slip]:
-    """Yield slips that one wrong term may explain, too: opposite signs and directions, and factors 2 and 1/2."""
-    for p in _parameters_in(zeros, statement):
+def _factors(parameters: Sequence[Any], statement: Statement) -> Iterator[Slip]:
+    """Yield slips that one wrong term may explain, too: opposite signs and directions, and factors 2 and 1/2.
+
+    `parameters` are those that the equations contain.
+    """
+    for p in parameters:
         if not statement.kinetic.has(p):
             yield f"All is right with -{p} in place of {p}: the terms with {p} have the wrong sign.", {p: -p}
     for q, v, a in _coordinates(statement):
         turned = {q: -q, v: -v, a: -a}
         yield f"All is right for -{q} in place of {q}: check the direction in which {q} is counted.", turned
     for factor, text in FACTORS.items():
-        for p in _parameters_in(zeros, statement):
+        for p in parameters:
             yield f"All is right with {text}{p} in place of {p}.", {p: factor * p}
     yield from _multiples(_coordinates(statement))
 
@@ -153,15 +156,10 @@ def _multiples(coordinates: Sequence[tuple[Any, ...]]) -> Iterator[Slip]:
             yield f"All is right for {text}{q} in place of {q}.", {q: factor * q, v: factor * v, a: factor * a}
 
 
-def _parameters_in(zeros: Sequence[Any], statement: Statement) -> list[Any]:
-    """Return the parameters that at least one of the expressions `zeros` contains."""
-    return [p for p in statement.parameters if any(zero.has(p) for zero in zeros)]
-
-
 def _coordinates(statement: Statement) -> list[tuple[Any, ...]]:
     """Return (coordinate, velocity, acceleration) of each coordinate, in plain symbols."""
-    plain = list(statement.plain.values())
-    return [tuple(plain[i : i + 3]) for i in range(0, len(plain), 3)]
+    plain = iter(statement.plain.values())
+    return [*zip(plain, plain, plain, strict=True)]
 
 
 def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample], write: Write, *, alone: bool) -> str:
@@ -170,13 +168,12 @@ def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample
     Corrections are those of `_variants`, the shortest ones first. A constant is replaced by constants only. `alone` is
     true if one wrong term explains the fault, too. Then the square and the root of the definition are not tried.
     """
-    statement = rows[0].statement
-    plain, sample = list(statement.plain.values()), samples[0]
-    point = sample.point
-    motion = [x for each in zip(point.q, point.v, sample.accelerations, strict=True) for x in each]
-    values = dict(zip(unknowns_of(statement)[len(motion) // 3 :], sample.multipliers, strict=True))
-    values |= dict(zip(plain, motion, strict=True)) | {**point.parameters, t: point.t}
-    numbers = {symbol: sympy.Float(x, DIGITS) for symbol, x in values.items()}
+    statement, sample = rows[0].statement, samples[0]
+    plain, point = list(statement.plain.values()), sample.point
+    symbols = [*plain, *(constraint.multiplier for constraint in statement.constraints), *point.parameters, t]
+    motion = (x for each in zip(point.q, point.v, sample.accelerations, strict=True) for x in each)
+    values = zip(symbols, (*motion, *sample.multipliers, *point.parameters.values(), point.t), strict=True)
+    numbers = {symbol: sympy.Float(x, DIGITS) for symbol, x in values}
     meanings = {symbol: value for row in rows for symbol, value in row.equation.meanings.items()}
     for symbol, value in meanings.items():
         rates = [rate for rate in (sympy.Symbol(symbol.name + end, real=True) for end in RATES[1:]) if rate in meanings]
@@ -189,12 +186,10 @@ def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample
         moves = value.has(*plain)
         symbols = [*statement.parameters, *(plain if moves else ())]
         powers = {value**2, sympy.sqrt(value)} if alone else set()
-        variants = set(_variants(value, symbols)) - {value} - powers
+        variants = {variant for variant in _variants(value, symbols) if variant.free_symbols} - {value} - powers
         for variant in sorted(variants, key=lambda x: (x.count_ops(), str(x))):
             if is_spent():
                 return ""
-            if not variant.free_symbols:
-                continue
             table, rate = {symbol: variant}, variant
             for each in rates:
                 rate = along_motion(rate, statement)
@@ -215,7 +210,7 @@ def _variants(expression: Any, symbols: Sequence[Any]) -> Iterator[Any]:
     number, and a sine in place of a cosine.
     """
     yield from (-expression, 1 / expression, expression**2, sympy.sqrt(expression))
-    yield from (expression * p**power for p in symbols for power in (1, -1))
+    yield from (expression * factor for p in symbols for factor in (p, 1 / p))
     yield from _changed_parts(expression, symbols)
 
 

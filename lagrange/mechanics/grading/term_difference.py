@@ -21,9 +21,7 @@ Write = Callable[[Any], str]  # Function that returns the text of an expression 
 LARGEST_MULTIPLE = 20  # Largest multiple of an angle whose sine is expanded
 MOST_TERMS = 2_000  # Largest number of terms of an expanded sum in which a wrong term is searched
 LARGEST_FACTOR = 1000  # Largest denominator of a fraction that approximates a constant factor
-
-# Largest constant factor: the fraction of a number with an exponent of many digits takes minutes
-LARGEST_NUMERATOR = 10**6
+LARGEST_NUMERATOR = 10**6  # Largest constant factor: the fraction of a number with many digits takes minutes
 
 
 @dataclass(frozen=True)
@@ -46,8 +44,10 @@ class Difference:
         typed, right = self.typed * factor, self.right * factor
         shown = right if self.kind == "missing" else typed
         named = f"the {'sum' if shown.is_Add else 'term'} {write(shown)}"
-        if self.kind in ("missing", "extra"):
-            return f"{named} {'is missing' if self.kind == 'missing' else 'should not be there'}."
+        if self.kind == "missing":
+            return f"{named} is missing."
+        if self.kind == "extra":
+            return f"{named} should not be there."
         if self.kind == "scaled" and self.ratio != -1:
             return f"{named} has the wrong factor: it is {self.ratio} times what it should be, {write(right)}."
         return f"{named} {'is wrong' if self.kind == 'wrong' else 'has the wrong sign'}: it should be {write(right)}."
@@ -81,14 +81,14 @@ def expanded(expression: Any) -> tuple[Any, ...]:
     BudgetSpent if the time is up.
     """
     check_budget()
-    powers = (power for power in expression.atoms(sympy.Pow) if power.base.is_Add)
-    large = any(power.exp.is_Integer and abs(power.exp) > LARGEST_POWER for power in powers)
+    exponents = (power.exp for power in expression.atoms(sympy.Pow) if power.base.is_Add)
+    large = any(exponent.is_Integer and abs(exponent) > LARGEST_POWER for exponent in exponents)
     if not (large or expansion(expression) > LARGEST_EXPANSION):
-        calls = expression.atoms(sympy.sin, sympy.cos, sympy.tan)
-        factors = (abs(term.as_coeff_Mul()[0]) for call in calls for term in sympy.Add.make_args(call.args[0]))
+        angles = [call.args[0] for call in expression.atoms(sympy.sin, sympy.cos, sympy.tan)]
+        factors = (abs(term.as_coeff_Mul()[0]) for angle in angles for term in sympy.Add.make_args(angle))
         # The sine of n times an angle becomes a polynomial of degree n.
-        many = any(factor > LARGEST_MULTIPLE for factor in factors)
-        expression = sympy.expand(expression if many else sympy.expand_trig(expression))
+        few = all(factor <= LARGEST_MULTIPLE for factor in factors)
+        expression = sympy.expand(sympy.expand_trig(expression) if few else expression)
     terms: tuple[Any, ...] = sympy.Add.make_args(expression)
     return terms
 
