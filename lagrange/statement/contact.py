@@ -42,9 +42,12 @@ class Contact:
     name: str = ""
 
     def __post_init__(self) -> None:
-        _check_number(self.restitution, 0, 1, "restitution", "between 0 and 1")
-        for coefficient in self.friction:
-            _check_number(coefficient, 0, sympy.oo, "friction", "zero or positive")
+        limits = [(self.restitution, 1, "restitution", "between 0 and 1")]
+        limits += [(coefficient, sympy.oo, "friction", "zero or positive") for coefficient in self.friction]
+        for value, largest, what, bounds in limits:
+            if value.is_number and not bool(value >= 0) & bool(value <= largest):
+                given = formula(value, 40) if value.is_Rational else f"{float(value):.10g}"
+                raise StatementError(f"{what} is {given}: give a number {bounds}.")
 
     def __repr__(self) -> str:
         slip = f", slip {listing(map(formula, self.slip))}" if self.slip else ""
@@ -62,6 +65,11 @@ class Contact:
     def normal(self) -> Any:
         """Symbol of the normal force, the multiplier of gap = 0."""
         return multiplier(self.name)
+
+    @property
+    def slip_speed(self) -> Any:
+        """Size of the relative velocity along the surface."""
+        return sympy.sqrt(sympy.Add(*(slip**2 for slip in self.slip)))
 
     @property
     def expressions(self) -> tuple[Any, ...]:
@@ -147,14 +155,6 @@ def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str,
     return contacts
 
 
-def _check_number(value: Any, low: Any, high: Any, what: str, bounds: str) -> None:
-    """Raise StatementError for a number that is not from `low` to `high`; the message says `bounds`."""
-    is_real = value.is_real is not False  # infinity is not real
-    if value.is_number and not (is_real and bool(low <= value) and bool(value <= high)):
-        given = formula(value, 40) if value.is_Rational or not is_real else f"{float(value):.10g}"
-        raise StatementError(f"{what} is {given}: give a number {bounds}.")
-
-
 def gap(name: str) -> Any:
     """Return the symbol of the gap of the contact `name`, for events and `solution.evaluate`.
 
@@ -204,12 +204,25 @@ def _check(stated: Contact, survey: Survey) -> None:
             "and t, such as y - R."
         )
     for component in stated.slip:
-        _check_slip(component, f"the slip of the contact {stated.name!r}")
-    if len(stated.slip) == 2 and _are_multiples(*stated.slip):
-        raise StatementError(
-            f"the two components of the slip of the contact {stated.name!r} are multiples of each other: give one, or "
-            "two at right angles in the surface."
-        )
+        what, leaves = f"the slip of the contact {stated.name!r}", Survey()
+        leaves.add(component, what)
+        if not leaves.velocities:
+            raise StatementError(
+                f"{what} is {formula(component, 60)}, which contains no velocity: give the relative velocity of the "
+                "surfaces, such as x.dot."
+            )
+        rates = [velocity_of(q) for q in leaves.coordinates]
+        for rate in rates:
+            if component.diff(rate).has(*rates):
+                raise StatementError(f"{what} is not linear in {formula(rate, 40)}: give a relative velocity.")
+    if len(stated.slip) == 2:
+        first, second = stated.slip
+        rates = second.atoms(sympy.Derivative) or second.atoms(AppliedUndef)
+        if all(sympy.expand(first * second.diff(rate) - second * first.diff(rate)) == 0 for rate in rates):
+            raise StatementError(
+                f"the two components of the slip of the contact {stated.name!r} are multiples of each other: give one, "
+                "or two at right angles in the surface."
+            )
     for number, part in ((stated.restitution, "restitution"), *((mu, "friction") for mu in stated.friction)):
         what, symbols, plain = f"the {part} of the contact {stated.name!r}", "parameters", number
         if part == "restitution":
@@ -221,27 +234,6 @@ def _check(stated: Contact, survey: Survey) -> None:
         survey.add(plain, what)
     for expressed in (stated.gap, *stated.slip):
         survey.add(expressed, f"the contact {stated.name!r}")
-
-
-def _are_multiples(first: Any, second: Any) -> bool:
-    """Return True if two linear expressions in velocities are multiples of each other."""
-    rates = second.atoms(sympy.Derivative) or second.atoms(AppliedUndef)
-    return all(sympy.expand(first * second.diff(rate) - second * first.diff(rate)) == 0 for rate in rates)
-
-
-def _check_slip(component: Any, what: str) -> None:
-    """Raise StatementError for a component of a slip that is not linear in velocities, or has none."""
-    leaves = Survey()
-    leaves.add(component, what)
-    if not leaves.velocities:
-        raise StatementError(
-            f"{what} is {formula(component, 60)}, which contains no velocity: give the relative velocity of the "
-            "surfaces, such as x.dot."
-        )
-    rates = [velocity_of(q) for q in leaves.coordinates]
-    for rate in rates:
-        if component.diff(rate).has(*rates):
-            raise StatementError(f"{what} is not linear in {formula(rate, 40)}: give a relative velocity.")
 
 
 def check_without_contacts(contacts: tuple[Contact, ...], what: str) -> None:

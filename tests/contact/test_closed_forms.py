@@ -10,7 +10,7 @@ import sympy
 from sympy import cos, sin
 
 import lagrange as lg
-from lagrange.trajectory.contact.history import ContactRun
+from lagrange.trajectory.contact.history import GAUSS_POINTS, ContactRun
 
 G = 9.81
 
@@ -66,17 +66,30 @@ def test_a_block_on_an_incline_stops_and_stays() -> None:
 def test_the_work_of_friction_takes_few_points(noise: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """It was integrated to round-off over all outputs at once: noise of a slip took all memory."""
     run = block(0.3, 0.5, initial={"x_dot": 3.0}).run(0.4, t_eval=np.linspace(0.0, 0.4, 401)).require()
-    power, points, draw = ContactRun._power, [0], np.random.default_rng(1)
+    work, points, draw = ContactRun._work, [0], np.random.default_rng(1)
 
-    def noisy(self: ContactRun, times: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-        points[0] += len(times)
-        return power(self, times) * (1 + noise * draw.normal(size=len(times)))
+    def noisy(self: ContactRun, begin: np.ndarray[Any, Any], end: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        points[0] += GAUSS_POINTS * len(begin)
+        return np.asarray(work(self, begin, end) * (1 + noise * draw.normal(size=len(begin))))
 
-    monkeypatch.setattr(ContactRun, "_power", noisy)
+    monkeypatch.setattr(ContactRun, "_work", noisy)
     along = run._contact_run
     assert along is not None
     assert along.lost_at(run.t) == pytest.approx(0.5 * G * np.cos(0.3) * run["x"], rel=1e-8, abs=1e-12 + 1e-8 * noise)
     assert points[0] < 200 * len(run.t)
+
+
+@pytest.mark.parametrize(("method", "rtol"), [("taylor", 1e-12), ("taylor", 1e-8), ("dop853", 1e-8)])
+def test_a_slip_in_a_plane_that_turns_straight_around_goes_on(method: str, rtol: float) -> None:
+    """The slip turned to the tolerance of the run, not to round-off: taylor stopped at the root of its square."""
+    x, y, z = lg.coordinates("x y z")
+    floor = lg.contact(z, slip=(x.dot, y.dot), friction=0.1)
+    kinetic, potential = lg.kinetic_energy(1, (x, y, z)), 2 * (x**2 + y**2) + G * z
+    system = lg.System(kinetic, potential, contacts={"floor": floor}, initial={x: 0.6, y: 0.8})
+    run = system.run(5.0, method=method, rtol=rtol).require()
+    # The amplitude falls by 2 mu g / 4 in each half period, and the second turn is within reach of friction.
+    assert run.y[:2, -1] == pytest.approx(np.array([0.6, 0.8]) * (1 - 4 * 0.1 * G / 4), abs=100 * rtol)
+    assert run.contacts["floor"].mode[-1] == "sticking"
 
 
 def test_a_coulomb_oscillator_loses_the_same_amplitude_in_each_half_period() -> None:

@@ -9,7 +9,7 @@ import pytest
 from sympy import cos, diff, sin, sqrt
 
 import lagrange as lg
-from lagrange.trajectory.contact.kinematics import Kinematics
+from lagrange.trajectory.contact.kinematics import Kinematics, Touch
 from lagrange.trajectory.contact.modes import Mode, modes_of
 from lagrange.trajectory.contact.transition import Transitions
 from tests.contact.random_contacts import broken_laws, random_system
@@ -20,6 +20,13 @@ from tests.contact.random_contacts import broken_laws, random_system
 def test_bodies_do_not_overlap_and_energy_goes_where_it_is_booked(seed: int) -> None:
     """Each law of `random_contacts`; `docs/benchmarks/random_contacts.py` takes 500 systems."""
     drawn = random_system(seed)
+    run = drawn.system.run(drawn.end, rtol=1e-12).require()
+    assert not broken_laws(drawn.system, run, driven=drawn.driven)
+
+
+def test_an_impact_at_the_instant_at_which_a_slip_stops_begins_it_anew() -> None:
+    """One corner of this box bounces while the other slides: friction pushed along the slip after such an impact."""
+    drawn = random_system(21_247)
     run = drawn.system.run(drawn.end, rtol=1e-12).require()
     assert not broken_laws(drawn.system, run, driven=drawn.driven)
 
@@ -73,7 +80,8 @@ def test_a_slip_of_round_off_that_closing_the_gap_turns_around_is_at_rest() -> N
     kinematics.at(0.0, np.array([*place, 1.0, 0.0, 0.0]))
     slip, rate = -1.01e-11, 0.99e-11
     for sign in (1, -1):
-        following = transitions.after(0.0, np.array([*place, slip, sign * rate, 0.0]), mode)
+        touch = kinematics.at(0.0, np.array([*place, slip, sign * rate, 0.0]))
+        following = transitions.after(touch, mode)
         moved = kinematics.at(0.0, following.y).rates[1]
         assert following.mode.states == ("sticking",) or following.mode.ways[0] * moved > 0
 
@@ -132,9 +140,9 @@ def random_slider(seed: int) -> lg.System:
 def test_friction_inside_the_loop_is_that_of_a_look_at_each_change(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     looks, after = list[float](), Transitions.after
 
-    def counted(self: Transitions, t: float, *state: Any, **ends: Any) -> Any:
-        looks.append(t)
-        return after(self, t, *state, **ends)
+    def counted(self: Transitions, touch: Touch, mode: Mode, **ends: Any) -> Any:
+        looks.append(touch.t)
+        return after(self, touch, mode, **ends)
 
     monkeypatch.setattr(Transitions, "after", counted)
     system = random_slider(seed)

@@ -235,14 +235,14 @@ def test_motion_after_a_transition(closed: tuple[int, ...], share: Share) -> Non
             slips = {i: int(random.choice([-1, 0, 0, 1])) for i in closed}
             state.with_rates({2 * i: 0.0 for i in closed} | {2 * i + 1: 0.4 * slip for i, slip in slips.items()})
             expected = motions(state, slips)
-        transitions, _, at = state.of_program()
+        transitions, kinematics, at = state.of_program()
         before = {i: slip or int(random.choice([-1, 1])) for i, slip in slips.items()}
         mode = Mode(tuple(SLIDING if i in closed else OPEN for i in range(2)), tuple(map(before.get, range(2))))
         if len(expected) != 1:
             with pytest.raises(lg.RunError):
-                transitions.after(TIME, at, mode, stopped=[i for i, slip in slips.items() if not slip])
+                transitions.after(kinematics.at(TIME, at), mode, stopped=[i for i, slip in slips.items() if not slip])
             continue
-        result = transitions.after(TIME, at, mode, stopped=[i for i, slip in slips.items() if not slip])
+        result = transitions.after(kinematics.at(TIME, at), mode, stopped=[i for i, slip in slips.items() if not slip])
         assert_same_motion(state, result, expected[0], slips)
         for (i, slip), case in zip(slips.items(), expected[0][0], strict=True):
             met.add((case[0], "reverses" if slip == 0 and case[1] == -before[i] else "goes on"))
@@ -268,7 +268,7 @@ def test_velocities_and_impulses_of_an_impact(hits: tuple[int, ...], rests: tupl
             rows |= {2 * i + 1: before[2 * i + 1] for i in closed}
             laws = {i: (frictions(state, i)[1],) * 2 + (0,) for i in closed}
             expected = list(solutions(state, mpmath.zeros(5, 1), rows, laws))
-        transitions, _, at = state.of_program()
+        transitions, kinematics, at = state.of_program()
         if len(expected) != 1:
             continue
         cases, changes, impulses = expected[0]
@@ -276,7 +276,7 @@ def test_velocities_and_impulses_of_an_impact(hits: tuple[int, ...], rests: tupl
             tuple(SLIDING if i in rests else OPEN for i in range(2)), tuple(1 if i in rests else None for i in range(2))
         )
         try:
-            result = transitions.after(TIME, at, mode, met=hits)
+            result = transitions.after(kinematics.at(TIME, at), mode, met=hits)
         except lg.RunError:  # the motion after the impact may be undetermined
             continue
         met |= {case for i, (case, _) in zip(closed, cases, strict=True) if i in hits}
@@ -319,11 +319,11 @@ def test_sliding_begins_where_friction_reaches_its_cone(closed: tuple[int, ...])
             way = -int(mpmath.sign(forces[1]))
             # Friction drops to the kinetic one, so the contact slides as it is pushed.
             expected = [item for item in motions(state, slips | {0: way}) if item[0][0] == (SLIDING, way)]
-        transitions, _, at = state.of_program()
+        transitions, kinematics, at = state.of_program()
         mode = Mode(tuple((STICKING, SLIDING)[i] if i in closed else OPEN for i in range(2)), (None, slips.get(1)))
         if len(expected) != 1:
             continue
-        result = transitions.after(TIME, at, mode, freed=[0])
+        result = transitions.after(kinematics.at(TIME, at), mode, freed=[0])
         assert_same_motion(state, result, expected[0], slips)
         count += 1
     assert count > 5
@@ -349,14 +349,14 @@ def test_a_contact_is_released_where_its_force_is_zero(closed: tuple[int, ...]) 
             state.values[g] = float(pushes[0] / (pushes[0] - pushes[1]))
             del slips[0]
             expected = motions(state, slips)
-        transitions, _, at = state.of_program()
+        transitions, kinematics, at = state.of_program()
         mode = Mode(
             tuple(SLIDING if i in closed else OPEN for i in range(2)),
             tuple(1 if i in closed else None for i in range(2)),
         )
         if len(expected) != 1:
             continue
-        result = transitions.after(TIME, at, mode, released=[0])
+        result = transitions.after(kinematics.at(TIME, at), mode, released=[0])
         assert_same_motion(state, result, expected[0], slips)
         model = modes_of(system().compile()).model_of(mode)
         closed_yet = model.accelerations(result.y[:5], result.y[5:], TIME, np.array(list(state.values.values())))

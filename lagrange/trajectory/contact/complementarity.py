@@ -183,6 +183,11 @@ class _Rows:
         sizes = np.sqrt((values**2) @ self.members)[:, self.contact]
         return np.where(self.along & (sizes > 0), values / np.where(sizes > 0, sizes, 1.0), 0.0)
 
+    def balance(self, forces: FloatArray, rates: FloatArray, states: NDArray[np.str_], ways: FloatArray) -> Balance:
+        """Return the solution with contact `states` (k,). `forces`, `rates` and `ways` of sliding are (rows,)."""
+        directions = (ways[self.members[:, i]] if state == SLIDING else None for i, state in enumerate(states))
+        return Balance(forces, rates, tuple(states.tolist()), tuple(directions))
+
 
 def _balances(
     matrix: FloatArray, bias: FloatArray, rows: _Rows, cases: Sequence[Sequence[tuple[str, FloatArray]]]
@@ -197,7 +202,13 @@ def _balances(
     ways = np.array([np.concatenate([way for _, way in pairs]) for pairs in combinations])
     searched = rows.along & (states == SLIDING)[:, rows.contact] & ~rows.moving(ways)
     if searched.any():
-        ways = np.where(searched, _first_ways(matrix, bias, rows, states), ways)
+        # First guesses are opposite to forces that would hold all surfaces, or else along the first slip.
+        held = np.where(states == SLIDING, STICKING, states)
+        forces, _, solved = _forces(matrix, bias, rows, held, np.zeros(len(bias)))
+        first = np.zeros(len(bias))
+        first[rows.normals[np.bincount(rows.contact) > 1] + 1] = 1.0
+        against = -rows.directions(forces)
+        ways = np.where(searched, np.where(solved[:, None] & rows.moving(against), against, first), ways)
     share, change, error = np.ones((len(combinations), 1)), np.full(len(combinations), np.inf), np.zeros(ways.shape)
     for turn in range(TURNS):
         forces, rates, solved = _forces(matrix, bias, rows, states, ways)
@@ -216,30 +227,7 @@ def _balances(
                 break
     good = solved & (change <= NOISE) & _obeys(rows, states, ways, forces, rates, _noise(matrix, bias, forces))
     for c in np.flatnonzero(good).tolist():
-        yield _balance_of(rows, forces[c], rates[c], states[c].tolist(), ways[c])
-
-
-def _balance_of(rows: _Rows, forces: FloatArray, rates: FloatArray, states: list[str], ways: FloatArray) -> Balance:
-    """Return the solution for one combination of contact `states`, with the direction of each sliding contact.
-
-    `forces`, `rates` and `ways`, the directions of sliding, have shape (rows,). `rows` says which contact each row
-    belongs to.
-    """
-    directions = (ways[rows.members[:, i]] if state == SLIDING else None for i, state in enumerate(states))
-    return Balance(forces, rates, tuple(states), tuple(directions))
-
-
-def _first_ways(matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArray[np.str_]) -> FloatArray:
-    """Return first guesses (C, rows) of the directions of sliding: opposite to forces that would hold all surfaces.
-
-    `matrix` is A and `bias` is b in the rates A f + b. `states` (C, k) are C combinations of states of the k
-    contacts. A contact without such a force gets its first slip direction.
-    """
-    forces, _, solved = _forces(matrix, bias, rows, np.where(states == SLIDING, STICKING, states), np.zeros(len(bias)))
-    first = np.zeros(len(bias))
-    first[rows.normals[np.bincount(rows.contact) > 1] + 1] = 1.0
-    ways = -rows.directions(forces)
-    return np.where(solved[:, None] & rows.moving(ways), ways, first)
+        yield rows.balance(forces[c], rates[c], states[c], ways[c])
 
 
 def _forces(
@@ -286,11 +274,6 @@ def _obeys(
     return np.asarray(~wrong.any(axis=1))
 
 
-def least_solution(square: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the shortest least-squares solution x (k,) of `square` x = `right`, whose rows may be dependent."""
-    return np.asarray(np.linalg.lstsq(square, right, rcond=DEPENDENT)[0])
-
-
 def _by_pivoting(matrix: FloatArray, bias: FloatArray, rows: _Rows, machine: Machine | None) -> list[Balance]:
     """Return a list with a solution by Lemke's method, or an empty list.
 
@@ -325,4 +308,4 @@ def _by_pivoting(matrix: FloatArray, bias: FloatArray, rows: _Rows, machine: Mac
     states = np.select(cases, [OPEN, CLOSED, STICKING], SLIDING)
     ways = np.where(rows.slides[rows.contact], rows.ways, rows.directions(rates[None])[0])
     polished, exact, solved = _forces(matrix, bias, rows, states[None], ways)
-    return [_balance_of(rows, polished[0], exact[0], states.tolist(), ways)] if solved[0] else []
+    return [rows.balance(polished[0], exact[0], states, ways)] if solved[0] else []

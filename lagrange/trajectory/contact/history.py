@@ -103,13 +103,6 @@ class ContactRun:
             mine = [i for i, other in enumerate(modes) if other == mode]
             yield mode, np.isin(numbers, mine)
 
-    def labels(self, contact: int) -> NDArray[Any]:
-        """Return the state of a contact at the output times, (N,): "open", "closed", "sliding" or "sticking"."""
-        states = np.full(len(self.trajectory.t), OPEN, dtype="<U8")
-        for mode, where in self._segments(self.trajectory.t):
-            states[where] = mode.labels[contact]
-        return states
-
     def evaluate(self, expression: Any) -> FloatArray:
         """Return an expression at the outputs, (N,), with the accelerations and forces of the mode at each time.
 
@@ -132,19 +125,6 @@ class ContactRun:
         absent = {contact.normal: sympy.S.Zero for contact, state in pairs if state == OPEN}
         model = modes_of(self.model).model_of(mode)
         return np.asarray(model.evaluate_expression(plain.xreplace(absent), times, y, self.parameters))
-
-    def friction(self, contact: int) -> FloatArray:
-        """Return the friction force of a contact along its slip components, at the outputs, (components, N)."""
-        stated = self.model.statement.contacts[contact]
-        forces = np.zeros((len(stated.slip), len(self.trajectory.t)))
-        for mode, where in self._segments(self.trajectory.t):
-            if mode.labels[contact] in (SLIDING, STICKING):
-                y = self.trajectory.y[:, where]
-                forces[:, where] = [
-                    self._in_mode(mode, force, self.trajectory.t[where], y)
-                    for force in _friction(stated, mode, contact)
-                ]
-        return forces
 
     @cached_property
     def energy_lost(self) -> FloatArray:
@@ -208,20 +188,15 @@ class ContactRun:
         nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
         halves, middles = (end - begin) / 2, (begin + end) / 2
         times = (middles[:, None] + halves[:, None] * nodes).ravel()
-        power = self._power(times).reshape(len(halves), GAUSS_POINTS)
-        return np.asarray((power @ weights) * halves)
-
-    def _power(self, times: FloatArray) -> FloatArray:
-        """Return the power (K,) that sliding friction dissipates at times (K,)."""
-        total, path = np.zeros(len(times)), self.trajectory.dense
+        power = np.zeros(len(times))
         for mode, where in self._segments(times):
-            y = path(times[where]) if SLIDING in mode.states else None
-            for i, contact in enumerate(self.model.statement.contacts):
-                if y is not None and mode.states[i] == SLIDING:
-                    pairs = zip(_friction(contact, mode, i), contact.slip, strict=True)
-                    power = sympy.Add(*(-force * slip for force, slip in pairs))
-                    total[where] += self._in_mode(mode, power, times[where], y)
-        return total
+            y = self.trajectory.dense(times[where]) if SLIDING in mode.states else None
+            for contact, state, way in zip(self.model.statement.contacts, mode.states, mode.ways, strict=True):
+                if y is not None and state == SLIDING:
+                    pairs = zip(sliding_friction(contact, way), contact.slip, strict=True)
+                    dissipated = sympy.Add(*(-force * slip for force, slip in pairs))
+                    power[where] += self._in_mode(mode, dissipated, times[where], y)
+        return np.asarray((power.reshape(len(halves), GAUSS_POINTS) @ weights) * halves)
 
 
 class ContactResult:
@@ -236,7 +211,10 @@ class ContactResult:
     @cached_property
     def mode(self) -> NDArray[Any]:
         """The state at the output times, (N,): "open", "closed", "sliding" or "sticking"."""
-        return self._run.labels(self._which)
+        states = np.full(len(self._run.trajectory.t), OPEN, dtype="<U8")
+        for mode, where in self._run._segments(self._run.trajectory.t):
+            states[where] = mode.labels[self._which]
+        return states
 
     @cached_property
     def gap(self) -> FloatArray:
@@ -251,7 +229,15 @@ class ContactResult:
     @cached_property
     def friction(self) -> FloatArray:
         """The friction force at the output times, (N,), or (2, N) in a plane, positive along the stated slip."""
-        forces = self._run.friction(self._which)
+        run, stated = self._run.trajectory, self._stated
+        forces = np.zeros((len(stated.slip), len(run.t)))
+        for mode, where in self._run._segments(run.t):
+            if mode.labels[self._which] in (SLIDING, STICKING):
+                stuck = mode.states[self._which] == STICKING
+                held = [multiplier(name) for name in stated.slip_names]
+                expressions = held if stuck else sliding_friction(stated, mode.ways[self._which])
+                t, y = run.t[where], run.y[:, where]
+                forces[:, where] = [self._run._in_mode(mode, force, t, y) for force in expressions]
         return forces[0] if len(forces) == 1 else forces
 
     @cached_property
@@ -264,10 +250,3 @@ class ContactResult:
     def rests(self) -> tuple[float, ...]:
         """The times at which infinitely many impacts accumulate and end."""
         return self._run.history.rests[self._which]
-
-
-def _friction(contact: Contact, mode: Mode, which: int) -> list[Any]:
-    """Return the friction force of contact number `which` in a mode: an expression for each slip component."""
-    if mode.states[which] == STICKING:
-        return [multiplier(name) for name in contact.slip_names]
-    return sliding_friction(contact, mode.ways[which])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from sympy import Float
 
 from lagrange.equations.constraints import constraint_equations
@@ -19,7 +19,7 @@ from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.kernel.straight_lines import fits
 from lagrange.machine.model import Model
 from lagrange.statement.contact import impact_speed
-from lagrange.trajectory.contact.complementarity import Friction, least_solution
+from lagrange.trajectory.contact.complementarity import DEPENDENT, OPEN, STICKING, Friction
 from lagrange.trajectory.trajectory import FloatArray
 
 TOUCHING = 1e-13
@@ -37,6 +37,9 @@ ROUND_OFF = 2.0**-50
 """A velocity in a closed contact is rounding if its kinetic energy is below the square of this fraction times the
 largest. Impulses transmit it from contact to contact. Tolerances relative to it would be far too small.
 """
+
+FEW_STATES = 16
+"""Below this number of states, calls of a function for one state are faster than one call for all."""
 
 MODELS_KEPT = 16
 """Largest number of models whose contact functions and modes are cached."""
@@ -72,28 +75,43 @@ def _coefficients(model: Model, parameters: tuple[float, ...]) -> tuple[list[Any
 
 @dataclass(frozen=True, eq=False)
 class Touch:
-    """The contacts at a state: the gaps (k,), and the rates (dgap/dt and slips), their derivatives and noise.
+    """The contacts at a time `t` and a state `y` (2n,): gaps (k,), rates (dgap/dt and slips), and their derivatives.
 
     A row is a rate: each contact has a row for dgap/dt, then one for each slip. `rates` (rows,) are the values,
     `directions` (rows, n) their derivatives by the velocities, and `bias` (rows,) their derivatives by time at zero
-    acceleration. A unit force along a row causes the accelerations in its column of `responses` (n, rows), under the
-    stated constraints. Gaps count as zero up to `near` (k,), rates up to `noise` (rows,), and velocities up to
-    `still` (n,).
+    acceleration. Gaps count as zero up to `near`, rates up to `noise` (rows,). `inertia` computes the pair of
+    `responses` and `still` at its first call.
     """
 
+    t: float
+    y: FloatArray
     gaps: FloatArray
     rates: FloatArray
     directions: FloatArray
     bias: FloatArray
-    responses: FloatArray
-    near: FloatArray
+    near: float
     noise: FloatArray
-    still: FloatArray
+    inertia: Callable[[], tuple[FloatArray, FloatArray]]
+
+    @property
+    def responses(self) -> FloatArray:
+        """Accelerations by a unit force along each row, under the stated constraints, (n, rows)."""
+        return self.inertia()[0]
+
+    @property
+    def still(self) -> FloatArray:
+        """Sizes (n,) up to which velocities count as zero."""
+        return self.inertia()[1]
 
     @cached_property
     def compliance(self) -> FloatArray:
         """Change of each rate that a unit force (or impulse) along each row causes, (rows, rows)."""
         return self.directions @ self.responses
+
+    def least_motion(self, rows: Sequence[int], changes: ArrayLike) -> FloatArray:
+        """Return the velocities (n,), least by the kinetic energy, that change the rates `rows` by `changes` (k,)."""
+        square, right = self.compliance[np.ix_(rows, rows)], np.asarray(changes)
+        return np.asarray(self.responses[:, rows] @ np.linalg.lstsq(square, right, rcond=DEPENDENT)[0])
 
 
 @lru_cache(maxsize=MODELS_KEPT)
@@ -140,12 +158,16 @@ class Kinematics:
         self._kernel = contact_function(model)
         self._restitution, self._friction = _coefficients(model, tuple(parameters.tolist()))
         self.restitutions = [float(e) if e.is_number else None for e in self._restitution]
-        self._last: tuple[float, FloatArray, Touch] | None = None
 
-    def gaps(self, times: FloatArray, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the gaps (k, N) at times (N,) and states (2n, N), and the sizes (k,) up to which they are zero."""
-        values = np.asarray(self._kernel(times, states, self.parameters))[: len(self.normals)]
-        return values.copy(), np.full(len(values), TOUCHING * max(self._places.max(), np.abs(values).max()))
+    def gaps(self, times: FloatArray, states: FloatArray) -> tuple[FloatArray, float]:
+        """Return the gaps (k, N) at times (N,) and states (2n, N), and the size up to which they are zero."""
+        k = len(self.normals)
+        if len(times) < FEW_STATES:
+            pairs = zip(times.tolist(), np.ascontiguousarray(states.T), strict=True)
+            values = np.array([self._kernel(t, y, self.parameters)[:k] for t, y in pairs]).T
+        else:
+            values = np.array(self._kernel(times, states, self.parameters)[:k])
+        return values, TOUCHING * max(self._places.max(), np.abs(values).max())
 
     def held(self, contact: int, times: FloatArray, states: FloatArray, sticking: NDArray[np.bool_]) -> bool:
         """Return True if a contact is closed at all states (2n, N): gap and gap rate are zero up to rounding.
@@ -161,55 +183,62 @@ class Kinematics:
     def at(self, t: float, y: FloatArray, before: Touch | None = None) -> Touch:
         """Return the contacts at a state y (2n,), an array that is not changed afterwards.
 
-        With `before`, the contacts at another state, its `responses` and `still` are reused, which saves time. Both
-        states must have the same coordinates, up to rounding. Velocities may differ. The last result is stored.
+        With `before`, the contacts at another state, its `inertia` is reused, which saves time. Both states must have
+        the same coordinates, up to rounding. Velocities may differ.
         """
-        if before is None and self._last is not None and self._last[0] == t and self._last[1] is y:
-            return self._last[2]
-        n, k, rows = self.model.dimension, len(self.normals), len(self._speeds)
+        k, rows = len(self.normals), len(self._speeds)
         values = np.asarray(self._kernel(t, y, self.parameters))
-        gaps, rates, bias, gradient = np.split(values, [k, k + rows, k + 2 * rows])
-        directions = gradient.reshape(rows, n)
+        gaps, rates, bias, gradient = (
+            values[:k],
+            values[k : k + rows],
+            values[k + rows : k + 2 * rows],
+            values[k + 2 * rows :],
+        )
+        directions = gradient.reshape(rows, -1)
         q, v = self.model.layout.split(y)
-        lengths = np.abs(directions[self.normals]) @ np.abs(q) + np.abs(gaps)
-        speeds = np.abs(directions) @ np.abs(v) + np.abs(rates - directions @ v)
+        slopes = np.abs(directions)
+        lengths = slopes[self.normals] @ np.abs(q) + np.abs(gaps)
+        speeds = slopes @ np.abs(v) + np.abs(rates - directions @ v)
         self._places, self._speeds = np.maximum(self._places, lengths), np.maximum(self._speeds, speeds)
         fastest = np.maximum.reduceat(self._speeds, self.normals)[self.owners]
         noise = STILL * np.maximum(fastest, SLOW_SHARE * self._speeds.max())
-        near = np.full(k, TOUCHING * self._places.max())
-        if before is not None:
-            self._last = None
-            return Touch(gaps, rates, directions, bias, before.responses, near, noise, before.still)
+        near = TOUCHING * float(self._places.max())
+        inertia = cache(partial(self._inertia, t, y, directions)) if before is None else before.inertia
+        return Touch(t, y, gaps, rates, directions, bias, near, noise, inertia)
+
+    def _inertia(self, t: float, y: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return `responses` and `still` of a `Touch` with these `directions` (rows, n) at a state y (2n,)."""
+        n, v = self.model.dimension, y[self.model.layout.v]
         mass = np.asarray(self.model.kernel("mass_matrix")(t, y, self.parameters)).reshape(n, n)
         inertia = np.sqrt(np.abs(np.diag(mass)))
         self._momentum = max(self._momentum, float((inertia * np.abs(v)).max()))
         still = np.where(inertia > 0, ROUND_OFF * self._momentum / np.where(inertia > 0, inertia, 1.0), 0.0)
         if len(stated := self.stated_directions(t, y)):
             whole = np.block([[mass, -stated.T], [stated, np.zeros((len(stated), len(stated)))]])
-            right = np.vstack([directions.T, np.zeros((len(stated), rows))])
-            responses = np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n]
-        else:
-            try:
-                responses = np.linalg.solve(mass, directions.T)
-            except np.linalg.LinAlgError:  # The mass matrix is singular, and the next step ends the run.
-                responses = np.linalg.lstsq(mass, directions.T)[0]
-        self._last = t, y, Touch(gaps, rates, directions, bias, responses, near, noise, still)
-        return self._last[2]
+            right = np.vstack([directions.T, np.zeros((len(stated), len(directions)))])
+            return np.asarray(np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n]), still
+        try:
+            return np.asarray(np.linalg.solve(mass, directions.T)), still
+        except np.linalg.LinAlgError:  # The mass matrix is singular, and the next step ends the run.
+            return np.asarray(np.linalg.lstsq(mass, directions.T)[0]), still
 
-    def closed(self, y: FloatArray, touch: Touch, contacts: Sequence[int], unchanged: Sequence[int] = ()) -> FloatArray:
-        """Return the state y (2n,) changed so that the gaps of `contacts` (indices) are closed, by one Newton step.
+    def held_rows(self, states: Sequence[str]) -> list[int]:
+        """Return the indices of the rows (gap rates and slips) that are zero if the contacts have these `states`.
 
-        `touch` has the contacts at y. The change is the least, measured by the kinetic energy. The gaps of the
-        contacts `unchanged` (indices) do not change.
+        A closed gap is constant, and a contact that sticks has no slip.
         """
-        if not contacts:
-            return y
+        pairs = zip(self.rows, states, strict=True)
+        return [row for mine, state in pairs if state != OPEN for row in (mine if state == STICKING else mine[:1])]
+
+    def closed(self, touch: Touch, contacts: Sequence[int], unchanged: Sequence[int] = ()) -> FloatArray:
+        """Return the state of `touch` changed so that the gaps of `contacts` (indices) are closed, by one Newton step.
+
+        The change is the least, measured by the kinetic energy. The gaps of the contacts `unchanged` (indices) do not
+        change.
+        """
         both = [*contacts, *(i for i in unchanged if i not in contacts)]
-        y, normals = y.copy(), [self.normals[i] for i in both]
-        changes = np.array([*touch.gaps[contacts], *np.zeros(len(both) - len(contacts))])
-        y[self.model.layout.q] -= touch.responses[:, normals] @ least_solution(
-            touch.compliance[np.ix_(normals, normals)], changes
-        )
+        y, changes = touch.y.copy(), [*touch.gaps[contacts], *np.zeros(len(both) - len(contacts))]
+        y[self.model.layout.q] -= touch.least_motion([self.normals[i] for i in both], changes)
         return y
 
     def stated_directions(self, t: float, y: FloatArray) -> FloatArray:

@@ -13,15 +13,14 @@ from lagrange.equations.euler_lagrange import node_of
 from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
 from lagrange.statement.contact import Contact
-from lagrange.statement.coordinate import multiplier, velocity_of
+from lagrange.statement.coordinate import multiplier
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.event import Event
 from lagrange.statement.statement import ALLOW, Constraint, Statement
 from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
 from lagrange.trajectory.contact.kinematics import MODELS_KEPT, quick_function
-from lagrange.trajectory.contact.resets import WrittenFriction, WrittenImpacts, written_friction, written_impacts
+from lagrange.trajectory.contact.resets import WrittenFriction, WrittenImpacts, written_friction
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 RELEASE, GAP, SLIP, CONE = "released", "met", "stopped", "freed"
 """Events that end a mode: the normal force becomes zero, the gap or the slip becomes zero, friction reaches its cone.
@@ -37,9 +36,6 @@ again. An impulse removes the rest of the slip.
 EVENTS_KEPT = 8
 """Largest number of lists of events that are cached with a mode, so that its runs use the same drivers."""
 
-Way = int | None
-"""Direction of sliding along a single slip component, 1 or -1. None in a plane, and for contacts that do not slide."""
-
 
 @dataclass(frozen=True)
 class Mode:
@@ -52,7 +48,7 @@ class Mode:
     """
 
     states: tuple[str, ...]
-    ways: tuple[Way, ...]
+    ways: tuple[int | None, ...]
     kept: tuple[int, ...] | None = None
     bouncing: tuple[int, ...] = ()
     slowest: float = 0.0
@@ -84,29 +80,16 @@ class Mode:
 class PreparedMode:
     """A compiled mode: its `model`, and its `events`.
 
-    The user's events come first. The events that end the mode follow; for each of them `ends` has the index of its
-    contact and its kind. With `friction`, the events between sliding and sticking come last: they are handled inside
-    the loop over steps.
+    The user's events come first. The events that end the mode follow, at the indices `mode_events`; for each of them
+    `ends` has the index of its contact and its kind. With `friction`, the events between sliding and sticking come
+    last: they are handled inside the loop over steps.
     """
 
     model: Model
     events: tuple[Event, ...]
+    mode_events: slice
     ends: tuple[tuple[int, str], ...]
     friction: WrittenFriction | None
-
-    @property
-    def mode_events(self) -> slice:
-        """Indices of the events that end the mode, among all events of its runs."""
-        last = len(self.events) - (0 if self.friction is None else len(self.friction.events))
-        return slice(last - len(self.ends), last)
-
-    def plain(self, y: FloatArray) -> FloatArray:
-        """Return states (2n,) or (2n, N) of the system from those of the mode's model, which may be longer."""
-        return y if self.friction is None else self.friction.plain(y)
-
-    def plain_run(self, part: Trajectory) -> Trajectory:
-        """Return a run of the system from a run of the mode's model."""
-        return part if self.friction is None else self.friction.plain_run(part)
 
     @cached_property
     def zeros(self) -> Kernel:
@@ -125,23 +108,14 @@ class Modes:
     def __init__(self, model: Model) -> None:
         self.model, self.contacts = model, model.statement.contacts
         self._models: dict[Mode, Model] = {}
-        self._frictions: dict[int, WrittenFriction | None] = {}
         self._prepared: dict[tuple[Any, ...], PreparedMode] = {}
-
-    @cached_property
-    def written(self) -> WrittenImpacts | None:
-        """The impacts as resets by formulas, for the mode with only open contacts; None without formulas."""
-        return written_impacts(self.model)
 
     def friction(self, mode: Mode) -> WrittenFriction | None:
         """Return the friction of the only closed contact of a mode as a model with events, or None if not possible."""
         closed = mode.closed
         if len(closed) != 1 or mode.states[closed[0]] == CLOSED or mode.bouncing or mode.kept is not None:
             return None
-        which = closed[0]
-        if which not in self._frictions:
-            self._frictions[which] = written_friction(self.model, which)
-        return self._frictions[which]
+        return written_friction(self.model, closed[0])
 
     def prepared(
         self, mode: Mode, problem: Problem, written: WrittenImpacts | None, friction: WrittenFriction | None, most: int
@@ -158,22 +132,22 @@ class Modes:
             model = self.model_of(mode) if friction is None else friction.model
             if len(self._prepared) > EVENTS_KEPT * (1 + len(self._models)):
                 self._prepared.clear()
-            mode_events, ends = _ends(self.contacts, mode)
+            pairs, friction_events = _ends(self.contacts, mode), () if friction is None else friction.events
             absent = {contact.normal: sympy.S.Zero for i, contact in enumerate(self.contacts) if mode.states[i] == OPEN}
             if written is not None:
-                mode_events = tuple(
-                    event if reset is None else replace(event, terminal=most, reset=reset)
-                    for event, reset in zip(mode_events, written.resets, strict=True)
-                )
+                pairs = [
+                    (event if reset is None else replace(event, terminal=most, reset=reset), end)
+                    for (event, end), reset in zip(pairs, written.resets, strict=True)
+                ]
             if friction is not None:
                 absent[self.contacts[friction.which].normal] = friction.normal
-                pairs = [(_present(event, absent), end) for event, end in zip(mode_events, ends, strict=True)]
+                pairs = [(_present(event, absent), end) for event, end in pairs if end[1] in (RELEASE, GAP)]
                 # If the normal force is constant, it never ends the mode.
-                pairs = [pair for pair in pairs if pair[1][1] in (RELEASE, GAP) and pair[0].expression.has(time)]
-                mode_events = (*(event for event, _ in pairs), *friction.events)
-                ends = tuple(end for _, end in pairs)
-            stated = tuple(_present(event, absent) for event in problem.events)
-            self._prepared[key] = PreparedMode(model, (*stated, *mode_events), ends, friction)
+                pairs = [pair for pair in pairs if pair[0].expression.has(time)]
+            stated = [_present(event, absent) for event in problem.events]
+            events = (*stated, *(event for event, _ in pairs), *friction_events)
+            mode_events, ends = slice(len(stated), len(stated) + len(pairs)), tuple(end for _, end in pairs)
+            self._prepared[key] = PreparedMode(model, events, mode_events, ends, friction)
         return self._prepared[key]
 
     def without_time(self, expressions: Iterable[Any]) -> bool:
@@ -182,42 +156,28 @@ class Modes:
         rates, positions = ({x: sympy.Dummy() for x in symbols} for symbols in (stated.velocities, stated.coordinates))
         return not any(expression.xreplace(rates).xreplace(positions).has(time) for expression in expressions)
 
-    def leaves_no_freedom(self, mode: Mode) -> bool:
-        """Return True if the constraints of a mode allow no motion, so that all bodies stay at rest forever.
+    def leaves_no_freedom(self, mode: Mode, count: int) -> bool:
+        """Return True if `count` independent constraints of a mode allow no motion: all bodies stay at rest forever.
 
-        The accelerations that an integrator would follow are then only rounding errors.
+        The accelerations that an integrator would follow are then only rounding errors. Nothing depends on time, and
+        the constraints in velocities hold at rest; on a moving belt they do not.
         """
-        count = self.constraint_count(mode) if mode.kept is None else len(mode.kept)
-        if count < self.model.dimension:
+        stated = self.model.statement
+        if count < self.model.dimension or not self._is_timeless:
             return False
-        return self._holds_rest[-1] and all(
-            rests for rests, state in zip(self._holds_rest, mode.states, strict=False) if state == STICKING
-        )
+        rates = [constraint.expression for constraint in stated.constraints if not constraint.holonomic]
+        sticking = (contact for contact, state in zip(self.contacts, mode.states, strict=True) if state == STICKING)
+        rates += [slip for contact in sticking for slip in contact.slip]
+        at_rest = dict.fromkeys(stated.velocities, sympy.S.Zero)
+        return all(sympy.expand(rate.xreplace(at_rest)).is_zero for rate in rates)
 
     @cached_property
-    def _holds_rest(self) -> list[bool]:
-        """For each contact, True if its slip is zero when all velocities are zero; this is false on a moving belt.
-
-        The list has one more entry, the last. It is True if the constraints stated in velocities also hold when all
-        velocities are zero. All entries are False if the system or a contact depends on time explicitly.
-        """
+    def _is_timeless(self) -> bool:
+        """True if neither the system nor a contact depends on time explicitly."""
         stated = self.model.statement
         relations = (constraint.expression for constraint in stated.constraints)
         surfaces = (part for contact in self.contacts for part in (contact.gap, *contact.slip))
-        if not self.without_time((stated.lagrangian, stated.dissipation, *stated.forces, *relations, *surfaces)):
-            return [False] * (len(self.contacts) + 1)
-        at_rest = dict.fromkeys(stated.velocities, sympy.S.Zero)
-        rates = [
-            *(contact.slip for contact in self.contacts),
-            [c.expression for c in stated.constraints if not c.holonomic],
-        ]
-        return [all(sympy.expand(rate.xreplace(at_rest)).is_zero for rate in group) for group in rates]
-
-    def constraint_count(self, mode: Mode) -> int:
-        """Return the number of constraints of a mode: stated ones, and those of closed contacts."""
-        pairs = zip(self.contacts, mode.states, strict=True)
-        counts = [1 + (state == STICKING) * len(contact.slip) for contact, state in pairs if state != OPEN]
-        return len(self.model.statement.constraints) + sum(counts)
+        return self.without_time((stated.lagrangian, stated.dissipation, *stated.forces, *relations, *surfaces))
 
     def model_of(self, mode: Mode) -> Model:
         """Return the compiled model of a mode."""
@@ -249,11 +209,9 @@ def mode_statement(statement: Statement, mode: Mode) -> Statement:
             slips = zip(contact.slip_names, contact.slip, strict=True)
             constraints += [Constraint(name, slip, holonomic=False) for name, slip in slips]
         if state == SLIDING:
-            pushes = sliding_friction(contact, way)
-            for i, q in enumerate(statement.coordinates):
-                rate = velocity_of(q)
-                slopes = [push * slip.diff(rate) for push, slip in zip(pushes, contact.slip, strict=True)]
-                forces[i] = sympy.Add(forces[i], *slopes)
+            pushes = list(zip(sliding_friction(contact, way), contact.slip, strict=True))
+            for i, rate in enumerate(statement.velocities):
+                forces[i] = sympy.Add(forces[i], *(push * slip.diff(rate) for push, slip in pushes))
     return replace(
         statement,
         constraints=tuple(constraints),
@@ -263,7 +221,7 @@ def mode_statement(statement: Statement, mode: Mode) -> Statement:
     )
 
 
-def sliding_friction(contact: Contact, way: Way) -> list[Any]:
+def sliding_friction(contact: Contact, way: int | None) -> list[Any]:
     """Return the friction forces of a sliding contact, one for each slip component.
 
     `way` is the direction of sliding along a line, 1 or -1. In a plane it is not used.
@@ -271,36 +229,25 @@ def sliding_friction(contact: Contact, way: Way) -> list[Any]:
     size = contact.friction[1] * contact.normal
     if len(contact.slip) == 1:
         return [-size * way]
-    return [-size * slip / _speed(contact) for slip in contact.slip]
+    return [-size * slip / contact.slip_speed for slip in contact.slip]
 
 
-def _speed(contact: Contact) -> Any:
-    return sympy.sqrt(sympy.Add(*(slip**2 for slip in contact.slip)))
-
-
-def _ends(contacts: Sequence[Contact], mode: Mode) -> tuple[tuple[Event, ...], tuple[tuple[int, str], ...]]:
-    """Return the events that end a mode, and for each event the index of its contact and its kind.
+def _ends(contacts: Sequence[Contact], mode: Mode) -> list[tuple[Event, tuple[int, str]]]:
+    """Return the events that end a mode, each with the index of its contact and its kind.
 
     The kinds are a gap that closes, a contact that is released, a slip that stops, and a friction force that leaves
     its cone.
     """
-    zeros: list[Any] = []
-    ends = []
+    zeros = list[tuple[Any, int, str]]()
     for i, (contact, state, way) in enumerate(zip(contacts, mode.states, mode.ways, strict=True)):
-        if state == OPEN:
-            zeros.append(contact.gap)
-            ends.append((i, GAP))
-            continue
-        zeros.append(contact.normal)
-        ends.append((i, RELEASE))
+        zeros.append((contact.gap, i, GAP) if state == OPEN else (contact.normal, i, RELEASE))
         if state == SLIDING:
-            zeros.append(contact.slip[0] * way if len(contact.slip) == 1 else _speed(contact) - mode.slowest)
-            ends.append((i, SLIP))
+            plane = len(contact.slip) > 1
+            zeros.append((contact.slip_speed - mode.slowest if plane else contact.slip[0] * way, i, SLIP))
         if state == STICKING:
             slip_forces = [multiplier(name) ** 2 for name in contact.slip_names]
-            zeros.append(contact.friction[0] ** 2 * contact.normal**2 - sympy.Add(*slip_forces))
-            ends.append((i, CONE))
-    return tuple(Event(zero, direction=-1, terminal=1) for zero in zeros), tuple(ends)
+            zeros.append((contact.friction[0] ** 2 * contact.normal**2 - sympy.Add(*slip_forces), i, CONE))
+    return [(Event(zero, direction=-1, terminal=1), (i, kind)) for zero, i, kind in zeros]
 
 
 def _present(event: Event, absent: dict[Any, Any]) -> Event:

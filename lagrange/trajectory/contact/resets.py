@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
-from lagrange.statement.contact import Contact, impact_speed
+from lagrange.statement.contact import impact_speed
 from lagrange.statement.coordinate import coordinate_of, velocity_of
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.event import Event
@@ -62,6 +62,7 @@ class WrittenImpacts:
     kernel: Kernel
 
 
+@lru_cache(maxsize=MODELS_KEPT)
 def written_impacts(model: Model) -> WrittenImpacts | None:
     """Return the impacts of a model as formulas; None with constraints, friction or many coupled coordinates."""
     statement = model.statement
@@ -72,13 +73,23 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
     mass, resets, results = coupling(statement), [], []
     if mass is None:
         return None
+    q, rates = statement.coordinates, statement.velocities
     for contact in statement.contacts:
-        written, impulse, lost, speed = _impact(contact, statement.coordinates, statement.velocities, mass)
+        direction = sympy.Matrix([contact.gap.diff(x) for x in q])
+        speed = -sympy.Add(partial_rate(contact.gap, q), *(w * v for w, v in zip(direction, rates, strict=True)))
+        response = response_of(mass, direction)
+        compliance = (direction.T * response)[0]
+        e = contact.restitution.xreplace({impact_speed: speed})
+        impulse = (1 + e) * speed / compliance
+        results += [impulse, (1 - e**2) * speed**2 / (2 * compliance), speed]
+        moved = [(x, v, change) for x, v, change in zip(q, rates, response, strict=True) if change != 0]
+        reset = {v: v + change * impulse for _, v, change in moved}
+        # Rounding of the gap would not be small compared with the last flights.
+        reset |= {x: x - change * contact.gap / compliance for x, _, change in moved}
         # A series locates the zero of another gap only to the tolerance of the run, which is not enough.
-        exact = contact.gap.is_polynomial(*statement.coordinates, time)
-        long = sum(int(value.count_ops()) for value in written.values()) > LONGEST_RESET
-        resets.append(None if contact.restitution.is_zero or long or not exact else written)
-        results += [impulse, lost, speed]
+        exact = contact.gap.is_polynomial(*q, time)
+        long = sum(int(value.count_ops()) for value in reset.values()) > LONGEST_RESET
+        resets.append(None if contact.restitution.is_zero or long or not exact else reset)
     nodes = tuple(map(model.equations.translate, results))
     return WrittenImpacts(tuple(resets), model.function("impacts", nodes)) if any(resets) else None
 
@@ -105,28 +116,6 @@ def response_of(mass: Any, direction: Any) -> Any:
     return mass.LUsolve(direction)
 
 
-def _impact(
-    contact: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any
-) -> tuple[dict[Any, Any], Any, Any, Any]:
-    """Return the reset of an impact of a contact, its impulse, its energy loss and its impact speed.
-
-    All are expressions; the reset is a dict from symbol to new value, and also closes the gap exactly. `q` are the
-    coordinates, `rates` the velocities, and `mass` is the mass matrix.
-    """
-    direction = sympy.Matrix([contact.gap.diff(x) for x in q])
-    speed = -sympy.Add(partial_rate(contact.gap, q), *(w * v for w, v in zip(direction, rates, strict=True)))
-    response = response_of(mass, direction)
-    compliance = (direction.T * response)[0]
-    e = contact.restitution.xreplace({impact_speed: speed})
-    impulse = (1 + e) * speed / compliance
-    lost = (1 - e**2) * speed**2 / (2 * compliance)
-    moved = [(x, v, change) for x, v, change in zip(q, rates, response, strict=True) if change != 0]
-    reset = {v: v + change * impulse for _, v, change in moved}
-    # Rounding of the gap would not be small compared with the last flights.
-    reset |= {x: x - change * contact.gap / compliance for x, _, change in moved}
-    return reset, impulse, lost, speed
-
-
 def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
     """Return the partial derivative of a gap by time at fixed coordinates."""
     symbols = {x: sympy.Dummy() for x in q}
@@ -148,16 +137,16 @@ class WrittenFriction:
     normal: Any
     events: tuple[Event, ...]
 
-    def with_way(self, problem: Problem, way: int, moment: float) -> Problem:
+    def with_way(self, problem: Problem, way: int) -> Problem:
         """Return a problem of the system as a problem of this model, whose state has one more coordinate, the way.
 
-        `way` is its initial value: the direction of sliding, 1 or -1, or 0 for sticking. `moment` is the value of the
-        parameter `moment`, a short time.
+        `way` is its initial value: the direction of sliding, 1 or -1, or 0 for sticking.
         """
         indices = [self.model.layout.q.stop - 1, len(problem.y0)]
         y0 = np.insert(problem.y0, indices, [way, 0.0])
         largest = None if problem.largest is None else np.insert(problem.largest, indices, [1.0, 0.0])
-        parameters = {**problem.parameters, self.moment: moment}
+        whole = problem.whole or problem
+        parameters = {**problem.parameters, self.moment: SHORT * (whole.t1 - whole.t0)}
         return replace(problem, model=self.model, y0=y0, largest=largest, parameters=parameters)
 
     def plain(self, y: FloatArray) -> FloatArray:
@@ -173,128 +162,103 @@ class WrittenFriction:
         events = tuple(self.plain(states.T).T for states in part.y_events)
         return replace(part, y=self.plain(part.y), dense=partial(self.plain_at, part.dense), y_events=events)
 
-    def ways(self, part: Trajectory, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the changes between sliding and sticking in the run `part`, whose last state is `last` (2n + 2,).
 
-        The results are the times (k,), the states before the changes (k, 2n + 2), and the ways after them (k,). A way
-        is the direction of sliding, 1 or -1, or 0 for sticking.
-        """
-        first, row = -len(self.events), self.model.layout.q.stop - 1
-        times, _, states = in_order(part.t_events[first:], part.y_events[first:])
-        return times, states, np.append(states[:, row], last[row])[1:]
-
-
+@lru_cache(maxsize=MODELS_KEPT)
 def written_friction(model: Model, which: int) -> WrittenFriction | None:
     """Return the friction of the contact with index `which` as a model with events, or None if that is not possible.
 
     It is possible for friction along a line that is not coupled to the gap, with constant mass matrix.
     """
     statement, contact = model.statement, model.statement.contacts[which]
-    q, rates = statement.coordinates, statement.velocities
-    mass = coupling(statement)
+    q, rates, mass = statement.coordinates, statement.velocities, coupling(statement)
     if len(contact.slip) != 1 or mass is None or statement.constraints or statement.inputs:
         return None
-    normal, along = (
-        [expression.diff(x) for x in variables]
+    lines = [
+        sympy.Matrix([expression.diff(x) for x in variables])
         for expression, variables in ((contact.gap, q), (contact.slip[0], rates))
-    )
-    rows = sympy.Matrix([*mass, *normal, *along])
+    ]
+    rows = sympy.Matrix([*mass, *lines[0], *lines[1]])
     if rows.has(time, *q, *rates) or any(contact.slip[0].diff(x) != 0 for x in q) or mass.det() == 0:
         return None
-    lines = [sympy.Matrix(line) for line in (normal, along)]
     responses = [response_of(mass, line) for line in lines]
     # Friction changes the gap if this product is not zero, at irrational values of the parameters.
     values = {symbol: sympy.sqrt(sympy.prime(k + 1)) for k, symbol in enumerate(statement.parameters)}
     terms = [float((x * y).xreplace(values)) for x, y in zip(lines[0], responses[1], strict=True)]
     if abs(math.fsum(terms)) > UNCOUPLED * sum(map(abs, terms)):
         return None
-    free = [model.equations.express(node) for node in model.equations.bias]
-    stated = contact.slip[0].xreplace(dict.fromkeys(rates, sympy.S.Zero))
-    drifts = partial_rate(partial_rate(contact.gap, q), q), stated.diff(time)
-    sizes = [line.dot(response) for line, response in zip(lines, responses, strict=True)]
-    force, hold = (
-        -sympy.Add(drift, *(x * y for x, y in zip(response, free, strict=True))) / size
-        for drift, response, size in zip(drifts, responses, sizes, strict=True)
-    )
-    return _written(model, which, _Forces(contact, force, hold, lines, responses, sizes))
+    return _Formulas(model, which, lines, responses).written()
 
 
-@dataclass(frozen=True, eq=False)
-class _Forces:
-    """A contact with its `normal` force N and the force `hold` that keeps its slip at zero, as expressions.
+class _Formulas:
+    """Formulas of the friction of the contact with index `which`.
 
-    `lines` are W = dgap/dq and D = dslip/dv, `responses` are M^-1 W and M^-1 D with the mass matrix M, and `sizes`
-    are W M^-1 W^T and D M^-1 D^T.
+    `lines` are W = dgap/dq and D = dslip/dv, and `responses` are M^-1 W and M^-1 D with the mass matrix M. `normal` is
+    the normal force N, and `hold` the force that keeps the slip at zero. `moment` is a parameter, a short time.
     """
 
-    contact: Contact
-    normal: Any
-    hold: Any
-    lines: list[Any]
-    responses: list[Any]
-    sizes: list[Any]
+    def __init__(self, model: Model, which: int, lines: list[Any], responses: list[Any]) -> None:
+        self.model, self.which, self.lines, self.responses = model, which, lines, responses
+        self.contact, q = model.statement.contacts[which], model.statement.coordinates
+        free = [model.equations.express(node) for node in model.equations.bias]
+        at_rest = self.contact.slip[0].xreplace(dict.fromkeys(model.statement.velocities, sympy.S.Zero))
+        drifts = partial_rate(partial_rate(self.contact.gap, q), q), at_rest.diff(time)
+        self.sizes = [line.dot(response) for line, response in zip(lines, responses, strict=True)]
+        self.normal, self.hold = (
+            -sympy.Add(drift, *(x * y for x, y in zip(response, free, strict=True))) / size
+            for drift, response, size in zip(drifts, responses, self.sizes, strict=True)
+        )
+        names = {*model.statement.names, *(symbol.name for symbol in model.statement.parameters)}
+        name = self.contact.name + "_"
+        while name + "way" in names or name + "moment" in names:
+            name += "_"
+        self.way, self.moment = coordinate_of(name + "way"), sympy.Symbol(name + "moment", real=True)
 
+    def written(self) -> WrittenFriction:
+        """Return the model with these forces, and the events that change its way."""
+        statement, contact, way, layout = self.model.statement, self.contact, self.way, self.model.layout
+        slides, rate = way**2, velocity_of(way)
+        friction = (1 - slides) * self.hold - contact.friction[1] * way * self.normal
+        applied = [
+            force + w * self.normal + d * friction for force, w, d in zip(statement.forces, *self.lines, strict=True)
+        ]
+        stated = replace(
+            statement,
+            coordinates=(*statement.coordinates, way),
+            kinetic=statement.kinetic + rate**2 / 2,
+            lagrangian=statement.lagrangian + rate**2 / 2,
+            forces=(*applied, sympy.S.Zero),
+            parameters=(*statement.parameters, self.moment),
+            defaults=MappingProxyType({**statement.defaults, self.moment: 0.0}),
+            initial=tuple(np.insert(statement.initial, [layout.q.stop, layout.v.stop], 0.0).tolist()),
+            contacts=(),
+        )
+        cone = (contact.friction[0] * self.normal) ** 2 - self.hold**2
+        slip_direction = -sympy.sign(self.hold)
+        way_after_stop = sympy.Piecewise((0, cone >= 0), (1, True)) * slip_direction
+        slip_along_way = way * contact.slip[0] + 1 - slides
+        events = (
+            Event((1 - slides) * cone + slides, direction=-1, reset=self._reset(slip_direction)),
+            Event(slip_along_way, direction=-1, reset=self._reset(way_after_stop)),
+        )
+        return WrittenFriction(self.which, self.model.on_same_machine(stated), self.moment, self.normal, events)
 
-def _written(model: Model, which: int, forces: _Forces) -> WrittenFriction:
-    """Return the model with the `forces` of the contact with index `which`, and the events that change its way."""
-    statement, contact = model.statement, forces.contact
-    names = {*statement.names, *(symbol.name for symbol in statement.parameters)}
-    name = contact.name + "_"
-    while name + "way" in names or name + "moment" in names:
-        name += "_"
-    way, moment = coordinate_of(name + "way"), sympy.Symbol(name + "moment", real=True)
-    slides, rate = way**2, velocity_of(way)
-    friction = (1 - slides) * forces.hold - contact.friction[1] * way * forces.normal
-    applied = [
-        force + w * forces.normal + d * friction for force, w, d in zip(statement.forces, *forces.lines, strict=True)
-    ]
-    stated = replace(
-        statement,
-        coordinates=(*statement.coordinates, way),
-        kinetic=statement.kinetic + rate**2 / 2,
-        lagrangian=statement.lagrangian + rate**2 / 2,
-        forces=(*applied, sympy.S.Zero),
-        parameters=(*statement.parameters, moment),
-        defaults=MappingProxyType({**statement.defaults, moment: 0.0}),
-        initial=tuple(np.insert(statement.initial, [model.layout.q.stop, model.layout.v.stop], 0.0).tolist()),
-        contacts=(),
-    )
-    cone = (contact.friction[0] * forces.normal) ** 2 - forces.hold**2
-    slip_direction = -sympy.sign(forces.hold)
-    way_after_stop = sympy.Piecewise((0, cone >= 0), (1, True)) * slip_direction
-    events = (
-        Event((1 - slides) * cone + slides, direction=-1, reset=_reset(statement, forces, moment, way, slip_direction)),
-        Event(
-            way * contact.slip[0] + 1 - slides,
-            direction=-1,
-            reset=_reset(statement, forces, moment, way, way_after_stop),
-        ),
-    )
-    return WrittenFriction(which, model.on_same_machine(stated), moment, forces.normal, events)
+    def _reset(self, new_way: Any) -> dict[Any, Any]:
+        """Return the reset at a change between sliding and sticking, as a dict from symbols to their new values.
 
-
-def _reset(statement: Any, forces: _Forces, moment: Any, way: Any, new_way: Any) -> dict[Any, Any]:
-    """Return the reset at a change between sliding and sticking, as a dict from symbols to their new values.
-
-    Gap and gap rate become zero. A `new_way` of 0 makes the slip zero; 1 or -1 makes it small in this direction. `way`
-    is the coordinate for the way. `forces` are those of the contact, and `moment` is the parameter that is a short
-    time.
-    """
-    contact, q = forces.contact, statement.coordinates
-    small_slip = 2 * SLIGHT * abs(forces.hold) * forces.sizes[1] * sympy.Max(abs(time), moment)
-    rate = partial_rate(contact.gap, q) + forces.lines[0].dot(sympy.Matrix(statement.velocities))
-    errors = (
-        contact.gap / forces.sizes[0],
-        rate / forces.sizes[0],
-        (contact.slip[0] - new_way * small_slip) / forces.sizes[1],
-    )
-    reset = {way: new_way}
-    for x, v, up, along in zip(q, statement.velocities, *forces.responses, strict=True):
-        if up != 0:
-            reset[x] = x - up * errors[0]
-        if up != 0 or along != 0:
-            reset[v] = v - up * errors[1] - along * errors[2]
-    return reset
+        Gap and gap rate become zero. A `new_way` of 0 makes the slip zero; 1 or -1 makes it small in this direction.
+        """
+        contact, q, rates = self.contact, self.model.statement.coordinates, self.model.statement.velocities
+        small_slip = 2 * SLIGHT * abs(self.hold) * self.sizes[1] * sympy.Max(abs(time), self.moment)
+        rate = partial_rate(contact.gap, q) + self.lines[0].dot(sympy.Matrix(rates))
+        gap_error, rate_error = contact.gap / self.sizes[0], rate / self.sizes[0]
+        slip_error = (contact.slip[0] - new_way * small_slip) / self.sizes[1]
+        reset = {self.way: new_way}
+        for x, v, up, along in zip(q, rates, *self.responses, strict=True):
+            if up != 0:
+                reset[x] = x - up * gap_error
+            if up != 0 or along != 0:
+                reset[v] = v - up * rate_error - along * slip_error
+        return reset
 
 
 def in_order(

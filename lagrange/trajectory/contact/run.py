@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -14,12 +15,11 @@ from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, counted, listing
 from lagrange.statement.expression import real_number
-from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces
-from lagrange.trajectory.contact.complementarity import OPEN, SLIDING
+from lagrange.trajectory.contact.complementarity import OPEN
 from lagrange.trajectory.contact.history import FRICTION, IMPULSE, LOST, TIME, ContactHistory
-from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics
+from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics, Touch
 from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, PreparedMode, modes_of
-from lagrange.trajectory.contact.resets import SHORT, WrittenFriction, WrittenImpacts, in_order
+from lagrange.trajectory.contact.resets import WrittenFriction, WrittenImpacts, in_order, written_impacts
 from lagrange.trajectory.contact.transition import Transition, Transitions, Undetermined
 from lagrange.trajectory.ending_messages import message, number
 from lagrange.trajectory.integrator import Integrator, Problem
@@ -33,9 +33,6 @@ from lagrange.trajectory.parts import (
     status_at_end,
 )
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
-
-MOST_REPEATS = 3
-"""Largest number of repetitions of a segment that ends where it begins, because of rounding."""
 
 RECENT, HURRIED = 100, 1e-4
 """Number of changes of the mode by which a run is judged that used up a limit, and the mean time between them, as a
@@ -62,6 +59,19 @@ MOST_AT_ONCE = 32
 SHORTEST_REST = 2.0**-36
 """Time until impacts have ended, relative to the time of the run, below which no separate segment is run."""
 
+SMALLEST_BOUNCE = 1e-7
+"""Speed of an impact, relative to the largest of a series of decreasing impacts, below which the rest of the series is
+summed. The height of the omitted bounces is 1e-14 of the first. Times of flight then have 8 digits.
+"""
+
+FEWEST_FLIGHTS = 3
+"""Smallest number of flights, each shorter than the one before, that count as an accumulation."""
+
+UNKNOWN_IMPACTS, ELASTIC_IMPACTS = 16, 2**16
+"""Largest number of impacts in one call of a compiled loop. The first is for a restitution that depends on the speed,
+the second for impacts without loss of energy.
+"""
+
 EARLY = 1e-7
 """Part of a run early in which a gap may still be negative: its motion there is taken for rounding of the start."""
 
@@ -83,11 +93,59 @@ def run_through_contacts(
     return _ContactRun(problem, partial(run, integrator)).trajectory()
 
 
+class _Bounces:
+    """The present series of impacts with ever shorter flights between them. It may accumulate at a finite time.
+
+    `contacts` has the last `FEWEST_FLIGHTS` impacts: the set of the contacts that take part in each.
+    """
+
+    def __init__(self) -> None:
+        self._added = [np.empty((2, 0))]
+        self.contacts: list[frozenset[int]] = []
+
+    def add(self, times: Any, speeds: Any, contacts: Sequence[frozenset[int]]) -> None:
+        """Add impacts with `times` and `speeds` (k,), and the contacts that take part in the last of them."""
+        self._added.append(np.array([times, speeds]))
+        self.contacts = [*self.contacts, *contacts][-FEWEST_FLIGHTS:]
+
+    @property
+    def series(self) -> FloatArray:
+        """Times and speeds of the impacts, (2, k), since the last flight that is not shorter than the one before."""
+        whole = np.concatenate(self._added, axis=1)
+        again = np.flatnonzero(np.diff(whole[0], 2) >= 0)
+        self._added = [whole[:, again[-1] + 1 if len(again) else 0 :]]
+        return self._added[0]
+
+    def most(self, restitutions: Sequence[float | None]) -> int:
+        """Return the number of impacts that a compiled loop may handle before the run tests for an accumulation.
+
+        `restitutions` has the value of each contact, None if it depends on the speed. After this number of impacts
+        the speed of a bouncing ball has decreased to about `SMALLEST_BOUNCE` of the largest speed in the series.
+        """
+        constants = [e for e in restitutions if e is not None and e > 0]
+        weakest = min(constants, default=1.0)
+        if len(constants) < len(restitutions) or weakest == 1.0:
+            return UNKNOWN_IMPACTS if None in restitutions else ELASTIC_IMPACTS
+        speeds = self.series[1]
+        share = speeds[-1] / speeds.max() if len(speeds) else 1.0
+        return max(1, math.ceil(math.log(SMALLEST_BOUNCE / share) / math.log(weakest)))
+
+    @property
+    def limit(self) -> float | None:
+        """The limit of the times of impact, if each of the last flights is shorter by the same ratio; else None."""
+        times = self.series[0]
+        if len(times) < FEWEST_FLIGHTS + 1:
+            return None
+        a, b, c = times[-3:].tolist()
+        ratio = (c - b) / (b - a)
+        return c + (c - b) * ratio / (1 - ratio) if ratio < 1 else None
+
+
 class _ContactRun:
     """A run in progress: its `parts`, and the mode, time and state at which it continues.
 
     `prepared` is the compiled mode of the last segment, `part` its trajectory, and `end_state` (2n,) the state at its
-    end before any reset.
+    end before any reset. `fired` are the contacts whose events ended it: pairs of contact index and kind of event.
     """
 
     prepared: PreparedMode
@@ -111,19 +169,17 @@ class _ContactRun:
         self.begins: list[float] = []
         self.impacts = [[np.empty((0, FRICTION + len(contact.slip)))] for contact in self.contacts]
         self.rests: list[list[float]] = [[] for _ in self.contacts]
-        self.bounces = Bounces()
+        self.bounces = _Bounces()
         self.frictions = not any(event.reset or event.settings for event in problem.events)
-        self.written = self.modes.written if self.frictions else None
-        self.moment = SHORT * (problem.t1 - problem.t0)
+        self.written = written_impacts(problem.model) if self.frictions else None
         self.rest_time = math.inf
-        self.freed: list[int] = []
         self.fired: list[tuple[int, str]] = []
 
     def trajectory(self) -> Trajectory:
         """Run the problem from segment to segment, and return the whole run with its history of contacts."""
         problem, n = self.problem, len(self.contacts)
         try:
-            transition = self.transitions.after(problem.t0, self._checked_start(), Mode((OPEN,) * n, (None,) * n))
+            transition = self.transitions.after(self._checked_start(), Mode((OPEN,) * n, (None,) * n))
         except Undetermined as refusal:
             raise StatementError(f"the motion cannot start at the initial state: {refusal}") from refusal
         for i, row in transition.impacts.items():
@@ -132,15 +188,14 @@ class _ContactRun:
         while True:
             mode = self._segment(segment, transition.mode)
             part, last = self.parts[-1], status_at_end(problem, self.parts)
-            end, fired = part.span[1], self.fired
-            goes_on = bool(fired)
+            end, goes_on = part.span[1], bool(self.fired)
             if mode.bouncing and self.rest_time <= end:
                 mode, self.rest_time = replace(mode, bouncing=()), math.inf
                 goes_on = last is None and (goes_on or part.status is Status.SUCCESS)
             if part.status is Status.UNRELIABLE or last is Status.EVENT or not goes_on:
                 break
             try:
-                transition = self._after(mode, fired)
+                transition = self._after(mode)
             except Undetermined as refusal:
                 text = message(Status.SINGULAR, problem, end, last_state(part), part.method, cause=str(refusal))
                 self.parts[-1] = replace(part, status=Status.SINGULAR, message=text)
@@ -163,41 +218,30 @@ class _ContactRun:
         There are limits of steps, of time, and of changes of the mode at one instant. At the time `end` the run would
         change from `mode` to `following`.
         """
-        problem = self.problem
+        problem, begins = self.problem, self.begins
         if sum(part.steps + part.rejected for part in self.parts) + len(self.parts) >= problem.max_steps:
-            return Status.MAX_STEPS, self._hurry("max_steps")
-        if problem.max_wall is not None and time.perf_counter() - problem.began > problem.max_wall:
-            return Status.MAX_WALL, self._hurry("max_wall")
-        at_once = sum(abs(end - begin) <= CLOSEST * max(abs(end), EARLIEST) for begin in self.begins[-MOST_AT_ONCE:])
-        if at_once < MOST_AT_ONCE:
+            status, limit = Status.MAX_STEPS, "max_steps"
+        elif problem.max_wall is not None and time.perf_counter() - problem.began > problem.max_wall:
+            status, limit = Status.MAX_WALL, "max_wall"
+        elif sum(abs(end - t) <= CLOSEST * max(abs(end), EARLIEST) for t in begins[-MOST_AT_ONCE:]) < MOST_AT_ONCE:
             return None
-        names = listing(
-            repr(contact.name)
-            for contact, old, new in zip(self.contacts, mode.states, following.states, strict=True)
-            if old != new or set(mode.states) == {OPEN}
-        )
-        return Status.SINGULAR, (
-            f"Contacts open, close, slide or stick {MOST_AT_ONCE} times at one instant, at {names}: the laws of "
-            "contact give no motion after it. Change restitution or friction, or end the run before."
-        )
-
-    def _hurry(self, limit: str) -> str:
-        """Return the cause if a run used up a limit because its mode changed often; else "".
-
-        `limit` is the name of the limit, such as "max_steps".
-        """
-        recent = self.begins[-RECENT:]
+        else:
+            states = zip(self.contacts, mode.states, following.states, strict=True)
+            changed = [each for each, old, new in states if old != new or set(mode.states) == {OPEN}]
+            return Status.SINGULAR, (
+                f"Contacts open, close, slide or stick {MOST_AT_ONCE} times at one instant, at "
+                f"{listing(repr(each.name) for each in changed)}: the laws of contact give no motion after it. Change "
+                "restitution or friction, or end the run before."
+            )
+        recent = begins[-RECENT:]
         between = (recent[-1] - recent[0]) / RECENT
-        if len(recent) < RECENT or between > HURRIED * (self.problem.t1 - self.problem.t0):
-            return ""
-        names = [
-            repr(contact.name)
-            for contact, impacts in zip(self.contacts, self.impacts, strict=True)
-            if len(impacts[-1]) and impacts[-1][-1, 0] >= recent[0]
-        ]
+        if len(recent) < RECENT or between > HURRIED * (problem.t1 - problem.t0):
+            return status, ""
+        pairs = zip(self.contacts, self.impacts, strict=True)
+        names = [repr(each.name) for each, rows in pairs if len(rows[-1]) and rows[-1][-1, TIME] >= recent[0]]
         what = f"impacts of {listing(names)}" if names else "changes between sliding and sticking"
-        return (
-            f"It used up {limit} in {len(self.begins)} changes of the mode, the last ones {between:.2g} apart in time, "
+        return status, (
+            f"It used up {limit} in {len(begins)} changes of the mode, the last ones {between:.2g} apart in time, "
             f"by {what}. Raise {limit}, change restitution or friction, or end the run before."
         )
 
@@ -207,7 +251,7 @@ class _ContactRun:
         friction = self.modes.friction(mode) if self.frictions else None
         until = min(self.rest_time, segment.t1) if mode.bouncing else segment.t1
         most = self.bounces.most(self.kinematics.restitutions)
-        tries, part, changes = 0, None, list[tuple[float, Mode]]()
+        part, changes = None, list[tuple[float, Mode]]()
         if self.parts:
             states = self.parts[-1].y.max(axis=1, initial=0.0), -self.parts[-1].y.min(axis=1, initial=0.0)
             self.largest = np.max([self.largest, *states, np.abs(segment.y0)], axis=0)
@@ -228,8 +272,11 @@ class _ContactRun:
                 t_eval=None if segment.t_eval is None else segment.t_eval[segment.t_eval <= until],
             )
             if friction is not None:
-                chosen = friction.with_way(chosen, mode.ways[friction.which] or 0, self.moment)
+                chosen = friction.with_way(chosen, mode.ways[friction.which] or 0)
             self.part, self.fired = self.run(chosen), []
+            if self.part.status is Status.EVENT:
+                pairs = zip(prepared.ends, self.part.t_events[prepared.mode_events], strict=True)
+                self.fired = [which for which, when in pairs if len(when) and when[-1] == self.part.span[1]]
             if friction is not None:
                 passed = self._passed_changes(friction, mode)
                 if passed is None:
@@ -238,10 +285,6 @@ class _ContactRun:
                 changes = passed
             if written is not None and not self._passed_impacts(written):
                 written = self.written = None
-                continue
-            if tries < MOST_REPEATS and self._is_begin(segment.t0):
-                tries += 1
-                segment = replace(segment, y0=prepared.plain(last_state(self.part)))
                 continue
             self._locate_end(chosen)
             part = replace(self.part, t_events=self.part.t_events[:users], y_events=self.part.y_events[:users])
@@ -259,6 +302,9 @@ class _ContactRun:
 
         `mode` is the mode of the segment, by which open contacts are known.
         """
+        still_open = [i for i, state in enumerate(mode.states) if state == OPEN]
+        if not still_open or not part.status.complete:
+            return part
         times, states = part.t, part.y
         if self.problem.t_eval is not None or len(times) < SAMPLES:
             times = np.linspace(*part.span, SAMPLES + 1)[1:]
@@ -267,8 +313,8 @@ class _ContactRun:
         stride = -(len(times) // SAMPLES)
         gaps, near = self.kinematics.gaps(times[::stride], states[:, ::stride])
         deepest = max(OVERLAP, ERRORS * (self.problem.rtol or 0.0)) / TOUCHING * near
-        overlapping = [i for i, state in enumerate(mode.states) if state == OPEN and gaps[i].min() < -deepest[i]]
-        if not overlapping or not part.status.complete:
+        overlapping = [i for i in still_open if gaps[i].min() < -deepest]
+        if not overlapping:
             return part
         names = listing(repr(self.contacts[i].name) for i in overlapping)
         note = (
@@ -286,15 +332,15 @@ class _ContactRun:
         segment, last = self.part, last_state(self.part)
         if segment.status in FAILED:
             return None
-        times, before, ways = friction.ways(segment, last)
+        changes = slice(-len(friction.events), None)
+        times, _, before = in_order(segment.t_events[changes], segment.y_events[changes])
         states, at = np.column_stack([before.T, last]), np.append(times, segment.span[1])
-        sticking = states[friction.model.layout.q.stop - 1] == 0
-        if not self.kinematics.held(friction.which, at, friction.plain(states), sticking):
+        ways = states[friction.model.layout.q.stop - 1]
+        if not self.kinematics.held(friction.which, at, friction.plain(states), ways == 0):
             return None
         following = {way: mode.going(friction.which, way) for way in (-1, 0, 1)}
-        ends = bool(self._fired())
-        changes = zip(times.tolist(), ways.tolist(), strict=True)
-        return [(t, following[round(way)]) for t, way in changes if not (ends and t == segment.span[1])]
+        pairs = zip(times.tolist(), ways[1:].tolist(), strict=True)
+        return [(t, following[round(way)]) for t, way in pairs if not (self.fired and t == segment.span[1])]
 
     def _passed_impacts(self, written: WrittenImpacts) -> bool:
         """Record the impacts inside the last segment. Return False if it must be run again without compiled impacts.
@@ -314,7 +360,7 @@ class _ContactRun:
         if several:
             gaps, near = self.kinematics.gaps(times, before)
             gaps[which, np.arange(len(which))] = np.inf
-            if (gaps <= near[:, None]).any():
+            if (gaps <= near).any():
                 return False
         numbers = np.asarray(written.kernel(times, before, self.kinematics.parameters))
         speeds = np.empty(len(times))
@@ -330,34 +376,17 @@ class _ContactRun:
         self.bounces.add(times, speeds, [frozenset([i]) for i in which[-FEWEST_FLIGHTS:].tolist()])
         return True
 
-    def _fired(self) -> list[tuple[int, str]]:
-        """Return the contacts whose events ended the last segment: pairs of contact index and kind of event."""
-        if self.part.status is not Status.EVENT:
-            return []
-        pairs = zip(self.prepared.ends, self.part.t_events[self.prepared.mode_events], strict=True)
-        return [which for which, when in pairs if len(when) and when[-1] == self.part.span[1]]
-
-    def _is_begin(self, begin: float) -> bool:
-        """Return True if the last segment ends where it began, at `begin`: a gap opens or a slip begins there."""
-        end, fired = self.part.span[1], self._fired()
-        if not fired or abs(end - begin) > CLOSEST * max(abs(end), EARLIEST):
-            return False
-        y = self.prepared.plain(last_state(self.part))
-        rates = self.kinematics.at(end, y).rates[self.kinematics.normals]
-        return all((kind == GAP and rates[i] >= 0) or (kind == SLIP and i in self.freed) for i, kind in fired)
-
     def _locate_end(self, segment: Problem) -> None:
         """Move the end of the last segment closer to the zero of the event that ended it, by one secant step.
 
         The end is the one before any reset. A series locates the zero only up to the tolerance of the run. The run
-        continues from the corrected end. The contacts whose events ended the segment are stored in `fired`.
+        continues from the corrected end.
         """
         part, (begin, end), users = self.part, self.part.span, len(self.problem.events)
         fired = zip(part.t_events[users:], part.y_events[users:], strict=True)
         at_end = (states[-1] for times, states in fired if len(times) and times[-1] == end)
         y = next(map(np.ascontiguousarray, at_end), None)
         y = last_state(part) if y is None else y
-        self.fired = self._fired()
         if self.fired:
             event, parameters = self.prepared.ends.index(self.fired[0]), segment.parameter_array
             rates, h = np.asarray(segment.model.kernel("rhs")(end, y, parameters)), NEARBY * (end - begin)
@@ -367,32 +396,29 @@ class _ContactRun:
             if CLOSEST * abs(end) < abs(late) < h and end - late < self.problem.t1:
                 y, end = y - late * rates, end - late
                 part = replace(part, t=np.where(part.t == part.span[1], end, part.t), span=(begin, end))
-        self.end_state, self.part = self.prepared.plain(y), self.prepared.plain_run(_ended(part, y))
+        self.end_state, self.part, friction = y, _ended(part, y), self.prepared.friction
+        if friction is not None:
+            self.end_state, self.part = friction.plain(y), friction.plain_run(self.part)
 
-    def _after(self, mode: Mode, fired: Sequence[tuple[int, str]]) -> Transition:
-        """Return the state and the mode after the last segment, and after the impacts at its end.
-
-        `mode` is the mode at its end. `fired` are pairs of a contact's index and the kind of the event that ended the
-        segment.
-        """
-        t, y = self.part.span[1], self.end_state
-        ends = {kind: [i for i, other in fired if other == kind] for kind in (RELEASE, GAP, SLIP, CONE)}
-        transition = self.transitions.after(t, y, mode, **ends)
-        self.freed = [
-            i for i, state in enumerate(transition.mode.states) if state == SLIDING and state != mode.states[i]
-        ]
-        self.freed += [i for i in ends[SLIP] if transition.mode.states[i] == SLIDING]
+    def _after(self, mode: Mode) -> Transition:
+        """Return the state and the mode after the last segment, which ended in `mode`, and after impacts at its end."""
+        t = self.part.span[1]
+        touch = self.kinematics.at(t, self.end_state)
+        ends = {kind: [i for i, other in self.fired if other == kind] for kind in (RELEASE, GAP, SLIP, CONE)}
+        transition = self.transitions.after(touch, mode, **ends)
         if transition.impacts:
-            self.bounces.add(np.array([t]), np.array([max(transition.speeds)]), [frozenset(transition.impacts)])
-        accumulated = bool(transition.impacts) and self.bounces.end is not None
+            self.bounces.add([t], [transition.speed], [frozenset(transition.impacts)])
+        speeds = self.bounces.series[1]
+        small = bool(transition.impacts) and bool(speeds[-1] <= SMALLEST_BOUNCE * speeds.max())
+        accumulated = small and self.bounces.limit is not None
         plastic = frozenset().union(*self.bounces.contacts) if accumulated else frozenset()
         while transition.unseen - plastic or (accumulated and not plastic & set(transition.mode.closed)):
             plastic |= transition.unseen
-            transition = self.transitions.after(t, y, mode, **ends, plastic=plastic)
+            transition = self.transitions.after(touch, mode, **ends, plastic=plastic)
             accumulated = False
         settled = tuple(i for i in plastic if i in transition.mode.closed and i not in mode.closed)
         if settled and (rest := self.bounces.limit) is not None:
-            self.bounces.clear()
+            self.bounces = _Bounces()
             if rest - t > SHORTEST_REST * abs(t):
                 transition = replace(transition, mode=replace(transition.mode, bouncing=settled))
                 self.rest_time = rest
@@ -402,16 +428,17 @@ class _ContactRun:
             self.impacts[i].append(row[None])
         return transition
 
-    def _checked_start(self) -> FloatArray:
-        """Return the start (2n,), with negative gaps closed that are rounding. Raises StatementError inside a body."""
+    def _checked_start(self) -> Touch:
+        """Return the contacts at the start, with negative gaps closed that are rounding.
+
+        Raises StatementError inside a body.
+        """
         problem, kin = self.problem, self.kinematics
         touch = kin.at(problem.t0, problem.y0)
-        if (touch.gaps >= 0).all():
-            return problem.y0
         # A gap without a gradient at the start, such as the distance of equal points, has no error either.
-        inside = np.flatnonzero(touch.gaps < -np.nan_to_num(touch.near)).tolist()
+        inside = [i for i, gap in enumerate(touch.gaps.tolist()) if gap < 0 and not -gap <= touch.near]
         if not inside:
-            return problem.y0
+            return touch
         # A gap of one coordinate has no other terms: compare it with the way that it takes early in the run.
         short = EARLY * (problem.t1 - problem.t0)
         a = problem.model.kernel("rhs")(problem.t0, problem.y0, problem.parameter_array)[problem.model.layout.v]
@@ -421,7 +448,7 @@ class _ContactRun:
             gaps = listing(f"{self.contacts[i].name!r} is {touch.gaps[i]:.6g}" for i in deep)
             what = f"the gap {gaps}, below zero" if len(deep) == 1 else f"the gaps are below zero: {gaps}"
             raise StatementError(f"the initial state is inside a body: {what}. {self._nearest()}")
-        return kin.closed(problem.y0, touch, inside)
+        return kin.at(problem.t0, kin.closed(touch, inside))
 
     def _nearest(self) -> str:
         """Return a sentence with the start, nearest by the metric of the kinetic energy, at which no gap is negative.
@@ -431,14 +458,14 @@ class _ContactRun:
         problem, kin, layout = self.problem, self.kinematics, self.problem.model.layout
         y, active = problem.y0, list[int]()
         touch = kin.at(problem.t0, y)
-        while len(active) < len(self.contacts) and touch.gaps.min() < -np.nan_to_num(touch.near).max():
+        while len(active) < len(self.contacts) and touch.gaps.min() < -np.nan_to_num(touch.near):
             active.append(int(touch.gaps.argmin()))
             for _ in range(STEPS_OUTSIDE):
                 if not np.isfinite(touch.responses).all():
                     break
                 # Tangents at y, followed back to the given state. Whole steps overshoot where gaps are curved.
                 back = touch.directions[kin.normals] @ (problem.y0 - y)[layout.q]
-                whole = kin.closed(problem.y0, replace(touch, gaps=touch.gaps + back), active)
+                whole = kin.closed(replace(touch, y=problem.y0, gaps=touch.gaps + back), active)
                 y = whole if np.allclose(whole, y, rtol=0, atol=CLOSED_START**2) else (y + whole) / 2
                 touch = kin.at(problem.t0, y)
             if not np.abs(touch.gaps[active]).max() < CLOSED_START:
@@ -460,7 +487,8 @@ class _ContactRun:
         shared = next((mode for mode in self.kept if mode.kept is not None), None)
         if shared is not None and shared.kept is not None:
             names = listing(repr(self.contacts[i].name) for i in shared.closed)
-            rank = f"rank {len(shared.kept)} of {self.modes.constraint_count(shared)}"
+            count = len(self.modes.model_of(shared).statement.constraints)
+            rank = f"rank {len(shared.kept)} of {count}"
             sentences.append(f"The contacts {names} depend on each other ({rank}): their smallest forces are given.")
         elif self.transitions.shared:
             sentences.append(self.transitions.shared)
