@@ -47,13 +47,19 @@ def with_solved_multipliers(statement: Statement) -> Statement:
     """Return the statement with each multiplier in its forces replaced by a function of the state.
 
     A statement without multipliers in its forces is returned unchanged. Raises StatementError for multipliers of
-    unknown constraints, for forces that are not linear in the multipliers, for redundant constraints, for coordinates
-    without inertia, and if the multipliers are not determined.
+    contacts and of unknown constraints, for forces that are not linear in the multipliers, for redundant constraints,
+    for coordinates without inertia, and if the multipliers are not determined.
     """
     free = sorted(sympy.Tuple(*statement.forces).free_symbols, key=str)
     names = [name for symbol in free if (name := constraint_of(symbol)) is not None]
     if not names:
         return statement
+    for name in {contact.name for contact in statement.contacts}.intersection(names):
+        raise StatementError(
+            f"a force contains {multiplier(name)}, the normal force of the contact {name!r}, which acts only while the "
+            "contact is closed: state friction in the contact, lg.contact(gap, slip=..., friction=...), and other "
+            f"forces without {multiplier(name)}."
+        )
     check_multipliers(names, "a force", [constraint.name for constraint in statement.constraints], statement.name)
     if statement.redundant != REFUSE:
         raise StatementError(
