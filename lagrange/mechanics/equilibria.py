@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from types import MappingProxyType
 from typing import Any
 
@@ -88,7 +89,8 @@ def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
         attitudes = [others.pop(key) for key in list(others) if isinstance(key, Rotation)]
         if turning or attitudes:
             return _steady_rotations(statement, others, turning, attitudes)
-    problem = _Problem(statement, rates)
+    form = PlainForm(with_lengths(statement))
+    problem = _Problem(form, ignorable(form), rates)
     solutions, exact = problem.solutions()
     if len(solutions) > MOST_PLACES:
         raise StatementError(problem.too_many(len(solutions)))
@@ -98,12 +100,14 @@ def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
 
 
 class _Problem:
-    """The equations of equilibrium of a statement, in plain symbols."""
+    """The equations of equilibrium of a form, a statement in plain symbols.
 
-    def __init__(self, statement: Statement, rates: Any) -> None:
-        self.statement = statement = with_lengths(statement)
-        self.form = form = PlainForm(statement)
-        self.free = ignorable(form)
+    `free` are the indices of its ignorable coordinates, and `rates` their steady velocities.
+    """
+
+    def __init__(self, form: PlainForm, free: Sequence[int], rates: Any) -> None:
+        self.form, self.free, self.statement = form, free, form.statement
+        statement = self.statement
         self.speeds = self.steady(rates)
         nonholonomic = [constraint.name for constraint in statement.constraints if not constraint.holonomic]
         if nonholonomic:
@@ -313,7 +317,8 @@ class _Angles:
     The precession is about the axis `upright` of space, the spin about the axis `last` of the body. `matrix`, `body`
     and `quaternion` are the rotation, its rates about the axes of the body, and its quaternion, in the angles.
     `symbols` are the plain symbols of the angles, and `free` the ignorable ones of the angles. `is_free` is true for a
-    body without torques.
+    body without torques. `form` is the statement in plain symbols, and `ignorable` are the indices of its ignorable
+    coordinates.
     """
 
     def __init__(self, statement: Statement, upright: int, last: int) -> None:
@@ -338,7 +343,7 @@ class _Angles:
             forces[angle] = sum(x * rate.diff(velocity_of(angle)) for x, rate in zip(torques, rates, strict=True))
         start = dict(zip(read.coordinates, read.initial, strict=False))  # of coordinates, without velocities
         empty = MappingProxyType[str, Any]({})
-        self.statement = rewritten(
+        statement = rewritten(
             replace(read, rotations=(), positions=empty, surfaces=empty, links=(), contacts=(), simultaneous=""),
             lambda stated: in_fractions(stated.xreplace(table)),
             coordinates=tuple(forces),
@@ -348,11 +353,10 @@ class _Angles:
         self.is_free = not any(
             (*forces.values(), read.dissipation, read.lagrangian.has(*self.rotation.matrix, *self.rotation.space))
         )
-        form = PlainForm(self.statement)
-        self.symbols = [form.plain[angle] for angle in self.angles]
-        self.free = [
-            angle for angle, x in zip(self.angles, self.symbols, strict=True) if form.q.index(x) in ignorable(form)
-        ]
+        self.form = PlainForm(statement)
+        self.ignorable = ignorable(self.form)
+        self.symbols = [self.form.plain[angle] for angle in self.angles]
+        self.free = [angle for angle in self.angles if statement.coordinates.index(angle) in self.ignorable]
 
     def in_quaternion(self, equilibrium: Equilibrium) -> Equilibrium:
         """Return an equilibrium in angles with a quaternion in their place, and the rates about the body axes."""
@@ -419,22 +423,24 @@ def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]
     are singular at two tilts, the poles, where a factor such as sin(tilt) is zero. The poles are examined in other
     angles.
     """
-    charts = {last % 3: _Angles(statement, axis, last % 3) for last in (axis, axis + 2, axis + 1)}
-    if charts[axis].angles[0] not in charts[axis].free:
+    chart, third = cache(lambda last: _Angles(statement, axis, last)), (axis + 2) % 3
+    if chart(axis).angles[0] not in chart(axis).free:
         raise StatementError(
-            f"{charts[axis].rotation.name} cannot turn steadily about the axis {AXES[axis]} of space: forces or drags "
+            f"{chart(axis).rotation.name} cannot turn steadily about the axis {AXES[axis]} of space: forces or drags "
             "act about this axis, or energies or constraints change with the angle about it."
         )
-    third = (axis + 2) % 3
-    last = next((k for k, chart in charts.items() if chart.angles[2] in chart.free), third)
+    last = next((k for k in (axis, third, (axis + 1) % 3) if chart(k).angles[2] in chart(k).free), third)
+    main = chart(last)
     if last == axis:
-        main, polar, factor = charts[last], charts[third], sympy.sin
+        polar, factor = chart(third), sympy.sin
         poles = [(sympy.S.Zero, sympy.S.Zero), (sympy.pi, sympy.S.Zero)]
     else:
-        main, polar, factor = charts[last], charts[axis], sympy.cos
+        polar, factor = chart(axis), sympy.cos
         poles = [(sign * sympy.pi / 2, sympy.S.Zero if last == third else sympy.pi / 2) for sign in (1, -1)]
     symmetric = main.angles[2] in main.free
-    problem, polar_problem = (_Problem(chart.statement, {**others, chart.angles[0]: rate}) for chart in (main, polar))
+    problem, polar_problem = (
+        _Problem(angles.form, angles.ignorable, {**others, angles.angles[0]: rate}) for angles in (main, polar)
+    )
     _, tilt, spin = main.symbols
     solutions, exact = problem.solutions()
     known = statement.defaults
@@ -483,7 +489,7 @@ def _precessions(
             f"{angles.rotation.name} has no steady precession: forces or drags act about its axis {AXES[axis]} and the "
             "axes of space, or energies or constraints change with the angles about them."
         )
-    problem = _Problem(angles.statement, others)
+    problem = _Problem(angles.form, angles.ignorable, others)
     form, known, unknown = problem.form, dict(statement.defaults), sympy.Dummy("w", real=True)
     if problem.unknowns != (form.plain[tilt],):
         raise StatementError(
@@ -494,10 +500,10 @@ def _precessions(
     entry = min(max(attitude[upright][axis] * (1 if axis == upright else cosine.subs(tilt, sympy.pi / 2)), -1), 1)
     stated_tilt = sympy.Float(math.acos(entry) if axis == upright else math.asin(entry))
     spin_rate = expression(rate, "the rate") - unknown * cosine.subs(tilt, stated_tilt)
-    rates = {**dict.fromkeys((*form.a, *form.v, *angles.symbols), sympy.S.Zero), **problem.speeds}
-    rates |= {form.plain[velocity_of(precession)]: unknown, form.plain[velocity_of(spin)]: spin_rate}
+    still = dict.fromkeys((*form.a, *form.v, *angles.symbols), sympy.S.Zero)
+    speeds = {form.plain[velocity_of(precession)]: unknown, form.plain[velocity_of(spin)]: spin_rate}
     (row,) = problem.rows
-    force = form.residuals[row].xreplace({**rates, form.plain[tilt]: stated_tilt})
+    force = form.residuals[row].xreplace({**still, **problem.speeds, **speeds, form.plain[tilt]: stated_tilt})
     force = sympy.expand(force.xreplace(known))
     if abs(entry) > 1 - 1e-15 or not force.is_polynomial(unknown) or force.free_symbols != {unknown}:
         raise StatementError(
@@ -513,12 +519,9 @@ def _precessions(
         )
     precessions = []
     for root in roots:
-        moving = {
-            precession: sympy.Float(root, 17),
-            spin: sympy.Float(spin_rate.xreplace({unknown: root}).xreplace(known), 17),
-        }
-        steady = _Problem(angles.statement, {**others, **moving})
-        precessions.append(angles.in_quaternion(steady.record({form.plain[tilt]: stated_tilt}, exact=False)))
+        rates = {v: sympy.Float(x.xreplace({unknown: root}).xreplace(known), 17) for v, x in speeds.items()}
+        problem.speeds |= {v: in_fractions(x) for v, x in rates.items()}
+        precessions.append(angles.in_quaternion(problem.record({form.plain[tilt]: stated_tilt}, exact=False)))
     return sorted(precessions, key=problem.order)
 
 

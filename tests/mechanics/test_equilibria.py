@@ -115,7 +115,7 @@ def test_symbols_and_search_find_the_same(name: str) -> None:
         for item in result
         if item.exists
     )
-    problem = equilibria_module._Problem(system.statement, None)
+    problem = equilibria_module._Problem(PlainForm(system.statement), (), None)
     ends = problem.searched()
     searched = sorted(tuple(round(float(end[q]), 6) + 0.0 for q in problem.unknowns) for end in ends)
     np.testing.assert_allclose(exact, searched, atol=2e-6)
