@@ -47,8 +47,9 @@ from lagrange.show.units import energy_letter, unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import entries, flag, real_number
+from lagrange.statement.given.function import require_values
 from lagrange.statement.parameters import label_of, table_of
-from lagrange.statement.rotation import quaternion_rows, rotation_of
+from lagrange.statement.rotation import quaternion_rows, rotation_of, symbols_of_entries
 from lagrange.statement.space import body_rates
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.consistent import complete_start
@@ -84,10 +85,15 @@ class Slider:
 
 
 def places(statement: Statement) -> dict[str, tuple[str, int]]:
-    """Return the (kind, index) of each value that may have a slider, by name: parameters, rates and the state."""
+    """Return the (kind, index) of each value that may have a slider, by name: parameters, rates and the state.
+
+    The entries of a quaternion have none: its length would change.
+    """
     parameters = {p.name: (PARAMETER, index) for index, p in enumerate(statement.parameters)}
     rates = {name_of(rate): (RATE, index) for index, rate in enumerate(_rates_of(statement))}
-    return parameters | rates | {name: (STATE, index) for index, name in enumerate(statement.state_names)}
+    quaternions = symbols_of_entries(statement.rotations)
+    state = {name: (STATE, index) for index, name in enumerate(statement.state_names) if name not in quaternions}
+    return parameters | rates | state
 
 
 def _rates_of(statement: Statement) -> list[Any]:
@@ -114,13 +120,13 @@ def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, flo
     rates = {key: name_of(rate) for rate in _rates_of(statement) for key in (rate, name_of(rate))}
     names = {**{key: p.name for p in statement.parameters for key in (p, p.name)}, **rates, **rows}
     result: dict[str, tuple[float, float]] = {}
+    known = places(statement)
     for key, pair in asked.items():
-        name = names.get(key)
-        if name is None:
-            known = list(places(statement))
+        name = names.get(key, "")
+        if name not in known:
             raise StatementError(
-                f"there is no slider of {shown(label_of(key))}, which is not a parameter, coordinate or velocity of "
-                f"{statement.name}: they are {listing(known)}.{suggestion(label_of(key), known)}"
+                f"there is no slider of {shown(label_of(key), 40)}, which is not a parameter, coordinate or velocity "
+                f"of {statement.name}: they are {listing(known)}.{suggestion(label_of(key), known)}"
             )
         result[name] = _bounds(name, pair)
     return result
@@ -361,16 +367,16 @@ def write_page(
     )
 
 
+NO_SLIDERS = "{} does not compute the motion of a system with contacts: {} with the given parameters and initial state."
+
+
 def write_recorded_page(run: Callable[[], Solution], path: str | os.PathLike[str], sliders: Any) -> Path:
     """Write a page that plays a run of a system with contacts, and return its path. `run` runs the system.
 
     Raises StatementError for `sliders` that are not None: the page does not compute the motion for other values.
     """
     if sliders is not None:
-        raise StatementError(
-            "a page does not compute the motion of a system with contacts: leave sliders out, and the page plays a run "
-            "with the given parameters and initial state."
-        )
+        raise StatementError(NO_SLIDERS.format("a page", "leave sliders out, and the page plays a run"))
     animation = animate(run())
     animation = replace(animation, notes=(RECORDED_NOTE, *animation.notes))
     return write_atomically(path, lambda file: file.write(animation.to_html().encode()))
@@ -470,6 +476,9 @@ def explore(
     for the stated one. `play` starts the motion at once, and `style` chooses the colours. Raises StatementError for
     unknown names, invalid bounds, no or too many sliders, and where no page can be made.
     """
+    if statement.contacts:
+        raise StatementError(NO_SLIDERS.format("explore()", "system.to_page(path) plays a run"))
+    require_values(statement)
     bounds = asked_bounds(statement, ranges) | asked_bounds(statement, named)
     if not bounds:
         adjustable = places(statement)

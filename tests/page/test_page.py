@@ -320,6 +320,19 @@ def test_what_is_no_slider_is_refused(ranges: dict[str, Any], words: str) -> Non
     assert words in refusal(lg.scene("double-pendulum").explore, **ranges)
 
 
+def test_sliders_that_a_page_cannot_have_are_refused() -> None:
+    assert refusal(lg.scene("bouncing-ball").explore, g=(1, 10)) == (
+        "explore() does not compute the motion of a system with contacts: system.to_page(path) plays a run with the "
+        "given parameters and initial state."
+    )
+    assert "they are m, g, a, J1, J3, R_body_x, R_body_y and R_body_z." in refusal(
+        lg.scene("heavy-top").explore, R_w=(0, 1)
+    )
+    x, force = lg.coordinate("x"), lg.given("u")
+    pushed = lg.System(x.dot**2 / 2, forces={x: force})
+    assert "u is a given function of time without values" in refusal(pushed.explore, x=(0, 1))
+
+
 def test_there_is_room_for_so_many_sliders() -> None:
     names = [f"{q.func.__name__}{rate}" for q in lg.scene("pleiades").coordinates for rate in ("", "_dot")]
     with pytest.raises(StatementError, match="28 sliders were asked for: give bounds for at most 12"):
