@@ -24,7 +24,7 @@ from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simpl
 from lagrange.mechanics.reduction import rewritten
 from lagrange.mechanics.roots import STARTS, numeric_roots, solved
 from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
-from lagrange.statement.coordinate import coordinate_of, t, velocity_of
+from lagrange.statement.coordinate import coordinate_of, rotation_name, t, velocity_of
 from lagrange.statement.expression import check_once, expression
 from lagrange.statement.parameters import label_of, table_of
 from lagrange.statement.progress import ShownAsPage
@@ -105,7 +105,7 @@ class _Problem:
     `free` are the indices of its ignorable coordinates, and `rates` their steady velocities.
     """
 
-    def __init__(self, form: PlainForm, free: Sequence[int], rates: Any) -> None:
+    def __init__(self, form: PlainForm, free: tuple[int, ...], rates: Any) -> None:
         self.form, self.free, self.statement = form, free, form.statement
         statement = self.statement
         self.speeds = self.steady(rates)
@@ -220,10 +220,12 @@ class _Problem:
 
     def too_many(self, count: int) -> str:
         """Return the error message for `count` equilibria, which probably form a curve or a surface."""
+        turned = dict.fromkeys(map(rotation_name, self.statement.coordinates))
         return (
             f"{self.statement.name} has too many equilibria to list: {STARTS} starts of Newton's method ended at "
             f"{count} different places, as they do where equilibria fill a curve or a surface. linearize(...) tells of "
             "one place whether it is an equilibrium, modes(...) whether that is stable."
+            + "".join(f" Call equilibria({{{name}.space[2]: 0}})." for name in turned if name)
         )
 
     def record(self, values: Mapping[Any, Any], *, exact: bool, axial: bool = False) -> Equilibrium:

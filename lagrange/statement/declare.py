@@ -257,7 +257,9 @@ def _energies(
     if lagrangian is not None and (kinetic is not None or potential is not None):
         raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
     if lagrangian is None and kinetic is None:
-        raise StatementError("no kinetic energy: give kinetic= and potential=, or lagrangian=.")
+        raise StatementError(
+            "no kinetic energy: give kinetic= and potential=, or lagrangian=. States of first order have kinetic=0."
+        )
     stated = {"lagrangian": lagrangian}
     if lagrangian is None:
         stated = {"kinetic": kinetic, "potential": 0 if potential is None else potential}

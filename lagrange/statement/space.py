@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from sympy.matrices.exceptions import ShapeError
 
 from lagrange.errors import StatementError, UnknownKey, shown
-from lagrange.statement.expression import TEXTS, as_typed, entries, real_number
+from lagrange.statement.expression import TEXTS, NonScalar, as_typed, entries, real_number
 
 
 class SpaceMatrix(sympy.ImmutableMatrix):
@@ -51,7 +51,12 @@ class SpaceMatrix(sympy.ImmutableMatrix):
         """
         second = in_space(other)
         try:
-            return operation(second)
+            result = operation(second)
+            if result is NotImplemented and not isinstance(second, NonScalar):
+                raise StatementError(
+                    f"a vector or matrix and {shown(other)} have no sum: give three entries (x, y, z)."
+                )
+            return result
         except ShapeError:
             raise StatementError(
                 f"a vector or matrix of shape {self.shape} does not fit one of shape {second.shape}: a.dot(b) and "
@@ -183,9 +188,9 @@ def quaternion_of(value: Any, what: str) -> Quaternion:
     value that is not a rotation.
     """
     numbers = np.zeros(0)
-    # A SymPy matrix has 9 entries. An array of a long sequence, such as range(10**9), would not fit into the memory.
-    if not isinstance(value, Sized) or len(value) <= 9:
-        with suppress(TypeError, ValueError, OverflowError):
+    with suppress(TypeError, ValueError, OverflowError):
+        # A SymPy matrix has 9 entries. An array of a long sequence, such as range(10**9), would not fit into memory.
+        if not isinstance(value, Sized) or len(value) <= 9:
             numbers = np.array(value, dtype=object).astype(float)
     if numbers.shape not in ((4,), (3, 3)) or not np.isfinite(numbers).all():
         raise StatementError(

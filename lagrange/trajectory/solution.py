@@ -122,8 +122,9 @@ class Solution:
         label = row_label(key)
         if label not in self.names:
             rotations = self.model.statement.rotations
-            if label in rotations:
-                return self[rotation_of(label)]
+            name, _, axes = label.partition(".")
+            if name in rotations and axes in ("", "body", "space"):
+                return self[getattr(rotation_of(name), axes) if axes else rotation_of(name)]
             if label in (vectors := shorthands(rotations)):
                 return self.evaluate(vectors[label])
             names = in_symbols(self.names, rotations)

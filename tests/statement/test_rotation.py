@@ -36,7 +36,7 @@ def test_a_vector_is_turned_there_and_back() -> None:
     run = top(initial={R: lg.turn((1, 2, 2), 0.9), R.body: (1, 2, 3)}).run(0.1)
     assert np.allclose(run[turned], np.einsum("nij,j->in", run[R], [1, 2, 3]), rtol=0, atol=1e-14)
     assert np.allclose(run[R.T * turned], np.array([[1], [2], [3]]), rtol=0, atol=1e-13)
-    assert np.allclose(run[R * R.body], run[R.space], rtol=0, atol=1e-13)
+    assert np.allclose(run[R * R.body], run["R.space"], rtol=0, atol=1e-13)
     assert np.allclose(run[R][0], Matrix.from_rotvec(0.9 * np.array([1, 2, 2]) / 3).as_matrix(), rtol=0, atol=1e-15)
 
 
@@ -298,6 +298,11 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: top().run(0.1, {R: np.eye(3) + 4e-4 * np.eye(3, k=1)}),
         r"differs from the unit matrix by 0.0004. Give all digits, .* nearest rotation: u @ vh",
     ),
+    "a rotation of SciPy": (
+        lambda: top(initial={R: Matrix.identity()}),
+        "the start of R is .*a matrix of 3 by 3 numbers",
+    ),
+    "a sum with a number": (lambda: R.body + 1, "a vector or matrix and 1 have no sum: give three entries"),
     "a sum of other shapes": (lambda: R.body + R.T, "does not fit one of shape"),
     "a force of a coordinate": (lambda: top(forces={x: R}), r"the force on x is <Rotation R>: give an entry R\[i, j\]"),
     "an absolute rate": (lambda: lg.System(abs(R.body[0])), "singular where R.body is zero"),

@@ -14,6 +14,7 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.expression import TYPED_ROUNDING
+from lagrange.statement.rotation import symbols_of_entries
 from lagrange.statement.statement import Constraint
 from lagrange.trajectory.constraints.nearest import ON_SURFACE, Nearest, Residuals
 from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of, units_of
@@ -229,7 +230,8 @@ class Projection:
         statement, names = self.model.statement, self.model.layout.names()
         entries = list(zip(names, y.tolist(), statement.initial, strict=True))
         # Entries that the call omits have the values of the statement.
-        values = [(name, x) for name, x, stated in entries if x or x != stated]
+        quaternions = symbols_of_entries(statement.rotations)
+        values = [(name, x) for name, x, stated in entries if x != stated or (x and name not in quaternions)]
         if len(values) > MOST_ENTRIES:
             values = [(name, x) for name, x, stated in entries if x != stated]
         pairs = zip(statement.parameters, self.parameters.tolist(), strict=True)
