@@ -188,7 +188,7 @@ class _Problem:
     def none_found(self, *, symbolic: bool) -> str:
         """Return the error message for no equilibrium. It says whether the search was `symbolic` or numerical."""
         statement = self.statement
-        named = listing(statement.names[i] for i in self.rows)
+        named = listing(dict.fromkeys(rotation_name(statement.coordinates[i]) or statement.names[i] for i in self.rows))
         if symbolic:
             contacts = listing(repr(each.name) for each in statement.contacts)
             remedy = f" Contact forces are left out: state the closed ones of {contacts} as constraints."
@@ -404,17 +404,17 @@ def _steady_rotations(
     rotation = rotation_of(statement.rotations[0])
     rates = [(vector, k, x) for vector, row in turning.items() for k, x in enumerate(row) if x is not None]
     rates = [rate for rate in rates if rate[2] != 0] or rates[:1]
+    name = rotation.name
     if len(rates) != 1 or bool(attitudes) != (rates[0][0] == rotation.body):
-        name = rotation.name
         raise StatementError(
             f"rates gives {name} no steady motion: give {{{name}.space[2]: w}} for turns about the axis z of space, or "
             f"{{{name}: attitude, {name}.body[2]: w}} for the precessions of a body that is symmetric about its axis z."
+            " linearize(at=...) says of one motion whether it is steady."
         )
     ((_, axis, rate),) = rates
     if attitudes:
-        return _precessions(
-            statement, axis, rate, others, matrix_of(quaternion_of(attitudes[0], f"the attitude of {rotation.name}"))
-        )
+        attitude = matrix_of(quaternion_of(attitudes[0], f"the attitude of {name}"))
+        return _precessions(statement, axis, rate, others, attitude)
     return _turns(statement, axis, rate, others)
 
 

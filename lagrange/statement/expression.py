@@ -253,11 +253,9 @@ class ByName(dict[str, Value]):
 
     def __getitem__(self, name: str) -> Value:
         if not isinstance(name, str) or name not in self:
+            known = f"they are {listing(self, MOST_WORDS)}" if self else "it has none"
             hint = suggestion(name, self) if isinstance(name, str) else ""
-            raise UnknownKey(
-                f"{shown(name)} is not {singular(self.noun)} of this system; "
-                f"they are {listing(self, MOST_WORDS)}.{hint}"
-            )
+            raise UnknownKey(f"{shown(name)} is not {singular(self.noun)} of this system; {known}.{hint}")
         return super().__getitem__(name)
 
 

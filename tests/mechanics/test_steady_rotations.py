@@ -108,6 +108,10 @@ def test_a_body_on_a_spring_turns_with_its_spring_stretched() -> None:
 S, y = lg.rotation("S"), lg.coordinate("y")
 REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "two rates": (lambda: body((1, 2, 3)).equilibria({R.space: (0, 1, 2)}), "no steady motion: give {R.space"),
+    "a spin under a drag": (
+        lambda: body((1, 1, 2), dissipation=R.body.dot(R.body), forces={R.body: (0, 0, 1)}).equilibria(),
+        "the forces on R are not solved",
+    ),
     "a spin alone": (lambda: body((1, 2, 3)).equilibria({R.body[2]: 2}), r"or {R: attitude, R.body\[2\]: w}"),
     "no vertical": (lambda: body((1, 2, 3), R[2, 2]).equilibria({R.space[0]: 1}), "steadily about the axis x of space"),
     "a drag": (
