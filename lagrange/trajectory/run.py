@@ -249,7 +249,8 @@ def _run(integrator: Integrator, problem: Problem) -> Trajectory:
         refuse_dependent(model, problem.t0, problem.y0, problem.parameter_array)
     if trajectory.status.complete and constrained and trajectory.y.size:
         t, y = float(trajectory.t[-1]), np.ascontiguousarray(trajectory.y[:, -1])
-        if off := violation(model, t, y, problem.parameter_array, abs(t - problem.t0)):
+        fastest = np.abs(trajectory.y[model.layout.v]).max(axis=1)
+        if off := violation(model, t, y, problem.parameter_array, abs(t - problem.t0), fastest):
             trajectory = replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {off}")
     if len(problem.events) > 1:
         trajectory = with_touching_bodies(problem, trajectory)

@@ -231,10 +231,19 @@ def test_a_run_that_ends_off_its_constraints_is_unreliable() -> None:
     assert "The state at the end violates the constraint 'rod' by" in solution.message
 
 
+@pytest.mark.parametrize("method", ["dop853", "dopri5", "taylor"])
+def test_a_run_that_ends_where_a_pendulum_turns_around_is_reliable(method: str) -> None:
+    """All velocities are errors there, in any direction: the run was called unreliable."""
+    released = lg.System((x.dot**2 + y.dot**2) / 2, 9.81 * y, constraints={"rod": x**2 + y**2 - 1})
+    start = {x: 0.6, y: -0.8}
+    solution = released.run(20.0, start, method=method, rtol=1e-8, events=[lg.event(x.dot, terminal=1)])
+    assert solution.status is lg.Status.EVENT, solution.message
+
+
 def test_a_state_on_a_corner_is_no_end_of_a_run() -> None:
     """Methods of other packages may end on a corner of a constraint."""
     model = pendulum(y - Abs(x)).compile(check=False)
-    told = violation(model, 0.0, np.array([0.0, 0.0, 1.0, 1.0]), model.parameter_array(), 1.0)
+    told = violation(model, 0.0, np.array([0.0, 0.0, 1.0, 1.0]), model.parameter_array(), 1.0, np.zeros(2))
     assert told.startswith("The run ends on a corner of the constraint 'rod', where velocities jump")
 
 
@@ -247,7 +256,7 @@ def test_round_off_of_a_structure_that_cannot_move_is_not_unreliable(speed: floa
         constraints={"left": x - y - 1, "right": x - 2 * y - 1},
         initial={x: 1.0},
     ).compile()
-    told = violation(truss, 1.0, np.array([1.0, 0.0, speed, -speed]), truss.parameter_array(), 1.0)
+    told = violation(truss, 1.0, np.array([1.0, 0.0, speed, -speed]), truss.parameter_array(), 1.0, np.zeros(2))
     assert bool(told) is unreliable
 
 

@@ -152,8 +152,13 @@ def with_rates(model: Model, t: float, y: FloatArray, parameters: FloatArray) ->
     return y
 
 
-def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, duration: float) -> str:
-    """Return a warning if the last state y (2n,) of a run of length `duration` violates the constraints, else ""."""
+def violation(
+    model: Model, t: float, y: FloatArray, parameters: FloatArray, duration: float, fastest: FloatArray
+) -> str:
+    """Return a warning if the last state y (2n,) of a run violates the constraints, else "".
+
+    The run has the length `duration`, and `fastest` (n,) are its largest speeds.
+    """
     residuals = residuals_of(model)
     corner = residuals.at_corner(t, y, parameters)
     if corner is not None:
@@ -166,10 +171,14 @@ def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, dur
     at = Projection(model, t, parameters)
     if share <= LARGEST_VIOLATION or at.share(y) <= LARGEST_VIOLATION:
         return ""
-    # In a structure that cannot move, velocities, and so all terms that contain them, are rounding errors. During
-    # `duration` they move no coordinate by more than rounding.
     units, q = units_of(at.metric(y)), y[model.layout.q]
     positions, rates = (residuals.of_part(part, t, y, parameters, units) for part in (0, 1))
+    # Where a pendulum turns around, velocities, and so all terms that contain them, are errors of the run.
+    at_turn = np.abs(rates.values) <= LARGEST_VIOLATION * (np.abs(rates.gradient) @ fastest)
+    if positions.largest <= LARGEST_VIOLATION and at_turn.all():
+        return ""
+    # In a structure that cannot move, velocities are rounding errors. During `duration` they move no coordinate by more
+    # than rounding.
     sizes = np.abs(rates.gradient) @ (np.abs(units * q).max(initial=0.0) / units)
     if positions.largest <= ON_SURFACE and (np.abs(rates.values) * duration <= ON_SURFACE * sizes).all():
         return ""

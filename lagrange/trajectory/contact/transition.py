@@ -127,11 +127,14 @@ class Transitions:
 
     def _with_constraints(self, touch: Touch, mode: Mode) -> Mode:
         """Return a mode with its independent constraints in `kept`, and `still` if they leave no freedom."""
-        held, stated = self.kinematics.held_rows(mode.states), self.kinematics.stated_directions(touch.t, touch.y)
-        gradient = np.vstack([stated, touch.directions[held]])
-        rows = independent_rows(gradient) if len(held) > 1 else tuple(range(len(gradient)))
-        still = self.modes.leaves_no_freedom(mode, len(rows))
-        return replace(mode, kept=None if len(rows) == len(gradient) else rows, still=still)
+        kin, kept = self.kinematics, None
+        held = kin.held_rows(mode.states)
+        count = len(kin.model.statement.constraints) + len(held)
+        if len(held) > 1:
+            rows = independent_rows(np.vstack([kin.stated_directions(touch.t, touch.y), touch.directions[held]]))
+            kept = None if len(rows) == count else rows
+        still = self.modes.leaves_no_freedom(mode, count if kept is None else len(kept))
+        return replace(mode, kept=kept, still=still)
 
     def _freed_ways(self, touch: Touch, mode: Mode, freed: Collection[int]) -> dict[int, FloatArray]:
         """Return the direction (components,) in which each contact of `freed` begins to slide, by its index.
