@@ -119,19 +119,27 @@ class Builder:
     def operation(self, op: str, *args: Any) -> Any:
         """Return the result of the operation `op`; on vectors it works entry by entry.
 
-        Python numbers among the operands take the kind of the other operands.
+        Python numbers among the operands take the kind of the other operands. Numbers and flags are broadcast to
+        the width of a vector.
         """
-        if any(isinstance(arg, Entries) for arg in args):
-            return self.entrywise(op, *args)
-        kinds = [arg.kind for arg in args if isinstance(arg, Value)]
+        vectors = [arg for arg in args if isinstance(arg, Entries)]
+        kinds = [arg.kind for arg in vectors or args if isinstance(arg, (Value, Entries))]
         kind = next((k for k in kinds if k is not FLAG), REAL)
-        operands = [arg if isinstance(arg, Value) else self.constant(arg, kind) for arg in args]
-        result = result_kind(op, tuple(arg.kind for arg in operands))
+
+        def operand(arg: Any) -> Any:
+            value = arg if isinstance(arg, (Value, Entries)) else self.constant(arg, kind)
+            return self.broadcast(value, vectors[0].width) if vectors and isinstance(value, Value) else value
+
+        operands = [operand(arg) for arg in args]
+        result = result_kind(op, tuple(value.kind for value in operands))
         if result is None:
-            operand_kinds = ", ".join(arg.kind for arg in operands)
+            operand_kinds = ", ".join(value.kind for value in operands)
             raise LagrangeError(f"procedure {self.name}: {op} cannot take {operand_kinds}.")
-        refs = tuple(arg.ref for arg in operands)
-        return self.made(result, lambda ref: form.Let(ref, result, op, refs))
+        refs = tuple(value.ref for value in operands)
+        if not vectors:
+            return self.made(result, lambda ref: form.Let(ref, result, op, refs))
+        vector = Vector(result, vectors[0].width)
+        return self.made(vector, lambda ref: form.VectorLet(ref, vector, op, refs))
 
     def sine_cosine(self, angle: Any) -> tuple[Any, Any]:
         """Return the sine and the cosine of an angle, or of each entry of a vector."""
@@ -139,10 +147,9 @@ class Builder:
         self.add(form.SineCosine(sine, cosine, angle.ref))
         return self.value_of(sine, _kind_of(angle)), self.value_of(cosine, _kind_of(angle))
 
-    def broadcast(self, value: Any, width: int, kind: Kind = REAL) -> Entries:
-        """Return a vector with the same value in every entry. A Python number gets the given kind."""
-        first = value if isinstance(value, Value) else self.constant(value, kind)
-        vector: Entries = self.permuted([first], (0,) * width)
+    def broadcast(self, value: Value, width: int) -> Entries:
+        """Return a vector with the same value in every entry."""
+        vector: Entries = self.permuted([value], (0,) * width)
         return vector
 
     def permuted(self, parts: Sequence[Any], indices: Sequence[int]) -> Any:
@@ -160,21 +167,6 @@ class Builder:
         if not isinstance(part, Entries):
             return part
         return self.made(kind, lambda ref: form.Reduce(ref, kind, "entry", part.ref, k))
-
-    def entrywise(self, op: str, *args: Any) -> Entries:
-        """Return the result of the operation `op` on vectors. Numbers and flags among the operands are broadcast."""
-        vectors = [arg.vector for arg in args if isinstance(arg, Entries)]
-        kind = next((vector.kind for vector in vectors if vector.kind is not FLAG), REAL)
-        width = vectors[0].width
-        wide = [arg if isinstance(arg, Entries) else self.broadcast(arg, width, kind) for arg in args]
-        result = result_kind(op, tuple(arg.vector.kind for arg in wide))
-        if result is None:
-            raise LagrangeError(
-                f"procedure {self.name}: {op} cannot take {', '.join(arg.vector.kind for arg in wide)}."
-            )
-        vector, refs = Vector(result, width), tuple(arg.ref for arg in wide)
-        made: Entries = self.made(vector, lambda ref: form.VectorLet(ref, vector, op, refs))
-        return made
 
     def constant(self, value: Any, kind: Kind) -> Any:
         """Return a Python number as a constant of the given kind."""
@@ -248,10 +240,6 @@ class Builder:
         """Return the square root of a number, or of each entry of a vector."""
         return self.operation("sqrt", x)
 
-    def larger(self, a: Any, b: Any) -> Any:
-        """Return the larger of two numbers, NaN if either is NaN."""
-        return self.operation("max", a, b)
-
     def choose(self, condition: Flag, a: Any, b: Any) -> Any:
         """Return `a` if the condition holds, else `b`. Both are computed."""
         return self.operation("select", condition, a, b)
@@ -290,24 +278,6 @@ class Builder:
         first, ref = self.operand(start, WHOLE), self.unused()
         self.add(form.Part(ref, memory.ref, first))
         return Memory(self, ref, Array(memory.array.kind, None, memory.array.read, memory.array.room), memory.root)
-
-    def copy(
-        self,
-        source: Memory,
-        target: Memory,
-        count: Any,
-        *,
-        width: int = PARTIAL,
-        spill: bool = True,
-        unrolled: bool = False,
-    ) -> None:
-        """Copy the first `count` values of the array `source` to the array `target`.
-
-        Up to `width` values are copied at a time. With `spill`, whole blocks are copied, which may overwrite values
-        after the first `count`. With `unrolled` no loop is printed.
-        """
-        with self.each(count, width=width, spill=spill, unrolled=unrolled) as i:
-            target[i] = source[i]
 
     # --- control
 
@@ -415,14 +385,6 @@ class Builder:
     def leave(self, *values: Any) -> None:
         """Add a return from the procedure with results. Python integers become wholes."""
         self.add(form.Leave(tuple(self.operand(value, _kind_of(value)) for value in values)))
-
-    def leave_if(self, condition: Flag, *values: Any, likely: bool | None = None) -> None:
-        """Add a return from the procedure with results under a condition.
-
-        `likely` is the usual value of the condition, or None if neither is usual.
-        """
-        with self.when(condition, likely=likely):
-            self.leave(*values)
 
     def note(self, text: str) -> None:
         """Add a comment, which printers print."""

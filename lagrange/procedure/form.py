@@ -192,14 +192,14 @@ class VectorLoad(NamedTuple):
 class Gather(NamedTuple):
     """Statement that reads a vector of entries of an array; entries are zero where the mask is false.
 
-    `places` is the vector of their indices. Without a mask all entries are read.
+    `places` is the vector of their indices.
     """
 
     ref: int
     vector: Vector
     array: int
     places: int
-    mask: int | None = None
+    mask: int
 
 
 class VectorStore(NamedTuple):

@@ -139,8 +139,8 @@ def _loaded(load: form.VectorLoad, contents: Environment) -> tuple[Any, ...]:
 
 def _gathered(load: form.Gather, contents: Environment) -> tuple[Any, ...]:
     array, number = contents[load.array], float if load.vector.kind is REAL else int
-    mask: Sequence[bool] = (True,) * load.vector.width if load.mask is None else contents[load.mask]
-    return tuple(number(array[index] if read else 0) for index, read in zip(contents[load.places], mask, strict=True))
+    pairs = zip(contents[load.places], contents[load.mask], strict=True)
+    return tuple(number(array[index] if read else 0) for index, read in pairs)
 
 
 def _scatter(array: Any, indices: Sequence[int], entries: Sequence[Any], mask: Sequence[bool] | None) -> None:

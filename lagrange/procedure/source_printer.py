@@ -203,11 +203,6 @@ class SourcePrinter(Visitor, Syntax):
             case form.Set(variable=variable, value=value):
                 self.write(self.assign(self.text(variable), self.text(value)))
 
-    @visits(form.Call)
-    def called(self, call: form.Call) -> None:
-        """Print a call of a procedure."""
-        self.call(call)
-
     @visits(form.Leave)
     def left(self, leave: form.Leave) -> None:
         """Print the return from the procedure."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 from lagrange.procedure.form import FLAG, WHOLE, Array, Call, Kind, Part, Record
+from lagrange.procedure.visit import visits
 
 ATOM = 10
 """Binding strength of a name or a call. Operators have lower numbers."""
@@ -162,6 +163,7 @@ class Syntax(ABC):
         """Return the text of a field of a record."""
         return f"{self.text(record, ATOM)}.{field}"
 
+    @visits(Call)
     @abstractmethod
     def call(self, call: Call) -> None:
         """Print a call and name its results."""

@@ -26,11 +26,6 @@ class Value:
             "a value of a procedure is known only when the procedure runs: use `with p.when(...)` instead of `if`."
         )
 
-    def called(self, name: str) -> Any:
-        """Return the value itself, after setting its name for listings and printed code."""
-        self.builder.names[self.ref] = name
-        return self
-
 
 def _operator(op: str) -> Callable[[Any, Any], Any]:
     """Return a method for a Python operator, such as `__add__`: the operation `op` on the value and its argument."""
@@ -113,7 +108,8 @@ class Entries:
 
     def equals(self, other: Any) -> Entries:
         """Return the vector of flags that are true where both entries are equal. A flag is false if an entry is NaN."""
-        return self.builder.entrywise("equal", self, other)
+        made: Entries = self.builder.operation("equal", self, other)
+        return made
 
     def permuted(self, *indices: int) -> Any:
         """Return the vector of the entries at the indices. For one index, return the single entry."""

@@ -7,7 +7,7 @@ once for each set of parameters. A program can be printed, checked, and interpre
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -170,15 +170,15 @@ def arranged(
     return tuple(moved), len(first), tuple(renumbered[output] for output in outputs)
 
 
-def uses_of(program: Program) -> list[int]:
+def uses_of(program: Program, twice: Container[str] = (*SYSTEMS, "select")) -> list[int]:
     """Return for each instruction how often generated code reads its result, at least.
 
-    Operands of linear systems and of selections count twice, and each output adds one.
+    Operands of the operations `twice` count twice, and each output adds one.
     """
     uses = [0] * len(program.instructions)
     for instruction in program.instructions:
         for arg in instruction.args:
-            uses[arg] += 1 if instruction.op not in (*SYSTEMS, "select") else 2
+            uses[arg] += 2 if instruction.op in twice else 1
     for ref in program.outputs:
         uses[ref] += 1
     return uses

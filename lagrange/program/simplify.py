@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from lagrange.program.program import GIVEN, Instruction, Program, arranged
+from lagrange.program.program import GIVEN, Instruction, Program, arranged, uses_of
 
 LONGEST_PROGRAM = 4000
 """Largest number of instructions of a program that is simplified: 10 us each."""
@@ -75,7 +75,7 @@ class _Simplifier:
 
     def made(self) -> Program:
         """Return the new, simplified program."""
-        for instruction, uses in zip(self.program.instructions, _uses(self.program), strict=True):
+        for instruction, uses in zip(self.program.instructions, uses_of(self.program, twice=()), strict=True):
             value = self.again(instruction)
             self.values.append(value)
             if uses > 1:
@@ -241,14 +241,3 @@ class _Simplifier:
         for ref in order[1:]:
             made = self.emit("mul", made, ref)
         return made
-
-
-def _uses(program: Program) -> list[int]:
-    """Return for each result how many instructions read it, plus one for each output that it is."""
-    uses = [0] * len(program.instructions)
-    for instruction in program.instructions:
-        for arg in instruction.args:
-            uses[arg] += 1
-    for ref in program.outputs:
-        uses[ref] += 1
-    return uses

@@ -51,7 +51,7 @@ class RandomVectors:
         self.ops = [op for op in sorted(WITHOUT_LIBRARY) if op not in UNSAFE and (fused or op not in FUSED)]
         for width in WIDTHS[1:]:
             self.made += [self.data.entries(self.n, width), self.places.entries(1, width)]
-            self.made += [p.broadcast(self.x, width), self.made[-2] < p.broadcast(0.25, width)]
+            self.made += [p.broadcast(self.x, width), self.made[-2] < 0.25]
 
     def step(self) -> None:
         """Add one vector or a store."""
@@ -66,9 +66,9 @@ class RandomVectors:
                 self.made.append(self.p.permuted(parts, draw.choices(known, k=draw.choice(WIDTHS[1:]))))
             case 1:
                 places = self.pick(WHOLE, some.vector.width)
-                inside = self.p.entrywise("max", self.p.entrywise("min", places, SIZE - 1), 0)
-                array, masks = draw.choice([self.data, self.places]), [None, self.pick(FLAG, some.width).ref]
-                vector, mask = Vector(array.array.kind, some.width), draw.choice(masks)
+                inside = self.p.operation("max", self.p.operation("min", places, SIZE - 1), 0)
+                array, mask = draw.choice([self.data, self.places]), self.pick(FLAG, some.width).ref
+                vector = Vector(array.array.kind, some.width)
                 made = self.p.made(vector, lambda ref: form.Gather(ref, vector, array.ref, inside.ref, mask))
                 self.made.append(made)
             case 2:
@@ -77,7 +77,7 @@ class RandomVectors:
                 first, mask = self.p.operand(self.n, WHOLE), self.pick(FLAG, some.width).ref
                 self.p.add(form.VectorStore(self.data.ref, first, some.ref, mask))
             case 4 if some.vector.kind is REAL:
-                places = self.p.entrywise("max", self.p.entrywise("min", self.pick(WHOLE, some.width), SIZE - 1), 0)
+                places = self.p.operation("max", self.p.operation("min", self.pick(WHOLE, some.width), SIZE - 1), 0)
                 self.p.add(form.Scatter(self.data.ref, places.ref, some.ref, self.pick(FLAG, some.width).ref))
             case 6 if some.vector.kind is REAL:
                 self.made += self.p.sine_cosine(some * 0.0)
@@ -88,7 +88,7 @@ class RandomVectors:
                 self.made.append(self.p.broadcast(flag, draw.choice(WIDTHS[1:])))
             case _:
                 kinds, _ = draw.choice(OPERATIONS[op := draw.choice(self.ops)])
-                self.made.append(self.p.entrywise(op, *(self.pick(kind, some.vector.width) for kind in kinds)))
+                self.made.append(self.p.operation(op, *(self.pick(kind, some.vector.width) for kind in kinds)))
 
     def keep(self, some: Entries) -> None:
         """Add a variable that is set in a loop with a branch."""
@@ -117,7 +117,7 @@ class RandomVectors:
         for item in self.made[-30:]:
             width, wide = item.vector.width, item
             if item.vector.kind is FLAG:
-                wide = self.p.entrywise("select", item, self.p.broadcast(1.0, width), 0.0)
+                wide = self.p.operation("select", item, 1.0, 0.0)
             (self.counts if wide.vector.kind is WHOLE else self.out).put(place, wide)
             place += width
         self.p.leave()

@@ -151,7 +151,9 @@ class Body:
 
     def _named(self, ref: int, value: Any) -> Any:
         name = self.inputs.names.get(ref)
-        return value.called(name) if name else value
+        if name:
+            self.p.names[value.ref] = name
+        return value
 
     def value(self, ref: int) -> Any:
         """Return the value that instruction `ref` computes, a number or a condition; an input is read first."""

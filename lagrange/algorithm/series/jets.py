@@ -61,8 +61,8 @@ ANGLES_AT_ONCE = 8
 class JetBuilder:
     """Base class of builders of the procedure that computes the Taylor series at a state, order after order.
 
-    `origin` has the values at order 0, by the index of the series value. Inverses of mass matrices are written
-    out up to the size `largest`.
+    `origin` has the values at order 0, by the index of the series value, and `x` the coefficients of each chunk (vector
+    of values) at the present order. Inverses of mass matrices are written out up to the size `largest`.
     """
 
     def __init__(
@@ -78,6 +78,7 @@ class JetBuilder:
         self.order: Whole = p.given("order", WHOLE)
         self.constants: list[Real] = []
         self.origin: dict[int, Any] = {}
+        self.x: dict[Chunk, Term] = {}
         self.systems: list[LinearSystem] = []
         self.singular: Flag = p.false
 
@@ -121,6 +122,11 @@ class JetBuilder:
         """Return True if an operand is known before linear system `stage_number`, from 0 on, is solved."""
         depth = self.program.depth
         return all(value == ZERO_LANE or depth[value] <= stage_number for value in operand.values)
+
+    def fill(self, chunks: Sequence[Chunk]) -> None:
+        """Compute the Taylor coefficients of `chunks` at the present order, each by the rule of its chunk."""
+        for chunk in chunks:
+            self.x[chunk] = of_width(self.p, coefficient(ChunkAt(self, chunk)), len(chunk.values))
 
     def at_zero(self, operand: Operand) -> Term:
         """Return the values of an operand at order 0, as a number or vector; None if all of them are zero."""
@@ -173,7 +179,7 @@ members of a pendulum took 154 ns, in parts 128 ns. The latest products wait for
 class WrittenJet(JetBuilder):
     """Builder of a procedure without loops that computes a series up to an order from `lowest` to `highest`.
 
-    The order is an argument of the procedure. `x` has the coefficients by chunk (vector of values) and order.
+    The order is an argument of the procedure.
     """
 
     def __init__(
@@ -191,7 +197,8 @@ class WrittenJet(JetBuilder):
             layout = TaylorLayout.of(program, scratch=scratch, chains=True, observes=len(program.watched) > 0)
         super().__init__(packing, numbers, layout, largest)
         self.lowest, self.highest, self.k = lowest, highest, 0
-        self.x: dict[tuple[Chunk, int], Term] = {}
+        self.orders: list[dict[Chunk, Term]] = [{}]
+        """The coefficients of chunks at each order from 1 on."""
         self.operands: dict[tuple[Operand, int], Term] = {}
         self.totals: dict[tuple[Chunk, int, int], Term] = {}
         self.shares: dict[tuple[float, int], Term] = {}
@@ -210,9 +217,10 @@ class WrittenJet(JetBuilder):
 
         At the highest order, values after the last linear system are computed for event functions only.
         """
-        packing, self.k = self.packing, k
+        packing, self.k, self.x = self.packing, k, {}
+        self.orders.append(self.x)
         for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
-            self.x[chunk, k] = self.share(self.before(rate))
+            self.x[chunk] = self.share(self.before(rate))
         self.fill(packing.before)
         for stage_number, stage in enumerate(packing.stages):
             guesses: list[Term] = [None] * len(stage.unknowns)
@@ -235,7 +243,8 @@ class WrittenJet(JetBuilder):
         """Add code that writes the row of the present order and returns if it is the last requested order."""
         self.write()
         if self.lowest <= self.k < self.highest:
-            self.p.leave_if(self.order.equals(self.k), self.singular)
+            with self.p.when(self.order.equals(self.k)):
+                self.p.leave(self.singular)
 
     def know(self, stage_number: int, values: Sequence[Term]) -> None:
         """Set the present coefficients of the unknowns of linear system `stage_number` to `values`.
@@ -244,13 +253,7 @@ class WrittenJet(JetBuilder):
         """
         for key in [key for key in self.operands if key[1] == self.k and not self.is_known(key[0], stage_number)]:
             del self.operands[key]
-        for chunk, value in zip(self.packing.stages[stage_number].unknowns, values, strict=True):
-            self.x[chunk, self.k] = value
-
-    def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Compute the Taylor coefficients of `chunks` at the present order, each by the rule of its chunk."""
-        for chunk in chunks:
-            self.x[chunk, self.k] = of_width(self.p, coefficient(ChunkAt(self, chunk)), len(chunk.values))
+        self.x |= zip(self.packing.stages[stage_number].unknowns, values, strict=True)
 
     def write(self) -> None:
         """Write the row of Taylor coefficients of the present order to memory.
@@ -285,7 +288,7 @@ class WrittenJet(JetBuilder):
         if k == 0:
             coefficient = self.at_zero(operand)
         else:
-            coefficient = gathered(self.p, self.packing, operand, lambda chunk: self.x[chunk, k])
+            coefficient = gathered(self.p, self.packing, operand, self.orders[k].__getitem__)
             if operand.ranked and coefficient is not None and k > 1:
                 coefficient = coefficient * float(k)
         self.operands[key] = coefficient
@@ -401,8 +404,7 @@ def by_order_scratch(packing: Packing) -> int:
 class ByOrderJet(JetBuilder):
     """Builder of the procedure that computes the Taylor coefficients in a loop over orders k.
 
-    `x` has the coefficients of each chunk of values at the present order. `tile` is the largest number of sums
-    that are computed together.
+    `tile` is the largest number of sums that are computed together.
     """
 
     def __init__(
@@ -418,7 +420,6 @@ class ByOrderJet(JetBuilder):
         self.shares = self.scale, self.scale
         self.tile = tile
         self.places = Row(packing, self.layout.watched_at).places
-        self.x: dict[Chunk, Term] = {}
         self.operands: dict[Operand, Term] = {}
         """Operands that are gathered to vectors at the present order."""
         self.sums: dict[Pair, Term] = {}
@@ -464,7 +465,7 @@ class ByOrderJet(JetBuilder):
         if moving:
             p.note("Order 1 is computed twice, the second time from the velocities found first.")
         with p.loop(0 if moving else 1, self.order + 1) as iteration:
-            self.set_order(p.larger(iteration, 1) if moving else iteration)
+            self.set_order(p.operation("max", iteration, 1) if moving else iteration)
             yield iteration
 
     def set_order(self, k: Whole) -> None:
@@ -492,11 +493,6 @@ class ByOrderJet(JetBuilder):
     def part(self, x: Term) -> Term:
         """Return x / k, where k is the present order of the series."""
         return divided(self, x, self.high, self.low)
-
-    def fill(self, chunks: Sequence[Chunk]) -> None:
-        """Compute the Taylor coefficients of `chunks` at the present order, each by the rule of its chunk."""
-        for chunk in chunks:
-            self.x[chunk] = of_width(self.p, coefficient(ChunkAt(self, chunk)), len(chunk.values))
 
     def know(self, stage_number: int, values: Sequence[Term]) -> None:
         """Set the present coefficients of the unknowns of linear system `stage_number` to `values`.

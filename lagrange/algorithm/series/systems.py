@@ -154,10 +154,7 @@ class Diagonal:
                 self.vectors[chunk] = joined(self.p, [(self.reciprocals[row], 0) for row in chunk])
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution for the right-hand side `right`: the product with the reciprocals.
-
-        `rows` has for each vector the indices of its unknowns, by lane.
-        """
+        """Return the solution for the right-hand side `right`: the product with the reciprocals."""
         self.read(rows)
         return [None if x is None else x * self.vectors[chunk] for chunk, x in zip(rows, right, strict=True)]
 
@@ -171,10 +168,7 @@ class Inverse:
         """Vectors of entries of a column, by column and rows."""
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution for the right-hand side `right`: its product with the inverse.
-
-        `rows` has for each vector the indices of its unknowns, by lane.
-        """
+        """Return the solution for the right-hand side `right`: its product with the inverse."""
         self.read(rows)
         solution: list[Term] = [None] * len(rows)
         for j, x in enumerate(_apart(self.p, rows, right)):
@@ -200,10 +194,7 @@ class InverseInMemory:
         self.p, self.size, self.memory, self.stride = p, size, memory, stride
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution for the right-hand side `right`: its product with the inverse.
-
-        `rows` has for each vector the indices of its unknowns, by lane.
-        """
+        """Return the solution for the right-hand side `right`: its product with the inverse."""
         p, n = self.p, self.size
         right_side = p.reserve(n, name="right")
         if all(len(chunk) == 1 for chunk in rows):
@@ -262,10 +253,7 @@ class FactoredSystem:
         self.p, self.blocks, self.size = p, blocks, size
 
     def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
-        """Return the solution for the right-hand side `right`, by substitution in each block.
-
-        `rows` has for each vector the indices of its unknowns, by lane.
-        """
+        """Return the solution for the right-hand side `right`, by substitution in each block."""
         single, product = _apart(self.p, rows, right), [None] * self.size
         for block in self.blocks:
             solution = block.solve([single[i] for i in block.unknowns])

@@ -15,7 +15,7 @@ Source of the polynomials: FreeBSD msun k_sin.c and k_cos.c (Sun Microsystems, 1
 from __future__ import annotations
 
 from lagrange.machine.llvm.emitter import Emitter, literal
-from lagrange.machine.llvm.operations import splat, type_of
+from lagrange.machine.llvm.operations import give, separated, splat, together, type_of
 from lagrange.procedure.form import FLAG, REAL, WHOLE
 
 RANGE = 2.0**20
@@ -77,11 +77,8 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 def angle_function(lanes: int) -> str:
     """Return the IR of a function that returns the sine and the cosine of a vector of `lanes` angles."""
     e, kind = Emitter(), type_of(REAL, lanes)
-    sine, cosine = sine_and_cosine(e, "%x", lanes)
-    first = e.value(f"insertvalue {{ {kind}, {kind} }} poison, {kind} {sine}, 0")
-    both = e.value(f"insertvalue {{ {kind}, {kind} }} {first}, {kind} {cosine}, 1")
-    e.do(f"ret {{ {kind}, {kind} }} {both}")
-    return e.function(f"define internal {{ {kind}, {kind} }} @{angle_name(lanes)}({kind} %x) #0")
+    give(e, (kind, kind), sine_and_cosine(e, "%x", lanes))
+    return e.function(f"define internal {together((kind, kind))} @{angle_name(lanes)}({kind} %x) #0")
 
 
 def angle_name(lanes: int) -> str:
@@ -96,9 +93,9 @@ def call_sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     `sine_and_cosine` emits. Calls keep modules with many angles short.
     """
     kind = type_of(REAL, lanes)
-    both = e.value(f"call {{ {kind}, {kind} }} @{angle_name(lanes)}({kind} {x})")
-    first, second = (e.value(f"extractvalue {{ {kind}, {kind} }} {both}, {k}") for k in (0, 1))
-    return first, second
+    both = e.value(f"call {together((kind, kind))} @{angle_name(lanes)}({kind} {x})")
+    sine, cosine = separated(e, (kind, kind), both)
+    return sine, cosine
 
 
 def _near(e: Emitter, x: str, lanes: int) -> tuple[str, str]:

@@ -329,17 +329,10 @@ def _reduced(printer: Printer, reduce: form.Reduce) -> str:
 
 def _gathered(printer: Printer, gather: form.Gather) -> str:
     """Emit the read of the entries of an array at the indices in a vector, and return the operand of the result."""
-    e, (kind, width), made = printer.e, gather.vector, "poison"
-    if gather.mask is not None:
-        vector = type_of(kind, width)
-        arguments = f"{_pointers(printer, gather, kind, width)}, i32 8, <{width} x i1> {printer.values[gather.mask]}"
-        name = f"llvm.masked.gather.{suffix(vector)}.v{width}p0"
-        return e.value(f"call {vector} @{name}(<{width} x ptr> {arguments}, {vector} zeroinitializer)")
-    for k in range(width):
-        index = e.value(f"extractelement <{width} x i64> {printer.values[gather.places]}, i64 {k}")
-        value = e.get(printer.values[gather.array], index, KINDS[kind])
-        made = e.value(f"insertelement {type_of(kind, width)} {made}, {KINDS[kind]} {value}, i64 {k}")
-    return made
+    kind, width = gather.vector
+    vector, name = type_of(kind, width), f"llvm.masked.gather.{suffix(type_of(kind, width))}.v{width}p0"
+    arguments = f"{_pointers(printer, gather, kind, width)}, i32 8, <{width} x i1> {printer.values[gather.mask]}"
+    return printer.e.value(f"call {vector} @{name}(<{width} x ptr> {arguments}, {vector} zeroinitializer)")
 
 
 def _pointers(printer: Printer, statement: form.Gather | form.Scatter, kind: Kind, width: int) -> str:

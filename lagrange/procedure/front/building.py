@@ -296,7 +296,9 @@ class Tracer(Names):
         source_count = None if last is None else self.extent(first, last)
         if isinstance(count, int) and isinstance(source_count, int) and count != source_count:
             raise Error(f"{source_count} numbers are copied to {count} elements: give slices of the same length.")
-        self.p.copy(self.part(source, first, None), self.part(target, lower, None), count, spill=False)
+        values, part = self.part(source, first, None), self.part(target, lower, None)
+        with self.p.each(count) as i:
+            part[i] = values[i]
 
     def fill(self, target: Any, lower: Any, upper: Any, value: Any) -> None:
         """Set each of the elements `lower:upper` of an array to a value."""
