@@ -17,23 +17,7 @@ from typing import Any
 
 from lagrange.errors import LagrangeError
 from lagrange.procedure import form
-from lagrange.procedure.form import (
-    CONSTANT,
-    FLAG,
-    PARTIAL,
-    REAL,
-    WHOLE,
-    Array,
-    Block,
-    Callee,
-    Kind,
-    Parameter,
-    Procedure,
-    Record,
-    Statement,
-    Vector,
-    result_kind,
-)
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Block, Callee, Kind, Procedure, Record, Statement, Vector
 from lagrange.procedure.values import VALUES, Entries, Flag, Memory, Real, RecordFields, Value, Variable, Whole
 from lagrange.procedure.verify import verify
 
@@ -73,7 +57,7 @@ class Builder:
 
     def __init__(self, name: str, about: str, *, apart: bool = False) -> None:
         self.name, self.about, self._apart = name, about, apart
-        self.parameters: list[Parameter] = []
+        self.parameters: list[form.Parameter] = []
         self.names: dict[int, str] = {}
         self.current: list[Statement] = []
         self._folds: list[form.Fold] | None = None
@@ -111,7 +95,7 @@ class Builder:
         if self.current:
             raise LagrangeError(f"procedure {self.name}: declare the parameter {name} before the first statement.")
         ref = self.unused()
-        self.parameters.append(Parameter(ref, name, kind))
+        self.parameters.append(form.Parameter(ref, name, kind))
         return ref
 
     # --- values
@@ -131,7 +115,7 @@ class Builder:
             return self.broadcast(value, vectors[0].width) if vectors and isinstance(value, Value) else value
 
         operands = [operand(arg) for arg in args]
-        result = result_kind(op, tuple(value.kind for value in operands))
+        result = form.result_kind(op, tuple(value.kind for value in operands))
         if result is None:
             operand_kinds = ", ".join(value.kind for value in operands)
             raise LagrangeError(f"procedure {self.name}: {op} cannot take {operand_kinds}.")
@@ -177,7 +161,7 @@ class Builder:
         for known in self._constants:
             if key in known:
                 return known[key]
-        number = self._constants[-1][key] = self.made(kind, lambda ref: form.Let(ref, kind, CONSTANT, (), data))
+        number = self._constants[-1][key] = self.made(kind, lambda ref: form.Let(ref, kind, form.CONSTANT, (), data))
         return number
 
     @property
@@ -326,7 +310,9 @@ class Builder:
         self.add(form.Repeat(tuple(asked), condition, tuple(body)))
 
     @contextmanager
-    def each(self, count: Any, *, width: int = PARTIAL, spill: bool = False, unrolled: bool = False) -> Iterator[Whole]:
+    def each(
+        self, count: Any, *, width: int = form.PARTIAL, spill: bool = False, unrolled: bool = False
+    ) -> Iterator[Whole]:
         """Add a loop: the body of the `with` runs for each index below `count`, in any order.
 
         The body may use `fold`. Up to `width` iterations may run at a time. With `spill` these may overwrite array

@@ -20,7 +20,7 @@ import enum
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
@@ -400,32 +400,12 @@ class Note(NamedTuple):
     text: str
 
 
+VectorStatement = VectorLet | Reduce | VectorLoad | Gather | VectorStore | Scatter
+MemoryStatement = Reserve | ReserveRecord | Part | Load | Store | Read | Write
+VariableStatement = Declare | Get | Set
+ControlStatement = When | Loop | Repeat | Each
 Statement = (
-    Let
-    | SineCosine
-    | VectorLet
-    | Reduce
-    | VectorLoad
-    | Gather
-    | VectorStore
-    | Scatter
-    | Reserve
-    | ReserveRecord
-    | Part
-    | Load
-    | Store
-    | Read
-    | Write
-    | Declare
-    | Get
-    | Set
-    | When
-    | Loop
-    | Repeat
-    | Each
-    | Call
-    | Leave
-    | Note
+    Let | SineCosine | VectorStatement | MemoryStatement | VariableStatement | ControlStatement | Call | Leave | Note
 )
 Block = tuple[Statement, ...]
 
@@ -460,7 +440,7 @@ class Procedure:
         return tuple(procedures)
 
 
-VECTOR_STATEMENTS = (VectorLet, Reduce, VectorLoad, Gather, VectorStore, Scatter)
+VECTOR_STATEMENTS = get_args(VectorStatement)
 """Statements on vectors, which printers of source text do not have."""
 
 _BLOCKS: Mapping[type, tuple[str, ...]] = {

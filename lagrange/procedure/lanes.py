@@ -14,26 +14,7 @@ from itertools import count
 
 from lagrange.errors import LagrangeError
 from lagrange.procedure import form
-from lagrange.procedure.form import (
-    CONSTANT,
-    FLAG,
-    PARTIAL,
-    REAL,
-    SUMS,
-    WHOLE,
-    Array,
-    Block,
-    Callee,
-    Kind,
-    Parameter,
-    Procedure,
-    Record,
-    Statement,
-    Vector,
-    inner,
-    of_width,
-    walk,
-)
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Block, Parameter, Procedure, Record, Vector, of_width
 from lagrange.procedure.lane_values import MemberMemory, MemberStatements, MemberVariable, is_cheap, leaves
 from lagrange.procedure.spread import Share, Signature, Spreads, signature_of, spread_of
 from lagrange.procedure.visit import Visitor, visits
@@ -141,11 +122,11 @@ class _Rewriter(Visitor, MemberStatements):
     def parameter(self, parameter: Parameter, share: Share) -> list[Parameter]:
         """Return the new parameters for an old one. `share` says whether the argument differs between members."""
         match parameter.type:
-            case Callee() | Vector():
+            case form.Callee() | Vector():
                 raise LagrangeError(
                     f"procedure {self.procedure.name} has {parameter.name}, which is neither a number nor an array."
                 )
-            case Kind() as kind:
+            case form.Kind() as kind:
                 ref = self.values[parameter.ref] = self.new(kind, wide=share.own)
                 return [Parameter(ref, parameter.name, of_width(kind, self.lanes if share.own else 1))]
             case Record() as record:
@@ -178,9 +159,9 @@ class _Rewriter(Visitor, MemberStatements):
         ref = self.values[old]
         return self.wide(ref) if wide else ref
 
-    def present(self, mask: int, statement: Statement) -> int:
+    def present(self, mask: int, statement: form.Statement) -> int:
         """Return the mask of those members of `mask` that have not returned from the procedure inside a statement."""
-        if self.alive is None or not any(leaves(body) for body in inner(statement)):
+        if self.alive is None or not any(leaves(body) for body in form.inner(statement)):
             return mask
         return self.both(mask, self.got(self.alive))
 
@@ -194,7 +175,7 @@ class _Rewriter(Visitor, MemberStatements):
         return variable
 
     @visits(form.Declare, form.Get, form.Set)
-    def variable(self, statement: form.Declare | form.Get | form.Set) -> None:
+    def variable(self, statement: form.VariableStatement) -> None:
         """Rewrite the declaration, read or assignment of a variable for all members.
 
         If fewer members are active than at the declaration, an assignment changes only the values of the active
@@ -234,7 +215,7 @@ class _Rewriter(Visitor, MemberStatements):
     @visits(form.Let)
     def let(self, let: form.Let) -> None:
         """Rewrite an operation for all members: as an operation on vectors if its result differs between members."""
-        if let.op == CONSTANT:
+        if let.op == form.CONSTANT:
             self.values[let.ref] = self.constant(let.kind, let.data if let.data is not None else 0.0)
             return
         wide, args = self.differs(let.ref), [self.values[arg] for arg in let.args]
@@ -359,7 +340,7 @@ class _Rewriter(Visitor, MemberStatements):
         signature = signature_of(call, self.spread.own, self.spread.apart)
         args = [self.mask]
         for parameter, arg in zip(callee.parameters, call.args, strict=True):
-            if isinstance(parameter.type, Kind):
+            if isinstance(parameter.type, form.Kind):
                 args.append(self.values[arg])
                 continue
             held = self.memory[arg]
@@ -390,7 +371,7 @@ class _Rewriter(Visitor, MemberStatements):
     # --- branches
 
     @visits(form.When, form.Loop, form.Repeat, form.Each)
-    def control(self, statement: form.When | form.Loop | form.Repeat | form.Each) -> None:
+    def control(self, statement: form.ControlStatement) -> None:
         """Rewrite a branch or a loop. Members that return inside it are removed from the mask."""
         before = self.mask
         match statement:
@@ -475,7 +456,9 @@ class _Rewriter(Visitor, MemberStatements):
 
         self.repeated(repeat, goes_on, lambda: self.block(repeat.body), uneven=self.differs(repeat.condition))
 
-    def repeated(self, loop: Statement, goes_on: Callable[[], int], body: Callable[[], None], *, uneven: bool) -> None:
+    def repeated(
+        self, loop: form.Statement, goes_on: Callable[[], int], body: Callable[[], None], *, uneven: bool
+    ) -> None:
         """Add a loop. `goes_on` adds the statements of its condition and returns its id; `body` adds an iteration.
 
         `uneven` is true if members may end the loop at different iterations.
@@ -510,8 +493,8 @@ class _Rewriter(Visitor, MemberStatements):
         for fold in each.folds:
             first = self.constant(REAL, fold.first)
             first = self.wide(first) if self.differs(fold.ref) else first
-            sums.append([first] * (PARTIAL if fold.op in SUMS else 1))
-        size = len([*walk(each.body), *each.folds])
+            sums.append([first] * (form.PARTIAL if fold.op in form.SUMS else 1))
+        size = len([*form.walk(each.body), *each.folds])
         if known is not None and (each.unrolled or known * size <= UNROLLED):
             for k in range(int(known)):
                 self.values[each.place] = self.constant(WHOLE, k)

@@ -12,20 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from lagrange.procedure import form
-from lagrange.procedure.form import (
-    CONSTANT,
-    PARTIAL,
-    REAL,
-    SUMS,
-    WHOLE,
-    Array,
-    Block,
-    Callee,
-    Kind,
-    Parameter,
-    Procedure,
-    Type,
-)
+from lagrange.procedure.form import CONSTANT, PARTIAL, REAL, SUMS, WHOLE, Array, Block, Callee, Kind, Procedure, Type
 from lagrange.procedure.spelling import ATOM, Syntax
 from lagrange.procedure.visit import Visitor, loop_depth, reads, uses_of, visits
 
@@ -96,7 +83,7 @@ class SourcePrinter(Visitor, Syntax):
         return name
 
     @cached_property
-    def unused(self) -> list[Parameter]:
+    def unused(self) -> list[form.Parameter]:
         """The parameters that the procedure does not read."""
         read = reads(self.procedure.body)
         return [parameter for parameter in self.procedure.parameters if parameter.ref not in read]
@@ -190,7 +177,7 @@ class SourcePrinter(Visitor, Syntax):
         self.part(part)
 
     @visits(form.Declare, form.Get, form.Set)
-    def variable(self, statement: form.Declare | form.Get | form.Set) -> None:
+    def variable(self, statement: form.VariableStatement) -> None:
         """Print the declaration, reading or assignment of a variable."""
         match statement:
             case form.Declare(ref=ref, kind=Kind() as kind, value=value):
@@ -259,7 +246,7 @@ class SourcePrinter(Visitor, Syntax):
                 self.write(self.assign(self.member(record, field), self.text(value)))
 
     @visits(form.When, form.Loop, form.Repeat, form.Each)
-    def control(self, statement: form.When | form.Loop | form.Repeat | form.Each) -> None:
+    def control(self, statement: form.ControlStatement) -> None:
         """Print a branch or a loop."""
         match statement:
             case form.When(condition=condition, then=then, otherwise=otherwise):

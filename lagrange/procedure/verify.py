@@ -11,20 +11,7 @@ from contextlib import contextmanager
 
 from lagrange.errors import LagrangeError
 from lagrange.procedure import form
-from lagrange.procedure.form import (
-    CONSTANT,
-    PARTIAL,
-    WIDTHS,
-    Array,
-    Block,
-    Callee,
-    Kind,
-    Procedure,
-    Record,
-    Statement,
-    Type,
-    Vector,
-)
+from lagrange.procedure.form import CONSTANT, PARTIAL, WIDTHS, Array, Block, Callee, Kind, Procedure, Vector
 from lagrange.procedure.visit import defined, operands
 
 IN_ITERATIONS = (form.Let, form.Load, form.Store, form.Part, form.Declare, form.Get, form.Set, form.Loop, form.Note)
@@ -45,7 +32,7 @@ class _Check:
     def __init__(self, procedure: Procedure) -> None:
         self.procedure = procedure
         self.known: set[int] = set()
-        self.memory: dict[int, Array | Record | Callee] = {}
+        self.memory: dict[int, Array | form.Record | Callee] = {}
         self.constants: set[int] = set()
         self.each: int | None = None
         """The index of the present `each`."""
@@ -99,7 +86,7 @@ class _Check:
             if ref not in self.known:
                 raise self.error(f"%{ref} is read outside of its scope")
 
-    def statement(self, statement: Statement) -> bool:
+    def statement(self, statement: form.Statement) -> bool:
         """Check a statement; return True if it ends the procedure."""
         if isinstance(statement, (form.Loop, form.Repeat, form.Each)):
             self.loop(statement)
@@ -166,7 +153,12 @@ class _Check:
             parameter if isinstance(parameter, (Kind, Array)) else parameter.type for parameter in callee.parameters
         ]
         for arg, expected in zip(call.args, types, strict=True):
-            if not isinstance(expected, (Kind, Vector)) and not _fits(self.memory.get(arg), expected):
+            actual = self.memory.get(arg)
+            fits = actual == expected
+            if isinstance(actual, Array) and isinstance(expected, Array):
+                # A writable array fits a read-only parameter.
+                fits = actual.kind is expected.kind and (expected.read or not actual.read)
+            if not isinstance(expected, (Kind, Vector)) and not fits:
                 raise self.error(f"a call has %{arg} as an argument of another type")
 
     def loop(self, loop: form.Loop | form.Repeat | form.Each) -> None:
@@ -211,13 +203,3 @@ class _Check:
                     raise self.error(
                         f"the array %{statement.array} of a sum has no room for a whole block after its end"
                     )
-
-
-def _fits(argument: Type | None, parameter: Type) -> bool:
-    """Return True if the type of an argument fits the type of a parameter.
-
-    A writable array fits a read-only one.
-    """
-    if isinstance(argument, Array) and isinstance(parameter, Array):
-        return argument.kind is parameter.kind and (parameter.read or not argument.read)
-    return argument == parameter

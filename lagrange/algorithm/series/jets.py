@@ -439,7 +439,11 @@ class ByOrderJet(JetBuilder):
                 system.read(stage.rows)
         pairs = (pair for chunk in packing.computed for pair in chunk.sums)
         sums = OrderSums(p, pairs, self.places, self.rows, self.layout.width, self.tile)
-        self.write_first()
+        self.write_state(self.at_zero)
+        for operand, index in self.places.items():
+            # The row of order 0 has zeros for operands that are multiplied by their order.
+            lanes = len(operand.values)
+            put(p, self.rows, index, None if operand.ranked else self.at_zero(operand), lanes, lanes)
         guesses = [
             [p.variable(wide(p, None, len(chunk.values))) for chunk in stage.unknowns] if stage.plan.moving else None
             for stage in packing.stages
@@ -521,16 +525,6 @@ class ByOrderJet(JetBuilder):
                 variable.value = x * weight
         self.know(stage_number, values)
         self.fill(stage.found)
-
-    def write_first(self) -> None:
-        """Write the row of order 0: state, event functions and stored operands.
-
-        Operands that are multiplied by their order are zero there.
-        """
-        self.write_state(self.at_zero)
-        for operand, index in self.places.items():
-            lanes = len(operand.values)
-            put(self.p, self.rows, index, None if operand.ranked else self.at_zero(operand), lanes, lanes)
 
     def write(self) -> None:
         """Write the row of Taylor coefficients of the present order to memory."""

@@ -10,17 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 from lagrange.algorithm.kernel.elimination import factored, solved, write_band
-from lagrange.algorithm.linear.symmetric import (
-    band_size,
-    factor_pivoted,
-    factor_size,
-    invert,
-    invert_dense,
-    padded,
-    pivoted_size,
-    solve_pivoted,
-    work_size,
-)
+from lagrange.algorithm.linear import symmetric
 from lagrange.algorithm.series.rules import Term, entries, fma, joined, plus, put, wide
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.procedure.builder import Builder
@@ -61,7 +51,7 @@ def system_size(plan: SolvePlan, largest: int = LARGEST_IN_LINE) -> int:
     if is_factored(plan):
         return sum(_factored_size(block) for block in block_eliminations(plan))
     n = plan.size
-    return 0 if _is_small(plan, largest) else padded(n) ** 2 + n * n + work_size(n)
+    return 0 if _is_small(plan, largest) else symmetric.padded(n) ** 2 + n * n + symmetric.work_size(n)
 
 
 def moving_system(
@@ -87,9 +77,9 @@ def moving_system(
             inverses |= {(block[i], block[j]): value for (i, j), value in inverse.items()}
         return Inverse(p, plan.size, inverses), flags
     n = plan.size
-    matrix, work = memory.at(padded(n) ** 2), memory.at(padded(n) ** 2 + n * n)
+    matrix, work = memory.at(symmetric.padded(n) ** 2), memory.at(symmetric.padded(n) ** 2 + n * n)
     singular = _inverted(p, plan, blocks, matrix, memory, work)
-    return InverseInMemory(p, n, memory, padded(n)), [singular]
+    return InverseInMemory(p, n, memory, symmetric.padded(n)), [singular]
 
 
 def constant_size(plan: SolvePlan) -> int:
@@ -107,10 +97,10 @@ def constant_inverse(p: Builder, plan: SolvePlan, entries: Iterator[Real], to: M
         for block, lower in blocks:
             to[block[0]] = 1.0 / lower[0, 0]
         return [lower[0, 0].equals(0.0) for _, lower in blocks]
-    matrix, inverse = p.reserve(n * n, name="matrix"), p.reserve(padded(n) ** 2, room=8, name="inverse")
-    singular = _inverted(p, plan, blocks, matrix, inverse, p.reserve(work_size(n), room=8, name="work"))
+    matrix, inverse = p.reserve(n * n, name="matrix"), p.reserve(symmetric.padded(n) ** 2, room=8, name="inverse")
+    singular = _inverted(p, plan, blocks, matrix, inverse, p.reserve(symmetric.work_size(n), room=8, name="work"))
     with p.loop(0, n) as j, p.loop(0, n) as i:
-        to[j * n + i] = inverse[j * padded(n) + i]
+        to[j * n + i] = inverse[j * symmetric.padded(n) + i]
     return [singular]
 
 
@@ -303,7 +293,9 @@ def _inverse(p: Builder, n: int, lower: Triangle, negative: tuple[int, ...]) -> 
     with p.when(~trusted, likely=False):
         matrix, inverse = p.reserve(n * n, name="matrix"), p.reserve(n * n, name="inverse")
         _write_triangle(p, n, lower, matrix)
-        singular.value = p.call(invert_dense.form(), n, matrix, inverse, p.reserve(factor_size(n), name="work"))
+        singular.value = p.call(
+            symmetric.invert_dense.form(), n, matrix, inverse, p.reserve(symmetric.factor_size(n), name="work")
+        )
         for (i, j), variable in variables.items():
             variable.value = inverse[j * n + i]
     entries = {entry: variable.value for entry, variable in variables.items()}
@@ -329,14 +321,14 @@ def _inverted(
             second, first = sorted((block[i], block[j]))
             placed[first, second] = value
     _write_triangle(p, n, placed, matrix)
-    is_singular = p.call(invert.form(), n, padded(n), matrix, inverse, work)
+    is_singular = p.call(symmetric.invert.form(), n, symmetric.padded(n), matrix, inverse, work)
     assert isinstance(is_singular, Flag)
     return is_singular
 
 
 def _factored_size(block: Elimination) -> int:
     n, band = block.order, block.band
-    return len(block.places) + pivoted_size(n, band) + int(band_size(n, band)) + n
+    return len(block.places) + symmetric.pivoted_size(n, band) + int(symmetric.band_size(n, band)) + n
 
 
 def _factored(
@@ -362,8 +354,8 @@ class _FactoredBlock:
         n, band = how.order, how.band
         self.places = {entry: k for k, entry in enumerate(how.places)}
         self.factors = memory.at(len(how.places))
-        matrix = memory.at(len(how.places) + pivoted_size(n, band))
-        self.right = memory.at(len(how.places) + pivoted_size(n, band) + band_size(n, band))
+        matrix = memory.at(len(how.places) + symmetric.pivoted_size(n, band))
+        self.right = memory.at(len(how.places) + symmetric.pivoted_size(n, band) + symmetric.band_size(n, band))
         factors, trusted = factored(p, how, lower)
         zero = p.real(0.0)
         for entry, k in self.places.items():
@@ -372,7 +364,7 @@ class _FactoredBlock:
         self.trusted = trusted
         with p.when(~trusted, likely=False):
             write_band(p, how, lower, matrix)
-            singular.value = p.call(factor_pivoted.form(), n, band, matrix, self.factors)
+            singular.value = p.call(symmetric.factor_pivoted.form(), n, band, matrix, self.factors)
         self.singular = Flag.of(singular.value)
 
     def solve(self, right: Sequence[Term]) -> list[Term]:
@@ -388,7 +380,7 @@ class _FactoredBlock:
         with ways.otherwise():
             for rank, x in zip(self.how.ranks, right_side, strict=True):
                 self.right[rank] = x
-            p.call(solve_pivoted.form(), n, self.how.band, self.factors, self.right)
+            p.call(symmetric.solve_pivoted.form(), n, self.how.band, self.factors, self.right)
             for rank, variable in zip(self.how.ranks, variables, strict=True):
                 variable.value = self.right[rank]
         return [variable.value for variable in variables]

@@ -134,7 +134,13 @@ class KernelCode:
 
     def column_module(self, lanes: int) -> str:
         """Return the IR of the kernel for many states, with `lanes` states in a vector."""
-        quickly, by_value = lanes > 1, self._in_lanes(lanes) if lanes > 1 else None
+        quickly, by_value = lanes > 1, None
+        if lanes > 1:
+            # The program at `lanes` states at once: arguments and results are vectors with one entry for each state.
+            outputs = [self.program.outputs[k] for k in self._places]
+            single = kernel_by_value(self.program, self.prepared, outputs, style=LANES)
+            signature = tuple(OWN if isinstance(parameter.type, Kind) else COMMON for parameter in single.parameters)
+            by_value = MemberProcedures(lanes).of(single, signature)
         alone = [function(procedure, hidden=True, outside=self.scalar, quickly=quickly) for procedure in self.scalar]
         called = [] if by_value is None else [function(procedure, hidden=True) for procedure in by_value.callees]
         made = [*alone, *called, self._alone(), self._columns(lanes, by_value)]
@@ -145,16 +151,6 @@ class KernelCode:
         """Indices of the outputs that the kernel for many states computes: those that are not always zero."""
         cleared = cleared_outputs(self.program)
         return [k for k in range(len(self.program.outputs)) if k not in cleared]
-
-    def _in_lanes(self, lanes: int) -> Procedure:
-        """Return the procedure that evaluates the program at `lanes` states at once.
-
-        Its arguments and results are vectors with one entry for each state.
-        """
-        outputs = [self.program.outputs[k] for k in self._places]
-        by_value = kernel_by_value(self.program, self.prepared, outputs, style=LANES)
-        signature = tuple(OWN if isinstance(parameter.type, Kind) else COMMON for parameter in by_value.parameters)
-        return MemberProcedures(lanes).of(by_value, signature)
 
     @property
     def _bases(self) -> list[str]:
@@ -171,12 +167,16 @@ class KernelCode:
         first = 0
         for block in program.inputs:
             with e.loop(0, block.size) as k:
-                e.put(e.get(f"%{block.name}", _at(e, k)), state, e.value(f"add nsw i64 {k}, {first}") if first else k)
+                e.put(
+                    e.get(f"%{block.name}", _row(e, k, "%column")),
+                    state,
+                    e.value(f"add nsw i64 {k}, {first}") if first else k,
+                )
             first += block.size
         t = e.get("%t", "%column")
         status = e.value(f"call i32 @{name}(double {t}, ptr {state}, ptr %p, ptr {out})")
         with e.loop(0, len(program.outputs)) as k:
-            e.put(e.get(out, k), "%out", _at(e, k))
+            e.put(e.get(out, k), "%out", _row(e, k, "%column"))
         e.do(f"ret i32 {status}")
         arguments = ", ".join(f"ptr noalias {base}" for base in (*self._bases, "%p", "%out"))
         return e.function(f"define internal i32 @{name}_alone(i64 %count, i64 %column, {arguments}) noinline #1")
@@ -248,20 +248,12 @@ def _leave_if(e: Emitter, status: str, column: str) -> None:
         e.label(e.fresh("never"))
 
 
-def _row(e: Emitter, row: int, column: str) -> str:
+def _row(e: Emitter, row: int | str, column: str) -> str:
     """Emit the index of the entry (row, column) in a C-ordered array with one column for each state; return it.
 
-    The result and `column` are operands. The number of columns is the operand %count.
+    `column` and the result are operands, and `row` is an operand or a number. The number of columns is %count.
     """
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {row}')}, {column}") if row else column
-
-
-def _at(e: Emitter, k: str) -> str:
-    """Emit the index of entry `k` of the state %column in an array with one column for each state; return it.
-
-    The result and `k` are operands. The number of columns is the operand %count.
-    """
-    return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {k}')}, %column")
 
 
 SHORT_PROGRAM = 4096

@@ -26,18 +26,11 @@ def _by_attribute(array: NDArray[Any]) -> int:
     return int(array.ctypes.data)
 
 
-def _layout_is_as_documented() -> bool:
-    """Return True if `_by_layout` reads the correct address of an array's data.
-
-    The test is needed because id() is an address in CPython only.
-    """
-    if sys.implementation.name != "cpython":
-        return False
-    probes = [np.zeros(shape) for shape in (1, 7, (3, 5))]
-    return all(_by_layout(probe[..., :1]) == _by_attribute(probe[..., :1]) for probe in probes)
-
-
-by_layout = _layout_is_as_documented()
+# The test is needed because id() is an address in CPython only.
+by_layout = sys.implementation.name == "cpython" and all(
+    _by_layout(probe[..., :1]) == _by_attribute(probe[..., :1])
+    for probe in (np.zeros(1), np.zeros(7), np.zeros((3, 5)))
+)
 """True if an array's data pointer follows the object header, as NumPy's C interface documents."""
 
 address = _by_layout if by_layout else _by_attribute

@@ -43,28 +43,7 @@ from lagrange.machine.llvm.vectors import (
     widest,
 )
 from lagrange.procedure import form
-from lagrange.procedure.form import (
-    ANGLES,
-    CONSTANT,
-    FLAG,
-    PARTIAL,
-    REAL,
-    SUMS,
-    VECTOR_STATEMENTS,
-    WHOLE,
-    WIDTHS,
-    Array,
-    Block,
-    Callee,
-    Kind,
-    Procedure,
-    Record,
-    Statement,
-    Type,
-    Vector,
-    transitive_callees,
-    walk,
-)
+from lagrange.procedure.form import ANGLES, FLAG, PARTIAL, REAL, Array, Block, Kind, Procedure, Record, Type, Vector
 from lagrange.procedure.visit import Visitor, visits
 
 INLINE_ANGLES = 8
@@ -106,7 +85,7 @@ def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = 
 
     Those in `elsewhere` are declared, but not defined: other modules have their code.
     """
-    reached = transitive_callees(procedures, elsewhere)
+    reached = form.transitive_callees(procedures, elsewhere)
     functions = [function(each, hidden=each not in procedures) for each in reached]
     return joined(functions, [declaration(each) for each in dict.fromkeys(elsewhere)])
 
@@ -117,7 +96,9 @@ def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
     `declared` are the declarations of procedures that other modules define. The other declarations and the attributes
     that the functions need are added.
     """
-    angles = [angle_function(width) for width in WIDTHS if any(f"@{angle_name(width)}(" in text for text in functions)]
+    angles = [
+        angle_function(width) for width in form.WIDTHS if any(f"@{angle_name(width)}(" in text for text in functions)
+    ]
     return "\n".join(
         [declarations(), *declared, *routines_called(functions), *angles, *functions, METADATA, ATTRIBUTES]
     )
@@ -288,7 +269,7 @@ class Printer(Visitor):
         self.memories.append((memory, kind, size))
         return memory
 
-    def passes(self, statement: Statement) -> bool:
+    def passes(self, statement: form.Statement) -> bool:
         """Return True if a statement may be printed before the stores that are delayed, which are to one array.
 
         This is so if the statement does not access the array. It is also so for a store to the array's next entry,
@@ -346,7 +327,7 @@ class Printer(Visitor):
     @visits(form.Let)
     def let(self, let: form.Let) -> None:
         """Print an operation, on vectors if an operand is a vector."""
-        if let.op == CONSTANT:
+        if let.op == form.CONSTANT:
             return self.define(let.ref, constant(let), let.kind)
         self.operations += 1
         if self.foreign and self.current is None and self.operations % OPERATIONS_PER_BLOCK == 0:
@@ -358,10 +339,8 @@ class Printer(Visitor):
         made = spell(self.e, let.op, kinds, [self.operand(arg, lanes) for arg in let.args], lanes)
         return self.define(let.ref, made, let.kind, wide=lanes > 1)
 
-    @visits(*VECTOR_STATEMENTS)
-    def on_vectors(
-        self, statement: form.VectorLet | form.Reduce | form.VectorLoad | form.Gather | form.VectorStore | form.Scatter
-    ) -> None:
+    @visits(*form.VECTOR_STATEMENTS)
+    def on_vectors(self, statement: form.VectorStatement) -> None:
         """Print a statement on short vectors."""
         match statement:
             case form.VectorStore():
@@ -434,7 +413,7 @@ class Printer(Visitor):
         )
 
     @visits(form.Declare, form.Get, form.Set)
-    def variable(self, statement: form.Declare | form.Get | form.Set) -> None:
+    def variable(self, statement: form.VariableStatement) -> None:
         """Print the declaration, read or assignment of a variable. A variable declared in an `each` is a vector."""
         lanes = 1 if self.current is None else self.current.lanes
         match statement:
@@ -458,7 +437,7 @@ class Printer(Visitor):
             self.called(call, f"@{call.callee.name}({', '.join(arguments)})", call.callee.results, foreign=foreign)
             return
         held = self.types[call.callee]
-        assert isinstance(held, Callee)
+        assert isinstance(held, form.Callee)
         arguments = [self.handed(kind, arg) for kind, arg in zip(held.parameters, call.args, strict=True)]
         self.called(call, f"{self.values[call.callee]}({', '.join(arguments)})", held.results, foreign=True)
 
@@ -505,14 +484,14 @@ class Printer(Visitor):
     # --- control
 
     @visits(form.When, form.Loop, form.Repeat, form.Each)
-    def control(self, statement: form.When | form.Loop | form.Repeat | form.Each) -> None:
+    def control(self, statement: form.ControlStatement) -> None:
         """Print a branch or a loop."""
         match statement:
             case form.When():
                 self.when(statement)
             case form.Loop(place=index, start=start, stop=stop, step=step, body=body):
                 with self.repeated(body, index, self.values[start], step) as name:
-                    self.define(index, f"%{name}.i", WHOLE)
+                    self.define(index, f"%{name}.i", form.WHOLE)
                     test = self.e.value(f"icmp slt i64 %{name}.i, {self.values[stop]}")
                     self.e.do(f"br i1 {test}, label %{name}.body, label %{name}.end")
             case form.Repeat(test=test_block, condition=condition, body=body):
@@ -554,7 +533,7 @@ class Printer(Visitor):
         `index` is the id of a counter that begins at `start` and grows by `step`, None without a counter.
         """
         e, name = self.e, self.e.fresh("loop")
-        variables = dict.fromkeys(s.variable for s in walk(inside) if isinstance(s, form.Set))
+        variables = dict.fromkeys(s.variable for s in form.walk(inside) if isinstance(s, form.Set))
         carried = [variable for variable in variables if variable in self.held]
         before, initial = e.block, dict(self.held)
         e.jump(f"{name}.head")
@@ -587,7 +566,7 @@ class Printer(Visitor):
 
     def each(self, each: form.Each) -> None:
         """Print an `each` loop, by vectors of iterations if its arrays have room for whole vectors."""
-        width = PARTIAL if any(fold.op in SUMS for fold in each.folds) else each.width
+        width = PARTIAL if any(fold.op in form.SUMS for fold in each.folds) else each.width
         whole = base_arrays(each.body)
         through = [
             self.array(whole.get(access.array, access.array))

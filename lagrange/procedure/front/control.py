@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from lagrange.procedure.form import FLAG, REAL, Kind, Set, Statement, When
-from lagrange.procedure.front.names import ZERO, Ended, Error, Missing, Names, common_kind, is_varied, real
+from lagrange.procedure.front.names import ZERO, Ended, Error, Missing, Names, common_kind, is_varied
 from lagrange.procedure.front.vocabulary import REDUCTIONS
 from lagrange.procedure.values import Flag, Memory, Real, Value, Variable
 
@@ -262,7 +262,8 @@ class EachBlock(Block):
         op = function if isinstance(function, str) else REDUCTIONS.get(function)
         if op is None or len(values) != (2 if op == "dot" else 1):
             raise Error(f"`{getattr(function, '__name__', function)}` is not a reduction of an `each`.")
-        value, *factors = [real(self.tracer.number(operand, REAL, "a value of a reduction")) for operand in values]
+        numbers: list[Any] = [self.tracer.number(operand, REAL, "a value of a reduction") for operand in values]
+        value, *factors = numbers
         # The least value is minus the largest of the negative values.
         number = self.tracer.p.fold("most", -value) if op == "least" else self.tracer.p.fold(op, value, *factors)
         self.folds[slot] = op, number

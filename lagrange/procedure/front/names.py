@@ -11,7 +11,7 @@ from typing import Any
 from lagrange.errors import LagrangeError
 from lagrange.procedure.builder import Builder, GivenFunction
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind, Statement
-from lagrange.procedure.values import Flag, Memory, Real, RecordFields, Value, Variable, Whole
+from lagrange.procedure.values import Flag, Memory, RecordFields, Value, Variable, Whole
 
 ZERO: Mapping[Kind, Any] = {REAL: 0.0, WHOLE: 0, FLAG: False}
 
@@ -83,12 +83,6 @@ def common_kind(values: Sequence[Any]) -> Kind | None:
     if kinds == {REAL, WHOLE} and not any(isinstance(value, Whole) for value in values):
         return REAL
     return kinds.pop() if len(kinds) == 1 else None
-
-
-def real(value: Value) -> Real:
-    """Return a value as a real. Raises Error for another kind."""
-    assert isinstance(value, Real)
-    return value
 
 
 NAMES = {REAL: "a real", WHOLE: "a whole number", FLAG: "a flag"}
