@@ -1,6 +1,6 @@
 """Print a program as straight-line Python: on floats for one state, on NumPy rows for blocks of many.
 
-The text has an outer and an inner function, printed from procedures of `procedure.kernel`, which LLVM also compiles.
+The text has an outer and an inner function, printed from procedures of `algorithm.kernel`, which LLVM also compiles.
 The outer one takes the parameters and computes all values that depend on them alone. It contains the inner one, which
 evaluates the program at a state. Names are generated here and literals are exact, so no text of a user is run. The
 source handles regular states only: if Python raises, or a pivot cannot be trusted, the caller evaluates the program
