@@ -249,7 +249,7 @@ def _check(expression: Any, what: str, statement: Statement, *, motion: bool = F
     """
     survey = _surveyed(expression, what, motion=motion)
     declared = (*statement.coordinates, *statement.given, *statement.parameters)
-    parameters = listing(p.name for p in statement.parameters) or "no parameters"
-    survey.require(declared, what, f"; it may contain its coordinates, their velocities, t and {parameters}.")
+    allowed = listing(["its coordinates", "their velocities", "t", *(p.name for p in statement.parameters)])
+    survey.require(declared, what, f"; it may contain {allowed}.")
     check_multipliers(survey.multipliers, what, statement.multiplier_names, statement.name)
     return survey

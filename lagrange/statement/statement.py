@@ -15,6 +15,7 @@ from sympy.core.function import AppliedUndef
 from lagrange.errors import abridged, formula, listing
 from lagrange.statement.contact import Contact, along, gap
 from lagrange.statement.coordinate import RATE, acceleration_of, multiplier, name_of, velocity_of
+from lagrange.statement.expression import in_full, is_shorthand
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.rotation import in_body_rates, rotation_of
 from lagrange.statement.run_settings import RunSettings
@@ -291,5 +292,11 @@ class Statement:
         return MappingProxyType(table)
 
     def quote(self, expression: Any, most: int = 80) -> str:
-        """Return an expression as text for a message, in plain names, cut to `most` characters."""
-        return formula(expression.xreplace(dict(self.plain)), most)
+        """Return an expression as text for a message, in plain names, cut to `most` characters.
+
+        Entries and rates of rotations have their names, such as R_zz, where the expression contains them whole.
+        """
+        for each in map(rotation_of, self.rotations):
+            expression = expression.subs({in_full(f): f for f in (*each.matrix, *each.body, *each.space)})
+        names = {f: Symbol(name_of(f)) for f in expression.atoms(AppliedUndef) if is_shorthand(f)}
+        return formula(expression.xreplace({**self.plain, **names}), most)

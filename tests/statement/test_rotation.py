@@ -375,6 +375,14 @@ def test_a_run_that_divides_by_zero_names_the_rotation() -> None:
     assert "R_w" not in run.message
 
 
+def test_messages_on_events_name_entries_and_rates() -> None:
+    event = lg.event(R[2, 2] + R.body[0] - sympy.log(R[0, 2] - 3))
+    for method in ("taylor", "dop853"):
+        assert "R_body_x + R_zz - log(R_xz - 3) is nan" in top().run(1.0, events=event, method=method).message
+    with pytest.raises(lg.StatementError, match="it may contain its coordinates, their velocities and t"):
+        lg.System(R.body.dot(R.body)).run(1.0, events=x)
+
+
 SPEED = sympy.sqrt(R.body.dot(R.body))
 
 

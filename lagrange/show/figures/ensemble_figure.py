@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.dynamics.axes import TURN, is_angle, wrapped
-from lagrange.errors import StatementError, formula, listing
+from lagrange.errors import StatementError, listing
 from lagrange.members.chunk import INTERRUPTED, STATUSES
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, end_row, event_times
 from lagrange.members.varied import MemberNumbers
@@ -105,7 +105,7 @@ def label_of(runs: Ensemble, name: str) -> str:
         return f"{_WORDS[match[1]]} {label_of_entry(statement, match[2])}"
     if match := _EVENT.fullmatch(name):
         event = runs.problem.events[int(match[1])]
-        written = formula(event.expression.xreplace(dict(statement.plain)), 40)
+        written = statement.quote(event.expression, 40)
         return with_unit(f"first time of {written} = 0", unit_of(statement, "t"))
     is_parameter = any(parameter.name == name for parameter in statement.parameters)
     return with_unit(f"${letter_of(name)}$" if is_parameter else name, unit_of(statement, name))

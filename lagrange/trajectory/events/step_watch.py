@@ -17,7 +17,6 @@ import numpy as np
 from lagrange.algorithm.events.constants import CLEAR_FACTOR, NOISE_HALVES, TOGETHER
 from lagrange.algorithm.events.roots import roots
 from lagrange.algorithm.events.search import IGNORED, UNKNOWN
-from lagrange.errors import formula
 from lagrange.machine.backend import Kernel
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import rates, reset_state
@@ -124,8 +123,7 @@ class StepWatch(EventLog):
 
     def names(self) -> list[str]:
         """Return the names of the events, in the user's symbols."""
-        plain = dict(self.problem.model.statement.plain)
-        return [formula(event.expression.xreplace(plain), 80) for event in self.problem.events]
+        return [self.problem.model.statement.quote(event.expression) for event in self.problem.events]
 
     def begin(self, state: DriverState) -> EventResult:
         """Begin to watch a run at its start; return the end of the run if an event function has no value there."""

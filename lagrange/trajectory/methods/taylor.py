@@ -12,7 +12,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from lagrange.algorithm.taylor.memory import LEAST_MARGIN, LOWEST_ORDER, SMALLEST_RTOL, STEP_MARGIN, TIGHT_RTOL
-from lagrange.errors import StatementError, formula, shown
+from lagrange.errors import StatementError, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series
 from lagrange.machine.drivers import SeriesDriver
@@ -171,10 +171,9 @@ def watched_names(problem: Problem) -> list[str]:
     events = tuple(model.equations.translate(event.expression) for event in problem.events)
     square_roots = _square_roots(model, events)
     _, switched = model.series((*events, *square_roots))
-    plain = dict(model.statement.plain)
     surfaces = [model.equations.express(surface) for surface in switched.expressions]
     shown = [*surfaces, *(event.expression for event in problem.events)]
     # SymPy would print sqrt(x**2) as Abs(x), the form that the message recommends.
     bases = [model.equations.express(base) for base in square_roots.values()]
-    names = [formula(expression.xreplace(plain), 80) for expression in (*shown, *bases)]
+    names = [*map(model.statement.quote, (*shown, *bases))]
     return [*names[: len(shown)], *(f"sqrt({name})" for name in names[len(shown) :])]
