@@ -221,17 +221,17 @@ class Derivation:
 
         The right side has the generalized forces as stated and the constraint forces.
         """
-        lefts = self._short(
+        left_sides = self._short(
             "the equations of motion",
             lambda page: page.accelerated(page.remainders),
             lambda: [self.momentum_rates[q] - self.gradient[q] + self.drag[q] for q in self.statement.coordinates],
         ).values()
         exerted = self.constraint_forces.values()
-        rights = [
+        right_sides = [
             Add(force, *(forces[q] for forces in exerted))
             for q, force in zip(self.statement.coordinates, self.statement.forces, strict=True)
         ]
-        return tuple(Eq(left, right, evaluate=False) for left, right in zip(lefts, rights, strict=True))
+        return tuple(Eq(left, right, evaluate=False) for left, right in zip(left_sides, right_sides, strict=True))
 
     @cached_property
     def constraints(self) -> tuple[Any, ...]:

@@ -26,8 +26,8 @@ DEFAULT_DIGITS = 22
 LEAST_DIGITS, GREATEST_DIGITS = 18, 200
 
 APART = 4
-"""Number of digits that the second run has fewer than the reference. Their difference is the error bound: fewer digits
-change the intervals, the points in them and the steps of the differences."""
+"""Number of digits by which the second run is less precise than the reference. Their difference is the error bound:
+fewer digits change the intervals, the points in them and the steps of the differences."""
 
 REFERENCE_SECONDS = 180.0
 """Time limit of each run in multiple precision, in seconds."""

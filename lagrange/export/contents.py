@@ -202,18 +202,18 @@ def step_of(name: str) -> StepProgram:
 
 
 def module_of(
-    model: Model, asked: ExportContents, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
+    model: Model, requested: ExportContents, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
 ) -> SourceModule:
-    """Return the content of an export, independent of a language: the contents `asked`, and `events` as a quantity.
+    """Return the content of an export, independent of a language: the contents `requested`, and `events` as a quantity.
 
     `parameters` replace default values. Raises StatementError for missing values, and if nothing can be tested.
     """
     statement = model.statement
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
     state = statement.state_names
-    programs = {name: _program(name, model, events) for name in asked.quantities}
-    projected = (bool(asked.methods) or asked.taylor) and len(model.equations.constraints) > 0
-    called = [*(LAWS[step.law].quantity for _, step in asked.methods), *(["projection"] if projected else [])]
+    programs = {name: _program(name, model, events) for name in requested.quantities}
+    projected = (bool(requested.methods) or requested.taylor) and len(model.equations.constraints) > 0
+    called = [*(LAWS[step.law].quantity for _, step in requested.methods), *(["projection"] if projected else [])]
     every = programs | {name: model.law(name).program for name in called}
     alone = divisors(model) if any(name in SOLVED for name in programs) else None
     prepared = PreparedLayout.of([*every.values(), alone] if alone else [*every.values()])
@@ -224,11 +224,11 @@ def module_of(
         procedures |= {name: guarded(procedures[name], divided) for name in (*SOLVED, "local") if name in procedures}
     prune = Pruner().pruned
     relations = bool(model.equations.first_order)
-    integrators = tuple(_integrator(name, step, model, procedures, prune) for name, step in asked.methods)
+    integrators = tuple(_integrator(name, step, model, procedures, prune) for name, step in requested.methods)
     tested = fixed(alone, prepared) if alone else ()
     preparing = prepare(prepared, PREPARE, names=names.of(prepared.program), divisors=tested)
     size = prepared.size
-    if asked.taylor:
+    if requested.taylor:
         least = STEPS_UNDER_BRIEF_FORCE if model.equations.structure.brief else 0
         program, projection = model.series()[0].program, procedures.get("projection")
         series = TaylorProcedures(program, prepared.size, least, projection, relations=relations)
@@ -258,7 +258,7 @@ def module_of(
             for item in quantities
         ),
         step_checks=tuple(step_check(item, p, statement) for item in integrators),
-        run=_run(model, np.array(values)) if asked.main else None,
+        run=_run(model, np.array(values)) if requested.main else None,
         divisors=alone,
     )
 

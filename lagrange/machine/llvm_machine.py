@@ -39,8 +39,8 @@ from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import LAWS, StepProgram
 
-STANDING = (
-    *("times", "states", "sign", "near", "direction", "remaining", "stayed", "came", "which", "when", "there"),
+EVENT_ARRAYS = (
+    *("times", "states", "sign", "near", "direction", "remaining", "zero_sizes", "arrivals", "which", "when", "there"),
     *("settings", "break_rows", "break_times", "break_states", "kept_reals", "kept_counts"),
 )
 """Arguments of the loop, by name, that are arrays of a `StepEventMemory`."""
@@ -94,7 +94,7 @@ class LlvmEventSteps:
             "dimension": n,
             "events": count,
             "factors": 1 + RELATIVE_PERTURBATION * perturbation_factors(n + 1),
-            "noted": np.zeros(4 * count, dtype=np.int64),
+            "step_sides": np.zeros(4 * count, dtype=np.int64),
             "levels": np.zeros(count),
             "work": workspace(work_size(n, count)),
             "scratch": np.zeros(n + 2 * count + results + WIDEST_VECTOR),
@@ -114,7 +114,7 @@ class LlvmEventSteps:
         """
         if memory is not self._memory:
             self._memory = memory
-            self._call.give(**{name: getattr(memory, name) for name in STANDING})
+            self._call.give(**{name: getattr(memory, name) for name in EVENT_ARRAYS})
             self._call.give(review=memory.review, event_run=memory.run)
         function = self._driver.function(state)
         if function is not self._function or state is not self._state:

@@ -51,7 +51,7 @@ MOST_WRITTEN_OUT = 3500
 to that with it: 0.97 for a triple pendulum (2,900 operations), 1.03 for a chain of four links (4,000), 1.17 for a chain
 of ten (10,600). All of them take twice as long to compile."""
 
-ABOUT = "Write the parameters, and behind them what depends on them alone."
+ABOUT = "Write the parameters, and after them what depends on them alone."
 
 
 @dataclass(frozen=True)
@@ -290,8 +290,8 @@ class LaneEngine:
         for index in np.flatnonzero((output_times == times[:, None]).any(axis=0)):
             ended = times == output_times[index]
             outputs[ended, index] = states[ended]
-        behind = (output_times - times[:, None]) * (1.0 if t1 >= t0 else -1.0) > 0
-        outputs[behind] = np.nan
+        after_end = (output_times - times[:, None]) * (1.0 if t1 >= t0 else -1.0) > 0
+        outputs[after_end] = np.nan
 
     def unexplained(
         self, starts: Starts, states: FloatArray, times: FloatArray, codes: NDArray[np.uint8]

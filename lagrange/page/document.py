@@ -74,8 +74,8 @@ def contents(statement: Statement) -> tuple[str, ...]:
 
 def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionSource:
     """Return the exported JavaScript module of a model. Raises StatementError for functions that JavaScript lacks."""
-    target, asked = find(TARGET), contents(model.statement)
-    module = module_of(model, contents_of(target, model, asked, (), parameters), (), parameters)
+    target, quantities = find(TARGET), contents(model.statement)
+    module = module_of(model, contents_of(target, model, quantities, (), parameters), (), parameters)
     missing = missing_operation(target, module)
     if missing is not None:
         quantity, function = missing
@@ -84,7 +84,7 @@ def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionS
             f"does not have. State the system without {function}."
         )
     text = target.files(module)[f"{module.name}.mjs"]
-    return MotionSource(str(text), module.values, asked, len(model.equations.constraints) > 0)
+    return MotionSource(str(text), module.values, quantities, len(model.equations.constraints) > 0)
 
 
 LONGEST_RUN, SHORTEST_RUN = 60.0, 1.0

@@ -109,19 +109,19 @@ def rates_at(statement: Statement, state: Sequence[float]) -> list[float]:
     return rates
 
 
-def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, float]]:
-    """Return the bounds of the sliders that the user chose, by name. `asked` is a dict by symbol or name.
+def chosen_bounds(statement: Statement, slider_bounds: Any) -> dict[str, tuple[float, float]]:
+    """Return the bounds of the sliders that the user chose, by name. `slider_bounds` is a dict by symbol or name.
 
     Raises StatementError for a name that is not a parameter, coordinate or velocity, and for invalid bounds.
     """
-    asked = table_of(asked, "sliders", f"name to bounds, such as {{'l': {EXAMPLE}}}")
+    slider_bounds = table_of(slider_bounds, "sliders", f"name to bounds, such as {{'l': {EXAMPLE}}}")
     states = statement.state_names
     rows = {key: states[row] for key, row in state_rows(statement.coordinates).items()}
     rates = {key: name_of(rate) for rate in _rates_of(statement) for key in (rate, name_of(rate))}
     names = {**{key: p.name for p in statement.parameters for key in (p, p.name)}, **rates, **rows}
     result: dict[str, tuple[float, float]] = {}
     known = places(statement)
-    for key, pair in asked.items():
+    for key, pair in slider_bounds.items():
         name = names.get(key, "")
         if name not in known:
             raise StatementError(
@@ -162,16 +162,16 @@ COORDINATE_RANGE = 0.9
 
 
 def sliders(
-    model: Model, parameters: tuple[float, ...], initial: tuple[float, ...], asked: Mapping[Any, Any] | None
+    model: Model, parameters: tuple[float, ...], initial: tuple[float, ...], slider_bounds: Mapping[Any, Any] | None
 ) -> tuple[Slider, ...]:
-    """Return a slider for each parameter and each entry of the initial state, those in `asked` first.
+    """Return a slider for each parameter and each entry of the initial state, those in `slider_bounds` first.
 
-    `asked` maps symbols or names to bounds (low, high). For a body the sliders change its rates about its axes, not its
-    quaternion, unless `asked` names entries of the quaternion. Raises StatementError for unknown names, and for bounds
-    that do not contain the present value.
+    `slider_bounds` maps symbols or names to bounds (low, high). For a body the sliders change its rates about its axes,
+    not its quaternion, unless `slider_bounds` names entries of the quaternion. Raises StatementError for unknown names,
+    and for bounds that do not contain the present value.
     """
     statement = model.statement
-    bounds = asked_bounds(statement, asked)
+    bounds = chosen_bounds(statement, slider_bounds)
     every = [
         *_parameters(statement, parameters),
         *_states(model, parameters, initial),
@@ -355,15 +355,15 @@ def write_page(
     path: str | os.PathLike[str],
     parameters: Mapping[Any, Any] | None,
     initial: Mapping[Any, Any] | None,
-    asked: Mapping[Any, Any] | None,
+    slider_bounds: Mapping[Any, Any] | None,
 ) -> Path:
     """Write the page of a model, whole or not at all, and return its path.
 
-    `parameters` and `initial` are values that replace the stated ones. `asked` maps symbols or names of sliders to
-    bounds (low, high).
+    `parameters` and `initial` are values that replace the stated ones. `slider_bounds` maps symbols or names of sliders
+    to bounds (low, high).
     """
     return write_atomically(
-        path, lambda file: file.write(page_of(model, derivation, parameters, initial, asked).encode())
+        path, lambda file: file.write(page_of(model, derivation, parameters, initial, slider_bounds).encode())
     )
 
 
@@ -387,7 +387,7 @@ def page_of(
     derivation: Derivation | None,
     parameters: Mapping[Any, Any] | None,
     initial: Mapping[Any, Any] | None,
-    asked: Mapping[Any, Any] | None,
+    slider_bounds: Mapping[Any, Any] | None,
     *,
     t_end: float | None = None,
     play: bool = True,
@@ -395,17 +395,17 @@ def page_of(
 ) -> str:
     """Return the page of a model as HTML, without formulas if `derivation` is None.
 
-    `parameters` and `initial` are values that replace the stated ones. `asked` maps symbols or names of sliders to
-    bounds (low, high). `t_end` is the end of a run, None for the stated one; the page chooses its speed and the size
-    of its picture for this run. With `play` the motion starts at once. `style` is "light" or "dark", or empty for
-    that of the browser.
+    `parameters` and `initial` are values that replace the stated ones. `slider_bounds` maps symbols or names of sliders
+    to bounds (low, high). `t_end` is the end of a run, None for the stated one; the page chooses its speed and the size
+    of its picture for this run. With `play` the motion starts at once. `style` is "light" or "dark", or empty for that
+    of the browser.
     """
     statement = model.statement
     end = statement.run.t_end if t_end is None else t_end
     state = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
     values = tuple(float(value) for value in model.parameter_array(parameters))
     start = complete_start(model, 0.0, state, np.array(values))
-    page_sliders = sliders(model, values, tuple(start.tolist()), asked)
+    page_sliders = sliders(model, values, tuple(start.tolist()), slider_bounds)
     motion = motion_source(model, parameters)
     energies = ENERGIES[: 1 if statement.lagrangian_alone else 3]
     data = description(statement, rate_of(end), energies, energy_letter(model.equations))
@@ -479,7 +479,7 @@ def explore(
     if statement.contacts:
         raise StatementError(NO_SLIDERS.format("explore()", "system.to_page(path) plays a run"))
     require_values(statement)
-    bounds = asked_bounds(statement, ranges) | asked_bounds(statement, named)
+    bounds = chosen_bounds(statement, ranges) | chosen_bounds(statement, named)
     if not bounds:
         adjustable = places(statement)
         raise StatementError(

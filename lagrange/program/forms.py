@@ -177,7 +177,7 @@ class _ByParts:
             if not self.split(momentum):
                 return None
         left: dict[int, Expansion] = {}
-        behind = _FinishedCoordinates()
+        finished = _FinishedCoordinates()
         for i in sorted(range(len(self.p)), key=lambda i: self.p[i].id):
             slope = _expanded(self.slopes[self.p[i]], self.whole)
             if slope is None:
@@ -185,8 +185,8 @@ class _ByParts:
             rest = dict(self.forces[i])
             for key, value in slope.items():
                 rest[key] = rest.get(key, 0) - value
-            left[i] = {key: value for key, value in behind.joined(rest).items() if value}
-            behind.add(_term(self.f[i]), _term(self.slopes[self.p[i]]), graph.sum(_terms(graph, left[i])))
+            left[i] = {key: value for key, value in finished.joined(rest).items() if value}
+            finished.add(_term(self.f[i]), _term(self.slopes[self.p[i]]), graph.sum(_terms(graph, left[i])))
         return Form(tuple(self.p), self.parts, tuple(_terms(graph, left[i]) for i in range(len(self.p))))
 
     def split(self, momentum: Node) -> bool:

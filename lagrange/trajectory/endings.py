@@ -396,7 +396,7 @@ def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -
     return None
 
 
-STANDING = 2.0**-42
+SMALL_CHANGE = 2.0**-42
 """Relative change of a coordinate over the run below which it may be unresolved: a thousand spacings of doubles."""
 
 ROUGH = 2.0**-8
@@ -426,7 +426,7 @@ def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
     begin, end = problem.y0.tolist(), trajectory.y[:, -1].tolist()
     for i in range(layout.q.stop):
         first, last = begin[i], end[i]
-        if first and abs(last - first) <= STANDING * abs(first) and math.isfinite(first):
+        if first and abs(last - first) <= SMALL_CHANGE * abs(first) and math.isfinite(first):
             ends = (problem.t0, problem.y0), (float(trajectory.t[-1]), trajectory.y[:, -1])
             if all(_is_rough(problem, t, y, i) for t, y in ends):
                 name = layout.coordinates[i]

@@ -20,7 +20,7 @@ from lagrange.errors import StatementError
 from lagrange.machine.drivers import WATCHED as WATCHED_ARRAYS
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
-from lagrange.machine.llvm_machine import STANDING
+from lagrange.machine.llvm_machine import EVENT_ARRAYS
 from lagrange.machine.model import Model
 from lagrange.machine.state import Outcome
 from lagrange.machine.step_event_memory import StepEventMemory
@@ -329,7 +329,7 @@ def poison(compiled: Model) -> None:
         if isinstance(memory, EventMemory):
             _fill(memory, (*(name for _, name in WATCHED_ARRAYS), "combinations"), memory.record)
         elif isinstance(memory, StepEventMemory):
-            _fill(memory, (*STANDING, "until_end"), memory.run)
+            _fill(memory, (*EVENT_ARRAYS, "until_end"), memory.run)
             _fill(memory, (), memory.review)
 
 

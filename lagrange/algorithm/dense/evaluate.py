@@ -222,9 +222,9 @@ def on_step(
         part = min(count - begin, CHUNK)
         block_times = output_times[begin:]
         # Whole vectors are computed. Numbers after the last must not be denormal, because multiplying these is slow.
-        behind = theta[part:]
+        padding = theta[part:]
         for i in each(WIDEST_VECTOR, width=WIDEST_VECTOR, spill=True):
-            behind[i] = 0.0
+            padding[i] = 0.0
         for i in range(part):
             theta[i] = (block_times[i] - t) / h
         horner(degree, dimension, dimension * columns, columns, c, theta, part, out[begin:], stride)

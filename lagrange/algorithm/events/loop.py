@@ -530,9 +530,9 @@ def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, 
         is_due, has_reset, before, value = e == event, loop.setting(RESET_SIZE, e)[0] != 0, before_values[e], values[e]
         noise = edge_noise(before, missed[e * WIDEST_VECTOR + 2])
         begin_side(watch.sign[e:], watch.near[e:], (before, value), noise, is_due=is_due, has_reset=has_reset)
-        watch.stayed[e] = abs(before) if is_due else 0.0
+        watch.zero_sizes[e] = abs(before) if is_due else 0.0
         other_direction = UNKNOWN if has_reset else IGNORED
-        watch.came[e] = run.way + 2 if is_due else other_direction
+        watch.arrivals[e] = run.way + 2 if is_due else other_direction
     run.starts, run.due = 1, 0
 
 

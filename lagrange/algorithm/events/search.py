@@ -120,11 +120,12 @@ class ReviewedEvents:
     which the event resets the state or ends the run; 0 or less means never.
 
     A motion may start at a zero of a function, as after an impact. There the function counts as zero if it is
-    below `stayed`. `came` is 2 plus the direction in which it reached this zero; `UNKNOWN` leaves the decision
-    to the caller, and `IGNORED` ignores the zero. `levels` are the values of functions that start at zero.
+    below `zero_sizes`. `arrivals` is 2 plus the direction in which it reached this zero; `UNKNOWN` leaves the
+    decision to the caller, and `IGNORED` ignores the zero. `levels` are the values of functions that start at
+    zero.
 
-    Zeros are written to `which` (events), `when` (times) and `there` (states). `noted` is work memory of four
-    blocks: signs, `near` and remaining counts after the step, and 1 for each function that starts at zero.
+    Zeros are written to `which` (events), `when` (times) and `there` (states). `step_sides` is work memory of
+    four blocks: signs, `near` and remaining counts after the step, and 1 for each function that starts at zero.
     """
 
     review: Review
@@ -132,12 +133,12 @@ class ReviewedEvents:
     near: WholesOut
     direction: WholesIn
     remaining: WholesOut
-    stayed: Out
-    came: WholesOut
+    zero_sizes: Out
+    arrivals: WholesOut
     which: WholesOut
     when: Out
     there: Out
-    noted: WholesOut
+    step_sides: WholesOut
     levels: Out
 
 
@@ -145,17 +146,17 @@ class ReviewedEvents:
 class ZeroSearch:
     """The search for zeros of event functions on one step of a block, with its memory.
 
-    For each event, `signs` is the sign of its function after the step, `nears` is 1 if the function came near
-    zero since it had that sign, and `lefts` is the number of zeros that remain until the event changes the
-    motion, 0 or less for never.
+    For each event, `signs` is the sign of its function after the step, `near_flags` is 1 if the function came
+    near zero since it had that sign, and `zeros_left` is the number of zeros that remain until the event
+    changes the motion, 0 or less for never.
     """
 
     samples: Samples
     lines: Lines
     watch: ReviewedEvents
     signs: WholesOut
-    nears: WholesOut
-    lefts: WholesOut
+    near_flags: WholesOut
+    zeros_left: WholesOut
     starting: WholesOut
     starts: Out
     widths: Out
@@ -183,8 +184,8 @@ class ZeroSearch:
             self.starting[e], watch.levels[e] = 0, 0.0
             if unlikely(starts):
                 values, noise = lines.coarse[e * Widths.of(columns).wide :], lines.noise[e * columns]
-                start, sign, is_unknown = values[0], watch.sign[e], watch.came[e] == UNKNOWN
-                size = larger(edge_noise(start, values[(COARSE + 1) * columns]), 4.0 * watch.stayed[e])
+                start, sign, is_unknown = values[0], watch.sign[e], watch.arrivals[e] == UNKNOWN
+                size = larger(edge_noise(start, values[(COARSE + 1) * columns]), 4.0 * watch.zero_sizes[e])
                 size = larger(size, noise) if is_unknown else size
                 if not abs(start) > size and sign == 0:
                     is_irregular = is_irregular or is_unknown
@@ -223,7 +224,7 @@ class ZeroSearch:
         while is_searching:
             is_searching = False
             for e in range(self.samples.events):
-                self.signs[e], self.nears[e], self.lefts[e] = watch.sign[e], watch.near[e], watch.remaining[e]
+                self.signs[e], self.near_flags[e], self.zeros_left[e] = watch.sign[e], watch.near[e], watch.remaining[e]
                 if e != besides and not is_irregular and self.may_vanish(b, e):
                     is_irregular, count = self.isolate(step, b, e, is_bad, limit, besides >= 0, count)
             if besides < 0 and not is_irregular:
@@ -241,7 +242,7 @@ class ZeroSearch:
         self.write(b, kept, math.inf)
         for e in range(self.samples.events):
             self.starting[e], watch.levels[e] = 0, 0.0
-            watch.sign[e], watch.near[e], watch.remaining[e] = self.signs[e], self.nears[e], self.lefts[e]
+            watch.sign[e], watch.near[e], watch.remaining[e] = self.signs[e], self.near_flags[e], self.zeros_left[e]
         return ENDED
 
     @inline
@@ -319,11 +320,11 @@ class ZeroSearch:
         more = 0
         if length > 0.0:
             polynomial = self.powers[first:], known - first, length, noise
-            side = self.signs[e], self.nears[e] != 0, is_end
+            side = self.signs[e], self.near_flags[e] != 0, is_end
             met, sign, near = roots(*polynomial, *side, self.roots, self.ways, MOST_ROOTS)
             is_far = met > 0 and self.roots[0] == 0.0 and abs(self.powers[0]) > JUMP * size and not begins
             is_irregular = is_irregular or met < 0 or count + met > MOST_ZEROS or is_far
-            self.signs[e], self.nears[e] = sign, int(near)
+            self.signs[e], self.near_flags[e] = sign, int(near)
             more = 0 if is_irregular else met
             for r in range(more):
                 self.times[count + r], self.events[count + r] = start + width * self.roots[r], e
@@ -343,8 +344,8 @@ class ZeroSearch:
         rank, linear = float(max(known - 1, 1)), self.powers[1]
         noise, slope = 2.0 * rank * rank * error, linear if known > 1 else 0.0
         side = 1 if slope > 0.0 else -1
-        self.signs[e], self.nears[e] = side, 0
-        return not abs(slope) > noise or side == self.watch.came[e] - 2, noise
+        self.signs[e], self.near_flags[e] = side, 0
+        return not abs(slope) > noise or side == self.watch.arrivals[e] - 2, noise
 
     @inline
     def first_change(self, count: int) -> int:
@@ -356,9 +357,9 @@ class ZeroSearch:
         for j in range(count):
             if change < 0 and self.counts(j):
                 e = self.events[j]
-                left = self.lefts[e]
+                left = self.zeros_left[e]
                 change = j if left == 1 else change
-                self.lefts[e] = left - 1
+                self.zeros_left[e] = left - 1
         return change
 
     @inline
@@ -394,7 +395,7 @@ class ZeroSearch:
             left = watch.remaining[e]
             watch.remaining[e] = left - 1 if left > 0 else left
         for e in range(self.samples.events):
-            watch.sign[e], watch.near[e] = self.signs[e], self.nears[e]
+            watch.sign[e], watch.near[e] = self.signs[e], self.near_flags[e]
         return CHANGED
 
     @inline
@@ -443,7 +444,7 @@ class ZeroSearch:
 @inline
 def step_zeros(samples: Samples, lines: Lines, watch: ReviewedEvents) -> ZeroSearch:
     """Return a `ZeroSearch`, the search for zeros on one step, with new memory."""
-    memory: tuple[Any, ...] = tuple(watch.noted[samples.events * k :] for k in unrolled(4))
+    memory: tuple[Any, ...] = tuple(watch.step_sides[samples.events * k :] for k in unrolled(4))
     memory = (*memory, *(reals(DEEPEST_HALVING + 2) for _ in unrolled(3)), reals(DEGREE + 2), reals(DEGREE + 2))
     memory = (*memory, reals(MOST_ROOTS), wholes(MOST_ROOTS), reals(MOST_ZEROS), wholes(MOST_ZEROS), wholes(MOST_ZEROS))
     return ZeroSearch(samples, lines, watch, *memory)

@@ -220,12 +220,12 @@ class ReviewMemory:
     sign: WholesOut
     near: WholesOut
     remaining: WholesOut
-    stayed: Out
-    came: WholesOut
+    zero_sizes: Out
+    arrivals: WholesOut
     which: WholesOut
     when: Out
     zeros: Out
-    noted: WholesOut
+    step_sides: WholesOut
     levels: Out
     there: Out
     """The state to which the run is moved, if an event ends it."""
@@ -258,8 +258,8 @@ class StepEventSearch:
         memory.review.end, memory.review.room = 1, ZERO_ROOM
         for e in unrolled(self.events.count):
             memory.sign[e], memory.near[e] = 0, 0
-            memory.remaining[e], memory.came[e] = watched.terminal[e], IGNORED
-            memory.stayed[e] = 0.0
+            memory.remaining[e], memory.arrivals[e] = watched.terminal[e], IGNORED
+            memory.zero_sizes[e] = 0.0
 
     @inline
     def look(
@@ -275,8 +275,8 @@ class StepEventSearch:
         review.written, review.starts = 0, int(steps == 1)
         review.last = 0 if end == job.t1 else -1
         review.rounded = float(steps - 1) * (1.0 / NOISE_HALVES)
-        sides = memory.sign, memory.near, watched.direction, memory.remaining, memory.stayed, memory.came
-        zeros = memory.which, memory.when, memory.zeros, memory.noted, memory.levels
+        sides = memory.sign, memory.near, watched.direction, memory.remaining, memory.zero_sizes, memory.arrivals
+        zeros = memory.which, memory.when, memory.zeros, memory.step_sides, memory.levels
         watch = ReviewedEvents(review, *sides, *zeros)
         why = review_step(watch, member.numbers, job.table, watched.factors, step.memory, end, functions=self.functions)
         is_changed = why == CHANGED

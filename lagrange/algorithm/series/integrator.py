@@ -220,14 +220,14 @@ def taylor_run(
     if projection is not None and not starts_on_constraints(projection, p, t[0], y, dimension=n, relations=relations):
         return Outcome.UNPROJECTED
     work, floors, states = reals(layout.size(highest), room=WIDEST_VECTOR), reals(n), reals(n)
-    asked = SMALLEST_RTOL if rtol < SMALLEST_RTOL else rtol
+    tolerance_used = SMALLEST_RTOL if rtol < SMALLEST_RTOL else rtol
     # The order of the series, by the tolerances at which it changes.
     order = orders[0][1]
     for (_, before), (tolerance, after) in pairwise(orders):
-        order = order + int(asked < tolerance) * (after - before)
-    margin = STEP_MARGIN if asked >= TIGHT_RTOL else LEAST_MARGIN
+        order = order + int(tolerance_used < tolerance) * (after - before)
+    margin = STEP_MARGIN if tolerance_used >= TIGHT_RTOL else LEAST_MARGIN
     run, counts, taylor, held, outputs = Run(), Counts(), TaylorState(), Held(), OutputCounts()
-    run.t, run.start, run.end, run.rtol, run.previous = t[0], t[0], t_end, margin * asked, 1.0
+    run.t, run.start, run.end, run.rtol, run.previous = t[0], t[0], t_end, margin * tolerance_used, 1.0
     run.cause = float(Outcome.STEP_TOO_SMALL)
     run.longest = abs(t_end - t[0]) / float(steps_at_least) if steps_at_least else math.inf
     floor = larger(margin * atol, LEAST_FLOOR)

@@ -16,7 +16,7 @@ STRETCH_TO_END = 1.01
 
 SPACING, EARLIEST = 16 * 2.0**-52, 1e-290
 """The shortest step as a fraction of the time: a shorter one is lost in the rounding of the time. The second number
-replaces a time that is closer to zero, where nothing is lost.
+replaces a time that is closer to zero: there no step is lost.
 """
 
 LEAST_FLOOR = 1e-307

@@ -119,7 +119,7 @@ def reject(arguments: Running, cause: float, h: float, moved: bool, *, layout: L
     run.h = h
     counts.after_reject += 1
     counts.rejected += 1
-    asked = counts.after_reject == REJECTIONS_BEFORE_SURVEY
+    is_due = counts.after_reject == REJECTIONS_BEFORE_SURVEY
     for state in unrolled(layout.step.states):
         new, floor = work[layout.place(layout.new + state) :], floors[state * layout.length :]
         blank = 0.0
@@ -127,10 +127,10 @@ def reject(arguments: Running, cause: float, h: float, moved: bool, *, layout: L
             after, least = new[i], floor[i]
             size = abs(after if moved else least)
             blank = larger(blank, size if least <= LEAST_FLOOR else 0.0)
-        asked = asked or blank > 0.0
+        is_due = is_due or blank > 0.0
     may_ask = run.share > 0.0 and counts.surveyed < MOST_SURVEYS
-    if asked or not may_ask:
-        return asked and may_ask
+    if is_due or not may_ask:
+        return is_due and may_ask
     is_power_of_two = mantissa(float(counts.rejected)) == 1.0
     if not (moved and is_power_of_two):
         return False
@@ -251,8 +251,8 @@ def first_step(arguments: Running, span: float, direction: float, *, layout: Lay
         moving = larger(moving, larger(force, abs(slope[i])))
         paired = larger(paired, sensed / position_size if is_doubtful and has_position else 0.0)
         sensitivity[below] = sensed if is_doubtful else 0.0
-    asked = doubtful > CANCELLATION_DOMINANCE * certain or moving == 0.0
-    if follows and arguments.counts.surveyed == 0 and asked and not singular:
+    is_uncertain = doubtful > CANCELLATION_DOMINANCE * certain or moving == 0.0
+    if follows and arguments.counts.surveyed == 0 and is_uncertain and not singular:
         return NEEDS_SIZES
     if singular:
         return DEFAULT_FIRST * span

@@ -499,5 +499,5 @@ def changes_side(view: Opened, i: int, length: float) -> bool:
     that step in units of the time scale. Functions that may jump are excluded.
     """
     value, slope, sign = view.rows[i], view.rows[view.layout.width :][i], view.signs[i]
-    is_settled: bool = view.nears[i] == 0 and view.smooth[i] != 0 and view.kept_starting[i] == 0
+    is_settled: bool = view.near_flags[i] == 0 and view.smooth[i] != 0 and view.kept_starting[i] == 0
     return is_settled and float(sign) * value < 0.0 and abs(value) > JUMP * abs(slope) * length

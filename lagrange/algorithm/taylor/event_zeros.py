@@ -45,15 +45,15 @@ class Zeros:
     """The zeros of watched functions on a step, and the signs of the functions at its end.
 
     Each zero has a time in units of the time scale, the index of its function in `places`, and a direction: the
-    sign to which the function changes, or 0 if it touches zero. `nears` is 1 for each function that is near
-    zero at the end.
+    sign to which the function changes, or 0 if it touches zero. `near_flags` is 1 for each function that is
+    near zero at the end.
     """
 
     times: Out
     places: WholesOut
     directions: WholesOut
     signs: WholesOut
-    nears: WholesOut
+    near_flags: WholesOut
 
 
 @inline
@@ -79,7 +79,7 @@ def zeros_on_step(
     """
     view, count, far = opened(watched), 0, s
     for i in range(view.layout.watched):
-        zeros.signs[i], zeros.nears[i] = view.start_signs[i], view.start_nears[i]
+        zeros.signs[i], zeros.near_flags[i] = view.start_signs[i], view.start_near_flags[i]
         if doubtful[i] != 0.0:
             more = find_zeros(i, count, far, s, stored_length, last, zeros, watched)
             if more < 0:
@@ -111,7 +111,7 @@ def find_zeros(
     `last` is true if the run ends at the end of the step.
     """
     view, order = opened(watched), watched.order
-    sign, is_near = view.start_signs[i], view.start_nears[i] != 0
+    sign, is_near = view.start_signs[i], view.start_near_flags[i] != 0
     begins, noise = view.starting[i] != 0, view.noise[i]
     terms, slopes, sums = terms_of(view, i)
     answer, is_smooth = 2, not begins and not is_near
@@ -133,7 +133,7 @@ def find_zeros(
         more, zeros.signs[i], comes_near = roots(
             series, size, s, allowed, sign, is_near, at_end, times, directions, MOST_ZEROS
         )
-        zeros.nears[i] = int(comes_near)
+        zeros.near_flags[i] = int(comes_near)
         return more
     if answer != 0:
         zeros.times[to] = s * only_passage(terms, slopes, sums, order, answer)
@@ -366,13 +366,13 @@ def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
     view = opened(watched)
     for i in range(view.layout.watched):
         sign = view.signs[i]
-        view.start_signs[i], view.start_nears[i] = sign, view.nears[i]
+        view.start_signs[i], view.start_near_flags[i] = sign, view.near_flags[i]
         if unlikely(doubtful[i] != 0.0 and float(sign) * view.values[i] < 0.0):
             is_finite, c = column_of(view, i)
             if not is_finite:
                 return False
             if abs(c[0]) > JUMP * largest_term(c, view.coefficient_counts[i], s):
-                view.start_signs[i], view.start_nears[i] = -sign, 0
+                view.start_signs[i], view.start_near_flags[i] = -sign, 0
     return True
 
 
@@ -436,10 +436,10 @@ def accept(
         return LEAVE if watch.done == 0 else WAIT
     inspects = again or watch.hides_growth != 0 or watch.steep != 0
     for i in range(view.layout.watched):
-        view.kept_signs[i], view.kept_nears[i] = view.start_signs[i], view.start_nears[i]
+        view.kept_signs[i], view.kept_near_flags[i] = view.start_signs[i], view.start_near_flags[i]
         view.kept_starting[i], view.kept_event_counts[i] = view.starting[i], view.event_counts[i]
-        sign, near = zeros.signs[i], zeros.nears[i]
-        view.signs[i], view.nears[i], view.starting[i] = sign, near, 0
+        sign, near = zeros.signs[i], zeros.near_flags[i]
+        view.signs[i], view.near_flags[i], view.starting[i] = sign, near, 0
         inspects = inspects or sign == 0 or near != 0
     taylor.inspect = int(inspects)
     slot = watch.done

@@ -74,7 +74,7 @@ def begin_sides(t: float, scale: float, rtol: float, watched: Watched) -> bool:
 def put_sides(view: Opened) -> None:
     """Copy the signs just after the start of a motion from scratch memory: they become the known signs."""
     for i in range(view.layout.watched):
-        view.signs[i], view.nears[i] = view.begun_signs[i], 0
+        view.signs[i], view.near_flags[i] = view.begun_signs[i], 0
         view.starting[i] = view.begun_orders[i]
 
 
@@ -171,7 +171,7 @@ def sides_after_reset(t: float, scale: float, rtol: float, index: int, new_state
         sign, root = view.signs[i], view.roots[i]
         stays = abs(new[i] - old[i]) <= view.noise[i] and sign != 0 and i != index and root == 0
         if stays:
-            if view.nears[i] != 0:
+            if view.near_flags[i] != 0:
                 return False
             view.begun_signs[i] = sign
     return True
@@ -232,7 +232,7 @@ def cross_surface(
     watch.switches = slot + 1
     for i in range(layout.watched):
         view.starting[i] = int(i == index)
-    view.signs[index], view.nears[index] = direction, 0
+    view.signs[index], view.near_flags[index] = direction, 0
     watch.changed, watch.changed_at, watch.due = t, index, 0
     taylor.next_limit, taylor.inspect = math.inf, 1
     return True

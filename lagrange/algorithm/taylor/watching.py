@@ -99,7 +99,7 @@ TERM_SUMS = ("rest", "rates", "end", "slope", "late")
     late   larger size of the last two terms
 """
 
-SIDES = {"signs": 1, "nears": 1, "starting": 1, "event_counts": 1}
+SIDES = {"signs": 1, "near_flags": 1, "starting": 1, "event_counts": 1}
 """Parts of `sides`: the sign of each watched function before the present step, as in `roots`; 1 if it came near zero; 1
 if it starts at zero there; and the number of its events. The same parts before the unproven step follow, `kept_signs`
 and so on.
@@ -128,7 +128,7 @@ WHOLES = {
     "zeros": 4 * MOST_ZEROS,
     "ends": 4,
     "start_signs": 1,
-    "start_nears": 1,
+    "start_near_flags": 1,
     "seen": 1,
     "coefficient_counts": 1,
     "begun_signs": 1,

@@ -292,8 +292,8 @@ def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
         slopes = np.diff(pixels) / np.diff(t)
         first, second = slopes[:, :, :-1], slopes[:, :, 1:]
         middle = (first * after + second * before) / (before + after)
-        behind = np.abs(middle**2 * (before + after) / (4 * (second - first)))
-        missed = np.any((first * second <= 0) & (behind > TOLERANCE), axis=(0, 1))
+        deviations = np.abs(middle**2 * (before + after) / (4 * (second - first)))
+        missed = np.any((first * second <= 0) & (deviations > TOLERANCE), axis=(0, 1))
     flags[:-1] |= missed
     flags[1:] |= missed
     return flags

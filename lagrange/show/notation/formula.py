@@ -447,13 +447,13 @@ class LineWriter:
             return [self.setter.piece(product).text]
         longest = max(sums, key=lambda base: base.count_ops())
         rest = [(base, exponent) for base, exponent in above if base is not longest or exponent != 1]
-        behind, unit = "", self.notation.number("1")
+        suffix, unit = "", self.notation.number("1")
         if self.notation.in_one_line:
             # A fraction such as ½ after the parenthesis would look like an exponent: then numbers stay in front.
             split = number.is_Rational and not self.notation.fractions_in_front
             divisor = self.setter.quotient(below, [], sympy.Integer(number.q if split else 1))
             number = sympy.Integer(number.p) if split else number
-            behind = self.notation.fraction(unit, divisor).text.removeprefix(unit.text) if divisor != unit else ""
+            suffix = self.notation.fraction(unit, divisor).text.removeprefix(unit.text) if divisor != unit else ""
             below = []
         front = self.setter.quotient(rest, below, number)
         closed = front.text if front.level == PRODUCT else self.notation.grouped(front, POWER)
@@ -469,4 +469,4 @@ class LineWriter:
         else:
             start = [self.notation.signs([(negative, self.notation.joined([*before, inside]))], leading=leading)]
         lines = [*start, *more]
-        return [*lines[:-1], lines[-1] + self.notation.closing + behind]
+        return [*lines[:-1], lines[-1] + self.notation.closing + suffix]

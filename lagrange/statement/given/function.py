@@ -20,7 +20,7 @@ from lagrange.statement.statement import Statement
 
 DEGREE = 3
 """Degree of the polynomial that replaces an open function while the structure of the equations is analysed."""
-ORDERS_BEHIND = 2
+EXTRA_ORDERS = 2
 """Number of derivatives of an input beyond the highest in the statement that are provided: equations contain no higher
 ones."""
 
@@ -100,7 +100,7 @@ def with_inputs(statement: Statement) -> Statement:
     rates: dict[Any, Any] = {}
 
     def symbols(function: Any) -> Callable[[int], Any]:
-        count = statement.highest(function) + 1 + ORDERS_BEHIND
+        count = statement.highest(function) + 1 + EXTRA_ORDERS
         chain = [sympy.Symbol(rate_name(name_of(function), order), real=True) for order in range(count)]
         rates.update(zip(chain, [*chain[1:], None], strict=True))
         return chain.__getitem__

@@ -155,7 +155,7 @@ SURELY_FAR = 1e2
 """Margin for unit scaling: units change the least singular value of rows by less than this factor, once the rows are
 normalised."""
 
-AWAY, STATES_BEHIND = 0.1, 32
+AWAY, STATES_AFTER = 0.1, 32
 """Relative singular value above which a motion has moved away from a crossing, and the number of states after the
 crossing at which this is tested.
 """
@@ -183,8 +183,8 @@ def dependent_passage(
     rows = FIRST_STEPS + np.unique(np.append(short, short + 1))
     near, bound = _Nearness(model, parameters, times, states), DEPENDENCE_FACTOR * math.sqrt(rtol)
     for row in rows[near.at(times[rows], states[rows]) <= SURELY_FAR * bound].tolist():
-        behind = slice(row, None, -(-(len(times) - row) // STATES_BEHIND))
-        if stopped and near.at(times[behind], states[behind]).max() <= AWAY:
+        after = slice(row, None, -(-(len(times) - row) // STATES_AFTER))
+        if stopped and near.at(times[after], states[after]).max() <= AWAY:
             return None
         dependent = near.dependent(float(times[row]), states[row])
         if dependent is not None and dependent.motion is None and dependent.regularity <= bound:

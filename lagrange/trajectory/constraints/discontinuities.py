@@ -113,12 +113,12 @@ class Discontinuities:
         order = np.argsort(rows, kind="stable")
         surfaces, rows = surfaces[order], rows[order]
         parts = self._zeros(times, states, rows, surfaces)
-        before, near, behind, far = (
+        before, near, after, far = (
             _Surface.at(self.residuals, *_chord(times, states, rows, parts + share * SURFACE_DISTANCE), self.parameters)
             for share in (-2, -1, 1, 2)
         )
         with np.errstate(all="ignore"):
-            over, beside = behind.change(near), np.maximum(near.change(before), far.change(behind))
+            over, beside = after.change(near), np.maximum(near.change(before), far.change(after))
             # First the constraints phi, then psi with their gradients G, one column for each step.
             jumping = over > CONTINUOUS * beside + CHANGE_NOISE
         # The velocity of a coordinate without inertia jumps with a force in its equation, and the motion goes on.

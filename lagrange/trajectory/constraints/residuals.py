@@ -145,8 +145,8 @@ class ConstraintResiduals:
         values, sizes, slopes = corners[:count], corners[count : 2 * count], corners[2 * count :].reshape(count, n)
         for row in np.flatnonzero(np.abs(values) <= ON_SURFACE * np.maximum(sizes, np.abs(slopes) @ np.abs(y[:n]))):
             across = slopes[row] / (np.abs(slopes[row]).max() or 1.0) * CORNER_DISTANCE * (np.abs(y[:n]).max() or 1.0)
-            behind, before = (self.gradient(t, _moved(y, sign * across), parameters) for sign in (1, -1))
-            jumps = np.abs(behind - before).max(axis=1) > CORNER * (np.abs(behind) + np.abs(before)).max(axis=1)
+            after, before = (self.gradient(t, _moved(y, sign * across), parameters) for sign in (1, -1))
+            jumps = np.abs(after - before).max(axis=1) > CORNER * (np.abs(after) + np.abs(before)).max(axis=1)
             if jumps.any():
                 return int(np.argmax(jumps))
         return None

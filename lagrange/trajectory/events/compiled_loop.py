@@ -103,13 +103,13 @@ class WatchedEvents:
         self,
         zero_sides: Sequence[Side],
         occurrences: Sequence[Occurrences],
-        stayed: Mapping[int, float],
+        zero_sizes: Mapping[int, float],
         zeros: Mapping[int, int],
     ) -> None:
         """Write the signs of the event functions and the counts of events to the memory of the compiled loop.
 
         `zero_sides` has the sign (side of zero) of each function. `occurrences` has those of each event so far. From
-        them follows how often the event may still occur before the caller has to act. `stayed` maps each event that
+        them follows how often the event may still occur before the caller has to act. `zero_sizes` maps each event that
         counts as zero at the start of a smooth piece of motion to the size of its function there. `zeros` maps each
         event that has just occurred to the direction of its zero.
         """
@@ -121,9 +121,9 @@ class WatchedEvents:
         ]
         resets = np.array([event.reset for event in events])
         memory.remaining[:] = np.where(resets, 1, memory.until_end)
-        memory.stayed[:] = [stayed.get(i, 0.0) for i in range(len(events))]
+        memory.zero_sizes[:] = [zero_sizes.get(i, 0.0) for i in range(len(events))]
         unmet = [UNKNOWN if event.reset else IGNORED for event in events]
-        memory.came[:] = [2 + zeros[i] if i in zeros else other for i, other in enumerate(unmet)]
+        memory.arrivals[:] = [2 + zeros[i] if i in zeros else other for i, other in enumerate(unmet)]
 
     def collect(self, log: EventLog, breaks: Breaks) -> None:
         """Copy the events and resets that the compiled loop has found to `log` and `breaks`.

@@ -35,7 +35,7 @@ from lagrange.trajectory.trajectory import FloatArray
 class MotionStart:
     """Event functions at the start of a smooth piece of motion: which ones are zero there, and why.
 
-    `first` is True at the start of the run. Events are given by index. `stayed` maps each event that counts as zero
+    `first` is True at the start of the run. Events are given by index. `zero_sizes` maps each event that counts as zero
     to the size of its function. `zeros` maps each event that has just occurred to its direction: 1, -1, or 0 for a
     touch without crossing. `rested` are events with a reset that have stayed zero on all steps since the start; their
     sign is undecided. `jumped` are events that occurred at a jump over zero. Rounding decides on which side of a jump
@@ -43,7 +43,7 @@ class MotionStart:
     """
 
     first: bool = False
-    stayed: Mapping[int, float] = field(default_factory=dict)
+    zero_sizes: Mapping[int, float] = field(default_factory=dict)
     zeros: Mapping[int, int] = field(default_factory=dict)
     rested: frozenset[int] = frozenset()
     jumped: frozenset[int] = frozenset()
@@ -131,6 +131,6 @@ def lie(begun: MotionStart, events: Sequence[ModelEvent], sample: Sample) -> set
     `sample`. An example is a ball that has given its velocity to the next ball and lies beside it. `begun` describes
     the start, and `events` are all events.
     """
-    margins = {i: 4 * size for i, size in begun.stayed.items() if i not in begun.zeros and events[i].contact}
+    margins = {i: 4 * size for i, size in begun.zero_sizes.items() if i not in begun.zeros and events[i].contact}
     moves = np.abs(sample.values - sample.values[:, :1]).max(axis=1)
     return {i for i, margin in margins.items() if moves[i] <= margin}

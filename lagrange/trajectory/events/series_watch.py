@@ -298,17 +298,19 @@ class SeriesWatch(EventLog):
         self.go_on(state)
         return EventResult()
 
-    def start(self, state: DriverState, stayed: Mapping[int, float], before: EventSeries | None = None) -> EventResult:
+    def start(
+        self, state: DriverState, zero_sizes: Mapping[int, float], before: EventSeries | None = None
+    ) -> EventResult:
         """Determine the sign of every surface and event function at the driver's state, or just after it.
 
-        `stayed` maps the index of each event that occurred here to the size of its function. Four times this size
+        `zero_sizes` maps the index of each event that occurred here to the size of its function. Four times this size
         counts as zero. `before` has the series before a reset, or is None.
         """
         self.sides = stated_sides(self.series.program, state.t, state.y, self.parameters)
         try:
             look = self.ahead(state)
             noise = look.noise.copy()
-            for which, size in stayed.items():
+            for which, size in zero_sizes.items():
                 noise[which] = max(noise[which], 4 * size)
             if self.surfaces:
                 g = self.at(state)(self.sides)
@@ -323,7 +325,7 @@ class SeriesWatch(EventLog):
             self.zero_sides = [Side(int(sign)) for sign in np.sign(np.nan_to_num(look.watched[0]))]
             return undefined(self.names(), look.watched)
         self.go_on(state)
-        sides = self._known(before, look, stayed)
+        sides = self._known(before, look, zero_sizes)
         starts = [look.leaving(i, margin) for i, margin in enumerate(noise.tolist())]
         self.starting = frozenset(i for i, (_, order) in enumerate(starts) if i not in sides and order != 0)
         for i, (sign, _) in enumerate(starts):
@@ -444,8 +446,8 @@ class SeriesWatch(EventLog):
     def read_sides(self) -> None:
         """Read the signs of the watched functions and the pending events from the memory of the compiled loop."""
         memory, record = self.memory, self.memory.record
-        signs, nears = memory.signs.tolist(), memory.nears.tolist()
-        self.zero_sides = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]
+        signs, near_flags = memory.signs.tolist(), memory.near_flags.tolist()
+        self.zero_sides = [Side(sign, bool(near)) for sign, near in zip(signs, near_flags, strict=True)]
         self.starting = frozenset(np.flatnonzero(memory.starting).tolist())
         if record.due:
             self.pending = [EventZero(which, Root(0.0, direction)) for which, direction in memory.zeros_now()]
@@ -460,7 +462,7 @@ class SeriesWatch(EventLog):
         """
         memory, record = self.memory, self.memory.record
         memory.signs[:] = [side.sign for side in self.zero_sides]
-        memory.nears[:] = [side.near for side in self.zero_sides]
+        memory.near_flags[:] = [side.near for side in self.zero_sides]
         memory.starting[:] = [index in self.starting for index in range(memory.count)]
         memory.event_counts[self.surfaces :] = [len(occurrences) for occurrences in self.occurrences]
         record.fresh, record.changed, record.enabled = 0, self.change_counter.last, int(not self.pending)

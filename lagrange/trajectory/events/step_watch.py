@@ -99,7 +99,7 @@ class StepWatch(EventLog):
         # values that count as zero after a reset; and the events whose functions stay zero.
         self._sides = [Side()] * len(self.events)
         self._levels: dict[int, float] = {}
-        self._stayed: Mapping[int, float] = {}
+        self._zero_sizes: Mapping[int, float] = {}
         self._resting: frozenset[int] = frozenset()
         # At the point to which the run is set back: its events, the end of the shortened step, and the end of the run.
         self._pending: list[EventZero] = []
@@ -180,8 +180,8 @@ class StepWatch(EventLog):
         run, begun = self.shared.run, self._start
         run.starts, run.jumps = int(begun is not None), self.jumps
         run.changed, run.changed_at = self.changed, self._changed_at
-        stayed, zeros = ({}, {}) if begun is None else (begun.stayed, begun.zeros)
-        self.memory.write(self._sides, self.occurrences, stayed, zeros)
+        zero_sizes, zeros = ({}, {}) if begun is None else (begun.zero_sizes, begun.zeros)
+        self.memory.write(self._sides, self.occurrences, zero_sizes, zeros)
 
     def read(self) -> None:
         """Read events, resets and signs of event functions from the memory of machine code."""
@@ -191,11 +191,11 @@ class StepWatch(EventLog):
         if run.jumps > self.jumps:
             self.jumps, self.changed, self._changed_at = int(run.jumps), float(run.changed), int(run.changed_at)
             # An event that is zero at the start has 2 plus the direction in which zero was reached.
-            zeros = {i: way - 2 for i, way in enumerate(memory.came.tolist()) if way not in (UNKNOWN, IGNORED)}
+            zeros = {i: way - 2 for i, way in enumerate(memory.arrivals.tolist()) if way not in (UNKNOWN, IGNORED)}
             self.change_counter.begin(self.changed, next(iter(zeros), 0))
             self._intervals.begin(float(run.interval))
-            self._stayed = {i: float(memory.stayed[i]) for i in zeros}
-            self._start = MotionStart(stayed=self._stayed, zeros=zeros)
+            self._zero_sizes = {i: float(memory.zero_sizes[i]) for i in zeros}
+            self._start = MotionStart(zero_sizes=self._zero_sizes, zeros=zeros)
         pairs = zip(memory.sign.tolist(), memory.near.tolist(), strict=True)
         self._sides, self._levels = [Side(sign, bool(near)) for sign, near in pairs], {}
         self._start = self._start if run.starts else None
@@ -304,7 +304,7 @@ class StepWatch(EventLog):
         if begun.rested:
             starting = [i for i in watched if i in begun.rested]
         else:
-            sizes = {i: max(float(batch.edge[i, step]), 4 * begun.stayed.get(i, 0.0)) for i in watched}
+            sizes = {i: max(float(batch.edge[i, step]), 4 * begun.zero_sizes.get(i, 0.0)) for i in watched}
             contacts = [i for i in watched if self.events[i].contact and i not in begun.zeros]
             sizes |= {i: max(sizes[i], entry(batch, step, i, self.problem.t1 - self.problem.t0)) for i in contacts}
             starting = [i for i in watched if self._sides[i].sign == 0 and abs(ends[i]) <= sizes[i]]
@@ -399,13 +399,13 @@ class StepWatch(EventLog):
         state.y[:] = after
         # Events that occurred here before, or rest, still count as zero, but may occur again.
         earlier = {i: abs(float(values[i])) for i in self._resting if self.events[i].contact}
-        earlier |= self._stayed if self.jumps and state.t == self.changed else {}
+        earlier |= self._zero_sizes if self.jumps and state.t == self.changed else {}
         self.jumps += 1
         self.changed, self._changed_at = state.t, state.count(S.STEPS)
         met = {zero.which: zero.root.rising for zero in all_zeros if not zero.root.jump}
-        self._stayed = {**earlier, **{i: abs(float(values[i])) for i in met}}
+        self._zero_sizes = {**earlier, **{i: abs(float(values[i])) for i in met}}
         self._start = MotionStart(
-            stayed=self._stayed,
+            zero_sizes=self._zero_sizes,
             zeros=met,
             jumped=frozenset(zero.which for zero in all_zeros if zero.root.jump),
         )

@@ -122,7 +122,7 @@ then grows as a power of time of at least 1/4, like the force on a bead that ano
 log(t), it does not.
 """
 
-BEHIND = 2.0**-10
+OFF_SURFACE = 2.0**-10
 """Fraction of a leap after which the motion has left the surface on which the leap began."""
 
 IN_A_ROW = 3
@@ -186,7 +186,7 @@ class Continuations:
         y = run.y[:, -1]
         if run.status is not Status.SUCCESS:
             return None
-        begun, start = state.t + BEHIND * (end - state.t), (state.t, state.y)
+        begun, start = state.t + OFF_SURFACE * (end - state.t), (state.t, state.y)
         if switched(abs(begun - state.t) / 2):
             start = begun, run.dense(np.array([begun]))[:, 0]
         early = state.t + EARLY * (end - state.t)
