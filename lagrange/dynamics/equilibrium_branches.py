@@ -68,7 +68,7 @@ TIP = 12  # Number of values added beside a value at which a formula begins to h
 def equilibrium_branches(
     model: Model, parameter: str, values: FloatArray, progress: Report | None = None
 ) -> BranchesData:
-    """Return the branches of equilibria at values (k,) of a parameter. Raises StatementError if none."""
+    """Return the branches of equilibria at values (k,) of a parameter. Raises StatementError if there are none."""
     statement = model.statement
     symbol = next(p for p in statement.parameters if p.name == parameter)
     anchors = list(dict.fromkeys((0, len(values) // 2, len(values) - 1)))

@@ -136,7 +136,7 @@ class Packing:
 
     @cached_property
     def delayed(self) -> tuple[Operand, ...]:
-        """Operands that are read at the order after their own: integrands and forces, each once."""
+        """Operands whose coefficients are read one order later: integrands and forces, each once."""
         integrated = [chunk.args[0] for chunk in self.computed if chunk.op == "integral"]
         forces = [force for stage in self.stages for force in stage.right if force is not None]
         return tuple(dict.fromkeys([*integrated, *forces]))

@@ -206,7 +206,7 @@ Unread = partial[StepInterpolant]
 
 
 class Stepper(Protocol):
-    """Protocol of a solver of another package, between two of its steps."""
+    """Protocol of a solver of another package that takes one step at each call."""
 
     @property
     def t(self) -> float:
