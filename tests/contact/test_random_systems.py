@@ -31,6 +31,13 @@ def test_an_impact_at_the_instant_at_which_a_slip_stops_begins_it_anew() -> None
     assert not broken_laws(drawn.system, run, driven=drawn.driven)
 
 
+def test_a_bounce_that_ends_with_a_slip_in_a_plane_within_the_tolerance_goes_on() -> None:
+    """The slip was smaller than that at which it counts as zero, so the event at which it stops did not come."""
+    drawn = random_system(560)
+    for method in ("taylor", "dop853"):
+        assert drawn.system.run(1.2, method=method, rtol=1e-7).status is lg.Status.SUCCESS
+
+
 @pytest.mark.slow
 def test_a_bounce_of_round_off_is_measured_by_the_whole_run() -> None:
     """Both ends of this rod accumulate again and again; heights and angles of the last flights are some 1e-11.

@@ -258,7 +258,7 @@ class Transitions:
             for i in resting:
                 along = kin.rows[i][1:]
                 slip = np.zeros(len(along)) if i in stopped else touch.rates[along]
-                laws[i] = kin.friction(i, slip, np.maximum(touch.noise[along], 0.0) if along else np.zeros(1))
+                laws[i] = kin.friction(i, slip, np.array([self._slow(touch, along)]))
                 if i in ways:
                     laws[i] = replace(laws[i], way=ways[i])
             rows, balance = self._balance(touch, laws, pulls, "motion")
@@ -280,10 +280,15 @@ class Transitions:
         begins = {kin.normals[i]: slight for i in {*resting, *released} if states[i] == OPEN}
         for i, way in slides.items():
             along = kin.rows[i][1:]
-            if i in stopped or np.linalg.norm(touch.rates[along]) <= touch.noise[along].max():
-                slow = 0.0 if len(way) == 1 else 2 * max(mode.slowest, float(touch.noise[along].max()))
+            if i in stopped or np.linalg.norm(touch.rates[along]) <= self._slow(touch, along):
+                slow = 0.0 if len(way) == 1 else 2 * self._slow(touch, along)
                 begins |= dict(zip(along, (max(slow, slight) * way).tolist(), strict=True))
         return self._entered(touch, mode, begins, near), mode, pulls
+
+    def _slow(self, touch: Touch, along: Sequence[int]) -> float:
+        """Return the speed up to which a slip in the rows `along` counts as zero: in a plane, that of the mode."""
+        noise = float(touch.noise[along].max(initial=0.0))
+        return max(self._slowest, noise) if len(along) > 1 else noise
 
     def _entered(self, touch: Touch, mode: Mode, begins: dict[int, float], near: Sequence[int]) -> FloatArray:
         """Return the state of `touch` (2n,) changed to satisfy the constraints of a mode: closed gaps, and no slips.
