@@ -48,7 +48,7 @@ _RESPELLED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     # A module of Python: np.sin
     (r"\b(?:np|numpy|math|sp|sympy)\.(?=[a-z])", ""),
     # Dots after a blank, as Word exports them
-    (r"([ \t\u00a0]+)([\u0307\u0308]+)", r"\2\1"),
+    (r"(?<![ \t\u00a0])([ \t\u00a0]+)([\u0307\u0308]+)", r"\2\1"),
     # The square of a derivative: (d/dt)^2
     (r"\(\s*d\s*/\s*d\s*t\s*\)\s*(?:²|(?:\^|\*\*)\s*2)", "d²/dt²"),
     # Partial derivatives by the time
@@ -71,7 +71,7 @@ _RESPELLED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     # Signs for a definition or an identity
     (r":=|=:|≔|≡|\\(?:equiv|coloneqq)(?![A-Za-z])|\\(?:stackrel|overset)\s*\{[^{}\n]*\}\s*\{\s*=\s*\}", "="),
     # A space of LaTeX at the end of a line
-    (r"[,;.]?[ \t]*\\q?quad[ \t]*$", ""),
+    (r"(?:[,;.]|(?<![ \t]))[ \t]*\\q?quad[ \t]*$", ""),
     # Abbreviations before a consequence: i.e.
     (r"\b(?:i\.\s?e|d\.\s?h|viz)\.,?", ";"),
     # A comma between two equations that is not a decimal comma: x'' = 1,2 y'' = 3
