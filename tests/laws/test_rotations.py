@@ -412,6 +412,7 @@ def test_a_derivation_in_turns_with_constraints_agrees_with_the_compiled_model(n
         assert np.abs(run.evaluate(formula) - run.multipliers[constraint]).max() < 1e-11
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["rolling-sphere", "gyroscope-on-gimbal"])
 @pytest.mark.parametrize(("method", "step"), [("taylor", None), ("rk4", 0.05)])
 def test_constraints_keep_the_length_of_the_quaternion(name: str, method: str, step: float | None) -> None:

@@ -110,7 +110,7 @@ def random_system(seed: int) -> tuple[lg.System, Any, Any]:
     return system, above, turning
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(4))
 def test_the_matrix_is_the_slope_of_the_motion_on_the_constraints(seed: int) -> None:
     system, above, turning = random_system(seed)

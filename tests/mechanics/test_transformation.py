@@ -38,7 +38,6 @@ BALL = {x: r * sin(theta) * cos(phi), y: r * sin(theta) * sin(phi), z: r * cos(t
 
 
 @pytest.mark.few(1)
-@pytest.mark.few(2)
 @pytest.mark.parametrize("given", [TURNING, ROUND, BALL, {z: exp(u / 3) - 2}, {"x": u + z}], ids=str)
 def test_the_motion_is_the_same(given: Any) -> None:
     system = particle()

@@ -69,7 +69,7 @@ def every_system(*quick: str) -> list[Any]:
 
 
 # Time and angles, a constraint, a matrix for LAPACK, conditions.
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", every_system("cart and pole", "cartesian-pendulum", "8 carried masses", "friction"))
 def test_jax_computes_what_the_model_does(name: str) -> None:
     check(JAX, named(name), count=2)

@@ -23,7 +23,7 @@ def off(values: Callable[[FloatArray], FloatArray], start: FloatArray, exact: Fl
     return farthest(exact, scale * [exact, shown], t, scale * [t, row])
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("end", [1.0, -40.0, 1000.0])
 def test_swings_and_sharp_turns_are_within_a_pixel(end: float) -> None:
     start = np.linspace(0.0, end, 1 + int(20 * abs(end)))

@@ -332,7 +332,7 @@ def test_a_constraint_that_comes_to_restrict_nothing_ends_a_run(method: str) -> 
     assert turned.status is lg.Status.SUCCESS, turned.message
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_a_rod_that_shrinks_to_a_point_ends_a_run_long_before_its_steps_are_used_up(method: str) -> None:
     rod = held(x**2 + y**2 - (1 - lg.t) ** 2, {x: 1.0, x.dot: -1.0}, 9.81 * y)

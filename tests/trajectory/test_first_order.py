@@ -41,7 +41,7 @@ def test_a_charge_without_mass_goes_round_its_bowl(method: str, target: str) -> 
     assert solution[y.dot] == pytest.approx(1.5 * np.cos(angle), abs=1e-7)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_two_vortices_go_round_their_centre(method: str) -> None:
     lagrangian = g1 * x * y.dot + g2 * theta * phi.dot + g1 * g2 * log((x - theta) ** 2 + (y - phi) ** 2) / 2
