@@ -165,9 +165,9 @@ class TestSingular:
     @pytest.mark.parametrize("target", TARGETS)
     def test_by_parameters(self, target: str) -> None:
         compiled = model("coupled masses", target)
-        with pytest.raises(RunError, match=r"singular at t = 0, x = 0\.3, y = 0\.5"):
+        with pytest.raises(RunError, match=r"a motion with x\.dot = 1, y\.dot = -1 has no inertia with m = 0"):
             compiled.accelerations([0.3, 0.5], [0, 0], parameters={"m": 0.0})
-        with pytest.raises(RunError, match="singular"):
+        with pytest.raises(RunError, match="no inertia with m = 0|singular"):
             compiled.accelerations(np.ones((2, 3)), np.ones((2, 3)), parameters={"m": 0.0})
         assert np.isfinite(compiled.accelerations([0.3, 0.5], [0, 0])).all()
 
