@@ -45,8 +45,9 @@ class Contact:
         limits = [(self.restitution, 1, "restitution", "between 0 and 1")]
         limits += [(coefficient, sympy.oo, "friction", "zero or positive") for coefficient in self.friction]
         for value, largest, what, bounds in limits:
-            if value.is_number and not bool(value >= 0) & bool(value <= largest):
-                given = formula(value, 40) if value.is_Rational else f"{float(value):.10g}"
+            is_real = value.is_real is not False  # infinity is not real
+            if value.is_number and not (is_real and bool(value >= 0) and bool(value <= largest)):
+                given = formula(value, 40) if value.is_Rational or not is_real else f"{float(value):.10g}"
                 raise StatementError(f"{what} is {given}: give a number {bounds}.")
 
     def __repr__(self) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.errors import RunError, StatementError, counted, shown
-from lagrange.machine.backend import Driver
+from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.machine.state import NO_OUTPUTS, DriverState, Outcome, Outputs
 from lagrange.statement.expression import real_array, real_number
@@ -141,7 +141,12 @@ class Flow:
         if self._plan is None or (times is not None and not (self._plan.writes_outputs and not self._constrained)):
             states = self._by_run(start, t0, t1, parameters, times)
             return states[:, -1].copy() if times is None else states
-        driver, state = self._driver(self._plan, parameters)
+        try:
+            driver, state = self._driver(self._plan, parameters)
+        except SingularMassMatrix:
+            # A run says in its message which motion has no inertia.
+            self._by_run(start, t0, t1, parameters)
+            raise
         settings, length = self._plan.tolerances, abs(t1 - t0)
         # The default step is a fraction of the span; it was prepared for a span of 1.
         step = settings.step * (length if self._problem.step is None and settings.notes else 1.0)

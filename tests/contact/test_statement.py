@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import exp, sin, sqrt
+from sympy import I, exp, oo, sin, sqrt
 
 import lagrange as lg
 
@@ -32,6 +32,8 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "three coefficients": (lambda: lg.contact(Y, slip=X.dot, friction=(1, 2, 3)), r"\(static, kinetic\)"),
     "restitution above one": (lambda: lg.contact(Y, restitution=1.2), "is 1.2: give a number between 0 and 1"),
     "negative friction": (lambda: lg.contact(Y, slip=X.dot, friction=-0.1), "zero or positive"),
+    "imaginary friction": (lambda: lg.contact(Y, slip=X.dot, friction=I), "friction is I: give a number zero"),
+    "infinite friction": (lambda: lg.contact(Y, slip=X.dot, friction=oo), "friction is oo: give a number zero"),
     "gap without a coordinate": (lambda: system({"c": lg.contact(M - 1)}), "contains no coordinate"),
     "gap with a velocity": (lambda: system({"c": lg.contact(Y.dot)}), "contains a velocity"),
     "slip without a velocity": (lambda: system({"c": lg.contact(Y, slip=X)}), "contains no velocity"),

@@ -167,7 +167,7 @@ class TestSingular:
         compiled = model("coupled masses", target)
         with pytest.raises(RunError, match=r"a motion with x\.dot = 1, y\.dot = -1 has no inertia with m = 0"):
             compiled.accelerations([0.3, 0.5], [0, 0], parameters={"m": 0.0})
-        with pytest.raises(RunError, match=r"no inertia with m = 0|singular"):
+        with pytest.raises(RunError, match="has no inertia with m = 0, so"):
             compiled.accelerations(np.ones((2, 3)), np.ones((2, 3)), parameters={"m": 0.0})
         assert np.isfinite(compiled.accelerations([0.3, 0.5], [0, 0])).all()
 

@@ -126,7 +126,8 @@ def test_a_table_of_numbers_with_units_is_refused_with_the_remedy() -> None:
         ) as refusal:
             body(potential=energy, dimensions={m: "kg", x: "m", a: "m"})
         assert len(str(refusal.value)) <= 400
-    with pytest.raises(lg.StatementError, match=r"the term x/a in table.*, whose unit .* or a in m instead"):
+    wrong = r"the term x/a in table\(x/a\), whose unit is 100 .* or a in m instead of cm"
+    with pytest.raises(lg.StatementError, match=wrong):
         body(potential=e * lg.table(x / a, POINTS, VALUES), dimensions={m: "kg", x: "m", a: "cm"})
 
 

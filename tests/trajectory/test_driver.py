@@ -291,7 +291,7 @@ def test_what_goes_wrong_is_raised_with_the_sentence_of_a_run(target: str) -> No
     spherical = flow_of(model("spherical pendulum", target))
     with pytest.raises(RunError, match="the mass matrix is singular at t = 0, theta = 0, phi = 0"):
         spherical([0.0, 0.0, 0.1, 0.2], 0.0, 1.0)
-    with pytest.raises(RunError, match=r"the mass matrix is singular|has no inertia with m = 0"):
+    with pytest.raises(RunError, match="has no inertia with m = 0, so"):
         flow_of(model("coupled masses", target))(START, 0.0, 1.0, parameters={"m": 0.0})
 
 

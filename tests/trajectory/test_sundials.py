@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy
 
 from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.trajectory import Status
@@ -54,6 +55,12 @@ def test_a_bad_derivative_never_ends_well_wherever_it_is_met(method: CVODE) -> N
         run = method.integrate(problem(lambda t, x, v, begin=begin: np.nan if t > begin else -x))
         assert run.status is Status.NON_FINITE and run.t[-1] <= begin, (begin, run.message)
         assert np.isfinite(run.y).all() and np.isfinite(run.dense(np.linspace(0, run.t[-1], 50))).all()
+
+
+def test_bounds_of_steps_may_be_numbers_of_sympy(method: CVODE) -> None:
+    bounded = replace(method, max_step=sympy.Rational(1, 8), first_step=sympy.Rational(1, 16))
+    run = bounded.integrate(problem(lambda t, x, v: -x))
+    assert run.status is Status.SUCCESS and np.diff(run.t).max() <= 0.125
 
 
 def test_what_cvode_gives_up_is_told_in_its_words_and_not_printed(method: CVODE) -> None:

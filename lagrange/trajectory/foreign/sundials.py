@@ -116,8 +116,8 @@ class _CvodeStepper:
         self.rejected = 0
         self.trials: list[float] = []
         self.degree = options.claims.order
-        first = min(first, options.first_step or np.inf)
-        longest = min(options.max_step, tolerances.longest)
+        first = min(first, float(options.first_step or np.inf))
+        longest = min(float(options.max_step), tolerances.longest)
         self.cvode = solver(
             self.rhs,
             method=options.method,
