@@ -123,7 +123,7 @@ def children(node: Any) -> tuple[Any, ...]:
 def children_first(expression: Any, done: Container[Any]) -> Iterator[Any]:
     """Yield the nodes of an expression that are not in `done`, each after its operands.
 
-    The caller adds a node to `done` before it asks for the next one, so that equal subexpressions are yielded once.
+    Each node must be added to `done` before the next one is taken, so that equal subexpressions are yielded once.
     """
     stack = [(expression, False)]
     while stack:

@@ -107,7 +107,7 @@ def signs(b: In, count: int, first: int, noise: float) -> tuple[bool, int, float
             changes += 1
             before = now
             now = sign
-    # A change of sign through zero is one crossing. Values that reach zero and return are no crossing or two.
+    # A change of sign through zero is one crossing. Values that reach zero and return may have no root or two.
     through = changes == 2 and before == 0 and now == -first
     return changes < 2 or through, now, size
 

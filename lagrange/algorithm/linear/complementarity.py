@@ -31,7 +31,7 @@ def lemke(n: int, matrix: In, right: In, tableau: Out, basis: WholesOut, solutio
     `matrix` is M, of size n and stored by rows, and `right` is q. `tableau` is work memory for n rows of 2n + 2
     numbers, and `basis` for n numbers: the index of the variable that each row determines.
     """
-    artificial = 2 * n
+    artificial, width = 2 * n, 2 * n + 2
     begin(n, matrix, right, tableau, basis, solution)
     row, entering, pivots = lowest(n, right), artificial, 0
     is_solved = right[row] >= 0.0
@@ -46,7 +46,7 @@ def lemke(n: int, matrix: In, right: In, tableau: Out, basis: WholesOut, solutio
     for i in range(n):
         variable = basis[i]
         if variable >= n and variable < artificial:
-            solution[variable - n] = tableau[i * (2 * n + 2) + 2 * n + 1]
+            solution[variable - n] = tableau[i * width + width - 1]
     return is_solved
 
 
@@ -101,11 +101,11 @@ def leaving_row(n: int, tableau: Readable[float], basis: Readable[int], entering
     for i in range(n):
         pivot = tableau[i * width + entering]
         if pivot > NEGLIGIBLE * size:
-            least = smaller(least, tableau[i * width + 2 * n + 1] / pivot)
+            least = smaller(least, tableau[i * width + width - 1] / pivot)
     bound, row, largest = least + NEGLIGIBLE * larger(1.0, abs(least)), NO_ROW, 0.0
     for i in range(n):
         pivot = tableau[i * width + entering]
-        if pivot > NEGLIGIBLE * size and tableau[i * width + 2 * n + 1] / pivot <= bound:
+        if pivot > NEGLIGIBLE * size and tableau[i * width + width - 1] / pivot <= bound:
             weight = math.inf if basis[i] == 2 * n else pivot
             if weight > largest:
                 row, largest = i, weight

@@ -127,8 +127,8 @@ def reject(arguments: Running, cause: float, h: float, moved: bool, *, layout: L
 def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> bool:
     """Return True if the entry with the largest error in a trial step may be mere rounding of larger entries.
 
-    That is an entry whose tolerance is below `ROUNDED` times the largest entry of its kind, coordinate or
-    velocity. `work` has the old and the new state, and the errors. `floors` are the absolute tolerances.
+    Its tolerance is then below `ROUNDED` times the largest entry of its kind, coordinate or velocity. `work`
+    has the old and the new state, and the errors. `floors` are the absolute tolerances.
     """
     states, half = layout.step.states, layout.dimension // 2
     rounded, significant = 0.0, 0.0

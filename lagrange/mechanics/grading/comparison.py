@@ -40,8 +40,12 @@ from lagrange.statement.statement import Statement
 DRAWS = 1000  # Random points drawn to reach other branches; most of them cost one evaluation of the switches
 MOST = 16  # Largest number of states added to cover other branches
 
-# Most leading digits that a drawn entry shares with a number of the equations: it is then between 3 and 3.0001
 NEAREST = 8.0
+"""Largest number of leading digits that a drawn entry shares with a number of the equations.
+
+A branch that holds only between 3 and 3.0001 is then reached.
+"""
+
 Way = tuple[Any, int]  # A switch (such as a condition or Abs) and one of its outcomes
 
 

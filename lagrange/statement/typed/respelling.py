@@ -83,9 +83,10 @@ _RESPELLED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
         CONSEQUENCE,
     ),
 )
-"""Patterns of spellings, applied in this order, and what is written for each: groups in a template, or a function.
+"""Pairs of a pattern and its replacement, applied in this order.
 
-Blanks fill up the rest of the length. An empty template leaves only blanks.
+A replacement is a template with groups of the match, or a function of the match. Blanks fill up the rest of the length.
+An empty template leaves only blanks.
 """
 
 _PATTERNS = [(re.compile(pattern, re.MULTILINE | re.DOTALL), spelling) for pattern, spelling in _RESPELLED]
@@ -99,7 +100,7 @@ def respelled(text: str) -> str:
 
 
 def _written(match: re.Match[str], spelling: str | Callable[[re.Match[str]], str]) -> str:
-    """Return what replaces a match: the spelling, and blanks up to the same length."""
+    """Return the new text for a match: the spelling, and blanks up to the same length."""
     text = spelling(match) if callable(spelling) else match.expand(spelling)
     return text + blanks(match.group()[len(text) :])
 

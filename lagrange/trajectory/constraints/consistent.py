@@ -173,7 +173,7 @@ def violation(
         return ""
     units, q = units_of(at.metric(y)), y[model.layout.q]
     positions, rates = (residuals.of_part(part, t, y, parameters, units) for part in (0, 1))
-    # Where a pendulum turns around, velocities, and so all terms that contain them, are errors of the run.
+    # At a turning point, as of a pendulum, velocities are errors of the run, and so are all terms that contain them.
     at_turn = np.abs(rates.values) <= LARGEST_VIOLATION * (np.abs(rates.gradient) @ fastest)
     if positions.largest <= LARGEST_VIOLATION and at_turn.all():
         return ""

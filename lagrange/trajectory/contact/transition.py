@@ -214,8 +214,8 @@ class Transitions:
         """Return the forces, or impulses, of contacts at rest in `touch`, and the rows to which they belong.
 
         `laws` has the friction of each of these contacts by its index. `bias` (rows,) are the rates without these
-        forces. Raises `Undetermined` if there is no solution, or more than one: its message says `what` is
-        undetermined, "motion" or "impact".
+        forces. Raises `Undetermined` if there is no solution, or more than one. `what` is "motion" or "impact",
+        for its message.
         """
         kin = self.kinematics
         rows = [row for i, law in laws.items() for row in kin.rows[i][: 1 + law.components]]

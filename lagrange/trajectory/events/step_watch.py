@@ -93,7 +93,7 @@ class StepWatch(EventLog):
         # The last reset of the state: how many there were, its time, and the number of steps before it.
         self.jumps, self.changed, self._changed_at = 0, problem.t0, 0
         self._intervals = ResetIntervals()
-        # How the present motion starts; None after its first step.
+        # The start of the present motion; None after its first step.
         self._start: MotionStart | None = MotionStart(first=True)
         # By event: the side of zero before the next step; values at a start at zero, which are subtracted; sizes of
         # values that count as zero after a reset; and the events whose functions stay zero.
