@@ -360,7 +360,7 @@ def test_many_angles_share_a_function() -> None:
     few, many = (series_program(euler_lagrange(many_angles(count).statement))[0] for count in (40, most))
     jets = [CompiledJet(pack(program, lanes()), 0) for program in (few, many)]
     assert "@sine_and_cosine_8" not in jets[0].ir
-    assert jets[1].ir.count("call { <8 x double>, <8 x double> } @sine_and_cosine_8") == most // 8
+    assert jets[1].ir.count("call {<8 x double>, <8 x double>} @sine_and_cosine_8") == most // 8
     y, none = np.array([0.3, 0.1]), np.empty(0)
     expected = NumpySeries(many).rows(6, 0.0, y, 0.01, none)
     # Sums of 108 terms of either sign, in another order: a few hundred rounding errors of the largest.
