@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.errors import StatementError
 from lagrange.machine.state import DriverState
 from lagrange.statement.expression import real_array
@@ -21,6 +22,9 @@ from lagrange.trajectory.trajectory import FloatArray
 
 SPAN_ROUND_OFF = 1e-12
 """Output times beyond an end of the span by less than this relative amount are set to that end."""
+
+SPARE_ROWS = WIDEST_VECTOR // 2
+"""Rows of memory behind those of a driver call. A row has at least two numbers, and is written in whole vectors."""
 
 PathOf = Callable[[FloatArray, FloatArray], StepPath]
 """Function that returns the dense output through accepted times (S+1,) and states (S+1, 2n)."""
@@ -54,7 +58,8 @@ class AcceptedStates:
         self.discontinuities: Discontinuities | None = None
         self.passed: Discontinuity | None = None
         self.switches: TimeSwitches | None = None
-        self._looked_at = 1
+        self._looked_at, self._calls = 1, 0
+        self._times, self._rows = self.parts[0].times[:0], self.parts[0].states[:0]
         self._begin, self._each = self.parts[0], 8 * (len(y) + 1)
         self._sizes: FloatArray | None = None
 
@@ -67,18 +72,27 @@ class AcceptedStates:
         """Append the state y (2n,) that the motion reached by a jump at time t, without a step."""
         self.parts.append(Part(np.array([t]), y[None].copy(), self.parts[-1].call))
 
-    def collect(self, state: DriverState, times: FloatArray, rows: FloatArray, call: int) -> None:
-        """Store the accepted times and states that call number `call` of the driver wrote to `times` and `rows`.
+    def begin_call(self, budget: int) -> tuple[FloatArray, FloatArray]:
+        """Return memory for the times and states that the next call of the driver accepts, at most `budget` steps.
 
-        A second call for the same number does nothing. Ctrl-C may cause that second call.
+        A reset is a row, too: a turn of the driver's loop writes a step or a reset, and then the last step.
         """
-        written = state.count(DriverState.ROWS)
-        if written and self.parts[-1].call < call:
+        self._times, self._rows = np.empty(budget + 1), np.empty((budget + 1 + SPARE_ROWS, self._rows.shape[1]))
+        self._calls += 1
+        return self._times, self._rows
+
+    def collect(self, state: DriverState) -> None:
+        """Store the accepted times and states that the last call of the driver wrote.
+
+        A second time for the same call does nothing. Ctrl-C may cause it.
+        """
+        written, times, rows = state.count(DriverState.ROWS), self._times, self._rows
+        if written and self.parts[-1].call < self._calls:
             # A view of a few rows would keep the memory of all rows.
             short = 2 * written < len(times)
             t, y = times[:written], rows[:written]
             self.bytes += t.nbytes + y.nbytes if short else times.nbytes + rows.nbytes
-            self.parts.append(Part(t.copy() if short else t, y.copy() if short else y, call))
+            self.parts.append(Part(t.copy() if short else t, y.copy() if short else y, self._calls))
 
     def follow(self, *, last: bool = False) -> None:
         """Evaluate the states at the output times on the steps since the last call.

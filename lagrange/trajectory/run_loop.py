@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -45,7 +46,7 @@ from lagrange.trajectory.integrator import Problem, memory_limit
 from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.pace import Pace, compiled_late, limiting_entry
 from lagrange.trajectory.paths.step_paths import MotionsPath, OutputPath, StepPath
-from lagrange.trajectory.plan import PathFunction, Plan, Planned, PreparedPlan, StepPlan, Watcher, prepared
+from lagrange.trajectory.plan import IdleDriver, PathFunction, Plan, Planned, PreparedPlan, StepPlan, Watcher, prepared
 from lagrange.trajectory.sizes import raise_to_noise, survey
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -72,10 +73,10 @@ _STATUS = {
 
 
 NOTHING = np.empty(0)
-"""Times and states before the first call of the driver: empty."""
+"""The times of an event that was not found: empty."""
 
-GOES_ON, REACHED = EventResult(), EventResult(Status.SUCCESS)
-"""Results of a driver call without events: continue; or the end is reached."""
+GOES_ON, PASSED, REACHED = EventResult(), EventResult(jumped=True), EventResult(Status.SUCCESS)
+"""Results of a driver call without events: continue; continue after a switch of the forces; the end is reached."""
 
 
 def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
@@ -130,42 +131,25 @@ def not_begun(problem: Problem, name: str, cause: str) -> Trajectory:
 
 def _driven(problem: Problem, prepared_plan: PreparedPlan, name: str) -> Trajectory:
     began = time.perf_counter()
-    plan, parameters = prepared_plan.plan, problem.parameter_array
-    tolerances, idle = plan.tolerances, prepared_plan.take(problem)
-    state = tolerances.begin(problem.t0, problem.t1, problem.y0) if idle is None else idle.state
-    if problem.largest is not None:
-        np.maximum(state.floors, state.reals[DriverState.SHARE] * problem.largest, out=state.floors)
-    if problem.model.equations.settled and isinstance(plan, StepPlan):
-        # The motion does not depend on these velocities. They may jump within a step, whose end is projected.
-        state.floors[problem.model.equations.following] = np.inf
-    alone = problem.t_eval is not None and (plan.writes_outputs or isinstance(plan, StepPlan))
-    if problem.t_eval is not None and plan.writes_outputs:
-        state.outputs = Outputs(problem.t_eval, len(problem.y0))
-    rows = AcceptedStates(problem.t0, problem.y0, outputs_alone=alone)
-    if may_be_discontinuous(problem.model):
-        rows.discontinuities = Discontinuities(problem.model, parameters, problem.t1 - problem.t0)
-    run = _Run(problem, plan, name, state, rows, began)
+    idle = prepared_plan.take(problem)
+    run = _at_start(problem, prepared_plan.plan, name, idle, began)
     # An idle driver has run with these parameters: a constant mass matrix is the same as then.
     inert = idle is None or not problem.model.equations.structure.constant_mass
-    status, sentence = _check_first_slope(problem, name, parameters, inertia=inert)
-    detail = ""
+    status, sentence = _check_first_slope(problem, name, problem.parameter_array, inertia=inert)
+    steps, detail = None, ""
     if status is None and (late := compiled_late(problem)):
-        status, sentence = Status.MAX_WALL, message(Status.MAX_WALL, problem, state.t, state.y, name, cause=late)
+        status = Status.MAX_WALL
+        sentence = message(status, problem, run.state.t, run.state.y, name, cause=late)
     if status is None:
         try:
-            steps = plan.driver(problem.model, parameters) if idle is None else idle.driver
-            run.watch = watch = plan.watch(problem, steps, None if idle is None else idle.memory)
-            if isinstance(plan, StepPlan) and tolerances.rtol:
-                rows.switches = TimeSwitches.of(problem, state, watch if isinstance(watch, StepWatch) else None)
-            if problem.t_eval is not None and isinstance(plan, StepPlan):
-                rows.followed = plan.followed(problem, problem.t_eval, rows.switches or watch)
+            steps = run.plan.driver(problem.model, problem.parameter_array) if idle is None else idle.driver
+            run.watch_events(steps, None if idle is None else idle.memory)
             late = compiled_late(problem)
             # Compilation serves many runs and is not counted.
             preparation_ends()
             run.began = time.perf_counter()
             per_call = max(FIRST_STEPS_PER_CALL, prepared_plan.steps if idle is None else idle.steps)
-            driver = EventDriver(steps, watch) if isinstance(watch, StepWatch) else steps
-            status, detail = (Status.MAX_WALL, late) if late else run.advance_to_end(driver, per_call)
+            status, detail = (Status.MAX_WALL, late) if late else run.advance_to_end(steps, per_call)
         except SingularMassMatrix:
             status, detail = Status.SINGULAR, ""
     try:
@@ -173,10 +157,29 @@ def _driven(problem: Problem, prepared_plan: PreparedPlan, name: str) -> Traject
     except KeyboardInterrupt:
         # Ctrl-C was pressed after the last step. Finish the trajectory again, without an explanation of its end.
         trajectory = run.ended(Status.INTERRUPTED, "", "")
-    if trajectory.status is Status.SUCCESS:
+    if steps is not None and trajectory.status is Status.SUCCESS:
         tried = min(trajectory.steps + trajectory.rejected + 2, MOST_STEPS_PER_CALL)
-        prepared_plan.give(problem, idle, steps, state, tried if trajectory.wall < SECONDS_PER_CALL else 0, run.watch)
+        tried = tried if trajectory.wall < SECONDS_PER_CALL else 0
+        prepared_plan.give(problem, idle, steps, run.state, tried, run.watch)
     return trajectory
+
+
+def _at_start(problem: Problem, plan: Plan, name: str, idle: IdleDriver | None, began: float) -> _Run:
+    """Return the run before its first step. It advances the state of the driver `idle`, or a new state."""
+    tolerances, equations = plan.tolerances, problem.model.equations
+    state = tolerances.begin(problem.t0, problem.t1, problem.y0) if idle is None else idle.state
+    if problem.largest is not None:
+        np.maximum(state.floors, state.reals[DriverState.SHARE] * problem.largest, out=state.floors)
+    if equations.settled and isinstance(plan, StepPlan):
+        # The motion does not depend on these velocities. They may jump within a step, whose end is projected.
+        state.floors[equations.following] = np.inf
+    alone = problem.t_eval is not None and (plan.writes_outputs or isinstance(plan, StepPlan))
+    if problem.t_eval is not None and plan.writes_outputs:
+        state.outputs = Outputs(problem.t_eval, len(problem.y0))
+    rows = AcceptedStates(problem.t0, problem.y0, outputs_alone=alone)
+    if may_be_discontinuous(problem.model):
+        rows.discontinuities = Discontinuities(problem.model, problem.parameter_array, problem.t1 - problem.t0)
+    return _Run(problem, plan, name, state, rows, began)
 
 
 def _check_first_slope(
@@ -221,54 +224,47 @@ class _Run:
     began: float
     watch: Watcher | None = None
 
+    def watch_events(self, driver: Driver, memory: Any) -> None:
+        """Watch events, times at which forces switch, and output times on the steps of `driver`.
+
+        `memory` is the memory of the watcher of events in a former run by this driver, which is used again, or None.
+        """
+        problem, plan, rows = self.problem, self.plan, self.rows
+        self.watch = watch = plan.watch(problem, driver, memory)
+        if not isinstance(plan, StepPlan):
+            return
+        if plan.tolerances.rtol:
+            rows.switches = TimeSwitches.of(problem, self.state, watch if isinstance(watch, StepWatch) else None)
+        if problem.t_eval is not None:
+            rows.followed = plan.followed(problem, problem.t_eval, rows.switches or watch)
+
     def advance_to_end(self, driver: Driver, per_call: int) -> tuple[Status, str]:
         """Advance the run to its end; return its status and cause. The first driver call takes `per_call` steps."""
-        problem, state, rows, watch = self.problem, self.state, self.rows, self.watch
-        limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
-        times, states, call, pace = NOTHING, NOTHING, 0, Pace(problem)
-        result = GOES_ON if watch is None else watch.begin(state)
+        problem, state, rows, pace = self.problem, self.state, self.rows, Pace(self.problem)
+        advance = (EventDriver(driver, self.watch) if isinstance(self.watch, StepWatch) else driver).advance
+        result = GOES_ON if self.watch is None else self.watch.begin(state)
         try:
             while True:
-                while result.smooth and isinstance(watch, SeriesWatch) and (onwards := watch.continue_past(state)):
-                    result = onwards
-                    if result.jumped:
-                        rows.add(state.t, state.y)
-                stuck = result.status is Status.STEP_TOO_SMALL and result.smooth
-                if stuck and not np.isfinite(self.slope_ahead()).all():
-                    return Status.NON_FINITE, ""
-                if result.status is not None:
-                    return result.status, result.detail
-                left = problem.max_steps - (tries := counts[DriverState.STEPS] + counts[DriverState.REJECTED])
-                if state.t != problem.t1 and left <= 0:
-                    return Status.MAX_STEPS, ""
-                if problem.max_wall is not None and time.perf_counter() - self.began > problem.max_wall:
-                    return Status.MAX_WALL, ""
-                room = rows.make_room(limit - state.kept)
+                result = self.past_points_without_series(result)
+                if (end := self.end_after(result) or self.limit_reached()) is not None:
+                    return end
+                room = rows.make_room(memory_limit(problem) - state.kept)
                 if state.t != problem.t1 and room <= 0:
                     return Status.MAX_MEMORY, events_fill(problem) if rows.dropped else ""
-                budget = min(per_call, left, room, pace.next_look - tries) if left > 0 and room > 0 else 1
-                # Resets are rows, too: each turn of the driver's loop writes a step or a reset, and finally the last
-                # step.
-                times, states = np.empty(budget + 1), np.empty((budget + 5, dimension))
-                counts[DriverState.ROWS] = 0
-                call += 1
+                # At the end time one more step is allowed, with which the driver reports that it is done.
+                left = max(min(problem.max_steps - state.tries, room), 1)
+                budget = min(per_call, left, pace.next_look - state.tries)
+                state.integers[DriverState.ROWS] = 0
+                times, states = rows.begin_call(budget)
                 before = time.perf_counter()
-                outcome = driver.advance(state, budget, times, states)
-                rows.collect(state, times, states, call)
+                outcome = advance(state, budget, times, states)
+                rows.collect(state)
                 if (passed := rows.discontinuity()) is not None:
                     self.record_events()
                     return Status.SINGULAR, passed.what
-                if outcome is Outcome.DONE and rows.switches is not None and rows.switches.passes(state):
+                result = self.after_call(outcome, pace)
+                if result.jumped:
                     rows.add(state.t, state.y)
-                    result = GOES_ON
-                elif watch is not None and (outcome in (Outcome.WATCHED, Outcome.DONE) or watch.is_due(state)):
-                    result = watch.end(state) if outcome is Outcome.DONE else watch.process(state)
-                    if result.jumped:
-                        rows.add(state.t, state.y)
-                elif outcome is Outcome.DONE:
-                    result = REACHED
-                else:
-                    result = pace.look(state, rows.parts, self.after_call(outcome))
                 seconds = time.perf_counter() - before
                 if seconds < SECONDS_PER_CALL:
                     growth = MOST_GROWTH if MOST_GROWTH * seconds < SECONDS_PER_CALL else 2
@@ -276,16 +272,59 @@ class _Run:
                 if problem.progress is not None:
                     problem.progress(state.t)
         except KeyboardInterrupt:
-            rows.collect(state, times, states, call)
+            rows.collect(state)
             self.record_events()
             return Status.INTERRUPTED, ""
+
+    def past_points_without_series(self, result: EventResult) -> EventResult:
+        """Return the result of continuing a run by series past points at which the motion has no Taylor series.
+
+        `result` is that of the last driver call. It is returned if the run is at no such point.
+        """
+        while result.smooth and isinstance(self.watch, SeriesWatch) and (past := self.watch.continue_past(self.state)):
+            result = past
+            if result.jumped:
+                self.rows.add(self.state.t, self.state.y)
+        return result
+
+    def end_after(self, result: EventResult) -> tuple[Status, str] | None:
+        """Return the status and cause of a run that ends with `result`, that of the last driver call, or None."""
+        stuck = result.status is Status.STEP_TOO_SMALL and result.smooth
+        if stuck and not np.isfinite(self.slope_ahead()).all():
+            return Status.NON_FINITE, ""
+        return None if result.status is None else (result.status, result.detail)
+
+    def limit_reached(self) -> tuple[Status, str] | None:
+        """Return the status of a run that has taken `max_steps` steps or `max_wall` seconds, and no cause, or None."""
+        problem, state = self.problem, self.state
+        if state.t != problem.t1 and state.tries >= problem.max_steps:
+            return Status.MAX_STEPS, ""
+        if problem.max_wall is not None and time.perf_counter() - self.began > problem.max_wall:
+            return Status.MAX_WALL, ""
+        return None
 
     def record_events(self) -> None:
         """Record the events on all accepted steps when the loop ends early, for example by Ctrl-C."""
         if self.watch is not None:
             self.watch.is_due(self.state)
 
-    def after_call(self, outcome: Outcome) -> EventResult:
+    def after_call(self, outcome: Outcome, pace: Pace) -> EventResult:
+        """Return the result of a driver call that stopped with `outcome`: whether the run goes on, ends, or jumped.
+
+        Events on the steps of the call are handled here.
+        """
+        state, watch, switches = self.state, self.watch, self.rows.switches
+        if outcome is Outcome.DONE and switches is not None and switches.passes(state):
+            return PASSED
+        if watch is not None and outcome is Outcome.DONE:
+            return watch.end(state)
+        if watch is not None and (outcome is Outcome.WATCHED or watch.is_due(state)):
+            return watch.process(state)
+        if outcome is Outcome.DONE:
+            return REACHED
+        return pace.look(state, self.rows.parts, self.without_event(outcome))
+
+    def without_event(self, outcome: Outcome) -> EventResult:
         """Return whether and how the run ends after a driver call that stopped with `outcome`, but not for an event.
 
         If the driver needs larger floors (least absolute tolerances), they are raised, and the run continues.
