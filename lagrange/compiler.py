@@ -36,9 +36,9 @@ from lagrange.program.switching import Switched
 from lagrange.program.taylor import series_program
 from lagrange.recipes.model import Model
 from lagrange.show.files.loaded_run import loaded_run
+from lagrange.statement.display import announced
 from lagrange.statement.expression import one_of
 from lagrange.statement.given.function import require_formulas, with_inputs
-from lagrange.statement.progress import announced
 from lagrange.statement.run_settings import PreparationTooLongError, check_time
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.projection import Projection

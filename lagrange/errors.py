@@ -1,4 +1,4 @@
-"""The exceptions of the package, named after their cause: the statement, a scene file, or the run."""
+"""The exceptions of the package, named after their cause, and words for messages: lists, types, close names."""
 
 from __future__ import annotations
 

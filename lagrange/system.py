@@ -19,9 +19,9 @@ from lagrange.show.notebook.shown_derivation import ShownDerivation, system_page
 from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare
+from lagrange.statement.display import announced
 from lagrange.statement.expression import ByName, flag
 from lagrange.statement.given.function import require_values
-from lagrange.statement.progress import announced
 from lagrange.statement.scene.library import load as library_scene
 from lagrange.statement.scene.scene_reader import read_scene, stored_statement
 from lagrange.statement.scene.writer import scene_text

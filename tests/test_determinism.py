@@ -15,7 +15,7 @@ import pytest
 from sympy import Abs, Max, Min, Piecewise, cos
 
 import lagrange as lg
-from lagrange.algorithm.step.loops import steps_of
+from lagrange.algorithm.step.error_control import steps_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm.called import called_ir

@@ -38,7 +38,7 @@ STAGES = (
 TOP = len(STAGES)
 """Where lagrange itself and the modules beside it stand: compiler, system, run, cli and the like."""
 TABLES = (
-    "lagrange", "lagrange.__main__", "lagrange.compiler", "lagrange.statement.progress", "lagrange.export.target",
+    "lagrange", "lagrange.__main__", "lagrange.compiler", "lagrange.statement.display", "lagrange.export.target",
     "lagrange.export.languages",
 )  # fmt: skip
 """Modules that load others by name: public names, command line, machines, pages of results, languages of exports."""
@@ -94,7 +94,7 @@ def imports_of(tree: ast.AST, modules: Modules) -> Iterator[tuple[str, int]]:
 
 
 TYPES_ALONE = {
-    "lagrange.graph.functions": "lagrange.graph.node",
+    "lagrange.graph.derivative_rules": "lagrange.graph.node",
     "lagrange.procedure.values": "lagrange.procedure.builder",
     "lagrange.machine.llvm.vectors": "lagrange.machine.llvm.procedures",
     "lagrange.show.race": "lagrange.show.race",

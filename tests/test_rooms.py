@@ -10,13 +10,13 @@ from tests.test_layering import ROOT, Modules, imports_of, package
 
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": (
-        *("backend", "calls", "copies", "taylor_event_memory"),
+        *("backend", "quick_calls", "copies", "taylor_event_memory"),
         *("parameters", "python_source", "state", "step_event_memory"),
     ),
     "machine entries": ("drivers", "llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "trajectory"),
-    "trajectory runs": ("ending_messages", "endings", "outputs", "pace", "plan", "run_loop", "sizes"),
-    "trajectory parts": ("parts",),
+    "trajectory runs": ("ending_messages", "endings", "outputs", "plan", "run_loop", "sizes", "slow_runs"),
+    "trajectory segments": ("segments",),
     "trajectory entries": ("flow", "progress", "run", "solution"),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
@@ -56,18 +56,18 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
         *("machine records", "machine entries", "trajectory/constraints"),
         *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory runs"),
     ),
-    "trajectory parts": (
+    "trajectory segments": (
         *("trajectory/constraints", "trajectory/measures"),
         *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs"),
     ),
     "trajectory/contact": (
         *("machine records", "machine/kernel", "machine entries"),
-        *("trajectory records", "trajectory runs", "trajectory parts"),
+        *("trajectory records", "trajectory runs", "trajectory segments"),
     ),
     "trajectory entries": (
         *("machine records", "machine entries", "trajectory/constraints"),
         *("trajectory records", "trajectory runs"),
-        *("trajectory/methods", "trajectory/measures", "trajectory parts", "trajectory/contact"),
+        *("trajectory/methods", "trajectory/measures", "trajectory segments", "trajectory/contact"),
     ),
 }
 """Each room, in the order in which it is built, and the rooms that it knows. What a trajectory knows of the machine's

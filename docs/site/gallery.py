@@ -12,7 +12,7 @@ from stage import HERE, ROOT, write_changed
 from tutorials import STORED
 
 import lagrange as lg
-from lagrange.page.animation import Animation
+from lagrange.page.player import Animation
 from lagrange.statement.scene.library import LibraryScene, library
 
 SCENES = ROOT / "lagrange" / "scenes"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from lagrange.show.figures.paths import spring, view_of
 from lagrange.show.figures.style import COLOURS, DARK_COLOURS, colours
 from lagrange.statement.statement import SPRING, Link
-from lagrange.trajectory.measures.sampling import points_at
+from lagrange.trajectory.measures.times_and_points import points_at
 from lagrange.trajectory.solution import Solution
 
 Points = NDArray[np.float64]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from lagrange.procedure.front.plain import inline
+from lagrange.procedure.front.decorators import inline
 
 
 @inline

@@ -14,7 +14,7 @@ from lagrange.algorithm.blocks import whole_blocks
 from lagrange.algorithm.compensated import compensated
 from lagrange.algorithm.outcome import Outcome
 from lagrange.procedure.form import FLAG, REAL, Array, Callee
-from lagrange.procedure.front.plain import procedure
+from lagrange.procedure.front.decorators import procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, likely, reals, unlikely
 
 CORRECTIONS = Callee((REAL, Array(read=True), Array(read=True), Array()), (FLAG,))

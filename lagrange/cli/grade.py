@@ -14,7 +14,7 @@ from lagrange.cli.arguments import DONE, FAILED, Answer, add_command, add_json, 
 from lagrange.errors import StatementError
 from lagrange.show.files.atomic_file import check_place, write_atomically, write_rows
 from lagrange.show.terminal import columns_of_output
-from lagrange.statement.progress import counter, text_table
+from lagrange.statement.display import counter, text_table
 
 if TYPE_CHECKING:
     from lagrange.system import System

@@ -21,7 +21,7 @@ from lagrange.dynamics.runs import Runs
 from lagrange.machine.backend import FloatArray
 from lagrange.statement.coordinate import velocity_of
 from lagrange.statement.event import Event, event
-from lagrange.trajectory.measures.sampling import divided
+from lagrange.trajectory.measures.times_and_points import divided
 from lagrange.trajectory.trajectory import FloatArray as States
 from lagrange.trajectory.trajectory import Status, Trajectory, run_until
 

@@ -26,7 +26,7 @@ from lagrange.equations.textbook_algebra import StatedAlgebra, canonical, is_ide
 from lagrange.graph.evaluate import precise, values
 from lagrange.graph.node import Node
 from lagrange.statement.coordinate import t
-from lagrange.statement.sampling import SamplePoint, onto_constraints, random_points
+from lagrange.statement.random_states import SamplePoint, onto_constraints, random_points
 from lagrange.statement.statement import Statement
 
 SECOND = 2

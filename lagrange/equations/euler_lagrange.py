@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+from lagrange.equations.body_rates import Turning, turning
 from lagrange.equations.constraints import ConstraintEquations, check_rows, constraint_equations
 from lagrange.equations.decisions import StatedLaws
 from lagrange.equations.solve_plan import SolvePlan, eliminated, plan_of
 from lagrange.equations.structure import Structure, find_structure
-from lagrange.equations.turning import Turning, turning
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.evaluate import generic_rank

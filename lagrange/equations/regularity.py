@@ -34,7 +34,7 @@ from lagrange.graph.node import Node, reachable, substitute
 from lagrange.graph.term_size import term_sizes
 from lagrange.statement.coordinate import check_multipliers, constraint_of, multiplier
 from lagrange.statement.given.function import with_values
-from lagrange.statement.sampling import SAMPLE_KINDS, Sampler
+from lagrange.statement.random_states import SAMPLE_KINDS, Sampler
 from lagrange.statement.statement import REFUSE, Statement
 
 MOST_WRITTEN_OPERATIONS = 20_000_000

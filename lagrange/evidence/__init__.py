@@ -1,1 +1,1 @@
-"""Checks of results: compiled quantities against numerical derivatives of stated energies, and reference runs."""
+"""Checks of results: compiled numbers against numerical derivatives, work-precision, stability, and trusted times."""

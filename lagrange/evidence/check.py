@@ -16,6 +16,7 @@ import mpmath
 import sympy
 
 from lagrange.errors import StatementError, listing
+from lagrange.evidence.formula_comparison import solved_statement
 from lagrange.evidence.laws import ConstraintSurface
 from lagrange.evidence.precise import BeyondDoubles, OutsideDomain, Precise, all_ways, describe_way
 from lagrange.evidence.quick import quick_check
@@ -30,13 +31,12 @@ from lagrange.evidence.report import (
     entry_labels,
     is_finite,
 )
-from lagrange.evidence.sample import solved_statement
 from lagrange.machine.backend import MissingTargetError
 from lagrange.machine.model import Model, Stated
 from lagrange.statement.coordinate import acceleration_of, multiplier, t
 from lagrange.statement.expression import in_full, whole_number
+from lagrange.statement.random_states import DRAWS_PER_KIND, SAMPLE_KINDS, SamplePoint, Sampler
 from lagrange.statement.rotation import of_quaternions
-from lagrange.statement.sampling import DRAWS_PER_KIND, SAMPLE_KINDS, SamplePoint, Sampler
 from lagrange.statement.statement import Statement
 
 __all__ = ["check", "quick_check", "textbook_tape"]

@@ -10,7 +10,7 @@ import numpy as np
 import sympy
 
 from lagrange.evidence.precise import OutsideDomain, Precise
-from lagrange.statement.sampling import children, onto_constraints
+from lagrange.statement.random_states import children, onto_constraints
 from lagrange.statement.statement import Statement
 
 Numbers = list[Any]

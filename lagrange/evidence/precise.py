@@ -14,8 +14,8 @@ import sympy
 from mpmath import MPContext, libmp
 
 from lagrange.statement.coordinate import t as time
+from lagrange.statement.random_states import RELATIONS, children, children_first
 from lagrange.statement.run_settings import check_time
-from lagrange.statement.sampling import RELATIONS, children, children_first
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 

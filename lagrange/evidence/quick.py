@@ -25,13 +25,13 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import FAULT, RunError
+from lagrange.evidence.formula_comparison import sampled_statement
 from lagrange.evidence.laws import DifferenceSteps, StatedConstraints, acceleration_level, along, central
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.report import LIMIT, TINY_ERROR, relative_error
-from lagrange.evidence.sample import sampled_statement
 from lagrange.machine.model import Model
-from lagrange.statement.sampling import SamplePoint, Sampler, holds, random_points
+from lagrange.statement.random_states import SamplePoint, Sampler, holds, random_points
 from lagrange.statement.statement import Statement
 
 DIGITS_OF_TEST = 50

@@ -33,7 +33,7 @@ from lagrange.evidence.laws import (
 )
 from lagrange.evidence.precise import BeyondDoubles, Precise
 from lagrange.evidence.report import ReferenceEntries
-from lagrange.statement.sampling import SamplePoint
+from lagrange.statement.random_states import SamplePoint
 from lagrange.statement.statement import Statement
 
 REFERENCE_DIGITS = 90

@@ -18,8 +18,8 @@ from lagrange.evidence.laws import Numbers
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.statement.progress import ShownAsPage, text_table
-from lagrange.statement.sampling import SamplePoint
+from lagrange.statement.display import ShownAsPage, text_table
+from lagrange.statement.random_states import SamplePoint
 from lagrange.statement.statement import Statement
 
 

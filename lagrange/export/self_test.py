@@ -15,7 +15,7 @@ from lagrange.export.module import Check, ExportedIntegrator, StepCheck
 from lagrange.machine.python_source import loaded
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
-from lagrange.statement.sampling import SampleKind, Sampler
+from lagrange.statement.random_states import SampleKind, Sampler
 from lagrange.statement.statement import Statement
 
 STATES = 6  # Number of states of each test, the initial state among them if the quantity has values there

@@ -17,7 +17,7 @@ from lagrange.export.descriptions import ascii_name, distinct, indices
 from lagrange.export.elimination import ROWS, Statements, body, factored, solved
 from lagrange.export.module import ExportedQuantity, SourceModule
 from lagrange.export.target import SOLVED
-from lagrange.graph.functions import CONDITIONS as FLAGS
+from lagrange.graph.derivative_rules import CONDITIONS as FLAGS
 from lagrange.procedure.form import FLAG, REAL
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.procedure.source_printer import LONGEST_VALUE

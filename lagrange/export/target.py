@@ -15,8 +15,8 @@ from lagrange.export.descriptions import distinct
 from lagrange.export.languages import ALIASES, TARGETS
 from lagrange.export.module import SourceModule
 from lagrange.show.notebook.html_card import table
+from lagrange.statement.display import text_table
 from lagrange.statement.expression import one_of
-from lagrange.statement.progress import text_table
 
 QUANTITIES = (
     *("rhs", "accelerations", "energy", "energies", "jacobian", "mass_matrix", "momenta", "multipliers", "positions"),

@@ -1,1 +1,1 @@
-"""Expression graph with interned nodes, and its derivatives."""
+"""The expression graph, whose equal nodes are one object: derivatives, evaluation, and the way from and to SymPy."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from lagrange.graph.branches import Domains
-from lagrange.graph.functions import FUNCTIONS
+from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.node import Graph, Kind, Node, exact, reachable
 
 Partial = tuple[int, Node]  # Index of an argument, and the partial derivative of the node in it

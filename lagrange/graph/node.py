@@ -17,7 +17,7 @@ from operator import attrgetter, itemgetter
 from typing import Any, TypeAlias
 
 from lagrange.errors import StatementError
-from lagrange.graph.functions import EVEN, EXACT, FOLDS, FUNCTIONS, ODD
+from lagrange.graph.derivative_rules import EVEN, EXACT, FOLDS, FUNCTIONS, ODD
 from lagrange.statement.run_settings import CHECKED_EVERY, check_time
 
 Exact: TypeAlias = int | Fraction

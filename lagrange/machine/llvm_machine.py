@@ -16,7 +16,7 @@ from lagrange.algorithm.events.loop import event_steps
 from lagrange.algorithm.events.samples import work_size
 from lagrange.algorithm.members.queue import LANE
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
-from lagrange.algorithm.step.loops import steps_of
+from lagrange.algorithm.step.error_control import steps_of
 from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import RunError
 from lagrange.machine.backend import Callback, DensePath, FloatArray, SingularMassMatrix

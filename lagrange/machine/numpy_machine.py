@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from lagrange.algorithm.dense.block import StepPolynomial
-from lagrange.algorithm.step.loops import steps_of
+from lagrange.algorithm.step.error_control import steps_of
 from lagrange.algorithm.step.memory import Layout
 from lagrange.machine.backend import Callback, FloatArray, Kernel
 from lagrange.machine.dense.interpreted_dense import NumpyDense, write_steps

@@ -30,11 +30,11 @@ from lagrange.mechanics.symmetries import (
     untaken,
 )
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
+from lagrange.statement.display import ShownAsPage
 from lagrange.statement.expression import ByName, check_once, expression, in_full, one_of, refusing_deep
 from lagrange.statement.parameters import Survey, in_own_parameters, label_of
-from lagrange.statement.progress import ShownAsPage
+from lagrange.statement.random_states import SamplePoint, random_points, usable
 from lagrange.statement.rotation import AXES
-from lagrange.statement.sampling import SamplePoint, random_points, usable
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.trajectory import FloatArray

@@ -25,9 +25,9 @@ from lagrange.mechanics.reduction import rewritten
 from lagrange.mechanics.roots import STARTS, numeric_roots, solved
 from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
 from lagrange.statement.coordinate import coordinate_of, rotation_name, t, velocity_of
+from lagrange.statement.display import ShownAsPage
 from lagrange.statement.expression import check_once, expression
 from lagrange.statement.parameters import label_of, table_of
-from lagrange.statement.progress import ShownAsPage
 from lagrange.statement.rotation import AXES, Rotation, rotation_of, split_rates
 from lagrange.statement.space import cross_matrix, matrix_of, product, quaternion_of
 from lagrange.statement.statement import Statement

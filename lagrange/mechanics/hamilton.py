@@ -12,7 +12,7 @@ import sympy
 
 from lagrange.equations.solve_plan import coupled_blocks
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.sample import LARGEST_ERROR, compared
+from lagrange.evidence.formula_comparison import LARGEST_ERROR, compared
 from lagrange.machine.model import Model
 from lagrange.mechanics.plain_form import (
     FORMULA_DIGITS,
@@ -27,11 +27,11 @@ from lagrange.mechanics.plain_form import (
 from lagrange.mechanics.reduction import with_origin
 from lagrange.statement.coordinate import coordinate_of, velocity_of
 from lagrange.statement.declare import declare
+from lagrange.statement.display import ShownAsPage
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.expression import refusing_deep
 from lagrange.statement.parameters import Survey, in_own_parameters
-from lagrange.statement.progress import ShownAsPage
-from lagrange.statement.sampling import SamplePoint, holds, random_points
+from lagrange.statement.random_states import SamplePoint, holds, random_points
 from lagrange.statement.statement import Statement
 
 LARGEST_COUPLED_BLOCK = 4

@@ -13,15 +13,15 @@ import sympy
 
 from lagrange.equations.regularity import known_statement
 from lagrange.errors import FAULT, RunError, StatementError, formula, listing
-from lagrange.evidence.sample import agrees, compared
+from lagrange.evidence.formula_comparison import agrees, compared
 from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.expansion import INPUT_REMEDY, StatedPoint, stated_point, with_inputs_as_parameters
 from lagrange.mechanics.plain_form import Shortener, in_decimals, numeric, simplest, vanishes_in_symbols
 from lagrange.mechanics.small_changes import SmallChanges, small_changes
 from lagrange.statement.coordinate import t
+from lagrange.statement.display import ShownAsPage, announced
 from lagrange.statement.given.function import require_values
-from lagrange.statement.progress import ShownAsPage, announced
-from lagrange.statement.sampling import SamplePoint
+from lagrange.statement.random_states import SamplePoint
 from lagrange.statement.statement import Statement
 
 

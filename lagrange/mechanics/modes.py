@@ -31,7 +31,7 @@ from lagrange.mechanics.plain_form import (
 )
 from lagrange.mechanics.stability import REAL_PART, first_order_matrix, has_inertia, matrix_values, stability_of
 from lagrange.statement.coordinate import name_of, t
-from lagrange.statement.progress import ShownAsPage
+from lagrange.statement.display import ShownAsPage
 
 LARGEST_SYMBOLIC = 4
 """Largest number of coordinates for symbolic frequencies; the characteristic polynomial of five fills pages."""

@@ -1,4 +1,4 @@
-"""Energies and equations of a statement in plain real symbols, and short forms of expressions."""
+"""Energies and equations of a statement in plain real symbols, their short forms, and tests that one is zero."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lagrange.equations.terms import Algebra, TooLargeError, differentiable, pri
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import acceleration_of, t
 from lagrange.statement.given.motion import motion_of
-from lagrange.statement.sampling import ALL_KINDS, MOST_DRAWS, SampleKind, SamplePoint, holds, random_points
+from lagrange.statement.random_states import ALL_KINDS, MOST_DRAWS, SampleKind, SamplePoint, holds, random_points
 from lagrange.statement.statement import Statement
 
 LONGEST_FACTORED = 400

@@ -18,8 +18,8 @@ from lagrange.statement.expression import TYPED_ROUNDING, check_once, expression
 from lagrange.statement.given.function import given as given_function
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.parameters import Survey, coordinate_name, in_own_parameters, label_of
+from lagrange.statement.random_states import NEAR_INITIAL
 from lagrange.statement.rotation import rotation_of
-from lagrange.statement.sampling import NEAR_INITIAL
 from lagrange.statement.statement import Constraint, Statement
 
 

@@ -16,7 +16,7 @@ from scipy.integrate import quad_vec
 
 from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import RunError, StatementError, listing, shown
-from lagrange.evidence.sample import compared
+from lagrange.evidence.formula_comparison import compared
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.mechanics.hamilton import half_square, inverse

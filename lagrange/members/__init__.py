@@ -1,1 +1,1 @@
-"""Ensembles: values that vary between members, and runs of members in vector lanes, on threads and in processes."""
+"""Ensembles: values that vary between members, runs in vector lanes, threads and processes, results and their store."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
-from lagrange.members.keep import STATUS, Column
+from lagrange.members.kept_results import STATUS, Column
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 STATUSES = tuple(Status)
@@ -34,7 +34,7 @@ class Starts:
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """The results of m members: `columns` by name, each with m rows. `lagrange.members.keep` defines the columns.
+    """The results of m members: `columns` by name, each with m rows. `kept_results` defines the columns.
 
     `messages` maps the index of each member that did not succeed, counted in this chunk, to the message of its run.
     """

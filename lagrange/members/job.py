@@ -1,4 +1,4 @@
-"""The data that all members of an ensemble share and other processes receive, and runs of chunks of members."""
+"""A job: what all members of an ensemble share, pickled for other processes, and the run of a chunk of members."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.members.chunk import INTERRUPTED, Ends, Starts, Stopped
-from lagrange.members.keep import Column, Keep
+from lagrange.members.kept_results import Column, Keep
 from lagrange.members.lanes import LaneEngine, lane_engine
 from lagrange.members.singly import BY_FLOW, Explained, FlowEngine, RunEngine
 from lagrange.members.table import MemberTable

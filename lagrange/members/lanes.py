@@ -33,7 +33,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.step_event_memory import Reaction
 from lagrange.machine.taylor_event_memory import EventMemory
 from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
-from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, Reduction, event_states, event_times
+from lagrange.members.kept_results import DRIFT, OUTPUTS, STATE, STATUS, TIME, Reduction, event_states, event_times
 from lagrange.members.singly import Energies, RunEngine
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.interpreter import run as interpret

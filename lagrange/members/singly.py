@@ -12,7 +12,7 @@ from lagrange.algorithm.members.queue import COUNTED
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.machine.model import Model
 from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
-from lagrange.members.keep import (
+from lagrange.members.kept_results import (
     DRIFT,
     OUTPUTS,
     STATE,

@@ -23,8 +23,17 @@ import numpy as np
 from lagrange.errors import RunError, StatementError, shown
 from lagrange.members.chunk import INTERRUPTED, STATUSES, Ends, Results
 from lagrange.members.job import Job
-from lagrange.members.keep import OUTPUT_TIME, OUTPUTS, STATE, STATUS
-from lagrange.members.origin import BLOCK, CHECKSUM, MEMBER, VARIABLE, difference, origin, start_name, stored_names
+from lagrange.members.kept_results import OUTPUT_TIME, OUTPUTS, STATE, STATUS
+from lagrange.members.store_description import (
+    BLOCK,
+    CHECKSUM,
+    MEMBER,
+    VARIABLE,
+    difference,
+    origin,
+    start_name,
+    stored_names,
+)
 from lagrange.members.table import MemberTable
 
 if sys.platform != "win32":

@@ -1,1 +1,1 @@
-"""The web page of a system: one HTML file that computes the motion in JavaScript and draws it."""
+"""HTML pages: a system whose motion the page computes in JavaScript, and the player of a recorded run."""

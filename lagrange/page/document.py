@@ -26,7 +26,7 @@ from lagrange.show.notation.text import UnicodeNotation, plain_text
 from lagrange.show.units import energy_unit, length_unit, unit_of
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.statement import Statement, corners
-from lagrange.trajectory.measures.sampling import fixed_points
+from lagrange.trajectory.measures.times_and_points import fixed_points
 
 TARGET = "javascript"
 

@@ -17,7 +17,6 @@ from lagrange.dynamics.axes import TURN, angles
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import RunError, StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
-from lagrange.page.animation import animate
 from lagrange.page.document import (
     COMPUTED,
     ENERGIES,
@@ -38,6 +37,7 @@ from lagrange.page.document import (
     rate_of,
     template,
 )
+from lagrange.page.player import animate
 from lagrange.show.derivation_page import HtmlPage
 from lagrange.show.figures.style import style_of
 from lagrange.show.files.atomic_file import write_atomically

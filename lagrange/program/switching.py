@@ -16,7 +16,7 @@ from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 
 from lagrange.graph.branches import Domains, either, read_when, where_read
-from lagrange.graph.functions import CONDITIONS
+from lagrange.graph.derivative_rules import CONDITIONS
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable, rebuild
 
 SWITCHES = frozenset(("abs", "sign", "min", "max", "less", "less_equal", "equal"))

@@ -12,7 +12,7 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError
-from lagrange.graph.functions import CONDITIONS
+from lagrange.graph.derivative_rules import CONDITIONS
 from lagrange.graph.sympy_nodes import SPELLING
 from lagrange.machine.model import Model
 from lagrange.program.program import Instruction, Program, uses_of

@@ -1,1 +1,1 @@
-"""Output for people: solutions, plots, derivations, files."""
+"""Results for people: formulas, figures, animations, notebooks, cards, tables in a terminal, and files of runs."""

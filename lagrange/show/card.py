@@ -15,7 +15,7 @@ from lagrange.show.notebook.html_card import image, pairs
 from lagrange.show.terminal import duration
 from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import row_label
-from lagrange.statement.progress import text_table
+from lagrange.statement.display import text_table
 from lagrange.statement.rotation import quaternion_rows
 from lagrange.trajectory.solution import Solution
 

@@ -31,8 +31,8 @@ from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.notebook.page_writer import ExpressionTuple
 from lagrange.statement.contact import check_without_contacts
+from lagrange.statement.display import LINES, counter, text_table
 from lagrange.statement.expression import flag, flag_or_word, positive_number, real_number, whole_number
-from lagrange.statement.progress import LINES, counter, text_table
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.registry import find

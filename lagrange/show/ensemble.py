@@ -18,8 +18,17 @@ from numpy.typing import ArrayLike, NDArray
 from lagrange.errors import StatementError, UnknownKey, counted, listing, suggestion
 from lagrange.machine.model import Model, Stated
 from lagrange.members.chunk import INTERRUPTED, STATUSES, SUCCESS, MemberResults
+from lagrange.members.dispatch import (
+    Collector,
+    ExecutorRunner,
+    Runner,
+    ThreadRunner,
+    results_in_memory,
+    run_members,
+    threads_of,
+)
 from lagrange.members.job import Job
-from lagrange.members.keep import (
+from lagrange.members.kept_results import (
     COUNTS,
     END,
     EVENTS,
@@ -36,20 +45,11 @@ from lagrange.members.keep import (
     keep_of,
     reduction_label,
 )
-from lagrange.members.keep import DEFAULT as DEFAULT_KEEP
-from lagrange.members.origin import MEMBER, check_names, start_name
+from lagrange.members.kept_results import DEFAULT as DEFAULT_KEEP
 from lagrange.members.singly import Explained
 from lagrange.members.store import results_in_store
+from lagrange.members.store_description import MEMBER, check_names, start_name
 from lagrange.members.table import MemberTable, member_table
-from lagrange.members.work import (
-    Collector,
-    ExecutorRunner,
-    Runner,
-    ThreadRunner,
-    results_in_memory,
-    run_members,
-    threads_of,
-)
 from lagrange.show.figures.ensemble_figure import COMPLETE, plot_ensemble
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically, write_rows
@@ -58,9 +58,9 @@ from lagrange.show.files.run_files import optional_package
 from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.terminal import duration
 from lagrange.statement.coordinate import row_label
+from lagrange.statement.display import LINES, announced, counter, text_table
 from lagrange.statement.event import declare_events
 from lagrange.statement.expression import flag_or_word, whole_number
-from lagrange.statement.progress import LINES, announced, counter, text_table
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.ending_messages import message, number
 from lagrange.trajectory.integrator import Problem, RunOptions

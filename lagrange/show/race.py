@@ -24,8 +24,8 @@ from lagrange.show.files.atomic_file import write_atomically, write_rows, write_
 from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.statement.contact import check_without_contacts
+from lagrange.statement.display import text_table
 from lagrange.statement.expression import positive_number, real_number
-from lagrange.statement.progress import text_table
 from lagrange.trajectory.run import compiled
 
 if TYPE_CHECKING:

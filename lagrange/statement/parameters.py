@@ -1,4 +1,4 @@
-"""Symbols in expressions, and parameters with their values, by symbol or name."""
+"""Symbols of a statement: which they are, their values as parameters, and the refusal of accelerations in an energy."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Integration over time: integrators, drivers, dense output."""
+"""Runs: methods, the loop over driver calls, events, contacts, constraints, dense output, and how a run ends."""

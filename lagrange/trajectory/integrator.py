@@ -1,4 +1,4 @@
-"""The protocol of all integrators (of this package, of SciPy and of users), and the options of a run as stated."""
+"""The protocol of all integrators (of this package, of SciPy, of users), the options of a run, and memory limits."""
 
 from __future__ import annotations
 

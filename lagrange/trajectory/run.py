@@ -20,10 +20,10 @@ from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.machine.model import Model, Stated, stated
 from lagrange.machine.parameters import ordered
 from lagrange.statement.declare import initial_state
+from lagrange.statement.display import announced, progress_bar
 from lagrange.statement.event import declare_events
 from lagrange.statement.expression import flag, real_number
 from lagrange.statement.given.function import check_span, require_values
-from lagrange.statement.progress import announced, progress_bar
 from lagrange.statement.rotation import check_moments
 from lagrange.statement.run_settings import DEFAULT_METHOD, PreparationTooLongError, preparation
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
@@ -37,9 +37,9 @@ from lagrange.trajectory.measures.conservation import energy, verified
 from lagrange.trajectory.measures.stiffness import with_stiff_end
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.outputs import output_times
-from lagrange.trajectory.parts import run_in_segments
 from lagrange.trajectory.plan import locates_events
 from lagrange.trajectory.run_loop import not_begun
+from lagrange.trajectory.segments import run_in_segments
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status, Trajectory
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from lagrange.algorithm.step.constants import AFTER_BROKEN
 from lagrange.machine.backend import Driver, SingularMassMatrix
-from lagrange.machine.calls import quickly
+from lagrange.machine.quick_calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.statement.run_settings import PreparationTooLongError, preparation, preparation_ends
 from lagrange.trajectory.constraints.discontinuities import Discontinuities, may_be_discontinuous
@@ -44,10 +44,10 @@ from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.events.time_switches import TimeSwitches
 from lagrange.trajectory.integrator import Problem, memory_limit
 from lagrange.trajectory.outputs import AcceptedStates
-from lagrange.trajectory.pace import Pace, compiled_late, limiting_entry
 from lagrange.trajectory.paths.step_paths import MotionsPath, OutputPath, StepPath
 from lagrange.trajectory.plan import IdleDriver, PathFunction, Plan, Planned, PreparedPlan, StepPlan, Watcher, prepared
 from lagrange.trajectory.sizes import raise_to_noise, survey
+from lagrange.trajectory.slow_runs import Pace, compiled_late, limiting_entry
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 SECONDS_PER_CALL = 0.02

@@ -19,9 +19,9 @@ from lagrange.algorithm.step.constants import (
 )
 from lagrange.equations.euler_lagrange import StateLayout
 from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.calls import one_state
 from lagrange.machine.kernel.rounding_noise import UNIT, rounding_noise
 from lagrange.machine.model import Model
+from lagrange.machine.quick_calls import one_state
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.trajectory import FloatArray
 

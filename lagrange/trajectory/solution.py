@@ -29,8 +29,8 @@ from lagrange.trajectory.measures.energy_drift import (
     energy_drift,
     since_start,
 )
-from lagrange.trajectory.measures.sampling import reached_times, states_at
 from lagrange.trajectory.measures.stiffness import Stiffness, stiffness
+from lagrange.trajectory.measures.times_and_points import reached_times, states_at
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-    from lagrange.page.animation import Animation
+    from lagrange.page.player import Animation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -403,7 +403,7 @@ class Solution:
         the browser. At most 3000 frames are shown; `.notes` lists deviations from the request. Raises StatementError
         for a run that cannot be drawn and a path that cannot be written, RunError if the disk is full.
         """
-        from lagrange.page.animation import animate
+        from lagrange.page.player import animate
 
         return animate(self, path, fps=fps, speed=speed, size=size, style=style, trail=trail, progress=progress)
 

@@ -21,7 +21,7 @@ import lagrange as lg
 from lagrange.equations import euler_lagrange
 from lagrange.evidence.check import check
 from lagrange.graph import differentiate
-from lagrange.graph.functions import FUNCTIONS
+from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.node import Kind, Node
 from lagrange.program import catalogue
 from tests.covering import Share

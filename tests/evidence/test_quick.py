@@ -13,7 +13,7 @@ from lagrange.evidence.reference import Reference
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinate
 from lagrange.statement.declare import declare
-from lagrange.statement.sampling import SamplePoint
+from lagrange.statement.random_states import SamplePoint
 from lagrange.statement.statement import Statement
 from tests.evidence import statements
 from tests.evidence.stand_in import Refusing, StandIn

@@ -20,7 +20,7 @@ from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.evidence.reference import Reference
 from lagrange.statement.coordinate import coordinate, t
 from lagrange.statement.declare import declare
-from lagrange.statement.sampling import SAMPLE_KINDS, SamplePoint, Sampler
+from lagrange.statement.random_states import SAMPLE_KINDS, SamplePoint, Sampler
 from lagrange.statement.statement import Statement
 from tests.evidence import statements
 from tests.evidence.stand_in import StandIn

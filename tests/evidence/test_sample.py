@@ -13,13 +13,13 @@ import sympy
 
 import lagrange as lg
 from lagrange.errors import RunError
+from lagrange.evidence.formula_comparison import compared
 from lagrange.evidence.quick import quick_check
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import compared
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinate, parameters
 from lagrange.statement.declare import declare
-from lagrange.statement.sampling import SAMPLE_KINDS, SampleKind, SamplePoint, Sampler, Scales, holds
+from lagrange.statement.random_states import SAMPLE_KINDS, SampleKind, SamplePoint, Sampler, Scales, holds
 from tests.evidence import statements
 from tests.evidence.stand_in import StandIn
 from tests.evidence.test_check import FAULTS

@@ -16,7 +16,7 @@ from lagrange.errors import StatementError
 from lagrange.export.languages import casadi, fortran, jax, julia, modelica, octave, rust
 from lagrange.export.straight_line import STRUCTURE, Language, StraightLinePrinter
 from lagrange.export.traced import LITERALS
-from lagrange.graph.functions import CONDITIONS
+from lagrange.graph.derivative_rules import CONDITIONS
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.python_source import defined
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock

@@ -17,10 +17,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lagrange.errors import StatementError
+from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.evaluate import FUNCTIONS as VALUED
 from lagrange.graph.evaluate import generic_rank, precise, values
-from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph, Kind, Node, exact, reachable
 from lagrange.graph.share import share_sums
 from lagrange.graph.sympy_nodes import Translator

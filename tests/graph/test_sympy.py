@@ -15,9 +15,9 @@ import sympy as sp
 from hypothesis import given
 
 from lagrange.errors import StatementError
+from lagrange.graph.derivative_rules import CONDITIONS, FUNCTIONS
 from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.evaluate import values
-from lagrange.graph.functions import CONDITIONS, FUNCTIONS
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 from lagrange.graph.share import share_sums
 from lagrange.graph.sympy_nodes import Translator, to_sympy

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.members import store, work
+from lagrange.members import dispatch, store
 
 COUNT = 53
 """Members: lanes run out of them at different times, and some leave."""
@@ -116,8 +116,8 @@ METHODS = ("taylor", "dop853", "rk4", "verlet", pytest.param("radau5", marks=pyt
 def same(partition: tuple[int, Callable[..., Columns]], method: str, folder: Path, patch: pytest.MonkeyPatch) -> None:
     size, result = partition
     right = dict(whole(method))
-    patch.setattr(work, "FIRST_CHUNK", min(size, 8))
-    patch.setattr(work, "LARGEST_CHUNK", size)
+    patch.setattr(dispatch, "FIRST_CHUNK", min(size, 8))
+    patch.setattr(dispatch, "LARGEST_CHUNK", size)
     patch.setattr(store, "LARGEST_BLOCK", size)
     given = result(folder, method=method)
     assert set(given) == set(right)

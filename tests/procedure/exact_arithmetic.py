@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from lagrange.procedure.form import PARTIAL
+from lagrange.procedure.front.decorators import Inline, Plain, PlainFunction
 from lagrange.procedure.front.names import Missing
-from lagrange.procedure.front.plain import Inline, Plain, PlainFunction
 from lagrange.procedure.front.vocabulary import OPERATION_OF, REDUCTIONS, record_of
 from lagrange.procedure.interpreter import LARGER, OPERATIONS, Span
 

@@ -9,7 +9,7 @@ from enum import IntEnum
 from typing import Annotated
 
 from lagrange.procedure.form import REAL, Array
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     Out,

@@ -15,7 +15,7 @@ import math
 from typing import Annotated
 
 from lagrange.procedure.form import REAL, Array
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import *
 
 Rows = Annotated[Writable[float], Array(REAL, room=8)]

@@ -12,7 +12,7 @@ from lagrange.procedure.front import code_cache
 from lagrange.procedure.interpreter import run
 
 SOURCE = """
-from lagrange.procedure.front.plain import procedure
+from lagrange.procedure.front.decorators import procedure
 
 @procedure
 def doubled(x: float) -> float:

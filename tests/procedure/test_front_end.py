@@ -20,7 +20,7 @@ from lagrange.machine.python_source import loaded
 from lagrange.procedure import interpreter
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Note, Parameter, Procedure, Record, Statement, walk
-from lagrange.procedure.front.plain import Plain, procedure
+from lagrange.procedure.front.decorators import Plain, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, record
 from lagrange.procedure.interpreter import run
 from lagrange.procedure.visit import FIELDS, Visitor, defined, operands, visits

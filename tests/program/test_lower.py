@@ -16,8 +16,8 @@ from hypothesis import given
 
 import lagrange as lg
 from lagrange.errors import StatementError
+from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.differentiate import gradient
-from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph, Node
 from lagrange.machine.kernel.interpreted import OPERATIONS, InterpretedKernel
 from lagrange.machine.llvm.emitter import Emitter

@@ -16,7 +16,7 @@ from sympy import Rational, cos, exp, sin
 from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import StatementError
-from lagrange.graph.functions import FUNCTIONS
+from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.node import Binding, Graph
 from lagrange.machine.series.interpreted_series import COEFFICIENT, NumpySeries
 from lagrange.program.catalogue import program_of

@@ -12,7 +12,7 @@ import numpy as np
 from sympy import cos, sin
 
 import lagrange as lg
-from lagrange.page.animation import Animation
+from lagrange.page.player import Animation
 from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution

@@ -10,7 +10,7 @@ from sympy import erf
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.page.animation import LEVELS
+from lagrange.page.player import LEVELS
 from lagrange.show.animation.film import MovingScene
 from lagrange.show.animation.recording import MOST_FRAMES
 from lagrange.trajectory.trajectory import Status

@@ -153,7 +153,7 @@ def test_scripts_are_short_and_the_same() -> None:
 def test_a_player_too_large_for_a_notebook_is_a_picture_and_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     made = double_pendulum().animate()
     size = len(made.to_html())
-    monkeypatch.setattr("lagrange.page.animation.LARGEST_SHOWN", size - 1)
+    monkeypatch.setattr("lagrange.page.player.LARGEST_SHOWN", size - 1)
     shown = made._repr_html_()
     assert shown.startswith('<img alt="double" src="data:image/png;base64,iVBOR')
     said = f"The player has {size // 1000} kB, too much for a notebook: .save(&#x27;double.html&#x27;) writes it."

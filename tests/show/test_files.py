@@ -25,7 +25,7 @@ import lagrange as lg
 from lagrange.cli.program import main
 from lagrange.errors import RunError, StatementError
 from lagrange.export import contents as export_contents
-from lagrange.page import animation
+from lagrange.page import player
 from lagrange.page import web_page as page_write
 from lagrange.show.files.atomic_file import cell, write_atomically, write_rows, write_together
 from lagrange.trajectory.solution import Solution
@@ -271,7 +271,7 @@ def lazy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Make every slow function fail."""
     for name in ("plot", "card"):
         monkeypatch.setattr(Solution, name, never)
-    monkeypatch.setattr(animation, "recording_of", never)
+    monkeypatch.setattr(player, "recording_of", never)
     monkeypatch.setattr(page_write, "page_of", never)
     monkeypatch.setattr(export_contents, "module_of", never)
 

@@ -16,7 +16,7 @@ import lagrange as lg
 from lagrange.show.figures.curve import first_times
 from lagrange.show.figures.paths import common_view, named_points
 from lagrange.show.figures.style import DARK, LIGHT, STYLES, line_styles
-from lagrange.trajectory.measures.sampling import fixed_points
+from lagrange.trajectory.measures.times_and_points import fixed_points
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 from tests.models import SCENE_NAMES

@@ -13,7 +13,7 @@ from sympy import diag
 import lagrange as lg
 from lagrange.show.figures.run_figure import labels_of
 from lagrange.statement.statement import EDGE, corners
-from lagrange.trajectory.measures.sampling import points_at
+from lagrange.trajectory.measures.times_and_points import points_at
 
 R = lg.rotation("R")
 x, y, z = lg.coordinates("x y z")

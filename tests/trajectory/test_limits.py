@@ -20,8 +20,8 @@ from sympy import Abs, sign, sin
 import lagrange as lg
 from lagrange.compiler import model_of
 from lagrange.machine.model import Model
-from lagrange.statement import progress
-from lagrange.trajectory import pace
+from lagrange.statement import display
+from lagrange.trajectory import slow_runs
 from lagrange.trajectory.measures.stiffness import with_stiff_end
 from lagrange.trajectory.methods.registry import find, names
 from lagrange.trajectory.outputs import AcceptedStates
@@ -76,7 +76,7 @@ def test_what_a_solver_keeps_is_what_is_counted(name: str, model: Model) -> None
 @pytest.mark.parametrize("method", ["taylor", "dop853", "scipy-dop853"])
 def test_compiling_counts(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """`max_wall` includes the time of compilation, not only that of steps."""
-    monkeypatch.setattr(pace, "COMPILE_SECONDS", 0.0)
+    monkeypatch.setattr(slow_runs, "COMPILE_SECONDS", 0.0)
     system = unit_pendulum()
     system.compile()
     result = system.run(1.0, method=method, max_wall=1e-9)
@@ -166,7 +166,7 @@ SLOW: dict[str, tuple[str, Callable[[], Any]]] = {
 def test_a_terminal_is_told_what_takes_so_long(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setattr(progress, "SILENT_SECONDS", 0.01)
+    monkeypatch.setattr(display, "SILENT_SECONDS", 0.01)
 
     def slow(*_: object, **__: object) -> str:
         until = time.monotonic() + 600.0
@@ -187,14 +187,14 @@ def test_a_terminal_is_not_told_what_takes_no_time(
 ) -> None:
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setattr(progress, "SILENT_SECONDS", patience)
-    with progress.announced("compiling", "pendulum", enabled=expected):
+    monkeypatch.setattr(display, "SILENT_SECONDS", patience)
+    with display.announced("compiling", "pendulum", enabled=expected):
         time.sleep(0.1)
     assert not terminal.text
 
 
 def test_a_pipe_is_told_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(progress, "SILENT_SECONDS", 0.0)
+    monkeypatch.setattr(display, "SILENT_SECONDS", 0.0)
     unit_pendulum().run(0.1, progress=True)
     assert capfd.readouterr() == ("", "")
 

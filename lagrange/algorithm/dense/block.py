@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.procedure.form import READ, WHOLE, Array, Callee, Procedure
-from lagrange.procedure.front.plain import Bundle, Plain, inline, procedure
+from lagrange.procedure.front.decorators import Bundle, Plain, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely, unrolled
 
 COLUMNS = Callee((WHOLE, READ, READ, READ, READ, Array()), (WHOLE,))

@@ -26,7 +26,7 @@ from lagrange.algorithm.dense.block import (
     steps_in,
     weighted,
 )
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely
 
 STAGE_CORRECTIONS = 12

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from lagrange.algorithm.blocks import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import POLYNOMIAL, steps_in
 from lagrange.procedure.form import Array
-from lagrange.procedure.front.plain import Bundle, inline, procedure
+from lagrange.procedure.front.decorators import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, WholesIn, each, fma, quotient, reals, unrolled, wholes
 
 CHUNK = 256

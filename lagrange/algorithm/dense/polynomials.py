@@ -33,7 +33,7 @@ from lagrange.algorithm.dense.block import (
     weighted,
 )
 from lagrange.algorithm.taylor.memory import JET
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, exponent, fma, magnitude, mantissa, two_to
 
 FloatArray = NDArray[np.float64]

@@ -28,7 +28,7 @@ from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.algorithm.step.memory import COUNTS, FUNCTION, RUN
 from lagrange.procedure.form import WHOLE, Array, Callee
-from lagrange.procedure.front.plain import Bundle, Stated, inline, procedure
+from lagrange.procedure.front.decorators import Bundle, Stated, inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     Out,

@@ -16,7 +16,7 @@ from lagrange.algorithm.events.constants import (
     POLYNOMIAL_NOISE,
     SMALLEST,
 )
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     Out,

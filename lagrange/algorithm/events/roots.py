@@ -24,7 +24,7 @@ from typing import Any
 
 from lagrange.algorithm.events.constants import DEEPEST_HALVING, MOST_COEFFICIENTS, NARROWEST, SURELY, TOO_MANY, UNFIT
 from lagrange.algorithm.events.polynomial import PADDED, passage, scaled, slope_at_end, turn, value
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     Out,

@@ -21,7 +21,7 @@ from lagrange.algorithm.dense.evaluate import gather
 from lagrange.algorithm.events.constants import CERTAINTY, DENSE_ROUND_OFF, EPSILON, LARGEST_NOISE, NOISE, TAIL, TINY
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION
 from lagrange.procedure.form import Array
-from lagrange.procedure.front.plain import Bundle, Stated, inline, procedure
+from lagrange.procedure.front.decorators import Bundle, Stated, inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     Out,

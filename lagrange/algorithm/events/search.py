@@ -33,7 +33,7 @@ from lagrange.algorithm.events.samples import (
     local_polynomial,
     samples_type,
 )
-from lagrange.procedure.front.plain import Bundle, inline, procedure
+from lagrange.procedure.front.decorators import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import (
     Out,
     WholesIn,

@@ -20,7 +20,7 @@ from lagrange.algorithm.kernel.body import SOURCE, Body, Inputs, Style
 from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Array, Procedure
-from lagrange.procedure.front.plain import procedure
+from lagrange.procedure.front.decorators import procedure
 from lagrange.procedure.front.vocabulary import In, Out, generated, reals, unlikely
 from lagrange.program.program import Instruction, Program
 

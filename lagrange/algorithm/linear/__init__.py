@@ -1,1 +1,1 @@
-"""Linear systems as procedures."""
+"""Linear algebra as procedures: L D L^T and LU factors, inverses, and complementarity problems by Lemke's method."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, Readable, WholesOut, Writable, larger, smaller
 
 NEGLIGIBLE = 1e-10

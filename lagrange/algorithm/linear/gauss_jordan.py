@@ -16,7 +16,7 @@ import math
 from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.algorithm.linear.symmetric import PIVOT
 from lagrange.procedure.form import PARTIAL, Array, Procedure
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import Out, Readable, Writable, each, fma, unrolled, wholes
 
 UNROLLED_ORDER = 16

@@ -29,7 +29,7 @@ from collections.abc import Sequence
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.procedure.form import Array
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, Readable, Writable, each, fma, likely
 
 PIVOT = 2.0**-46

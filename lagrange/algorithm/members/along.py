@@ -27,7 +27,7 @@ from lagrange.algorithm.dense.block import OwnStep, StepPolynomial, block_size, 
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.algorithm.taylor.sums import outstanding, powers_of, series_sum
 from lagrange.procedure.form import READ, REAL, WHOLE, Array, Callee, Procedure
-from lagrange.procedure.front.plain import Bundle, inline, procedure
+from lagrange.procedure.front.decorators import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, fma, generated, larger, magnitude, reals, unlikely, unrolled
 from lagrange.procedure.rewrite import bound
 

@@ -17,7 +17,7 @@ from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.constants import MOST_SURVEYS, SMALL_FLOOR
 from lagrange.algorithm.step.memory import FUNCTION, Counts, Run
 from lagrange.procedure.form import FLAG, READ, Array, Callee, Procedure
-from lagrange.procedure.front.plain import Bundle, Stated, inline, procedure
+from lagrange.procedure.front.decorators import Bundle, Stated, inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     Out,

@@ -48,12 +48,12 @@ from lagrange.algorithm.members.queue import (
     move_to,
 )
 from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.step.loops import steps_of
+from lagrange.algorithm.step.error_control import steps_of
 from lagrange.algorithm.step.memory import Effort, Layout, Running
 from lagrange.algorithm.taylor.memory import OutputCounts
 from lagrange.algorithm.taylor.sums import outstanding
 from lagrange.procedure.form import Array, Procedure
-from lagrange.procedure.front.plain import Bundle, inline, procedure
+from lagrange.procedure.front.decorators import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     Out,

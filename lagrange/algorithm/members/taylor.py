@@ -24,7 +24,7 @@ from lagrange.algorithm.taylor.memory import JET, Held, OutputCounts, Sizes, Tay
 from lagrange.algorithm.taylor.step_size import logarithm
 from lagrange.algorithm.taylor.watching import MOST_ZEROS, PARTS, SIDES, Arguments, Watch, Watched, scratch_sizes
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.front.plain import inline
+from lagrange.procedure.front.decorators import inline
 from lagrange.procedure.front.vocabulary import In, Out, WholesIn, WholesOut, clear, each, reals, unlikely, wholes
 
 MEMBER_EVENT_ROOM = 2 * MOST_ZEROS

@@ -22,7 +22,7 @@ from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.memory import HISTORY, ORDERS, Layout, Newton, Running, SolveLayout, running, work_array
 from lagrange.algorithm.step.vectors import StepVectors, copy_vector, plus, vectors_of
 from lagrange.graph.node import Node
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, Writable, each, fma, larger, smaller, unrolled
 
 MATRIX_AGE = 3

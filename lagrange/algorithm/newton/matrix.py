@@ -15,7 +15,7 @@ from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.memory import Layout, Running, SolveLayout, running
 from lagrange.algorithm.step.vectors import StepVectors, copy_vector, vectors_of
 from lagrange.graph.node import Node
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, reals, unrolled
 from lagrange.program.step import LAWS, Combination, LawCall
 

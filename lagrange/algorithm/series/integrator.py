@@ -41,7 +41,7 @@ from lagrange.algorithm.taylor.memory import (
 from lagrange.algorithm.taylor.watching import Arguments
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.procedure.form import Array, Procedure
-from lagrange.procedure.front.plain import Bundle, procedure
+from lagrange.procedure.front.decorators import Bundle, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, generated, larger, reals
 from lagrange.procedure.rewrite import bound
 from lagrange.program.series import SeriesProgram

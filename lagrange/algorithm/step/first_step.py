@@ -27,7 +27,7 @@ from lagrange.algorithm.step.constants import (
 )
 from lagrange.algorithm.step.memory import Layout, Running, running
 from lagrange.algorithm.step.vectors import copy_vector
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, smaller, unrolled
 from lagrange.program.step import LAWS, Control
 

@@ -14,11 +14,11 @@ from typing import Any
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.projection import CORRECTIONS, project, starts_on_constraints
 from lagrange.algorithm.step.constants import LEAST_FLOOR
-from lagrange.algorithm.step.loops import controlled_steps
+from lagrange.algorithm.step.error_control import controlled_steps
 from lagrange.algorithm.step.memory import FUNCTION, Counts, Effort, Layout, Run, Running
 from lagrange.algorithm.step.trial import take_step
 from lagrange.procedure.form import Array
-from lagrange.procedure.front.plain import Bundle, inline, procedure
+from lagrange.procedure.front.decorators import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, reals, unrolled
 from lagrange.program.step import Control
 

@@ -20,7 +20,7 @@ from lagrange.algorithm.blocks import whole_blocks
 from lagrange.algorithm.linear.gauss_jordan import row_stride
 from lagrange.algorithm.projection import CORRECTIONS
 from lagrange.procedure.form import FLAG, READ, REAL, Array, Callee
-from lagrange.procedure.front.plain import Bundle, Stated
+from lagrange.procedure.front.decorators import Bundle, Stated
 from lagrange.procedure.front.vocabulary import In, Out, form_of, record
 from lagrange.program.step import LAWS, Damp, Solve, StepProgram
 

@@ -1,4 +1,4 @@
-"""One trial step of a step program, the projection of its end onto constraints, and its acceptance."""
+"""One trial step of a step program, the projection of its end onto constraints, and what an accepted step writes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lagrange.algorithm.projection import project
 from lagrange.algorithm.step.memory import Layout, Running, running
 from lagrange.algorithm.step.vectors import NO_REGISTERS, StepVectors, copy_vector, vectors_of
 from lagrange.procedure.form import FLAG, Array
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import Out, each, reals, unrolled
 from lagrange.program.step import Damp, Solve
 

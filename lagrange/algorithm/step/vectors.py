@@ -12,7 +12,7 @@ from typing import Any
 
 from lagrange.algorithm.step.memory import Layout, Running
 from lagrange.graph.node import Node
-from lagrange.procedure.front.plain import inline
+from lagrange.procedure.front.decorators import inline
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, operation, reals, unrolled
 from lagrange.program.program import Program
 from lagrange.program.step import LAWS, Combination, LawCall, in_doubles, parts

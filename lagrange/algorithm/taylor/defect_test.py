@@ -32,7 +32,7 @@ from lagrange.algorithm.taylor.memory import (
 from lagrange.algorithm.taylor.step_size import weigh
 from lagrange.algorithm.taylor.sums import horner, state_on_step
 from lagrange.procedure.form import Array
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, magnitude, reals
 
 DEFECT, DEFECT_NOISE = 4.0, 2.0**-40

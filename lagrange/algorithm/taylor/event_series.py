@@ -20,7 +20,7 @@ from lagrange.algorithm.step.memory import FUNCTION
 from lagrange.algorithm.taylor.memory import EVENT_SLACK, RADIUS_FRACTION, ROW_DISTANCE, TaylorLayout, work_type
 from lagrange.algorithm.taylor.watching import COLUMN, TERM_SUMS, Opened, Watched, watched_type
 from lagrange.procedure.form import PARTIAL, Array
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     Out,

@@ -30,7 +30,7 @@ from lagrange.algorithm.taylor.event_series import (
 from lagrange.algorithm.taylor.memory import EVENT_SLACK, RecordedLayout, TaylorState, row
 from lagrange.algorithm.taylor.sums import state_on_step
 from lagrange.algorithm.taylor.watching import MOST_ZEROS, Opened, Watch, Watched, opened, watched_type
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, WholesOut, fma, larger, likely, magnitude, smaller, unlikely
 
 LEAST_PART = 2.0**-70

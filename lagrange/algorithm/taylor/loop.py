@@ -46,7 +46,7 @@ from lagrange.algorithm.taylor.watching import (
     restore_sides,
     watched_of,
 )
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     each,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.procedure.form import FLAG, READ, REAL, WHOLE, Array, Callee
-from lagrange.procedure.front.plain import inline
+from lagrange.procedure.front.decorators import inline
 from lagrange.procedure.front.vocabulary import In, each, form_of, magnitude, record
 from lagrange.program.series import SeriesProgram
 

@@ -15,7 +15,7 @@ from lagrange.algorithm.step.memory import Counts
 from lagrange.algorithm.taylor.event_series import comparable_unit, copy_series, start_of_series, write_noise
 from lagrange.algorithm.taylor.memory import EVENT_SLACK, JET, TaylorState, work_type
 from lagrange.algorithm.taylor.watching import Opened, Watch, Watched, opened, watched_type
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, larger, quotient, reals
 
 AT_REST = 4.0

@@ -25,7 +25,7 @@ from lagrange.algorithm.taylor.memory import (
     weights_type,
     work_type,
 )
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     Out,

@@ -18,7 +18,7 @@ from lagrange.algorithm.taylor.memory import (
     work_type,
 )
 from lagrange.procedure.form import Array
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, magnitude, quotient, reals
 
 

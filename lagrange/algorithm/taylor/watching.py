@@ -29,7 +29,7 @@ from lagrange.algorithm.taylor.memory import (
     work_type,
 )
 from lagrange.procedure.form import READ, WHOLE, Array
-from lagrange.procedure.front.plain import Bundle, Stated, inline
+from lagrange.procedure.front.decorators import Bundle, Stated, inline
 from lagrange.procedure.front.vocabulary import In, Out, WholesIn, WholesOut, form_of, record
 
 

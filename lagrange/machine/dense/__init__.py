@@ -1,1 +1,1 @@
-"""Dense output, interpreted and in machine code: the polynomial on each step, and the states at any times."""
+"""Dense output on the machines: these evaluate the polynomials of many steps, interpreted or in machine code."""

@@ -1,1 +1,1 @@
-"""Machine code through LLVM."""
+"""Procedures printed as LLVM IR, compiled to machine code, kept in a cache on disk, and called from Python."""

@@ -33,8 +33,8 @@ from lagrange.mechanics.grading.student_equations import (
 from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, UNNAMED, BudgetSpent, Write, check_size
 from lagrange.mechanics.grading.wrong_term import WrongTerm, wrong_term
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name
-from lagrange.statement.progress import ShownAsPage
-from lagrange.statement.sampling import SamplePoint, Sampler
+from lagrange.statement.display import ShownAsPage
+from lagrange.statement.random_states import SamplePoint, Sampler
 from lagrange.statement.statement import Statement
 
 DRAWS = 1000  # Random points drawn to reach other branches; most of them cost one evaluation of the switches

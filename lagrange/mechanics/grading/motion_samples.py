@@ -16,7 +16,7 @@ from lagrange.evidence.laws import ConstraintSurface, solve_dense
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
 from lagrange.mechanics.plain_form import PlainForm
-from lagrange.statement.sampling import SAMPLE_KINDS, SamplePoint, Sampler, usable
+from lagrange.statement.random_states import SAMPLE_KINDS, SamplePoint, Sampler, usable
 from lagrange.statement.statement import Statement
 
 DIGITS = 60  # Decimal digits of the velocities: more than the accelerations have

@@ -19,8 +19,8 @@ from lagrange.mechanics.plain_form import vanishes_in_symbols as vanishes
 from lagrange.statement.coordinate import constraint_of, name_of, t
 from lagrange.statement.expression import TEXTS, entries, expression, in_full
 from lagrange.statement.parameters import Survey, coordinate_name
+from lagrange.statement.random_states import SamplePoint
 from lagrange.statement.rotation import shorthands
-from lagrange.statement.sampling import SamplePoint
 from lagrange.statement.scene.guard import LARGEST_EXPONENT
 from lagrange.statement.statement import Statement
 from lagrange.statement.typed.lines import parts_of_document

@@ -7,6 +7,6 @@
     factor(3, a, factors)       # runs in Python, on NumPy arrays
     factor.form()               # the procedure: to be printed, compiled, or run by the interpreter
 
-`vocabulary` has functions and types beyond Python's own, and `plain` the decorators. `docs/dev/procedures.md` defines
-their meanings.
+`vocabulary` has functions and types beyond Python's own, and `decorators` has `procedure` and `inline`.
+`docs/dev/procedures.md` defines their meanings.
 """

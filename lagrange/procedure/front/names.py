@@ -1,4 +1,4 @@
-"""Values and names while a procedure is built. A name that a branch or loop sets again becomes a variable."""
+"""Names while a procedure is built: a name that a branch or loop sets is a variable, joined or refused behind it."""
 
 from __future__ import annotations
 

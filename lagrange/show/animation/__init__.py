@@ -1,4 +1,4 @@
-"""Animations: frames of a run, as a player in HTML, GIF or MP4."""
+"""The recording of a run for animations, and its files as GIF and MP4. The HTML player is in `page/`."""
 
 from __future__ import annotations
 

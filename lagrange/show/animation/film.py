@@ -31,7 +31,7 @@ from lagrange.show.notation.text import plain_text
 from lagrange.show.units import energy_unit, length_unit, unit_of, with_unit
 from lagrange.statement.expression import real_number, whole_number
 from lagrange.statement.statement import EDGE, SPRING, corners
-from lagrange.trajectory.measures.sampling import fixed_points
+from lagrange.trajectory.measures.times_and_points import fixed_points
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.errors import LagrangeError, StatementError
-from lagrange.show.states_between_outputs import known_alone, states_for_pictures
+from lagrange.show.interpolated_states import known_alone, states_for_pictures
 from lagrange.show.units import energy_letter
 from lagrange.statement.expression import positive_number, real_number
 from lagrange.statement.statement import Statement
-from lagrange.trajectory.measures.sampling import points_at
+from lagrange.trajectory.measures.times_and_points import points_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 

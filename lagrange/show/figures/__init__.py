@@ -1,1 +1,1 @@
-"""Figures: runs, races, stability regions, eigenvalues."""
+"""Matplotlib figures of runs, paths of points, ensembles, phase portraits, eigenvalues and stability regions."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.show.states_between_outputs import known_alone
-from lagrange.trajectory.measures.sampling import divided
+from lagrange.show.interpolated_states import known_alone
+from lagrange.trajectory.measures.times_and_points import divided
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 

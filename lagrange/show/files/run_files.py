@@ -17,11 +17,11 @@ from numpy.typing import ArrayLike
 from lagrange.errors import StatementError
 from lagrange.show.files.atomic_file import Writer, write_atomically, write_rows, write_together
 from lagrange.show.files.picture import picture
-from lagrange.show.states_between_outputs import stored_between
+from lagrange.show.interpolated_states import stored_between
 from lagrange.statement.coordinate import multiplier
 from lagrange.statement.scene.writer import scene_text
 from lagrange.trajectory.contact.history import ContactRun
-from lagrange.trajectory.measures.sampling import times_at
+from lagrange.trajectory.measures.times_and_points import times_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 

@@ -18,7 +18,7 @@ from lagrange.mechanics.modes import Modes
 from lagrange.show.notation.sections import ExpressionRows, Formula, ShownQuantity
 from lagrange.show.notation.text import markdown_text
 from lagrange.show.notebook.page_writer import MOST_SHOWN_OPERATIONS, PageWriter, Part, bold, folded, joined, left_out
-from lagrange.statement.progress import notebook_page
+from lagrange.statement.display import notebook_page
 
 EXPRESSION = "`.expression` has it."
 STABILITY = {True: "stable", False: "unstable", None: "stability not decided"}

@@ -28,8 +28,8 @@ from lagrange.show.notebook.page_writer import (
 from lagrange.show.terminal import DETAILS, terminal_style
 from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import name_of
+from lagrange.statement.display import announced
 from lagrange.statement.expression import one_of, text
-from lagrange.statement.progress import announced
 from lagrange.statement.statement import Statement
 
 SYSTEM_INSTEAD = "`print(system.derivation())` has it as text, `system.equations()` and the like as SymPy expressions."

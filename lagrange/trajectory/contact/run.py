@@ -23,7 +23,7 @@ from lagrange.trajectory.contact.resets import WrittenFriction, WrittenImpacts, 
 from lagrange.trajectory.contact.transition import Transition, Transitions, Undetermined
 from lagrange.trajectory.ending_messages import message, number
 from lagrange.trajectory.integrator import Integrator, Problem
-from lagrange.trajectory.parts import (
+from lagrange.trajectory.segments import (
     before_outputs_at_end,
     joined,
     last_state,

@@ -11,8 +11,8 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.statement.display import text_table
 from lagrange.statement.expression import flag
-from lagrange.statement.progress import text_table
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import explicit, implicit, radau, splitting, taylor, variational

@@ -10,7 +10,7 @@ import pytest
 from sympy import cos
 
 import lagrange as lg
-from lagrange.statement import progress
+from lagrange.statement import display as displayed
 
 pytest.importorskip("IPython", reason="IPython is not installed")
 
@@ -43,12 +43,12 @@ class Display:
 def display(monkeypatch: pytest.MonkeyPatch) -> Display:
     made = Display()
     monkeypatch.setattr("IPython.display.display", made)
-    monkeypatch.setattr(progress, "in_notebook", lambda: True)
+    monkeypatch.setattr(displayed, "in_notebook", lambda: True)
     return made
 
 
 def test_the_last_state_is_shown_however_quick_the_work_was(display: Display) -> None:
-    with progress.progress_bar((2.0, 0.0), enabled=True) as report:
+    with displayed.progress_bar((2.0, 0.0), enabled=True) as report:
         assert report is not None
         for k in range(1000):
             report(2.0 - k / 1000)
@@ -59,7 +59,7 @@ def test_the_last_state_is_shown_however_quick_the_work_was(display: Display) ->
 
 def test_work_that_raises_leaves_the_bar_where_it_was(display: Display) -> None:
     def work() -> None:
-        with progress.progress_bar((0.0, 4.0), enabled=True) as report:
+        with displayed.progress_bar((0.0, 4.0), enabled=True) as report:
             assert report is not None
             report(1.0)
             raise KeyboardInterrupt
@@ -89,7 +89,7 @@ def test_each_picture_of_dynamics_shows_how_far_it_is(call: Any, last: str, disp
 
 
 def test_no_bar_is_shown_to_who_did_not_ask(display: Display) -> None:
-    with progress.progress_bar((0.0, 4.0), enabled=False) as report:
+    with displayed.progress_bar((0.0, 4.0), enabled=False) as report:
         assert report is None
     assert display.shown == []
 
@@ -97,18 +97,18 @@ def test_no_bar_is_shown_to_who_did_not_ask(display: Display) -> None:
 def test_a_long_compilation_is_a_line_and_a_short_one_is_none(
     display: Display, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with progress.announced("compiling", "<b>", enabled=True):
+    with displayed.announced("compiling", "<b>", enabled=True):
         time.sleep(0.0)
     assert display.shown == []
-    monkeypatch.setattr(progress, "SILENT_SECONDS", 0.01)
-    with progress.announced("compiling", "<b>", enabled=True):
+    monkeypatch.setattr(displayed, "SILENT_SECONDS", 0.01)
+    with displayed.announced("compiling", "<b>", enabled=True):
         time.sleep(0.2)
     assert repr(display.shown[-1]).startswith("compiled <b> in 0.") and "&lt;b&gt;" in display.shown[-1]._repr_html_()
 
 
 def test_a_text_is_no_markup_and_outside_of_a_notebook_there_is_none() -> None:
-    assert "&lt;b&gt;" in progress.ProgressState("<b>", 0.5)._repr_html_()
-    assert not progress.in_notebook()
+    assert "&lt;b&gt;" in displayed.ProgressState("<b>", 0.5)._repr_html_()
+    assert not displayed.in_notebook()
 
 
 # --- Progress of many runs ---
@@ -125,13 +125,13 @@ class Terminal(io.StringIO):
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Seconds that pass when a test says so."""
     now = [100.0]
-    monkeypatch.setattr("lagrange.statement.progress.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("lagrange.statement.display.time.perf_counter", lambda: now[0])
     return now
 
 
 def test_the_rate_is_that_of_what_was_done_now(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:
     """3,000 of 10,000 were stored before; 2,000 in 20 s are 100 a second, and 5,000 more take 50 s."""
-    with progress.counter(10_000, "member", enabled="lines", before=3000) as report:
+    with displayed.counter(10_000, "member", enabled="lines", before=3000) as report:
         assert report is not None
         clock[0] += 20.0
         report(5000.0)
@@ -159,7 +159,7 @@ def test_the_rate_is_that_of_what_was_done_now(clock: list[float], capsys: pytes
 def test_slow_members_are_counted_by_the_minute(
     done: int, seconds: float, said: str, clock: list[float], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with progress.counter(1000, "member", enabled="lines") as report:
+    with displayed.counter(1000, "member", enabled="lines") as report:
         assert report is not None
         clock[0] += seconds
         report(done)

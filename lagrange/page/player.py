@@ -39,10 +39,10 @@ from lagrange.show.animation.gif import has_ffmpeg, write_gif, write_mp4
 from lagrange.show.animation.recording import Recording, Timing, recording_of, thinned, timing
 from lagrange.show.figures.style import DARK, LIGHT
 from lagrange.show.files.atomic_file import check_place, write_atomically
+from lagrange.show.interpolated_states import known_alone
 from lagrange.show.notation.text import plain_text
-from lagrange.show.states_between_outputs import known_alone
+from lagrange.statement.display import progress_bar
 from lagrange.statement.expression import flag, one_of, whole_number
-from lagrange.statement.progress import progress_bar
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 

@@ -1,4 +1,4 @@
-"""The loops over the steps of a method, of equal length or with error control: error norm, rejection, floors.
+"""Error control: the loops over steps, of equal or chosen length; error norm, rejection, next length, and floors.
 
 The floors are the absolute tolerances of the entries of the state. Source: E. Hairer, S. P. Norsett, G. Wanner, Solving
 Ordinary Differential Equations I, 2nd ed., 1993, II.4.
@@ -23,7 +23,7 @@ from lagrange.algorithm.step.first_step import first_step
 from lagrange.algorithm.step.memory import Layout, Running, running
 from lagrange.algorithm.step.trial import accept_step, project_new_state, rows_array, try_step
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     Out,

@@ -13,7 +13,7 @@ import sympy
 
 from lagrange.errors import StatementError, listing, shown
 from lagrange.members.job import Job
-from lagrange.members.keep import OUTPUTS, STATE, Column
+from lagrange.members.kept_results import OUTPUTS, STATE, Column
 from lagrange.members.table import MemberTable
 from lagrange.statement.expression import real_number
 from lagrange.statement.scene.writer import scene_text

@@ -14,7 +14,7 @@ from lagrange.errors import FAULT, RunError
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
 from lagrange.statement.given.function import with_values
-from lagrange.statement.sampling import SamplePoint, holds, random_points
+from lagrange.statement.random_states import SamplePoint, holds, random_points
 from lagrange.statement.statement import REFUSE, Statement
 
 
