@@ -60,28 +60,19 @@ _NEVER = re.compile(r"[=^|\\]")
 _LAGRANGE = re.compile(r"(?:∂|\\partial)\s*[LTVU]\b|\bd[LTVU]\b")
 _STATEMENT = re.compile(r"(?<!\S)[(\[](?=[^()\[\]=]*=)")
 _STATEMENT_END = re.compile(r"(?<!\S)[(\[][^()\[\]=]*=[^()\[\]]*([)\]]\s*[,;])")
-_DEFINED = re.compile(r"[\s(]*\\?[^\W\d_][\w{}\\]*\s*(?:\^2|\*\*2|²|\([^()=]*\))?\s*:?=")
+_DEFINED = re.compile(r"[\s(]*\\?[^\W\d_][\w{}\\]*\s*(?:\^2|\*\*2|²|\([^()=]*\))?\s*=")
 # The definition of the Lagrangian, L = T - V
 _ENERGIES = re.compile(r"=\s*[TK]\s*[-\u2212]\s*[VU]\s*(?:=|$)")
 _AT_START = re.compile(r"\s*\w+['’]*\s*\(\s*0\s*\)\s*")
 
 _PUNCTUATION = " \t\r\n.,;"
 
-SYMBOL, FORMULA, NAME, WORD, SHORT = range(5)
+SYMBOL, FORMULA, NAME, WORD, SHORT = "symbol", "formula", "name", "word", "short"
 """Kinds of words: a symbol or product of the system, also misspelled; a function or derivative; another name such as
 F_x; a word of a sentence; a word of a sentence that does not make prose out of symbols."""
 
 
-@dataclass(frozen=True)
-class Word:
-    """A word of an answer: its span text[begin:end], and its kind, such as NAME or WORD."""
-
-    begin: int
-    end: int
-    kind: int
-
-
-def kind_of(text: str) -> int:
+def kind_of(text: str) -> str:
     """Return the kind of a word that is not a symbol of the system.
 
     It is `FORMULA` for a function or derivative, `NAME` for another name such as F_x or Omega, `WORD` for a word of
@@ -121,8 +112,8 @@ class Clause:
         return self.text[self.begin : self.end]
 
     @cached_property
-    def words(self) -> tuple[Word, ...]:
-        """The words of the clause, with their kinds."""
+    def words(self) -> tuple[Token, ...]:
+        """The words of the clause as tokens, each with its kind, such as NAME or WORD."""
         words = []
         for token in (token for token in self.tokens if token.kind == "word"):
             pieces = next(iter(self.names.readings(token.text)), [])
@@ -132,7 +123,7 @@ class Clause:
                 kind = SYMBOL
             else:
                 kind = kind_of(self.text[token.begin : token.end])
-            words.append(Word(token.begin, token.end, kind))
+            words.append(replace(token, kind=kind))
         return tuple(words)
 
     def part(self, begin: int, end: int, *, aside: bool = False) -> Clause:
@@ -218,6 +209,33 @@ class Clause:
         If the equation has an acceleration, `moves` is true. Then words before it are left out only if they end with a
         connecting word, or if they are more than two.
         """
+        begin, end = self._after_words(moves=moves), self._before_remarks()
+        introduced = any(word.end == begin and self._is_connecting(word) for word in self.words)
+        comma = self.text.find(",", begin, end)
+        if not moves and comma > 0 and self._is_apart(begin, comma):
+            begin = comma + 1
+        last = [word for word in self.words if begin < word.begin < end and self._is_connecting(word)][-1:]
+        if last and not self.text[last[0].end : end].strip(_PUNCTUATION):
+            end = last[0].begin
+        if self.text[begin:end].lstrip().startswith(("=", "*", "/", "^") if introduced else ("=", "+", "*", "/", "^")):
+            begin = self.begin  # the words before a sign are a part of the equation
+        while end > begin and self.text[end - 1] in _PUNCTUATION:
+            end -= 1
+        while end > begin and self.text[begin] in _PUNCTUATION:
+            begin += 1
+        return begin, end
+
+    def _after_words(self, *, moves: bool) -> int:
+        """Return the offset after the words before the equation; `moves` is true if it has an acceleration."""
+        run = self._introduction()
+        sure = not moves or [word.kind for word in run].count(WORD) > 2
+        ends = [word.kind != SYMBOL if sure else self._is_connecting(word) for word in run]
+        cut = max((i for i, last in enumerate(ends, 1) if last), default=0)
+        kinds = [word.kind for word in run[:cut]]
+        return run[cut - 1].end if cut and kinds.count(WORD) >= kinds.count(SYMBOL) else self.begin
+
+    def _before_remarks(self) -> int:
+        """Return the offset of the first remark after the equation, or that of the end of the clause."""
         proven = _PROVEN.search(self.text, self.begin, self.end)
         end = proven.start() if proven else self.end
         end -= bool(proven) and self.text[:end].endswith("(")
@@ -225,26 +243,7 @@ class Clause:
             wide = mark.group().isspace()
             if self._is_unit(mark.end(), end) if wide else self._is_apart(mark.end(), end, bare=mark.group().isalpha()):
                 end = mark.start()
-        run = self._introduction()
-        sure = not moves or [word.kind for word in run].count(WORD) > 2
-        ends = [word.kind != SYMBOL if sure else self._is_connecting(word) for word in run]
-        cut = max((i for i, last in enumerate(ends, 1) if last), default=0)
-        kinds = [word.kind for word in run[:cut]]
-        begin = run[cut - 1].end if cut and kinds.count(WORD) >= kinds.count(SYMBOL) else self.begin
-        comma = self.text.find(",", begin, end)
-        if not moves and comma > 0 and self._is_apart(begin, comma):
-            begin = comma + 1
-        last = [word for word in self.words if begin < word.begin < end and self._is_connecting(word)][-1:]
-        if last and not self.text[last[0].end : end].strip(_PUNCTUATION):
-            end = last[0].begin
-        signs = ("=", "*", "/", "^") if cut and self._is_connecting(run[cut - 1]) else ("=", "+", "*", "/", "^")
-        if self.text[begin:end].lstrip().startswith(signs):
-            begin = self.begin
-        while end > begin and self.text[end - 1] in _PUNCTUATION:
-            end -= 1
-        while end > begin and self.text[begin] in _PUNCTUATION:
-            begin += 1
-        return begin, end
+        return end
 
     def is_remark(self, *, introduces: bool = False) -> bool:
         """Return True if this clause, which has no acceleration and cannot be read, is not about the motion.
@@ -268,7 +267,7 @@ class Clause:
             return self._is_apart(self.begin, self.end) or (bare and (prose or joining))
         begin, _ = self.equation(moves=False)
         first = next((word.kind for word in self.words if word.begin >= begin), SYMBOL)
-        if _DEFINED.match(self.text, begin, self.end) and first >= NAME:
+        if _DEFINED.match(self.text, begin, self.end) and first in (NAME, WORD, SHORT):
             return True
         explained = left.strip().isalnum() and self._is_apart(self.begin + len(left) + 1, self.end)
         return explained or sentence or (not self.aside and kinds[:1] == [WORD])
@@ -286,15 +285,15 @@ class Clause:
         constant = len(pieces) == 1 and pieces[0].kind == "symbol" and not pieces[0].moves
         return constant and bool(_NUMBER_AT_END.fullmatch(self.text, self.begin + len(name), self.end))
 
-    def _introduction(self, first: int = 0) -> Sequence[Word]:
+    def _introduction(self, first: int = 0) -> Sequence[Token]:
         """Return consecutive words from word number `first` on, between which there are only blanks and punctuation.
 
         If `first` is 0, the words must begin the clause. A word before a sign of equality is a name.
         """
-        offset, run = self.words[first].begin if first else self.begin, list[Word]()
+        offset, run = self.words[first].begin if first else self.begin, list[Token]()
         for word in self.words[first:]:
             negated = self._spelled(word) in _NEGATIONS and not _AFTER_COMMA.match(self.text, word.end, self.end)
-            named = self.text[word.end : self.end].lstrip().startswith(("=", ":="))
+            named = self.text[word.end : self.end].lstrip().startswith("=")
             if negated or named or word.kind in (FORMULA, NAME) or self.text[offset : word.begin].strip(_PUNCTUATION):
                 break
             run.append(word)
@@ -341,10 +340,10 @@ class Clause:
         signs = _SIGNS if names or re.search(r"\d", self.text[begin:end]) else _NEVER
         return not product and not signs.search(self.text, begin, end)
 
-    def _is_connecting(self, word: Word) -> bool:
+    def _is_connecting(self, word: Token) -> bool:
         return bool(_CONNECTING.fullmatch(self._spelled(word)))
 
-    def _spelled(self, word: Word) -> str:
+    def _spelled(self, word: Token) -> str:
         return self.text[word.begin : word.end].lower() if word.kind != SYMBOL else ""
 
 
@@ -384,16 +383,7 @@ class Definition:
         it is a product of symbols.
         `uses` are the occurrences of unknown names in the answer.
         """
-        sides = clause.sides()
-        stated = is_constant(sides[-1])
-        sides = sides[:-1] if stated else sides
-        laws = [side for side in sides if len(sides) > 2 and side and clause.is_law(side[0].begin, side[-1].end)]
-        sides = [side for side in sides if side not in laws]  # p = dL/dx' = m x' defines p
-        if len(sides) > 2:  # p = m r^2 phi' = l: of the names the last one counts that other clauses have
-            unknown = [side for side in sides if len(side) == 1 and not names.readings(side[0].text)]
-            used = [side for side in unknown if uses.contain(canonical(side[0].text), clause)]
-            rest = [side for side in sides if side not in unknown]
-            sides = [used[-1], *rest] if used else sides
+        stated, sides = is_constant(clause.sides()[-1]), _defining_sides(clause, uses, names)
         words = [token for side in sides for token in side if token.kind == "word" and not names.readings(token.text)]
         if not words and len(sides) == 2 and _renames(sides[0], sides[1], names):
             words = sides[0]
@@ -416,6 +406,23 @@ class Definition:
         kept = clause.part(value[0].begin, value[-1].end, aside=not stated)
         fixed = stated or (lone == [1] and names.order(value) == 1 and not changes)
         return cls(name, (sides[0], sides[1]), alone, replace(kept, constant=True) if fixed else None)
+
+
+def _defining_sides(clause: Clause, uses: Uses, names: Names) -> list[list[Token]]:
+    """Return the sides of a clause by which it may define a name, without "const", general laws and unused names.
+
+    Examples: p = dL/dx' = m x' defines p. Of the unknown names in p = m r^2 phi' = l, the last one that other clauses
+    contain is defined.
+    """
+    sides = clause.sides()
+    sides = sides[:-1] if is_constant(sides[-1]) else sides
+    if len(sides) > 2:
+        sides = [side for side in sides if not (side and clause.is_law(side[0].begin, side[-1].end))]
+    if len(sides) > 2:
+        unknown = [side for side in sides if len(side) == 1 and not names.readings(side[0].text)]
+        used = [side for side in unknown if uses.contain(canonical(side[0].text), clause)]
+        sides = [used[-1], *(side for side in sides if side not in unknown)] if used else sides
+    return sides
 
 
 def _is_multiple(sides: Sequence[Sequence[Token]], words: Sequence[Token], names: Names) -> bool:
