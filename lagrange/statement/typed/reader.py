@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import random
 import re
-import unicodedata
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -27,8 +26,8 @@ from lagrange.statement.typed.lines import equation_spans
 from lagrange.statement.typed.matrices import rows_of, without_bars
 from lagrange.statement.typed.names import RATES, Names, canonical
 from lagrange.statement.typed.remarks import Clause, Definition, Uses, is_constant
-from lagrange.statement.typed.respelling import MATRIX
-from lagrange.statement.typed.tokens import Token, bracketed, tokens_of, with_derivatives
+from lagrange.statement.typed.respelling import MATRIX, PLAIN_LETTERS
+from lagrange.statement.typed.tokens import Token, bracketed, tokens_of
 from lagrange.statement.vocabulary.letters import GREEK, WORD
 
 _HTML = re.compile(r"\s*<(?:!doctype|html)\b", re.IGNORECASE)
@@ -54,17 +53,11 @@ _LIST = re.compile(r"[^=]*,[^=]*|[^=]*=\s*[(\[][^=]*,[^=]*[)\]]\s*|.*(?:\\hat(?!
 _STILL = re.compile(r"\b(?:equilibri|stationary|static|gleichgewicht|ruhelage)", re.IGNORECASE)
 # Replacements of these marks, of the same length. The apostrophe of a word becomes a letter that looks like one.
 _ACCENTS = str.maketrans("äöüÄÖÜ'’", "aouAOU\u02bc\u02bc")
-_LETTERS = {code: unicodedata.normalize("NFKC", chr(code)) for code in range(0x1D400, 0x1D800)}
-_LETTERS |= {0x210E: "h", 0xFEFF: " ", ord("〖"): "(", ord("〗"): ")"}
-"""Plain letters and brackets for those of formula editors, and a blank for the mark at the start of some files."""
-
 MOST_CHAINED = 4  # Most definitions of which each uses the one on the line after it
 MOST_DEFINED = 40  # Most equations of one text that are tried as definitions
 MOST_EQUATIONS = 1_000  # Most equations of one text
 MOST_TOLD = 20  # Most faults that are written as sentences; fewer fit into a message
-
-# Most characters of the faults listed in a message; with the count of the others it stays below 400
-LONGEST_REFUSAL = 360
+LONGEST_REFUSAL = 360  # Most characters of the faults in a message; with the count of the others it stays below 400
 READ_SO_FAR = " Before the first fault it is read as {}."  # Sentence on the part of an equation before its first fault
 LONGEST_SYMBOLS = 120  # Most characters of the list of symbols at the end of a message
 
@@ -154,7 +147,7 @@ class TypedReader:
         `what` begins the message, such as "equation 2". A fault is located by its column, and by its line if the text
         has several lines.
         """
-        text = text.translate(_LETTERS)
+        text = text.translate(PLAIN_LETTERS)
         reader, clauses = self._clauses(text, what)
         read, faults, remarks = list[Reading](), list[TypedFault](), list[TypedFault]()
         exact = any(reader.names.order(clause.tokens) > 1 and not self._is_special(text, clause) for clause in clauses)
@@ -195,14 +188,14 @@ class TypedReader:
 
     def unknown(self, text: str, what: str = "") -> set[str]:
         """Return the unknown words in clauses with accelerations. `what` is the label of the text in messages."""
-        reader, clauses = self._clauses(text.translate(_LETTERS), what)
+        reader, clauses = self._clauses(text.translate(PLAIN_LETTERS), what)
         moving = (clause for clause in clauses if reader.names.order(clause.tokens) > 1)
         words = {token.text for clause in moving for token in clause.formula() if token.kind == "word"}
         return {canonical(word) for word in words if not reader.names.readings(word)}
 
     def _clause(self, text: str, begin: int, end: int) -> Clause:
         """Return text[begin:end] as a clause, with its tokens."""
-        return Clause(text, begin, end, tuple(with_derivatives(tokens_of(text, begin, end))), self.names)
+        return Clause(text, begin, end, tuple(tokens_of(text, begin, end)), self.names)
 
     def _with_plain_names(self, clause: Clause) -> Clause:
         """Return a clause without the (t) after names that are not symbols, such as F(t).
@@ -308,12 +301,10 @@ class TypedReader:
         except TypedFault:
             return ()
         cancelled = []
-        for reading in readings:
-            if all(_is_factor(symbol, reading.zero) for symbol in ones):
-                zero, right, *inside = (
-                    x.xreplace(ones) for x in (reading.zero, reading.right, *reading.differentiated)
-                )
-                cancelled.append(Reading(zero, right, reading.read, tuple(inside), meanings=self.meanings))
+        for each in readings:
+            if all(_is_factor(symbol, each.zero) for symbol in ones):
+                zero, right, *inside = (x.xreplace(ones) for x in (each.zero, each.right, *each.differentiated))
+                cancelled.append(Reading(zero, right, each.read, tuple(inside), meanings=self.meanings))
         return tuple(cancelled)
 
     def _read_before(self, sides: Sequence[Sequence[Token]], offset: int) -> str:
@@ -385,10 +376,9 @@ class TypedReader:
         """
         sides, begin = clause.sides(), clause.begin
         offsets = [token.begin for token in clause.tokens if token.is_sign("=")]
-        for offset, left, right in zip(offsets, sides, sides[1:], strict=False):
-            if not left or not right:
-                side = "left" if not left else "right"
-                raise TypedFault(f"nothing stands {side} of the sign of equality", offset)
+        for offset, (left, right) in zip(offsets, pairwise(sides), strict=True):
+            if not (left and right):
+                raise TypedFault(f"nothing stands {'right' if left else 'left'} of the sign of equality", offset)
         laws = [side for side in sides if len(sides) > 2 and clause.is_law(side[0].begin, side[-1].end)]
         plain = [
             side
@@ -487,19 +477,17 @@ class TypedReader:
         sentences = []
         for fault in faults[:MOST_TOLD]:
             line, column = _line(text, fault.offset), fault.offset - text.rfind("\n", 0, fault.offset)
-            location = (
-                f"line {line}, column {column}" if "\n" in text.strip() or not what else f"{what}, column {column}"
-            )
-            sentences.append(f"{location}: {fault.reason}{'' if fault.reason.endswith(('.', '?')) else '.'}")
+            start = f"line {line}" if "\n" in text.strip() or not what else what
+            end = "" if fault.reason.endswith((".", "?")) else "."
+            sentences.append(f"{start}, column {column}: {fault.reason}{end}")
         end = f" The symbols are {self._symbols()}."
         if faults[0].read and len(sentences[0] + faults[0].read + end) < LONGEST_REFUSAL - len(READ_SO_FAR):
             end = READ_SO_FAR.format(faults[0].read) + end
-        kept = next(
-            k for k in range(len(sentences), 0, -1) if k == 1 or len(" ".join(sentences[:k]) + end) <= LONGEST_REFUSAL
-        )
-        left = len(faults) - kept
+        while len(sentences) > 1 and len(" ".join(sentences) + end) > LONGEST_REFUSAL:
+            sentences.pop()
+        left = len(faults) - len(sentences)
         more = f" {left} more {'fault follows' if left == 1 else 'faults follow'}." if left else ""
-        return " ".join(sentences[:kept]) + more + end
+        return " ".join(sentences) + more + end
 
     def example(self) -> str:
         """Return the end of a sentence for a message: an example of an answer, and the symbols of the system."""
@@ -521,13 +509,12 @@ def _is_factor(symbol: Any, expression: Any) -> bool:
     Tested at two random points.
     """
     others = sorted(expression.free_symbols - {symbol}, key=str)
-    pairs = []
-    dice = random.Random(1)
+    dice, values = random.Random(1), list[Any]()
     for _ in range(2):
         point = {other: sympy.Float(dice.uniform(0.5, 1.5), 30) for other in others}
-        pairs.append([sympy.N(expression.xreplace(point | {symbol: sympy.Integer(x)}), 30) for x in (1, 2)])
-    (a, b), (c, d) = pairs
-    numbers = all(x.is_Float or x.is_Integer for x in (a, b, c, d))
+        values += (sympy.N(expression.xreplace(point | {symbol: sympy.Integer(x)}), 30) for x in (1, 2))
+    a, b, c, d = values
+    numbers = all(x.is_Float or x.is_Integer for x in values)
     return bool(numbers and abs(a * d - b * c) <= EQUAL * max(abs(a * d), 1))
 
 

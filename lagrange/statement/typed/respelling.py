@@ -6,11 +6,15 @@ Text around formulas becomes blanks. The text keeps its length, so that offsets 
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Callable
 from functools import partial
 
 MATRIX_MARKS = MATRIX, CELL, ROW, MATRIX_END = "⟦╎╱⟧"  # Begin of a matrix, a new column, a new row, and its end
 CONSEQUENCE = "⇒"  # Mark between an equation and its consequence
+# Plain letters and brackets for those of formula editors, and a blank for the mark at the start of some files
+PLAIN_LETTERS = {code: unicodedata.normalize("NFKC", chr(code)) for code in range(0x1D400, 0x1D800)}
+PLAIN_LETTERS |= {0x210E: "h", 0xFEFF: " ", ord("〖"): "(", ord("〗"): ")"}
 _ROW_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?")
 _ABOVE_TIME = r"(?:(?!\\partial)[^=+\n]){0,24}\}\s*\{\s*\\partial\s*t(?![A-Za-z])"  # The rest of a quotient by dt
 

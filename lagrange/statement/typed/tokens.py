@@ -131,8 +131,14 @@ def bracketed(tokens: Sequence[Token]) -> list[Token]:
 
 
 def tokens_of(text: str, begin: int, end: int) -> list[Token]:
-    """Return the tokens of text[begin:end]. A character that cannot be read becomes a token of kind "fault"."""
-    return _Scanner(text, end).scan(begin)
+    """Return the tokens of text[begin:end], with derivatives in one form.
+
+    LaTeX dots and primes of a word are added to its `primes`. Any other derivative becomes a token of kind "rate",
+    followed by its operand; its text is the order. If the operand is simply what follows, as in d/dt m x, the kind is
+    "operator". A subscript after a prime moves to its word. A character that cannot be read becomes a token of kind
+    "fault".
+    """
+    return _leibniz(_marked(_Scanner(text, end).scan(begin), NESTED), NESTED)
 
 
 class _Scanner:
@@ -301,16 +307,6 @@ def _named(mark: str) -> str:
     return f"U+{ord(mark):04X} ({unicodedata.name(mark, 'control character')})"
 
 
-def with_derivatives(tokens: Sequence[Token]) -> list[Token]:
-    """Return the tokens of a formula with derivatives in one form.
-
-    LaTeX dots and primes of a word are added to its `primes`. Any other derivative becomes a token of kind "rate",
-    followed by its operand; its text is the order. If the operand is simply what follows, as in d/dt m x, the kind is
-    "operator". A subscript after a prime moves to its word.
-    """
-    return _leibniz(_marked(tokens, NESTED), NESTED)
-
-
 def closing(tokens: Sequence[Token], start: int) -> int:
     """Return the index of the bracket that closes the one at index `start`, or the number of tokens if none does."""
     depth = 0
@@ -340,17 +336,15 @@ def _marked(tokens: Sequence[Token], levels: int) -> list[Token]:
             i += len(group)
             by_time = [following.text for following in tokens[i : i + 3]] == ["{", "t", "}"]  # of \\dv{x}{t}
             i += 3 * by_time
-            if len(inside) == 1 and inside[0].kind == "word":
-                word = replace(inside[0], begin=token.begin, spaced=token.spaced)
-                token = replace(word, primes=word.primes + int(token.text))
-            else:
+            if len(inside) != 1 or inside[0].kind != "word":
                 joined += [replace(token, kind="rate"), *group]
                 continue
+            primes = inside[0].primes + int(token.text)
+            token = replace(inside[0], begin=token.begin, spaced=token.spaced, primes=primes)
+        power: list[Token] = []
         if token.kind == "word":
             token, power, i = _with_marks(token, tokens, i)
-            joined += [token, *power]
-        else:
-            joined.append(token)
+        joined += [token, *power]
     return joined
 
 
@@ -391,12 +385,8 @@ def _leibniz(tokens: Sequence[Token], levels: int) -> list[Token]:
         match = _quotient(tokens, i) if tokens[i].text[0] in "d({\\" else None
         match = match or _call(tokens, i)
         if match is None:
-            if (
-                tokens[i].is_sign(")")
-                and len(replaced) > 1
-                and replaced[-1].kind == "operator"
-                and replaced[-2].is_sign("(")
-            ):
+            before = [token.text if token.kind == "sign" else token.kind for token in replaced[-2:]]
+            if tokens[i].is_sign(")") and before == ["(", "operator"]:
                 del replaced[-2]  # the bracket of (d/dt) x
             else:
                 replaced.append(tokens[i])
@@ -478,10 +468,9 @@ def _call(tokens: Sequence[Token], i: int) -> _Rate | None:
     if end >= min(len(tokens), i + LONGEST_CALL):
         return None
     inside = list(tokens[i + 2 : end])
-    depth, comma = 0, 0
-    while comma < len(inside) and not (depth == 0 and inside[comma].is_sign(",")):
-        depth += inside[comma].is_sign(*OPENING) - inside[comma].is_sign(*OPENING.values())
-        comma += 1
+    depths = accumulate(token.is_sign(*OPENING) - token.is_sign(*OPENING.values()) for token in inside)
+    commas = (k for k, depth in enumerate(depths) if depth == 0 and inside[k].is_sign(","))
+    comma = next(commas, len(inside))
     by = [token.text for token in inside[comma:] if token.kind != "sign"]
     if not comma or not by or any(word != "t" and not word.isdigit() for word in by):
         return None
