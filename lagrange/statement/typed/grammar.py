@@ -15,7 +15,6 @@ from itertools import islice, product, zip_longest
 from lagrange.statement.typed.names import Names, Piece
 from lagrange.statement.typed.remarks import WORD, kind_of
 from lagrange.statement.typed.tokens import OPENING, Token
-from lagrange.statement.vocabulary.letters import GREEK
 
 DEEPEST = 40  # Most levels of nested brackets, functions, fractions and exponents; the parser is recursive
 MOST_READINGS = 12  # Most readings of one text that are tried
@@ -66,9 +65,11 @@ def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
             powered = following is not None and (following.is_sign("^") or following.kind == "power")
             readings = [r for r in names.readings(token.text) if powered or all(piece.kind != "e" for piece in r)]
             if not readings:
-                prose = kind_of(token.text) == WORD and token.text not in GREEK.values()
-                hint = names.hint(token.text) or (" Write a remark after '#'." if prose else "")
-                hint = hint or (" Write the derivative out." if _DIFFERENTIAL.fullmatch(token.text) else "")
+                hint = names.hint(token.text)
+                if not hint and kind_of(token.text) == WORD:  # a word of a sentence, not a Greek letter
+                    hint = " Write a remark after '#'."
+                elif not hint and _DIFFERENTIAL.fullmatch(token.text):
+                    hint = " Write the derivative out."
                 faults.append(UnknownWord(f"{name} is not a symbol of this system.{hint}", token.begin))
             elif not differentiated(readings, token, names):
                 faults.append(TypedFault(f"{name} has no derivative of this order here", token.begin))
@@ -84,14 +85,12 @@ def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> l
     """
     results = []
     for pieces in readings:
-        first = names.derivative(pieces[0], token.order) if token.order else pieces[0]
-        changed = [first, *pieces[1:]]
-        last = changed[-1]
-        if token.primes and last is not None:
-            changed[-1] = names.derivative(last, token.primes)
-        known = [piece for piece in changed if piece is not None]
-        if len(known) == len(changed):
-            results.append(known)
+        changed: list[Piece | None] = [*pieces]
+        for index, order in ((0, token.order), (-1, token.primes)):
+            piece = changed[index]
+            changed[index] = names.derivative(piece, order) if piece and order else piece
+        if None not in changed:
+            results.append([piece for piece in changed if piece])
     return results
 
 
@@ -301,11 +300,10 @@ class _Parser:
             if token.kind == "prime":
                 self.index += 1
                 base = self.rate(base, int(token.text), token.begin)
-                continue
-            exponent = self.exponent()
-            if exponent is None:
+            elif exponent := self.exponent():
+                base = Part(f"{base.at(ATOM)}**{exponent.at(ATOM)}", POWER, base.number, base.moves)
+            else:
                 break
-            base = Part(f"{base.at(ATOM)}**{exponent.at(ATOM)}", POWER, base.number, base.moves)
         return base
 
     def exponent(self) -> Part | None:
