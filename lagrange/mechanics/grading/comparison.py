@@ -95,9 +95,8 @@ def _points(statement: Statement, rows: Sequence[EquationRow]) -> Iterator[Sampl
     numbers = sorted(x for x in every if x and math.isfinite(x))
 
     def near() -> float:
-        return (
-            draw.choice((-1, 1)) * draw.choice(numbers) * (1 + draw.choice((-1, 1)) * 10 ** -draw.uniform(0, NEAREST))
-        )
+        sign, number, way = draw.choice((-1, 1)), draw.choice(numbers), draw.choice((-1, 1))
+        return sign * number * (1 + way * 10 ** -draw.uniform(0, NEAREST))
 
     for _ in range(DRAWS):
         point = sampler.far()
@@ -115,7 +114,7 @@ def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample])
     """
     choices = [list(samples)]
     for row in rows:
-        if not (len(samples[0].multipliers) and any(list(row.slopes.values())[len(row.statement.names) :])):
+        if not any(list(row.slopes.values())[len(row.statement.names) :]):
             continue
         with suppress(OutsideDomain):
             scaled = []
@@ -150,7 +149,7 @@ def _multiples(row: EquationRow, sample: MotionSample) -> list[Any]:
     It is None for a multiplier that the equation does not determine.
     """
     n = len(sample.mass)
-    slopes, _ = row.numbers(sample)
+    slopes = row.numbers(sample)
     weights = solve_dense(sample.mass, slopes[:n], SINGULAR)
     exerted = [sum(w * x for w, x in zip(weights, line, strict=True)) for line in sample.gradient]
     size = max(map(abs, exerted), default=0)
@@ -241,10 +240,10 @@ def compare_equations(
     likeliest = [_likeliest(equation, statement, samples) for equation in equations]
     rows = [row for row in likeliest if not row.equation.aside or row.holds(samples)] or likeliest
     if not distances and not all(row.holds(samples) for row in rows):
-        found = _distances(derivation)
+        positive = _distances(derivation)
         with suppress(StatementError):  # constraints may leave no state with positive distances
-            if found:
-                return compare_equations(statement, derive(statement, found), equations, write, found)
+            if positive:
+                return compare_equations(statement, derive(statement, positive), equations, write, positive)
     equations = [row.equation for row in rows]
     letters = {multiplier: letter for equation in equations for multiplier, letter in equation.letters.items()}
     pulling = any(not str(letter).startswith("lam") for letter in letters.values())
@@ -256,14 +255,22 @@ def compare_equations(
     entries = [statement.names.index(name) for name in distances]
     samples += [sample for sample in further if all(sample.point.q[i] > 0 for i in entries)]
     case = _Case(rows, derivation, written, distances, pulling, doubted=len(rows) < len(likeliest))
-    result = _compared(case, samples, untried)
-    label = equations[result.wrong[0]].label if result.wrong else ""
-    told = [i for i in range(len(equations)) if i in result.wrong or not result.wrong]
-    remark = "".join(f" {equations[i].note}" for i in told if equations[i].note)
-    shown = [i for i in told if equations[i].others]
-    remark += f" Read as {listing(equations[i].read for i in shown[:MOST_READ])}." if shown else ""
+    return _with_remarks(_compared(case, samples, untried), equations, letters)
+
+
+def _with_remarks(
+    result: EquationsComparison, equations: Sequence[StudentEquation], letters: Mapping[Any, Any]
+) -> EquationsComparison:
+    """Return a result with remarks on how its equations were read, and with their indices in the answer.
+
+    `letters` maps multipliers to the letters that were typed for them. A message that is too long goes to `.details`.
+    """
+    told = [equations[i] for i in result.wrong] or equations
+    remark = "".join(f" {equation.note}" for equation in told if equation.note)
+    ambiguous = [equation.read for equation in told if equation.others]
+    remark += f" Read as {listing(ambiguous[:MOST_READ])}." if ambiguous else ""
     for multiplier, letter in letters.items():
-        if not str(letter).startswith("lam") and letter not in statement.parameters:
+        if not str(letter).startswith("lam"):
             remark += f" {letter} is read as the force of the constraint {constraint_of(multiplier)}."
     read = "\n".join(equation.read for equation in equations)
     result = replace(result, wrong=tuple(dict.fromkeys(equations[i].index for i in result.wrong)))
@@ -273,6 +280,7 @@ def compare_equations(
     if not result.wrong:
         remark = ""
     elif len(short + remark) > LONGEST_MESSAGE:
+        label = told[0].label
         short, remark = f"{label[0].upper()}{label[1:]} does not hold: .details names its first wrong term.", ""
     return replace(result, message=short + remark, details=f"{result.message} {result.details}".strip(), read=read)
 
@@ -283,13 +291,12 @@ def _likeliest(equation: StudentEquation, statement: Statement, samples: Sequenc
     A reading may hold only after exact numbers replace its decimals. Then `note` has a sentence on these numbers. A
     reading that is not linear in the accelerations is skipped. Raises StatementError if no reading is linear.
     """
-    rows: list[EquationRow] = []
-    refused: StatementError | None = None
+    rows, refused = list[EquationRow](), list[StatementError]()
     for reading in (equation, *equation.others):
         try:
             row = row_of(reading, statement)
         except StatementError as error:
-            refused = refused or error
+            refused.append(error)
             continue
         if row.holds(samples):
             return row
@@ -303,7 +310,7 @@ def _likeliest(equation: StudentEquation, statement: Statement, samples: Sequenc
             return row_of(exact, statement)
     if rows:
         return rows[0]
-    raise refused or StatementError(f"{equation.label} cannot be read.")
+    raise refused[0]
 
 
 def _integrated(row: EquationRow) -> EquationRow | None:
@@ -313,8 +320,8 @@ def _integrated(row: EquationRow) -> EquationRow | None:
     """
     statement, equation = row.statement, row.equation
     moving = [*list(statement.plain.values())[1::3], *row.slopes]
-    velocity_constraints = [not constraint.holonomic for constraint in statement.constraints]
-    if not any(velocity_constraints) or not all(velocity_constraints) or row.zero.has(*moving):
+    holonomic = {constraint.holonomic for constraint in statement.constraints}
+    if holonomic != {False} or row.zero.has(*moving):
         return None
     note = f"{equation.label[0].upper()}{equation.label[1:]} is right up to a constant."
     rate = replace(equation, zero=along_motion(row.zero, statement), right=sympy.S.Zero, note=note)
@@ -557,23 +564,19 @@ def _refuted(
 
     `named` says what is wrong.
     """
-    row, example, details = rows[wrong[0]], dict[str, float](), ""
-    for sample in samples:
+    row, names, example, details = rows[wrong[0]], rows[0].statement.names, dict[str, float](), ""
+    accelerations = [f"{name}_ddot" for name in names]
+    for sample in (sample for sample in samples if not row.holds([sample])):
         with suppress(OutsideDomain):
-            left, size = row.residual(sample)
-            if abs(left) > HELD * size:
-                names, point, motion = row.statement.names, sample.point, sample.accelerations
-                keys = [*row.statement.state_names, "t", *(p.name for p in point.parameters)]
-                keys += [f"{name}_ddot" for name in names]
-                values = (*point.q, *point.v, point.t, *point.parameters.values(), *motion)
-                example = dict(zip(keys, map(float, values), strict=True))
-                details = f"the two sides of {row.equation.label} differ by {float(left):.5g}."
-                if len(names) > MOST_LISTED:
-                    details = f"At the state in .counterexample {details}"
-                    break
-                rates = listing(f"{name}_ddot = {float(a):.5g}" for name, a in zip(names, motion, strict=True))
-                details = f"At {point.describe(names, 5)} the motion has {rates}, and there {details}"
-                break
+            left, point, motion = row.residual(sample)[0], sample.point, sample.accelerations
+            keys = [*row.statement.state_names, "t", *(p.name for p in point.parameters), *accelerations]
+            values = (*point.q, *point.v, point.t, *point.parameters.values(), *motion)
+            example = dict(zip(keys, map(float, values), strict=True))
+            details = f"the two sides of {row.equation.label} differ by {float(left):.5g}."
+            rates = listing(f"{name} = {float(a):.5g}" for name, a in zip(accelerations, motion, strict=True))
+            start = f"At {point.describe(names, 5)} the motion has {rates}, and there"
+            details = f"{start if len(names) <= MOST_LISTED else 'At the state in .counterexample'} {details}"
+            break
     return EquationsComparison(
         right=False, message=named, wrong=wrong, counterexample=MappingProxyType(example), details=details
     )

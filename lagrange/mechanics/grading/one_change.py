@@ -153,7 +153,7 @@ def _is_empty(corrected: EquationRow, row: EquationRow, sample: MotionSample) ->
     if not any(row.slopes.values()):
         return bool(sympy.expand(corrected.zero) == 0)
     with suppress(OutsideDomain):
-        slopes, stated = (each.numbers(sample)[0] for each in (corrected, row))
+        slopes, stated = (each.numbers(sample) for each in (corrected, row))
         return bool(max(map(abs, slopes)) <= NONE * max(map(abs, stated)))
     return True
 
@@ -425,7 +425,7 @@ class _Search:
         a number other than 1 or -1.
         """
         with suppress(OutsideDomain):
-            slopes = [row.numbers(sample)[0] for sample in self.samples]
+            slopes = [row.numbers(sample) for sample in self.samples]
             for i in range(len(self.row.statement.names)):
                 pairs = [(line, sample.mass[i]) for line, sample in zip(slopes, self.samples, strict=True)]
                 if not all(mass[i] for _, mass in pairs):

@@ -73,7 +73,7 @@ def read_equations(answer: Any, statement: Statement) -> list[StudentEquation]:
     """
     reader = _EquationReader(statement)
     if isinstance(answer, str):
-        return reader.text(answer)
+        return reader.likely(answer, lambda each: each.document(answer))
     if isinstance(answer, Mapping):
         listed = [(f"the {coordinate_name(key, statement.names)} equation", value) for key, value in answer.items()]
     else:
@@ -130,24 +130,16 @@ class _EquationReader:
         if self.force and not letters:
             free = [letter for letter in FORCES if letter not in map(canonical, self.names)]
             unknown = reader.unknown(text, what)
-            letters = [
+            parts = [
                 letter for letter in free if any(word.startswith(letter) or word.endswith(letter) for word in unknown)
             ]
-            letters = [letter for letter in letters if letter in unknown] or letters
+            letters = [letter for letter in parts if letter in unknown] or parts
             letters = letters or [letter for letter in USUAL if letter in words and letter in free]
             letters = letters if len(letters) == 1 else []
             reader = TypedReader(self.names, self.others | dict.fromkeys(letters, self.force))
         return reader, {self.names[self.spellings.get(letter, self.force)]: sympy.Symbol(letter) for letter in letters}
 
-    def text(self, answer: str) -> list[StudentEquation]:
-        """Return the equations of a text, one per line. A definition of the kinetic energy T is skipped.
-
-        A text that cannot be read is tried as a document: first all its formulas, then its section "Equations of
-        motion".
-        """
-        return self._likely(answer, lambda reader: reader._document(answer))
-
-    def _likely(self, answer: str, read: Callable[[_EquationReader], list[StudentEquation]]) -> list[StudentEquation]:
+    def likely(self, answer: str, read: Callable[[_EquationReader], list[StudentEquation]]) -> list[StudentEquation]:
         """Return the equations that `read` reads with this reader, or else with one of `_with_usual_rates`.
 
         Those are tried if `read` fails, or if no equation has an acceleration. Equations without accelerations are kept
@@ -173,8 +165,8 @@ class _EquationReader:
         accelerations = list(self.plain.values())[2::3]
         return any(equation.zero.xreplace(dict(equation.meanings)).has(*accelerations) for equation in equations)
 
-    def _document(self, answer: str) -> list[StudentEquation]:
-        """Return the equations of a text, or else of its formulas or its section with the equations of motion."""
+    def document(self, answer: str) -> list[StudentEquation]:
+        """Return the equations of a text, or else of its formulas, or of its section "Equations of motion"."""
         try:
             return self._all(answer)
         except StatementError:
@@ -229,12 +221,11 @@ class _EquationReader:
         `what` is its label, and `index` its position in the answer.
         """
         if isinstance(answer, str):
-            return self._likely(answer, lambda reader: reader._single(answer, what, index))
+            return self.likely(answer, lambda reader: reader._single(answer, what, index))
         if isinstance(answer, sympy.Eq):
             left, right = (self.symbols(expression(side, what), what) for side in answer.args)
-            return [
-                StudentEquation(left - right, right, f"{spelled(left)} = {spelled(right)}", label=what, index=index)
-            ]
+            read = f"{spelled(left)} = {spelled(right)}"
+            return [StudentEquation(left - right, right, read, label=what, index=index)]
         if isinstance(answer, bool) or answer is sympy.true or answer is sympy.false:
             raise StatementError(f"{what} is {answer}: where == was meant, write sympy.Eq(left, right).")
         stated = expression(answer, what)
@@ -383,13 +374,9 @@ class EquationRow:
         outcomes, _ = self._tape.inspect(point.q, point.v, point.t, point.parameters)
         return outcomes
 
-    def numbers(self, sample: MotionSample) -> tuple[list[Any], Any]:
-        """Return as numbers at a sample the coefficients of all unknowns, and the rest without unknowns.
-
-        The unknowns are accelerations and multipliers. Raises OutsideDomain if a number has no value.
-        """
-        values = values_at(self._tape, sample)
-        return values[: len(self.slopes)], values[len(self.slopes)]
+    def numbers(self, sample: MotionSample) -> list[Any]:
+        """Return the coefficients of all unknowns at a sample, as numbers. Raises OutsideDomain if one has no value."""
+        return values_at(self._tape, sample)[: len(self.slopes)]
 
     def leading(self, sample: MotionSample) -> list[Any]:
         """Return the coefficients of accelerations and multipliers at a sample, as numbers.
@@ -398,7 +385,7 @@ class EquationRow:
         derivative. Raises OutsideDomain if one has no value.
         """
         if any(self.slopes.values()):
-            return self.numbers(sample)[0]
+            return self.numbers(sample)
         plain = list(self.statement.plain.values())
         symbols = plain[1::3] if self.zero.has(*plain[1::3]) else plain[::3]
         slopes = values_at(tape([sympy.diff(self.zero, symbol) for symbol in symbols], self.statement), sample)

@@ -120,10 +120,9 @@ def same(left: Numbers, right: Numbers, times: int = 1) -> bool:
 
 
 SECONDS = 1.2
-"""Processor time of a comparison after which no wrong term or slip is searched.
+"""Processor time of a comparison, with reading, after which no wrong term or slip is searched.
 
-Most searches take 0.1 s, and that in a chain of eight links 2 s.
-Reading counts, so that an answer of 500 terms, which takes 0.6 s to read, ends in time, too.
+Most searches take 0.1 s, and that in a chain of eight links 2 s. An answer of 500 terms takes 0.6 s to read.
 """
 
 # Sentence on a wrong equation whose wrong term was not found within the budget

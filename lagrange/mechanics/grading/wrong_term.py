@@ -82,12 +82,11 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
         return WrongTerm(_told_change(change, row, samples[0], write), alone=True, cost=change.cost, shorter=shorter)
     still = not any(row.slopes.values()) and not any(sample.first_order for sample in samples)
     if still and not constraints:
-        example = "{0}'' or {0}_ddot".format(row.statement.names[0])
-        end = f"contains no acceleration such as {example}: it is not an equation of motion."
+        q = row.statement.names[0]
+        end = f"contains no acceleration such as {q}'' or {q}_ddot: it is not an equation of motion."
         return WrongTerm(f"{label} does not hold, and {end}")
     if still:
-        zeros = [constraint.expression.xreplace(row.statement.plain) for constraint in constraints]
-        listed = [f"{known.name}, {write(zero)} = 0" for known, zero in zip(constraints, zeros, strict=True)]
+        listed = [f"{c.name}, {write(c.expression.xreplace(row.statement.plain))} = 0" for c in constraints]
         which = "the constraint is" if len(listed) == 1 else "the constraints are"
         return WrongTerm(f"{label} does not hold and is not a constraint: {which} {listing(listed)}.")
     first = _first_of_several(row, derivation, samples, write)
@@ -156,19 +155,20 @@ def _told(name: str, row: EquationRow, typed: Sequence[tuple[int, Any]], lacking
 
     `typed` are the wrong terms as (side, term); `name` is the coordinate of the equation.
     """
-    if not typed:
-        return f"{_place_of(name, row)} {Difference('missing', sympy.S.Zero, lacking[0]).told(sympy.S.One, write)}"
-    side, term = typed[0]
+    side, term = typed[0] if typed else (0, sympy.S.Zero)
     words = " on the right side" if side and row.sides[0] != 0 else ""
-    if not lacking:
-        return f"{_place_of(name, row)}{words} {Difference('extra', term, sympy.S.Zero).told(sympy.S.One, write)}"
-    factors = set(term.as_powers_dict())
-    nearest = max(lacking, key=lambda other: len(factors & set(other.as_powers_dict())))
-    right = simplest(nearest if side == 0 else -nearest)
-    ratio = sympy.cancel(term / right) if term.count_ops() + right.count_ops() <= LONGEST_RATIO else sympy.nan
-    difference = Difference("wrong", term, right)
-    if ratio.is_Rational:
-        difference = Difference("scaled", term, right, Fraction(ratio.p, ratio.q))
+    if not typed:
+        difference = Difference("missing", term, lacking[0])
+    elif not lacking:
+        difference = Difference("extra", term, sympy.S.Zero)
+    else:
+        factors = set(term.as_powers_dict())
+        nearest = max(lacking, key=lambda other: len(factors & set(other.as_powers_dict())))
+        right = simplest(nearest if side == 0 else -nearest)
+        ratio = sympy.cancel(term / right) if term.count_ops() + right.count_ops() <= LONGEST_RATIO else sympy.nan
+        difference = Difference("wrong", term, right)
+        if ratio.is_Rational:
+            difference = Difference("scaled", term, right, Fraction(ratio.p, ratio.q))
     return f"{_place_of(name, row)}{words} {difference.told(sympy.S.One, write)}"
 
 
@@ -250,12 +250,11 @@ def _meant(row: EquationRow, sample: MotionSample) -> str:
         return names[plain.index(left) // 3]
     if row.statement.rotations or not any(slopes[: len(names)]):
         return ""
-    try:
+    with suppress(OutsideDomain):
         weights = solve_dense(sample.mass, slopes[: len(names)], SINGULAR)
-    except OutsideDomain:
-        return ""
-    used = [name for name, w in zip(names, weights, strict=True) if abs(w) > SINGULAR * max(map(abs, weights))]
-    return used[0] if len(used) == 1 else f"{listing(used)} together" if len(used) == 2 else ""
+        used = [name for name, w in zip(names, weights, strict=True) if abs(w) > SINGULAR * max(map(abs, weights))]
+        return used[0] if len(used) == 1 else f"{listing(used)} together" if len(used) == 2 else ""
+    return ""
 
 
 def _place_of(name: str, row: EquationRow) -> str:
