@@ -108,9 +108,11 @@ class _EquationReader:
         multipliers = {f"{MULTIPLIER}{constraint.name}": constraint.multiplier for constraint in statement.constraints}
         self.names = multipliers | self.names
         numbered = ("lambda", *(letter for letter in USUAL if letter not in self.names))
-        self.spellings = {f"{letter}{k}": name for k, name in enumerate(multipliers, 1) for letter in numbered}
+        spellings = {f"{letter}{k}": name for k, name in enumerate(multipliers, 1) for letter in numbered}
         self.force = next(iter(multipliers)) if len(multipliers) == 1 else ""
-        self.spellings |= dict.fromkeys(("lambda", "lam"), self.force) if self.force else {}
+        spellings |= dict.fromkeys(("lambda", "lam"), self.force) if self.force else {}
+        known = set(map(canonical, self.names))
+        self.spellings = {letter: name for letter, name in spellings.items() if letter not in known}
         # The rates of the only rotation may be spelled w1 or omega_x, unless that is a symbol of the system.
         (rotation,) = statement.rotations if len(statement.rotations) == 1 else ("",)
         letters = [letter for letter in ("w", "omega", "Omega") if rotation and letter not in self.names]
