@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from itertools import combinations, product
+from itertools import chain, combinations, product
 from typing import Any
 
 import numpy as np
@@ -119,8 +119,9 @@ def one_change(
             break
         corrected = search.corrected(total, difference)
         if corrected is not None and corrected.holds(samples) and not _is_empty(corrected, row, samples[0]):
-            change = Change(total, difference, cost + OF_NUMBER * search.is_numbered(corrected), corrected)
-            best = change if best is None or change.cost < best.cost else best
+            cost += OF_NUMBER if search.has_unlikely_factor(corrected) else 0.0
+            if best is None or cost < best.cost:
+                best = Change(total, difference, cost, corrected)
     return best
 
 
@@ -200,55 +201,56 @@ class _Search:
         self, row: EquationRow, samples: Sequence[MotionSample], models: Sequence[Any], denominators: Sequence[Any]
     ) -> None:
         self.row, self.samples = row, samples
+        count, velocities = len(row.statement.names), list(row.statement.plain.values())[1::3]
         self.unknowns = unknowns_of(row.statement)
-        velocities = list(row.statement.plain.values())[1::3]
+        accelerations, self.forces = self.unknowns[:count], self.unknowns[count:]
+        self.absent = [symbol for symbol in self.unknowns if not row.zero.has(symbol)]
+
+        # Other symbols that are as likely on the left side: definitions with an acceleration, velocities that are rates
         shorthands = {**abbreviations(row.statement), **row.equation.meanings}
         self.rates = [symbol for symbol, value in shorthands.items() if value.has(*self.unknowns)]
         self.rates += [velocities[i] for i in samples[0].first_order]
-        self.moving = [*self.unknowns[: len(row.statement.names)], *self.rates]
-        derived = [
-            term
-            for p in map(row.in_full, row.equation.differentiated)
-            for term in sympy.Add.make_args(along_motion(p, row.statement))
-        ]
+        self.moving = [*accelerations, *self.rates]
+        self.rate_side = 0 if row.sides[0].has(*self.unknowns, *self.rates) else 1
+
+        # The typed sums, and the terms that come from a typed d/dt(...)
         typed = (*row.equation.terms, (), ())[:2]
-        self.derived = {*derived, *(-term for term in derived)}.difference(*typed)
         self.sums = [total for side in (0, 1) for total in _sums(side, row.sides[side], typed[side])]
+        rates = [along_motion(row.in_full(p), row.statement) for p in row.equation.differentiated]
+        derived = {term for rate in rates for term in sympy.Add.make_args(rate)}
+        self.derived = {sign * term for term in derived for sign in (1, -1)}.difference(*typed)
+
+        # The right terms. For a constraint, which has no rates, those with rates are no models.
         self.right = {sympy.Add(*expanded(term)) for term in models}
         self.below = {base for term in models for base in _sums_below(term)}
-        self.forces = self.unknowns[len(row.statement.names) :]
-        self.leading = int(not any(row.sides[0].has(x) for x in (*self.unknowns, *self.rates)))
-        self.absent = [symbol for symbol in self.unknowns if not row.zero.has(symbol)]
         moving = [*self.unknowns, *velocities]
-        still = not row.zero.has(*moving)  # a constraint has no rates
-        fitting = [term for term in models if not (still and term.has(*moving))]
-        self.models = list(dict.fromkeys(term.as_coeff_Mul()[1] for term in fitting))[:MOST_MODELS]
-        self.bases = self._bases(denominators)
+        if not row.zero.has(*moving):
+            models = [term for term in models if not term.has(*moving)]
+        self.models = list(dict.fromkeys(term.as_coeff_Mul()[1] for term in models))[:MOST_MODELS]
+
+        terms = [term * total.around for total in self.sums for term in total.terms]
+        self.typed_bases = {base for term in terms for base in _bases(term)}
+        self.bases = self._candidates((*terms, *self.models, *denominators))
         self.base_values, self.model_values = self.values(self.bases), self.values(self.models)
 
     def values(self, expressions: Sequence[Any]) -> list[Numbers]:
         """Return the values of expressions at the samples. Raises OutsideDomain if an expression has no value."""
         return evaluated(expressions, self.row, self.samples)
 
-    def _bases(self, denominators: Sequence[Any]) -> list[Any]:
-        """Return candidates for wrong factors: the bases of the factors of all terms, those of typed terms first.
+    def _candidates(self, terms: Sequence[Any]) -> list[Any]:
+        """Return candidates for wrong factors: the bases of the factors of terms, those of the first terms first.
 
-        A factor is a power of its base. The terms are the typed ones, those of the right equations, and
-        `denominators`.
+        A sine comes with its cosine. If there are few candidates, all parameters are among them.
         """
-        typed = [term * total.around for total in self.sums for term in total.terms]
-        self.typed = {factor.as_base_exp()[0] for term in typed for factor in sympy.Mul.make_args(term)}
-        every: dict[Any, None] = {}
-        for term in (*typed, *self.models, *denominators):
-            for factor in sympy.Mul.make_args(term):
-                base = factor.as_base_exp()[0]
-                if base.is_number or (base.is_Add and len(base.args) > 4):
-                    continue
-                every[base] = None
-                if isinstance(base, (sympy.sin, sympy.cos)):
-                    every |= {sympy.sin(base.args[0]): None, sympy.cos(base.args[0]): None}
-        symbols = dict.fromkeys(self.row.statement.parameters) | every
-        return list(every | symbols if len(symbols) <= MOST_FACTORS else every)[:MOST_FACTORS]
+        candidates: dict[Any, None] = {}
+        for base in (base for term in terms for base in _bases(term)):
+            if base.is_number or (base.is_Add and len(base.args) > 4):
+                continue
+            candidates[base] = None
+            if isinstance(base, (sympy.sin, sympy.cos)):
+                candidates |= {sympy.sin(base.args[0]): None, sympy.cos(base.args[0]): None}
+        with_parameters = candidates | dict.fromkeys(self.row.statement.parameters)
+        return list(with_parameters if len(with_parameters) <= MOST_FACTORS else candidates)[:MOST_FACTORS]
 
     @cached_property
     def products(self) -> tuple[list[tuple[tuple[int, int], ...]], Any, list[float]]:
@@ -279,8 +281,10 @@ class _Search:
                 return SWAPPED
             if not any(base.is_Add for base in bases) and len({base.has(*self.unknowns) for base in bases}) == 1:
                 return POWER + SWAPPED
-        unlikely: int = sum(base.has(*self.unknowns) or (base.is_Add and base not in self.typed) for base in bases)
-        return POWER * sum(abs(e) for _, e in key) + OF_FACTOR * unlikely
+        unlikely = [
+            base for base in bases if base.has(*self.unknowns) or (base.is_Add and base not in self.typed_bases)
+        ]
+        return POWER * sum(abs(e) for _, e in key) + OF_FACTOR * len(unlikely)
 
     def multiples(self, values: Numbers) -> Iterator[tuple[float, Any, Any]]:
         """Yield (cost, number, product of powers) if number times product has the given values at all samples."""
@@ -297,35 +301,50 @@ class _Search:
 
     def choices(self) -> Iterator[tuple[float, Sum, Difference]]:
         """Yield (cost, sum, difference) for all changes of one term."""
-        for cost, total, difference in self._choices():
-            term = (difference.right * total.around).xreplace(dict(self.row.equation.meanings))
-            signed = term if total.side == self.leading else -term
-            if term.count_ops() <= LONGEST_EXPANDED and self.below >= _sums_below(signed):
-                signed = sympy.Add(*expanded(signed))
-            right = signed in self.right
-            if not right and -signed not in self.right:
-                known = NUMBERED * (abs(term.as_coeff_Mul()[0]) != 1)
-            else:
-                known = FORCE if term.has(*self.forces) else NATURAL if right else TURNED
-            new = [symbol for symbol in self.absent if term.has(symbol)]
-            foreign = max((NEW_RATE if constraint_of(symbol) is None else NEW_FORCE for symbol in new), default=0)
-            yield cost + known + foreign, total, difference
-
-    def _choices(self) -> Iterator[tuple[float, Sum, Difference]]:
         for total, changes in self._changes():
-            extra, several = DENOMINATOR * total.below, len(total.terms) > 1
-            # The factors of a lone term in a denominator are factors of the whole term.
-            parts = (*total.terms, total.whole) if several else () if total.below else total.terms
-            for k, (part, value) in enumerate(zip(parts, self.values(parts), strict=True)):
-                whole = k == len(total.terms)
-                for cost, difference in self._of_term(part, value, changes):
-                    if not (whole and difference.kind == "extra"):
-                        yield cost + extra + OF_SIDE * whole + self._doubt(total, part), total, difference
-            rates = total.whole.has(*self.unknowns)
-            for cost, missing in self._among_models(changes):
-                if rates or not total.path or not missing.has(*self.unknowns):  # else its bracket has no accelerations
-                    cost += extra + self._misplaced(total, missing) + OF_RATE * missing.has(*self.moving)
-                    yield cost, total, Difference("missing", sympy.S.Zero, missing)
+            below = DENOMINATOR if total.below else 0.0
+            for cost, difference in chain(self._changed_terms(total, changes), self._missing_terms(total, changes)):
+                yield cost + below + self._cost_of_right(total, difference.right), total, difference
+
+    def _changed_terms(self, total: Sum, changes: Numbers) -> Iterator[tuple[float, Difference]]:
+        """Yield (cost, difference) for changes of one term of a sum, or of the whole sum.
+
+        The changes of the sum at the samples are `changes`.
+        """
+        parts = [(term, False) for term in total.terms]  # pairs (expression, True for the whole sum)
+        if len(parts) > 1:
+            parts.append((total.whole, True))
+        elif total.below:
+            return  # The factors of a lone term in a denominator are factors of the whole term.
+        values = self.values([part for part, _ in parts])
+        for (part, is_whole), value in zip(parts, values, strict=True):
+            cost_of_part = self._cost_of_typed(total, part) + (OF_SIDE if is_whole else 0.0)
+            for cost, difference in self._of_term(part, value, changes):
+                if not (is_whole and difference.kind == "extra"):
+                    yield cost + cost_of_part, difference
+
+    def _missing_terms(self, total: Sum, changes: Numbers) -> Iterator[tuple[float, Difference]]:
+        """Yield (cost, difference) for terms that are missing in a sum; their values at the samples are `changes`."""
+        has_unknowns = total.whole.has(*self.unknowns)
+        for cost, term in self._among_models(changes):
+            if total.path and term.has(*self.unknowns) and not has_unknowns:
+                continue  # An acceleration is not added to a bracket without one.
+            cost += self._cost_of_side(total, term) + (OF_RATE if term.has(*self.moving) else 0.0)
+            yield cost, Difference("missing", sympy.S.Zero, term)
+
+    def _cost_of_right(self, total: Sum, right: Any) -> float:
+        """Return the additional cost of `right` as a term of the sum `total`, by its likeness to a right term."""
+        term = (right * total.around).xreplace(dict(self.row.equation.meanings))
+        signed = term if total.side == self.rate_side else -term
+        if term.count_ops() <= LONGEST_EXPANDED and self.below >= _sums_below(signed):
+            signed = sympy.Add(*expanded(signed))
+        absent = [symbol for symbol in self.absent if term.has(symbol)]
+        cost = max((NEW_RATE if constraint_of(symbol) is None else NEW_FORCE for symbol in absent), default=0.0)
+        if signed not in self.right and -signed not in self.right:
+            return cost if abs(term.as_coeff_Mul()[0]) == 1 else cost + NUMBERED
+        if term.has(*self.forces):
+            return cost + FORCE
+        return cost + (NATURAL if signed in self.right else TURNED)
 
     def _changes(self) -> Iterator[tuple[Sum, Numbers]]:
         """Yield each sum whose change can make the equation right, with the necessary change at each sample.
@@ -384,7 +403,7 @@ class _Search:
                     plain = 0 if abs(number) == 1 else 0.3
                     yield MISSED + cost + plain, number * model * factor
 
-    def _doubt(self, total: Sum, term: Any) -> float:
+    def _cost_of_typed(self, total: Sum, term: Any) -> float:
         """Return the additional cost of a change of `term` in the sum `total`, by its place in the equation.
 
         Terms of a typed derivative, and a lone acceleration on one side, are unlikely to be wrong.
@@ -393,48 +412,48 @@ class _Search:
             return OF_DERIVATIVE
         if not term.has(*self.unknowns, *self.rates):
             return 0.0
-        number, rest = term.as_coeff_Mul()
-        if len(total.terms) > 1 or total.path or not rest.is_Symbol or not self.row.sides[1 - total.side].count_ops():
-            return OF_RATE if term.has(*self.moving) else 0.0
-        return OF_SOLVED if number == 1 else 0.0
+        number, factor = term.as_coeff_Mul()
+        opposite = self.row.sides[1 - total.side]
+        if len(total.terms) == 1 and not total.path and factor.is_Symbol and opposite.count_ops():
+            return OF_SOLVED if number == 1 else 0.0
+        return OF_RATE if term.has(*self.moving) else 0.0
 
-    def _misplaced(self, total: Sum, missing: Any) -> float:
+    def _cost_of_side(self, total: Sum, missing: Any) -> float:
         """Return the additional cost of adding the term `missing` to the sum `total`, by its side of the equation.
 
         A term that is unlikely on this side costs more. The additional cost is zero within brackets.
         """
+        containing, opposite = self.row.sides[total.side], self.row.sides[1 - total.side]
         if total.path:
             return 0.0
-        containing, opposite = self.row.sides[total.side], self.row.sides[1 - total.side]
         if containing == 0:
             return OF_SOLVED
         if opposite == 0:
             return 0.0
-        leading = [
-            [term.has(*self.unknowns) or term in self.derived for term in sympy.Add.make_args(side)]
-            for side in (containing, opposite)
-        ]
-        rates = [all(terms) for terms in leading]
-        fits = missing.has(*self.unknowns) == rates[0]
-        return 0.0 if fits and rates[0] != rates[1] else OF_RATE * (1 + total.side) / 2
+        has_rates = self._has_only_rates(containing)
+        if has_rates != self._has_only_rates(opposite) and has_rates == missing.has(*self.unknowns):
+            return 0.0
+        return OF_RATE * (1 + total.side) / 2
 
-    def is_numbered(self, row: EquationRow) -> bool:
-        """Return True if the equation `row` is a multiple of a right one by an unlikely factor.
+    def _has_only_rates(self, side: Any) -> bool:
+        """Return True if each term of a side has an acceleration or a multiplier, or is of a typed derivative."""
+        return all(term.has(*self.unknowns) or term in self.derived for term in sympy.Add.make_args(side))
+
+    def has_unlikely_factor(self, row: EquationRow) -> bool:
+        """Return True if the equation `row` is a right one times an unlikely factor, such as 3 m.
 
         Only the coefficients of accelerations are compared. A factor is likely if it is a product of symbols, without
         a number other than 1 or -1.
         """
-        with suppress(OutsideDomain):
+        try:
             slopes = [row.numbers(sample) for sample in self.samples]
-            for i in range(len(self.row.statement.names)):
-                pairs = [(line, sample.mass[i]) for line, sample in zip(slopes, self.samples, strict=True)]
-                if not all(mass[i] for _, mass in pairs):
-                    continue
-                factors = [line[i] / mass[i] for line, mass in pairs]
-                left = [
-                    [x - c * y for x, y in zip(*pair, strict=False)] for pair, c in zip(pairs, factors, strict=True)
-                ]
-                if all(max(map(abs, x)) <= CLOSE * max(map(abs, line)) for x, line in zip(left, slopes, strict=True)):
+        except OutsideDomain:
+            return False
+        for i in range(len(self.row.statement.names)):
+            masses = [sample.mass[i] for sample in self.samples]
+            if all(mass[i] for mass in masses):
+                factors = [line[i] / mass[i] for line, mass in zip(slopes, masses, strict=True)]
+                if all(map(_is_multiple, slopes, masses, factors)):
                     numbers = sorted((cost, abs(number)) for cost, number, _ in self.multiples(factors))
                     return not numbers or numbers[0][1] != 1
         return False
@@ -450,10 +469,24 @@ class _Search:
             return None
 
 
+def _bases(term: Any) -> list[Any]:
+    """Return the bases of the factors of a product, which are powers: m and l for m*l**2."""
+    return [factor.as_base_exp()[0] for factor in sympy.Mul.make_args(term)]
+
+
 def _sums_below(term: Any) -> set[Any]:
     """Return the sums that are factors in the denominator of a product."""
     powers = (factor for factor in sympy.Mul.make_args(term) if factor.is_Pow and factor.base.is_Add)
     return {power.base for power in powers if power.exp.is_negative}
+
+
+def _is_multiple(slopes: Numbers, mass: Numbers, factor: Any) -> bool:
+    """Return True if coefficients of accelerations are `factor` times a row of the mass matrix.
+
+    `slopes` are these coefficients, followed by those of the multipliers.
+    """
+    residuals = [slope - factor * entry for slope, entry in zip(slopes[: len(mass)], mass, strict=True)]
+    return bool(max(map(abs, residuals)) <= CLOSE * max(map(abs, slopes)))
 
 
 def _root(first: Any, second: Any, third: Any) -> Any:

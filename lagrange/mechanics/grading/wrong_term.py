@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -93,36 +93,61 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     return WrongTerm(first or f"{label} does not hold, and no term of it is that of an equation of motion.")
 
 
+@dataclass(frozen=True)
+class _Likeness:
+    """Comparison of the terms of a typed equation with those of a right one, multiplied by `factor`.
+
+    `name` is the coordinate of the right equation. `unmatched` are the indices of typed terms that are no right terms,
+    and `missing` those of right terms that were not typed. `matched` is the number of typed terms that are right.
+    """
+
+    name: str
+    right: Sequence[Any]
+    factor: Any
+    matched: int
+    unmatched: Sequence[int]
+    missing: Sequence[int]
+
+
 def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
     """Return a sentence on the first of several wrong terms, "" if the equation resembles no right one.
 
-    The terms are compared with those of each right equation, multiplied by a factor for which at least one term agrees.
+    The equation is compared with each right equation, multiplied by each factor for which at least one term agrees. The
+    likeliest of these has the most terms in common with it; of several such, the one with the simplest factor.
     """
-    typed = [(k, term) for k in (0, 1) for term in summands(row.in_full(row.sides[k])) if term != 0]
-    best: tuple[int, float] = (0, 0.0)
-    sentence = ""
-    for name, zero in _right_rows(row, derivation):
-        right = summands(zero)
-        if len(typed) + len(right) > MOST_MATCHED:
+    typed = [(side, term) for side in (0, 1) for term in summands(row.in_full(row.sides[side])) if term != 0]
+    likenesses = [each for right in _right_rows(row, derivation) for each in _likenesses(row, typed, *right, samples)]
+    if not likenesses:
+        return ""
+    best = max(likenesses, key=lambda each: (each.matched, -float(each.factor.count_ops())))
+    unmatched, missing = [typed[i] for i in best.unmatched], [best.factor * best.right[j] for j in best.missing]
+    more = " Another term of it is wrong, too." if len(unmatched) > 1 else ""
+    return _told(best.name, row, unmatched, missing, write) + more
+
+
+def _likenesses(
+    row: EquationRow, typed: Sequence[tuple[int, Any]], name: str, zero: Any, samples: Sequence[MotionSample]
+) -> Iterator[_Likeness]:
+    """Yield comparisons of `typed`, the terms of an equation as (side, term), with a right equation, `zero` = 0.
+
+    There is one for each pair of a typed and a right term, with the quotient of the two as the factor.
+    """
+    right, signed = summands(zero), [term if side == 0 else -term for side, term in typed]
+    if len(signed) + len(right) > MOST_MATCHED:
+        return
+    try:
+        values, expected = evaluated(signed, row, samples), evaluated(right, row, samples)
+    except OutsideDomain:
+        return
+    anchors = signed[:1] if row.sides[0] in row.slopes else signed  # the left side of a solved equation is right
+    for (i, term), (j, correct) in product(enumerate(anchors), enumerate(right)):
+        factor = term / correct
+        if factor.has(*row.slopes) or not all(expected[j]):
             continue
-        try:
-            values = evaluated([term if k == 0 else -term for k, term in typed], row, samples)
-            expected = evaluated(right, row, samples)
-        except OutsideDomain:
-            continue
-        anchors = range(1 if row.sides[0] in row.slopes else len(typed))  # the left side of a solved equation is right
-        for i, j in product(anchors, range(len(right))):
-            factor = typed[i][1] / right[j] * (-1) ** typed[i][0]
-            if factor.has(*row.slopes) or not all(expected[j]):
-                continue
-            scale = [a / b for a, b in zip(values[i], expected[j], strict=True)]
-            left, lacking = _unmatched(values, [[c * x for c, x in zip(scale, line, strict=True)] for line in expected])
-            rank = (len(typed) - len(left), -float(factor.count_ops()))
-            if rank > best:
-                best = rank
-                sentence = _told(name, row, [typed[k] for k in left], [factor * right[k] for k in lacking], write)
-                sentence += " Another term of it is wrong, too." if len(left) > 1 else ""
-    return sentence
+        scale = [a / b for a, b in zip(values[i], expected[j], strict=True)]
+        scaled = [[c * x for c, x in zip(scale, line, strict=True)] for line in expected]
+        unmatched, missing = _unmatched(values, scaled)
+        yield _Likeness(name, right, factor, len(signed) - len(unmatched), unmatched, missing)
 
 
 def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any]]:
@@ -140,14 +165,16 @@ def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any
     return [(name, zero.xreplace(rates).xreplace(statement.plain)) for name, zero in rows]
 
 
-def _unmatched(left: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list[int], list[int]]:
-    """Return the indices of the entries of `left` that are not in `right`, and of those of `right` not in `left`."""
-    kept, rest = [], list(range(len(right)))
-    for i, values in enumerate(left):
-        match = next((j for j in rest if same(values, right[j])), None)
-        kept += [i] if match is None else []
-        rest = [j for j in rest if j != match]
-    return kept, rest
+def _unmatched(typed: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list[int], list[int]]:
+    """Return the indices of the entries of `typed` that are not in `right`, and of those of `right` not in `typed`."""
+    unmatched, missing = [], list(range(len(right)))
+    for i, values in enumerate(typed):
+        match = next((j for j in missing if same(values, right[j])), None)
+        if match is None:
+            unmatched.append(i)
+        else:
+            missing.remove(match)
+    return unmatched, missing
 
 
 def _told(name: str, row: EquationRow, typed: Sequence[tuple[int, Any]], lacking: Sequence[Any], write: Write) -> str:
