@@ -275,11 +275,15 @@ class _Parser:
         following = self.peek()
         if following is not None and self.starts_value():
             # In g/2l the l belongs to the denominator; in k/(m l^2)(x - y) and 1/2 m it does not.
-            likely = not following.spaced and not (above.number and below.number) and not closed
-            if likely != bool(self.choices.take(f"division {'joined' if likely else 'apart'}", 2)):
-                while self.starts_value() and not (likely and self.tokens[self.index].spaced):
+            joined = not following.spaced and not (above.number and below.number) and not closed
+            if self.decides(f"division {'joined' if joined else 'apart'}", usual=joined):
+                while self.starts_value() and not (joined and self.tokens[self.index].spaced):
                     below = _times(below, self.factor())
         return _times(above, below, "/")
+
+    def decides(self, question: str, *, usual: bool) -> bool:
+        """Return the answer to a question about an ambiguous place: the `usual` one, or the other by `choices`."""
+        return usual != bool(self.choices.take(question, 2))
 
     def starts_value(self) -> bool:
         """Return True if the token at the current position begins a factor."""
@@ -366,10 +370,11 @@ class _Parser:
         begin = self.index
         bracket = self.next_is("(", "[", "\\frac")
         part = self.value() if bracket else self.factor()
-        if not (self.starts_value() or self.next_is("*", "/")) or self.choices.take("operand", 2) != bracket:
-            return part
-        self.index = begin
-        return self.product()
+        more = self.starts_value() or self.next_is("*", "/")
+        if more and self.decides("operand", usual=not bracket):
+            self.index = begin
+            return self.product()
+        return part
 
     def inside(self, opened: Token, *, several: bool = False) -> list[Part]:
         """Read an expression, or `several` between commas, up to the bracket that closes `opened`.
@@ -430,22 +435,22 @@ class _Parser:
         token, after = self.peek(), self.peek(1)
         if token is None or token.kind == "function":
             return False
-        if not part.moves:
-            more = self.starts_value() or (self.next_is("*", "/") and after is not None and after.kind != "function")
-            if not more or part.number:
-                return more
-            # The argument of sin omega t has two factors, that of sin alpha x and of cos a/(m + M) one.
-            ends = _ANGLE.search(part.text) or (self.next_is("/") and after is not None and after.is_sign(*OPENING))
-            return bool(ends) == bool(self.choices.take("argument of constants", 2))
-        if self.next_is("/") and after is not None and after.kind == "number":
-            return bool(self.choices.take("divided argument", 2))
-        return self.starts_value() and bool(self.choices.take("argument", 2))
+        if part.moves:
+            if self.next_is("/") and after is not None and after.kind == "number":
+                return self.decides("divided argument", usual=False)
+            return self.starts_value() and self.decides("argument", usual=False)
+        operator = self.next_is("*", "/") and after is not None and after.kind != "function"
+        if part.number or not (operator or self.starts_value()):
+            return operator or self.starts_value()
+        # The argument of sin omega t has two factors, that of sin alpha x and of cos a/(m + M) one.
+        over_bracket = self.next_is("/") and after is not None and after.is_sign(*OPENING)
+        return self.decides("argument of constants", usual=not (_ANGLE.search(part.text) or over_bracket))
 
     def bare_factor(self) -> Part:
         """Read a factor of an argument without brackets. Whether an exponent belongs to it is one of the choices."""
         part = self.value()
         powered = (token := self.peek()) is not None and (token.is_sign("^") or token.kind == "power")
-        if part.moves and powered and self.choices.take("power of an argument", 2):
+        if part.moves and powered and not self.decides("power of an argument", usual=True):
             return part
         return self.raised(part)
 
