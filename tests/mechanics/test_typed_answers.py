@@ -101,6 +101,15 @@ def test_a_letter_for_a_derivative_is_read_in_a_list_too() -> None:
     assert answered("scene:mass-on-spring").compare({"x": "m dv/dt = -k (x - rest) - c v"})
 
 
+def test_a_parameter_with_the_name_of_a_force_is_no_multiplier() -> None:
+    x, y, (m, g, length, drive) = lg.coordinate("x"), lg.coordinate("y"), lg.parameters("m g l T1")
+    system = lg.System(
+        m * (x.dot**2 + y.dot**2) / 2, m * g * y - drive * x, constraints={"rod": x**2 + y**2 - length**2}
+    )
+    result = system.compare("m x'' = T1 + 2 F x\nm y'' = -m g + 2 F y\nx^2 + y^2 = l^2")
+    assert result and "force" not in result.message, result.message
+
+
 def test_mutated_answers_are_judged_or_refused(share: Share) -> None:
     """An answer with a missing, doubled or replaced part is never executed, and every message is short."""
     dice, systems = random.Random(2), ("scene:pendulum", "oscillator", "table", "pulley", "typed:damped")

@@ -46,6 +46,7 @@ LONGEST_FACTOR = 12  # Largest number of operations of a factor of a side that a
 # Largest number of operations in a solved acceleration that is compared: expanding a longer one takes seconds
 LONGEST_FORMULA = 3_000
 LONGEST_RATIO = 60  # Largest number of operations of two terms whose ratio is simplified
+MOST_NAMED = 2  # Largest number of wrong terms of an equation that are all named
 MOST_MATCHED = 60  # Largest number of terms of an equation that are matched one by one with those of a right equation
 
 
@@ -121,8 +122,7 @@ def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequenc
         return ""
     best = max(likenesses, key=lambda each: (each.matched, -float(each.factor.count_ops())))
     unmatched, missing = [typed[i] for i in best.unmatched], [best.factor * best.right[j] for j in best.missing]
-    more = " Another term of it is wrong, too." if len(unmatched) > 1 else ""
-    return _told(best.name, row, unmatched, missing, write) + more
+    return _told(best.name, row, unmatched, missing, write)
 
 
 def _likenesses(
@@ -177,26 +177,52 @@ def _unmatched(typed: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list
     return unmatched, missing
 
 
-def _told(name: str, row: EquationRow, typed: Sequence[tuple[int, Any]], lacking: Sequence[Any], write: Write) -> str:
-    """Return a sentence on the first wrong term, with the right term in `lacking` that resembles it most.
+def _told(
+    name: str, row: EquationRow, unmatched: Sequence[tuple[int, Any]], missing: Sequence[Any], write: Write
+) -> str:
+    """Return a sentence on the wrong terms of an equation: on one or two of them, or on the first of more.
 
-    `typed` are the wrong terms as (side, term); `name` is the coordinate of the equation.
+    `unmatched` are the typed terms that are wrong, as (side, term), and `missing` the right terms that were not typed.
+    `name` is the coordinate of the equation.
     """
-    side, term = typed[0] if typed else (0, sympy.S.Zero)
-    words = " on the right side" if side and row.sides[0] != 0 else ""
-    if not typed:
-        difference = Difference("missing", term, lacking[0])
-    elif not lacking:
-        difference = Difference("extra", term, sympy.S.Zero)
-    else:
-        factors = set(term.as_powers_dict())
-        nearest = max(lacking, key=lambda other: len(factors & set(other.as_powers_dict())))
-        right = simplest(nearest if side == 0 else -nearest)
-        ratio = sympy.cancel(term / right) if term.count_ops() + right.count_ops() <= LONGEST_RATIO else sympy.nan
-        difference = Difference("wrong", term, right)
-        if ratio.is_Rational:
-            difference = Difference("scaled", term, right, Fraction(ratio.p, ratio.q))
-    return f"{_place_of(name, row)}{words} {difference.told(sympy.S.One, write)}"
+    several = max(len(unmatched), len(missing)) > MOST_NAMED
+    endings = []
+    for side, term, right in _pairs(unmatched[:1], missing)[:1] if several else _pairs(unmatched, missing):
+        place = "on the right side " if side and row.sides[0] != 0 else ""
+        endings.append(place + _difference(term, right).told(sympy.S.One, write))
+    sentence = f"{_place_of(name, row)} {' Also, '.join(endings)}"
+    return f"{sentence} Other terms of it are wrong or missing, too." if several else sentence
+
+
+def _pairs(unmatched: Sequence[tuple[int, Any]], missing: Sequence[Any]) -> list[tuple[int, Any, Any]]:
+    """Return (side, typed term, right term) for terms that are wrong, as (side, term), and terms that are missing.
+
+    Terms with the most factors in common are paired. A term without a partner is paired with zero. The typed terms keep
+    their order. `missing` are terms of the left side; a right term has the sign of its side.
+    """
+    partners, alone = dict[int, Any](), list(missing)
+    while alone and len(partners) < len(unmatched):
+        choices = product((k for k in range(len(unmatched)) if k not in partners), alone)
+        k, right = max(choices, key=lambda choice: _common_factors(unmatched[choice[0]][1], choice[1]))
+        partners[k] = simplest(-right if unmatched[k][0] else right)
+        alone.remove(right)
+    pairs = [(side, term, partners.get(k, sympy.S.Zero)) for k, (side, term) in enumerate(unmatched)]
+    return pairs + [(0, sympy.S.Zero, right) for right in alone]
+
+
+def _common_factors(left: Any, right: Any) -> int:
+    """Return the number of bases of factors that two terms have in common."""
+    return len(set(left.as_powers_dict()) & set(right.as_powers_dict()))
+
+
+def _difference(typed: Any, right: Any) -> Difference:
+    """Return the difference of a typed term and the right one, of which one may be zero."""
+    if typed == 0 or right == 0:
+        return Difference("missing" if typed == 0 else "extra", typed, right)
+    ratio = sympy.cancel(typed / right) if typed.count_ops() + right.count_ops() <= LONGEST_RATIO else sympy.nan
+    if ratio.is_Rational:
+        return Difference("scaled", typed, right, Fraction(ratio.p, ratio.q))
+    return Difference("wrong", typed, right)
 
 
 @lru_cache(maxsize=1)
