@@ -70,7 +70,7 @@ UNREAD = [
     ("scene:pendulum", "theta'' = -omega^2 sin theta", "'omega' is not a symbol"),
     ("scene:pendulum", "tehta_dd = -g/l sin(theta)", "'tehta_dd' is not a symbol"),
     ("typed:pendulum", "θ⃛ = 0\nθ̈ = -g/l sin θ", "'θ' has no derivative of this order here"),
-    ("typed:pendulum", r"\ddot\theta = -{g \over l} \sin\theta", r"over is not known here: write \\frac\{\}\{\}"),
+    ("typed:pendulum", r"\ddot\theta = -g \over l \sin\theta", r"over is not known here: write \\frac\{\}\{\}"),
     ("typed:pendulum", "m l² θ̈ = -dV_e/dθ", "'dV_e' is not a symbol of this system. Write the derivative out."),
     *(("orbit", text, "'C' is not a symbol") for text in ("(m + M) r'' = C", "r phi = C", "m r^2 phi' = C D")),
     ("strung", "m1 x'' = m1 g - F\nm2 y'' = m2 g - T", r"'F' is not a symbol of this system.* 'T' is not a symbol"),

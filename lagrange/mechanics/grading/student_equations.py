@@ -38,7 +38,7 @@ they are the only unknown of the only constraint."""
 USUAL = ("T", "N", "S", "FT", "FN", "FS", "Fc")
 # Usual letters for derivatives of the only coordinate of a kind; omega is left out, since it may be a frequency
 RATE_LETTERS = {name: {"v": "_dot", "a": "_ddot"} for name in ("x", "y", "z", "s", "r", "h")}
-RATE_LETTERS |= {name: {"alpha": "_ddot"} for name in ("theta", "phi", "psi")}
+RATE_LETTERS |= {name: dict.fromkeys(("alpha", "angularacceleration"), "_ddot") for name in ("theta", "phi", "psi")}
 ORDINALS = ("", "second", "third", "fourth", "fifth")  # Names of the equalities of a = b = c after the first
 
 

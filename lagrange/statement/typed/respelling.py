@@ -16,6 +16,8 @@ CONSEQUENCE = "⇒"  # Mark between an equation and its consequence
 PLAIN_LETTERS = {code: unicodedata.normalize("NFKC", chr(code)) for code in range(0x1D400, 0x1D800)}
 PLAIN_LETTERS |= {0x210E: "h", 0xFEFF: " ", ord("〖"): "(", ord("〗"): ")"}
 _ROW_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?")
+_OVER = r"\\over(?![A-Za-z])"
+_IN_BRACES = r"(?:[^{}]|\{[^{}]*\})"  # A character of a group in braces, or a group inside it
 _ABOVE_TIME = r"(?:(?!\\partial)[^=+\n]){0,24}\}\s*\{\s*\\partial\s*t(?![A-Za-z])"  # The rest of a quotient by dt
 
 
@@ -43,6 +45,8 @@ _RESPELLED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     ),
     # A new line of LaTeX, or the end of one formula and the begin of the next
     (r"\\\\(?:\[[^\]\n]*\])?|\$\s+\$|\\\]\s*\\\[|\\\)\s*\\\(", "\n"),
+    # A fraction of TeX: {g \over l}
+    (rf"(?<!\\)\{{((?:(?!{_OVER}){_IN_BRACES})*+){_OVER}({_IN_BRACES}*+)\}}", r"((\1)/(\2))"),
     # A group of words: \text{and}
     (r"(?<![_{])\\(?:text|mbox|textrm|textit|intertext)\s*\{([^{}\n]*)\}", r" \1"),
     # An equation in bold type: **x'' = 0**
@@ -68,6 +72,8 @@ _RESPELLED: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
         r"\b((?:where|with|here|wobei)\s+[^\W\d]\w*(?:\^2)?\s+)(?:is|ist)\s+(?=[\\(√]|sqrt|\w+\s*[/*^])",
         r"\1= ",
     ),
+    # The left side of an equation in words
+    (r"\b(?:[Tt]he\s)?[Aa]ngular\sacceleration(?=\s*=)", "angular_acceleration"),
     # The word "where" at the end of a line
     (r"(=[^\n]*\s)(?:where|with|wobei|mit)(?=[\s:]*$)", r"\1"),
     # A bar between two equations
