@@ -113,6 +113,24 @@ class TypedReader:
 
         Clauses that are definitions are left out. `what` is the label of the text in messages.
         """
+        clean, spans = self._spans(text, what)
+        clean = _OF_SENTENCES.sub(self._without_accents, clean)
+        lines = [self._clause(clean, *span).without_brackets() for span in spans]
+        whole = [self._with_plain_names(clause) for line in lines for clause in line.clauses()]
+        try:
+            rows = rows_of(without_bars([clause.tokens for clause in whole], self.names), self.names)
+        except TypedFault as fault:
+            raise StatementError(self._refusal(text, [fault], what)) from None
+        clauses = [replace(clause, tokens=(*row,)) for clause, each in zip(whole, rows, strict=True) for row in each]
+        if len(clauses) > MOST_EQUATIONS:
+            raise StatementError(f"the text has {len(clauses)} equations, and {MOST_EQUATIONS} are the most.")
+        return self._with_definitions(clauses)
+
+    def _spans(self, text: str, what: str) -> tuple[str, list[tuple[int, int]]]:
+        """Return a text with blanks for all but formulas, and the spans (begin, end) of its equations.
+
+        Raises StatementError, with the label `what`, for a text or an equation that is too long, and for HTML.
+        """
         if len(text) > LONGEST_ANSWER:
             raise StatementError(
                 f"the text has {len(text)} characters, and an answer may have {LONGEST_ANSWER}: shorten it."
@@ -126,17 +144,7 @@ class TypedReader:
                 raise StatementError(
                     f"{label} has {end - begin} characters, and {LONGEST_TEXT} are the most of an equation."
                 )
-        clean = _OF_SENTENCES.sub(self._without_accents, clean)
-        lines = [self._clause(clean, *span).without_brackets() for span in spans]
-        whole = [self._with_plain_names(clause) for line in lines for clause in line.clauses()]
-        try:
-            rows = rows_of(without_bars([clause.tokens for clause in whole], self.names), self.names)
-        except TypedFault as fault:
-            raise StatementError(self._refusal(text, [fault], what)) from None
-        clauses = [replace(clause, tokens=(*row,)) for clause, each in zip(whole, rows, strict=True) for row in each]
-        if len(clauses) > MOST_EQUATIONS:
-            raise StatementError(f"the text has {len(clauses)} equations, and {MOST_EQUATIONS} are the most.")
-        return self._with_definitions(clauses)
+        return clean, spans
 
     def equations(self, text: str, what: str = "") -> list[Reading]:
         """Return the likeliest reading of each equation of a text; none if it has only comments.
@@ -268,7 +276,8 @@ class TypedReader:
             free = self._without_free_names(sides, begin)
             if free:
                 return free
-            fault, *fault.others = faults
+            fault = faults[0]
+            fault.others = faults[1:]
             fault.read = self._read_before(sides, fault.offset)
             raise fault
         choices = Choices()

@@ -391,21 +391,23 @@ class Definition:
         if len(sides) != 2 or not all(sides) or marked or len({word.text for word in words}) != 1:
             return None
         name = "".join(GREEK.get(mark, mark) for mark in words[0].text)
+        changes, shared = uses.changes(canonical(name), clause), uses.contain(canonical(name), clause)
         texts = [tuple("" if token in words else token.text for token in side) for side in sides]
-        lone = [k for k, text in enumerate(texts) if text in _LONE]
-        value = sides[1 - lone[0]] if lone else sides[0]
-        changes = uses.changes(canonical(name), clause)
-        shared = uses.contain(canonical(name), clause)
-        constrained = any(known.startswith("lambda_") for known in names.names)  # then f is the force of a constraint
-        force = shared and not stated and bool(_FORCE.fullmatch(name)) and not (name[0] == "f" and constrained)
+        alone = [k for k, text in enumerate(texts) if text in _LONE]  # indices of the sides that are the name
         order = names.order(sides[0] + sides[1])
-        related = order == 0 or _is_multiple(sides, words, names)
-        alone = bool(lone) or force or (related and not stated and not _FORCE.fullmatch(name))
-        if not (changes or (alone and shared)) or not _NAME.fullmatch(name) or (order > 1 and not alone):
+        if alone or stated:
+            lone = bool(alone)
+        elif _FORCE.fullmatch(name):  # f is the force of a constraint if there is one
+            lone = shared and not (name[0] == "f" and any(known.startswith("lambda_") for known in names.names))
+        else:
+            lone = order == 0 or _is_multiple(sides, words, names)
+        if not (changes or (lone and shared)) or not _NAME.fullmatch(name) or (order > 1 and not lone):
             return None
-        kept = clause.part(value[0].begin, value[-1].end, aside=not stated)
-        fixed = stated or (lone == [1] and names.order(value) == 1 and not changes)
-        return cls(name, (sides[0], sides[1]), alone, replace(kept, constant=True) if fixed else None)
+        value = sides[1 - alone[0]] if alone else sides[0]
+        constant = None
+        if stated or (alone == [1] and names.order(value) == 1 and not changes):
+            constant = replace(clause.part(value[0].begin, value[-1].end, aside=not stated), constant=True)
+        return cls(name, (sides[0], sides[1]), lone, constant)
 
 
 def _defining_sides(clause: Clause, uses: Uses, names: Names) -> list[list[Token]]:
@@ -456,8 +458,8 @@ class Uses:
         self.changed: dict[str, set[int]] = {}
         for clause in clauses:
             constant = is_constant(clause.sides()[-1])
-            for before, token in pairwise((None, *clause.tokens)):
-                if token is None or token.kind != "word" or len(next(iter(clause.names.readings(token.text)), [])) == 1:
+            for before, token in zip((None, *clause.tokens), clause.tokens, strict=False):
+                if token.kind != "word" or len(next(iter(clause.names.readings(token.text)), [])) == 1:
                     continue
                 word = canonical(token.text)
                 self.words.setdefault(word, set()).add(clause.begin)
