@@ -482,16 +482,19 @@ def _blamed(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> tuple[tup
     """
     wrong_by_choice = [case.wrong(chosen) for chosen in choices]
     fewest = min(len(wrong) for wrong in wrong_by_choice if wrong)
-    ranked = []
-    for index, (chosen, wrong) in enumerate(zip(choices, wrong_by_choice, strict=True)):
-        if len(wrong) == fewest:
-            row = case.rows[wrong[0]]
-            term = WrongTerm(f"{row.equation.label[0].upper()}{row.equation.label[1:]} does not hold. {UNNAMED}")
-            with suppress(BudgetSpent):
-                check_size(*row.sides)
-                term = wrong_term(row, case.derivation, chosen, case.write)
-            ranked.append(((term.cost + NEGATIVE * (case.pulling and _is_negative(chosen)), index), (wrong, term)))
-    return min(ranked, key=lambda choice: choice[0])[1]
+    candidates = []
+    for chosen, wrong in zip(choices, wrong_by_choice, strict=True):
+        if len(wrong) != fewest:
+            continue
+        row = case.rows[wrong[0]]
+        term = WrongTerm(f"{row.equation.label[0].upper()}{row.equation.label[1:]} does not hold. {UNNAMED}")
+        with suppress(BudgetSpent):
+            check_size(*row.sides)
+            term = wrong_term(row, case.derivation, chosen, case.write)
+        unlikely = case.pulling and _is_negative(chosen)
+        candidates.append((term.cost + (NEGATIVE if unlikely else 0.0), wrong, term))
+    _, wrong, term = min(candidates, key=lambda candidate: candidate[0])
+    return wrong, term
 
 
 def _is_negative(samples: Sequence[MotionSample]) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from itertools import pairwise
 from typing import Any
 
 import sympy
@@ -168,39 +169,43 @@ def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample
     Corrections are those of `_variants`, the shortest ones first. A constant is replaced by constants only. `alone` is
     true if one wrong term explains the fault, too. Then the square and the root of the definition are not tried.
     """
-    statement, sample = rows[0].statement, samples[0]
-    plain, point = list(statement.plain.values()), sample.point
-    symbols = [*plain, *(constraint.multiplier for constraint in statement.constraints), *point.parameters, t]
-    motion = (x for each in zip(point.q, point.v, sample.accelerations, strict=True) for x in each)
-    values = zip(symbols, (*motion, *sample.multipliers, *point.parameters.values(), point.t), strict=True)
-    numbers = {symbol: sympy.Float(x, DIGITS) for symbol, x in values}
+    statement, numbers = rows[0].statement, _numbers_at(samples[0], rows[0].statement)
+    coordinates = list(statement.plain.values())
     meanings = {symbol: value for row in rows for symbol, value in row.equation.meanings.items()}
     for symbol, value in meanings.items():
         rates = [rate for rate in (sympy.Symbol(symbol.name + end, real=True) for end in RATES[1:]) if rate in meanings]
-        used = [row for row in rows if any(side.has(symbol, *rates) for side in row.sides)]
+        used = any(side.has(symbol, *rates) for row in rows for side in row.sides)
         if not used or value.count_ops() > LONGEST_DEFINITION or symbol.name.endswith(RATES[1:]):
             continue
         known = {other: x for other, x in meanings.items() if other not in (symbol, *rates)}
         zeros = [row.equation.zero.xreplace(known).xreplace(abbreviations(statement)) for row in rows]
         residuals = [zero.xreplace(numbers) for zero in zeros]
-        moves = value.has(*plain)
-        symbols = [*statement.parameters, *(plain if moves else ())]
+        symbols = [*statement.parameters, *(coordinates if value.has(*coordinates) else ())]
         powers = {value**2, sympy.sqrt(value)} if alone else set()
         variants = {variant for variant in _variants(value, symbols) if variant.free_symbols} - {value} - powers
         for variant in sorted(variants, key=lambda x: (x.count_ops(), str(x))):
             if is_spent():
                 return ""
-            table, rate = {symbol: variant}, variant
-            for each in rates:
-                rate = along_motion(rate, statement)
-                table[each] = rate
-            at_sample = {each: changed.xreplace(numbers) for each, changed in table.items()}
+            table = {symbol: variant}
+            for lower, rate in pairwise((symbol, *rates)):
+                table[rate] = along_motion(table[lower], statement)
+            at_sample = {changed: x.xreplace(numbers) for changed, x in table.items()}
             if any(abs(sympy.N(residual.xreplace(at_sample))) > CLOSE for residual in residuals):
                 continue
             if _all_hold([zero.xreplace(table) for zero in zeros], statement, samples):
                 what = "equation" if value.has(*unknowns_of(statement)) else "definition"
                 return f"The {what} {symbol} = {write(value)} is wrong: it should be {write(variant)}."
     return ""
+
+
+def _numbers_at(sample: MotionSample, statement: Statement) -> dict[Any, Any]:
+    """Return {symbol: number} at a sample, for the plain symbols, multipliers and parameters of a statement, and t."""
+    point = sample.point
+    motion = (x for each in zip(point.q, point.v, sample.accelerations, strict=True) for x in each)
+    multipliers = (constraint.multiplier for constraint in statement.constraints)
+    symbols = (*statement.plain.values(), *multipliers, *point.parameters, t)
+    values = (*motion, *sample.multipliers, *point.parameters.values(), point.t)
+    return {symbol: sympy.Float(x, DIGITS) for symbol, x in zip(symbols, values, strict=True)}
 
 
 def _variants(expression: Any, symbols: Sequence[Any]) -> Iterator[Any]:

@@ -81,14 +81,14 @@ def expanded(expression: Any) -> tuple[Any, ...]:
     BudgetSpent if the time is up.
     """
     check_budget()
-    exponents = (power.exp for power in expression.atoms(sympy.Pow) if power.base.is_Add)
-    large = any(exponent.is_Integer and abs(exponent) > LARGEST_POWER for exponent in exponents)
-    if not (large or expansion(expression) > LARGEST_EXPANSION):
+    powers = [power for power in expression.atoms(sympy.Pow) if power.base.is_Add and power.exp.is_Integer]
+    if all(abs(power.exp) <= LARGEST_POWER for power in powers) and expansion(expression) <= LARGEST_EXPANSION:
         angles = [call.args[0] for call in expression.atoms(sympy.sin, sympy.cos, sympy.tan)]
-        factors = (abs(term.as_coeff_Mul()[0]) for angle in angles for term in sympy.Add.make_args(angle))
+        multiples = (abs(term.as_coeff_Mul()[0]) for angle in angles for term in sympy.Add.make_args(angle))
         # The sine of n times an angle becomes a polynomial of degree n.
-        few = all(factor <= LARGEST_MULTIPLE for factor in factors)
-        expression = sympy.expand(sympy.expand_trig(expression) if few else expression)
+        if all(multiple <= LARGEST_MULTIPLE for multiple in multiples):
+            expression = sympy.expand_trig(expression)
+        expression = sympy.expand(expression)
     terms: tuple[Any, ...] = sympy.Add.make_args(expression)
     return terms
 

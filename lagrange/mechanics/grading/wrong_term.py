@@ -37,6 +37,7 @@ from lagrange.mechanics.grading.term_difference import (
 )
 from lagrange.mechanics.plain_form import simplest
 from lagrange.statement.coordinate import constraint_of, t
+from lagrange.statement.statement import Statement
 
 MOST_SHARED = 20  # Largest number of terms of an equation whose partial sums are tried as right terms, too
 
@@ -288,18 +289,12 @@ def _told_change(change: Change, row: EquationRow, sample: MotionSample, write: 
 
 def _meant(row: EquationRow, sample: MotionSample) -> str:
     """Return the coordinate or coordinates whose equation of motion `row` is, or the name of its constraint, or ""."""
-    names, unknowns, plain = row.statement.names, list(row.slopes), list(row.statement.plain.values())
-    still = not any(row.slopes.values()) and not sample.first_order
-    slopes = row.leading(sample)
-    along = values_at(tape([sympy.diff(row.zero, q) for q in plain[::3]], row.statement), sample) if still else slopes
-    for constraint, line in zip(row.statement.constraints, sample.gradient, strict=False):
-        size = max(map(abs, along[: len(names)])) * max(map(abs, line))
-        pairs = combinations(zip(along, line, strict=False), 2)
-        parallel = size > 0 and all(abs(a * d - b * c) <= SINGULAR * size for (a, b), (c, d) in pairs)
-        if parallel and not any(slopes[len(names) :]):
-            return f"the constraint {constraint.name}"
+    names, plain, slopes = row.statement.names, list(row.statement.plain.values()), row.leading(sample)
+    constraint = _constraint_meant(row, slopes, sample)
+    if constraint:
+        return f"the constraint {constraint}"
     left = row.sides[0].as_coeff_Mul()[1]
-    if left in unknowns[: len(names)] or (sample.first_order and left in plain[1::3]):
+    if left in plain[2::3] or (sample.first_order and left in plain[1::3]):
         return names[plain.index(left) // 3]
     if row.statement.rotations or not any(slopes[: len(names)]):
         return ""
@@ -307,6 +302,27 @@ def _meant(row: EquationRow, sample: MotionSample) -> str:
         weights = solve_dense(sample.mass, slopes[: len(names)], SINGULAR)
         used = [name for name, w in zip(names, weights, strict=True) if abs(w) > SINGULAR * max(map(abs, weights))]
         return used[0] if len(used) == 1 else f"{listing(used)} together" if len(used) == 2 else ""
+    return ""
+
+
+def _constraint_meant(row: EquationRow, slopes: Numbers, sample: MotionSample) -> str:
+    """Return the name of the constraint whose gradient is parallel to the coefficients of accelerations, or "".
+
+    `slopes` are the coefficients of accelerations and multipliers. Of an equation between coordinates the gradient
+    counts.
+    """
+    statement, count = row.statement, len(row.statement.names)
+    if any(slopes[count:]):
+        return ""
+    direction = slopes[:count]
+    if not any(row.slopes.values()) and not sample.first_order:
+        coordinates = list(statement.plain.values())[::3]
+        direction = values_at(tape([sympy.diff(row.zero, q) for q in coordinates], statement), sample)
+    for constraint, gradient in zip(statement.constraints, sample.gradient, strict=True):
+        size = max(map(abs, direction)) * max(map(abs, gradient))
+        pairs = combinations(zip(direction, gradient, strict=True), 2)
+        if size > 0 and all(abs(a * d - b * c) <= SINGULAR * size for (a, b), (c, d) in pairs):
+            return constraint.name
     return ""
 
 
@@ -332,34 +348,54 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
 
     The right expression is a constant times a momentum, or the typed one with another sign or factor of one term.
     """
+    return _wrong_whole_momentum(row, derivation, samples, write) or _wrong_term_of_momentum(row, samples, write)
+
+
+def _wrong_whole_momentum(
+    row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write
+) -> str:
+    """Return a sentence if an expression under a typed d/dt should be a constant times a momentum; else ""."""
     statement, momenta = row.statement, list[Any]()
     with suppress(StatementError):
         momenta = [p.xreplace(statement.plain) for p in derivation.momenta.values()]
-    ones = dict.fromkeys((*statement.plain.values(), t), sympy.S.One)
-    for typed, (name, p) in product(
-        dict.fromkeys(row.equation.differentiated), zip(statement.names, momenta, strict=False)
-    ):
+    pairs = zip(statement.names, momenta, strict=False)  # no momenta if they are too large to write out
+    for typed, (name, p) in product(dict.fromkeys(row.equation.differentiated), pairs):
         check_budget()
         if p == 0 or p.count_ops() > LONGEST_SOLVED:
             continue
-        absent = [factor for factor in p.args if p.is_Mul and factor in statement.parameters and not typed.has(factor)]
-        p /= sympy.Mul(*absent) if row.sides[1] == 0 else 1  # The student has divided by these parameters.
-        factor = sympy.cancel(row.in_full(typed) / p).xreplace(ones)
-        constants = dict.fromkeys((sympy.Integer(-1 if factor.could_extract_minus_sign() else 1), factor))
-        known = [constant for constant in constants if constant.is_finite is not False and constant != 0]
-        for constant, side in product(known, (1, -1)):
+        if row.sides[1] == 0 and p.is_Mul:  # The student may have divided by parameters.
+            p /= sympy.Mul(*(q for q in p.args if q in statement.parameters and not typed.has(q)))
+        for constant, sign in product(_constants(row.in_full(typed) / p, statement), (1, -1)):
             expected = sympy.Mul(constant, p) if p.is_Mul else constant * p
-            change = along_motion(expected - row.in_full(typed), statement)
-            if row.with_zero(row.zero + side * change).holds(samples):
+            change = sign * along_motion(expected - row.in_full(typed), statement)
+            if row.with_zero(row.zero + change).holds(samples):
                 sentence = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
                 return f"{_place_of(name, row)} {sentence}"
-    # Of the terms under d/dt, those without a velocity are tried first.
-    velocities, ratios = list(statement.plain.values())[1::3], (Fraction(-1), Fraction(2), Fraction(1, 2))
+    return ""
+
+
+def _constants(ratio: Any, statement: Statement) -> list[Any]:
+    """Return the constants that a student may have meant as the ratio of a typed expression and a momentum.
+
+    They are its sign, and its value where all coordinates, velocities and the time are 1.
+    """
+    ones = dict.fromkeys((*statement.plain.values(), t), sympy.S.One)
+    value = sympy.cancel(ratio).xreplace(ones)
+    constants = dict.fromkeys((sympy.Integer(-1 if value.could_extract_minus_sign() else 1), value))
+    return [constant for constant in constants if constant.is_finite is not False and constant != 0]
+
+
+def _wrong_term_of_momentum(row: EquationRow, samples: Sequence[MotionSample], write: Write) -> str:
+    """Return a sentence if a term of an expression under a typed d/dt has a wrong sign or factor 2 or 1/2; else "".
+
+    Terms without a velocity are tried first.
+    """
+    velocities, ratios = list(row.statement.plain.values())[1::3], (Fraction(-1), Fraction(2), Fraction(1, 2))
     for typed in dict.fromkeys(row.equation.differentiated):
         terms = sorted(typed.args if typed.is_Add else (), key=lambda term: term.has(*velocities))
-        for term, ratio, side in product(terms, ratios, (1, -1)):
+        for term, ratio, sign in product(terms, ratios, (1, -1)):
             right = term / sympy.Rational(ratio)
-            change = side * along_motion(row.in_full(right - term), statement)
+            change = sign * along_motion(row.in_full(right - term), row.statement)
             if row.with_zero(row.zero + change).holds(samples):
                 difference = Difference("scaled", term, right, ratio).told(sympy.S.One, write)
                 return f"{_place_of('', row)}, in d/dt({write(typed)}), {difference}"
