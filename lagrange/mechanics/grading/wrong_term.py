@@ -75,9 +75,9 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     if not row.zero.free_symbols:
         return WrongTerm(f"{label} does not hold, and contains no symbol of this system.")
     constraints = row.statement.constraints
-    part = _wrong_momentum(row, derivation, samples, write)
-    if part:
-        return WrongTerm(part, alone=True, cost=0.0, shorter=True)
+    momentum = _wrong_momentum(row, derivation, samples, write) or _wrong_term_of_momentum(row, samples, write)
+    if momentum:
+        return WrongTerm(momentum, alone=True, cost=0.0, shorter=True)
     change = one_change(row, samples, _right_terms(derivation), _right_denominators(derivation))
     if change is not None:
         shorter = change.difference.right.count_ops() <= change.difference.typed.count_ops()
@@ -95,22 +95,6 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     return WrongTerm(first or f"{label} does not hold, and no term of it is that of an equation of motion.")
 
 
-@dataclass(frozen=True)
-class _Likeness:
-    """Comparison of the terms of a typed equation with those of a right one, multiplied by `factor`.
-
-    `name` is the coordinate of the right equation. `unmatched` are the indices of typed terms that are no right terms,
-    and `missing` those of right terms that were not typed. `matched` is the number of typed terms that are right.
-    """
-
-    name: str
-    right: Sequence[Any]
-    factor: Any
-    matched: int
-    unmatched: Sequence[int]
-    missing: Sequence[int]
-
-
 def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
     """Return a sentence on the first of several wrong terms, "" if the equation resembles no right one.
 
@@ -118,37 +102,40 @@ def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequenc
     likeliest of these has the most terms in common with it; of several such, the one with the simplest factor.
     """
     typed = [(side, term) for side in (0, 1) for term in summands(row.in_full(row.sides[side])) if term != 0]
-    likenesses = [each for right in _right_rows(row, derivation) for each in _likenesses(row, typed, *right, samples)]
-    if not likenesses:
-        return ""
-    best = max(likenesses, key=lambda each: (each.matched, -float(each.factor.count_ops())))
-    unmatched, missing = [typed[i] for i in best.unmatched], [best.factor * best.right[j] for j in best.missing]
-    return _told(best.name, row, unmatched, missing, write)
+    signed = [term if side == 0 else -term for side, term in typed]
+    best: tuple[int, float] = (0, 0.0)
+    sentence = ""
+    for name, zero in _right_rows(row, derivation):
+        right = summands(zero)
+        for factor, unmatched, missing in _compared(signed, right, row, samples):
+            rank = (len(typed) - len(unmatched), -float(factor.count_ops()))
+            if rank > best:
+                best = rank
+                wrong, absent = [typed[i] for i in unmatched], [factor * right[j] for j in missing]
+                sentence = _told(name, row, wrong, absent, write)
+    return sentence
 
 
-def _likenesses(
-    row: EquationRow, typed: Sequence[tuple[int, Any]], name: str, zero: Any, samples: Sequence[MotionSample]
-) -> Iterator[_Likeness]:
-    """Yield comparisons of `typed`, the terms of an equation as (side, term), with a right equation, `zero` = 0.
+def _compared(
+    typed: Sequence[Any], right: Sequence[Any], row: EquationRow, samples: Sequence[MotionSample]
+) -> Iterator[tuple[Any, list[int], list[int]]]:
+    """Yield (factor, unmatched, missing) for comparisons of the terms of an equation with factor times right terms.
 
-    There is one for each pair of a typed and a right term, with the quotient of the two as the factor.
+    `unmatched` are the indices of the entries of `typed` without a partner, and `missing` those of entries of `right`.
+    There is one comparison for each pair of a typed and a right term, whose quotient is the factor.
     """
-    right, signed = summands(zero), [term if side == 0 else -term for side, term in typed]
-    if len(signed) + len(right) > MOST_MATCHED:
+    if len(typed) + len(right) > MOST_MATCHED:
         return
     try:
-        values, expected = evaluated(signed, row, samples), evaluated(right, row, samples)
+        values, expected = evaluated(typed, row, samples), evaluated(right, row, samples)
     except OutsideDomain:
         return
-    anchors = signed[:1] if row.sides[0] in row.slopes else signed  # the left side of a solved equation is right
+    anchors = typed[:1] if row.sides[0] in row.slopes else typed  # the left side of a solved equation is right
     for (i, term), (j, correct) in product(enumerate(anchors), enumerate(right)):
         factor = term / correct
-        if factor.has(*row.slopes) or not all(expected[j]):
-            continue
-        scale = [a / b for a, b in zip(values[i], expected[j], strict=True)]
-        scaled = [[c * x for c, x in zip(scale, line, strict=True)] for line in expected]
-        unmatched, missing = _unmatched(values, scaled)
-        yield _Likeness(name, right, factor, len(signed) - len(unmatched), unmatched, missing)
+        if not factor.has(*row.slopes) and all(expected[j]):
+            scale = [a / b for a, b in zip(values[i], expected[j], strict=True)]
+            yield factor, *_unmatched(values, [[c * x for c, x in zip(scale, line, strict=True)] for line in expected])
 
 
 def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any]]:
@@ -202,18 +189,14 @@ def _pairs(unmatched: Sequence[tuple[int, Any]], missing: Sequence[Any]) -> list
     their order. `missing` are terms of the left side; a right term has the sign of its side.
     """
     partners, alone = dict[int, Any](), list(missing)
+    bases = [set(term.as_powers_dict()) for _, term in unmatched]
     while alone and len(partners) < len(unmatched):
         choices = product((k for k in range(len(unmatched)) if k not in partners), alone)
-        k, right = max(choices, key=lambda choice: _common_factors(unmatched[choice[0]][1], choice[1]))
+        k, right = max(choices, key=lambda choice: len(bases[choice[0]] & set(choice[1].as_powers_dict())))
         partners[k] = simplest(-right if unmatched[k][0] else right)
         alone.remove(right)
     pairs = [(side, term, partners.get(k, sympy.S.Zero)) for k, (side, term) in enumerate(unmatched)]
     return pairs + [(0, sympy.S.Zero, right) for right in alone]
-
-
-def _common_factors(left: Any, right: Any) -> int:
-    """Return the number of bases of factors that two terms have in common."""
-    return len(set(left.as_powers_dict()) & set(right.as_powers_dict()))
 
 
 def _difference(typed: Any, right: Any) -> Difference:
@@ -344,16 +327,6 @@ def _told_factor(factor: Any, write: Write) -> str:
 
 
 def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence if only an expression under a typed d/dt is wrong; else "".
-
-    The right expression is a constant times a momentum, or the typed one with another sign or factor of one term.
-    """
-    return _wrong_whole_momentum(row, derivation, samples, write) or _wrong_term_of_momentum(row, samples, write)
-
-
-def _wrong_whole_momentum(
-    row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write
-) -> str:
     """Return a sentence if an expression under a typed d/dt should be a constant times a momentum; else ""."""
     statement, momenta = row.statement, list[Any]()
     with suppress(StatementError):
