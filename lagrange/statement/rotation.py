@@ -40,6 +40,7 @@ from lagrange.statement.expression import (
     in_full,
     is_shorthand,
     real_number,
+    refusing_deep,
 )
 from lagrange.statement.space import (
     SpaceMatrix,
@@ -181,6 +182,7 @@ def shorthands(rotations: Iterable[str]) -> dict[str, Any]:
     return {name_of(f): f for each in turned for f in (*each.matrix, *each.body, *each.space)}
 
 
+@refusing_deep
 def in_coordinates(state: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
     """Return `state`, a table of values, with quaternions and their velocities in place of rotations and rates.
 
@@ -323,10 +325,7 @@ def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
 
 @lru_cache(maxsize=256)
 def quaternion_rows(coordinates: tuple[Any, ...]) -> list[tuple[Rotation, list[int], list[int]]]:
-    """Return (rotation, indices of its quaternion in a state (q, v), indices of its velocities) for each rotation.
-
-    Cached: SymPy is slow.
-    """
+    """Return (rotation, indices of its quaternion in a state (q, v), indices of its velocities) for each rotation."""
     quaternions = []
     for each in _rotations_of(coordinates):
         rows = [coordinates.index(q) for q in each.quaternion]

@@ -188,7 +188,8 @@ def quaternion_of(value: Any, what: str) -> Quaternion:
     value that is not a rotation.
     """
     numbers = np.zeros(0)
-    with suppress(TypeError, ValueError, OverflowError):
+    # SymPy raises any of these for an object that is not a number.
+    with suppress(TypeError, ValueError, OverflowError, IndexError, RecursionError):
         # A SymPy matrix has 9 entries. An array of a long sequence, such as range(10**9), would not fit into memory.
         if not isinstance(value, Sized) or len(value) <= 9:
             numbers = np.array(value, dtype=object).astype(float)

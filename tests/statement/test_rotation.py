@@ -27,6 +27,13 @@ KINETIC = R.body.dot(diag(J1, J1, J3) * R.body) / 2
 VALUES = {m: 1.0, J1: 0.02, J3: 0.01}
 
 
+def deep_sine(levels: int) -> Any:
+    value = x
+    for _ in range(levels):
+        value = sympy.sin(value, evaluate=False)
+    return value
+
+
 def top(**more: Any) -> lg.System:
     return lg.System(KINETIC, m * R[2, 2], parameters=VALUES, **more)
 
@@ -145,6 +152,12 @@ def test_equations_are_written_and_compared_in_rates() -> None:
     assert left in system.compare(OTHERS).message
 
 
+def test_an_answer_without_the_parameters_of_a_body_is_wrong() -> None:
+    """The derivation has four accelerations, one of x and three in rates of the body, and the statement five."""
+    system = lg.System(KINETIC + x.dot**2 / 2, parameters=VALUES)
+    assert "contains no acceleration such as x''" in system.compare("x = 0").message
+
+
 @pytest.mark.slow
 def test_a_wrong_equation_in_rates_is_named() -> None:
     assert top().compare([EULER - 2 * m * R[2, 1], *OTHERS]).wrong == (0,)
@@ -239,6 +252,11 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         "the reset of R is a quaternion of length 1.41421",
     ),
     "an attitude that is a text": (lambda: top().linearize({R: "up"}), "the attitude of R is 'up'"),
+    "an entry without a value": (
+        lambda: top(initial={R: [1.0, 0.0, 0.0, sympy.Lambda(m, m)]}),
+        r"the start of R is \[1.0, 0.0, 0.0, Lambda\(",
+    ),
+    "a deep rate": (lambda: top(initial={R.body: (deep_sine(350), 0, 0)}), "nested too deeply for SymPy"),
     "a text": (lambda: top(initial={R: "up"}), r"the start of R is 'up': give lagrange.turn\(axis, angle\)"),
     "two rates": (lambda: top(initial={R.body: (1, 2)}), "give its components about the axes x, y and z"),
     "a turn and an entry": (lambda: top(initial={R: (1, 0, 0, 0), "R_w": 1}), "gives both R and R_w: give one"),

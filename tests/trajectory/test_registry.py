@@ -351,6 +351,7 @@ def test_a_bound_of_steps_that_is_none_is_refused(name: str, option: str) -> Non
         (lambda: made.methods.ImplicitMethod("mine", lg.Claims(1), 3), "the function of mine is 3: give a function"),
         (lambda: made.methods.ImplicitMethod("mine", lg.Claims(1), print, law="x"), "of a method is not 'x': give"),
         (lambda: made.methods.ImplicitMethod("mine", lg.Claims(1), print, control=3), "the step control of mine is 3"),
+        (lambda: made.methods.ImplicitMethod("mine", lg.Claims(1), print, holonomic=2), "holonomic of mine = 2"),
         (lambda: made.methods.RungeKutta("rk4"), "'rk4' is not a tableau: make one with lg.methods.tableau"),
         (lambda: made.methods.Splitting("mine", 1, "ab"), "the stages of mine is the text 'ab'"),
         (lambda: made.methods.Splitting("mine", 1, [(1.0, 1j)]), "stage 0 of mine has entries of type complex128"),

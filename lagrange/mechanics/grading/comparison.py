@@ -172,24 +172,21 @@ SAMPLES = 5  # Number of random states at which equations without switches are c
 
 @dataclass(frozen=True)
 class _Case:
-    """An answer to be compared: a row for each of its equations, and the derivation of the right ones.
+    """An answer to be compared: a row for each of its equations, the statement, and the derivation of the right ones.
 
-    `write` turns an expression into text for messages. `distances` are the names of coordinates that are positive in
-    all samples. `pulling` is true if multipliers were typed as forces such as T. `doubted` is true if the answer has a
-    remark that does not hold, which was left out.
+    The derivation of a system with rotations has another statement, in rates of bodies. `write` turns an expression
+    into text for messages. `distances` are the names of coordinates that are positive in all samples. `pulling` is
+    true if multipliers were typed as forces such as T. `doubted` is true if the answer has a remark that does not hold,
+    which was left out.
     """
 
     rows: Sequence[EquationRow]
+    statement: Statement
     derivation: Derivation
     write: Write
     distances: Collection[str]
     pulling: bool
     doubted: bool
-
-    @property
-    def statement(self) -> Statement:
-        """The statement of the system."""
-        return self.derivation.statement
 
     def wrong(self, samples: Sequence[MotionSample]) -> tuple[int, ...]:
         """Return the indices of the equations that do not hold at all samples."""
@@ -254,7 +251,7 @@ def compare_equations(
     further, untried = branch_samples(statement, rows, samples)
     entries = [statement.names.index(name) for name in distances]
     samples += [sample for sample in further if all(sample.point.q[i] > 0 for i in entries)]
-    case = _Case(rows, derivation, written, distances, pulling, doubted=len(rows) < len(likeliest))
+    case = _Case(rows, statement, derivation, written, distances, pulling, doubted=len(rows) < len(likeliest))
     return _with_remarks(_compared(case, samples, untried), equations, letters)
 
 

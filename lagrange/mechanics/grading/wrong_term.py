@@ -36,7 +36,7 @@ from lagrange.mechanics.grading.term_difference import (
     summands,
 )
 from lagrange.mechanics.plain_form import simplest
-from lagrange.statement.coordinate import constraint_of, t
+from lagrange.statement.coordinate import constraint_of, name_of, rotation_name, t
 from lagrange.statement.statement import Statement
 
 MOST_SHARED = 20  # Largest number of terms of an equation whose partial sums are tried as right terms, too
@@ -84,8 +84,9 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
         return WrongTerm(_told_change(change, row, samples[0], write), alone=True, cost=change.cost, shorter=shorter)
     still = not any(row.slopes.values()) and not any(sample.first_order for sample in samples)
     if still and not constraints:
-        q = row.statement.names[0]
-        end = f"contains no acceleration such as {q}'' or {q}_ddot: it is not an equation of motion."
+        free = [name_of(q) for q in row.statement.coordinates if rotation_name(q) is None]
+        example = "{0}'' or {0}_ddot".format(free[0]) if free else f"{row.statement.rotations[0]}_body_x'"
+        end = f"contains no acceleration such as {example}: it is not an equation of motion."
         return WrongTerm(f"{label} does not hold, and {end}")
     if still:
         listed = [f"{c.name}, {write(c.expression.xreplace(row.statement.plain))} = 0" for c in constraints]

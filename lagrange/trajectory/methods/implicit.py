@@ -16,7 +16,7 @@ from typing import Any
 
 from lagrange.errors import StatementError, shown
 from lagrange.program.step import Control, StepProgram, trace
-from lagrange.statement.expression import one_of, text
+from lagrange.statement.expression import flag, one_of, text
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.tolerances import (
@@ -75,6 +75,7 @@ class ImplicitMethod:
             raise StatementError(
                 f"the step control of {self.name} is {shown(self.control)}: give a Control, or None for equal steps."
             )
+        flag(self.holonomic, f"holonomic of {self.name}")
         check_options(self.step, self.rtol, self.atol)
         if self.path is None:
             object.__setattr__(self, "claims", replace(self.claims, dense=max(3, self.claims.order - 1)))
