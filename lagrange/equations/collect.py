@@ -184,7 +184,7 @@ LONGER_SUM = 1.4
 _BESIDE = sympy.Dummy("motion")
 
 
-class Collector:
+class SumWriter:
     """Writes sums of monomials (`MonomialSum`) of one algebra as SymPy expressions.
 
     `moving` are the symbols that vary in time: positions, velocities, accelerations and the time.

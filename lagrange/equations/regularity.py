@@ -178,7 +178,7 @@ def check_regularity(equations: Equations, statement: Statement, reach: Reach) -
     that the message also says whether dependent constraints contradict each other.
     """
     if len(equations.constraints):
-        _check_constraints(Samples(equations, statement), reach)
+        _check_constraints(RegularityPoints(equations, statement), reach)
     else:
         _check_mass_matrix(equations, statement)
 
@@ -188,7 +188,7 @@ def _check_mass_matrix(equations: Equations, statement: Statement) -> None:
     coupled = [block for block in equations.structure.blocks if len(block) > 1]
     if not coupled:
         return
-    samples, n = Samples(equations, statement), len(equations.q)
+    samples, n = RegularityPoints(equations, statement), len(equations.q)
     matrices = samples.values(samples.mass_entries()).reshape(n, n, -1)
     for block in coupled:
         mass = matrices[np.ix_(block, block)]
@@ -207,7 +207,7 @@ def _check_mass_matrix(equations: Equations, statement: Statement) -> None:
         )
 
 
-def _check_constraints(samples: Samples, reach: Reach) -> None:
+def _check_constraints(samples: RegularityPoints, reach: Reach) -> None:
     """Raise StatementError for constraints that are empty, dependent, or leave a motion without inertia."""
     equations, constraints = samples.equations, samples.equations.constraints
     entries = [entry for row in constraints.gradient for entry in row]
@@ -237,7 +237,7 @@ def _independent_constraints(statement: Statement, equations: Equations, reach: 
 
     `reach` finds the states on the constraints at which this is tested. Raises StatementError if it finds none.
     """
-    samples, count = Samples(equations, statement), len(statement.constraints)
+    samples, count = RegularityPoints(equations, statement), len(statement.constraints)
     gradient = [entry for row in equations.stated.gradient for entry in row]
     reached, parameters = samples.reached(reach)
     if not reached:
@@ -269,7 +269,7 @@ def independent_rows(rows: FloatArray) -> tuple[int, ...]:
     return tuple(sorted(chosen))
 
 
-def _dependent(samples: Samples, singular: Singular, reach: Reach) -> str:
+def _dependent(samples: RegularityPoints, singular: Singular, reach: Reach) -> str:
     """Return the error message for constraints that are dependent at every state tried.
 
     It says that they contradict each other if `reach` finds no state on them. `singular` has the dependent rows of G.
@@ -283,7 +283,7 @@ def _dependent(samples: Samples, singular: Singular, reach: Reach) -> str:
     return contradiction(names, singular)
 
 
-class Samples:
+class RegularityPoints:
     """Points at which regularity is tested: random ones of order one, the initial state, and points near it."""
 
     def __init__(self, equations: Equations, statement: Statement) -> None:

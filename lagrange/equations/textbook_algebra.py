@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import sympy
 from sympy import Dummy, Float, Rational, S
 
-from lagrange.equations.collect import Collector, shortened
+from lagrange.equations.collect import SumWriter, shortened
 from lagrange.equations.solve_plan import NestedCofactors, coupled_blocks, expanded_cofactors, vanishes
 from lagrange.equations.terms import (
     ONE,
@@ -38,7 +38,7 @@ JUMPING = (sympy.Piecewise, sympy.sign, sympy.Heaviside, sympy.Max, sympy.Min)
 """Functions with jumps in their values or derivatives. Their derivatives are zero beside a jump and do not show it."""
 
 
-class Turn(NamedTuple):
+class SmallTurn(NamedTuple):
     """A small turn of a body about one of its own axes: a quasi-coordinate.
 
     `coordinate` is the index of the turn among the coordinates. `others` are the indices of turns about the next two
@@ -125,16 +125,16 @@ class StatedAlgebra:
         return algebra.add(algebra.scale(algebra.differentiate(self.lagrangian, self.time), S.NegativeOne), *work)
 
     @cached_property
-    def turns(self) -> list[Turn]:
+    def turns(self) -> list[SmallTurn]:
         """The small turns that describe rotations: the last coordinates, three for each rotation."""
         first = len(self.q) - 3 * len(self.entries)
         return [
-            Turn(begin + k, (begin + (k + 1) % 3, begin + (k + 2) % 3), entries, k)
+            SmallTurn(begin + k, (begin + (k + 1) % 3, begin + (k + 2) % 3), entries, k)
             for begin, entries in zip(range(first, len(self.q), 3), self.entries, strict=True)
             for k in range(3)
         ]
 
-    def turned(self, terms: MonomialSum, turn: Turn) -> MonomialSum:
+    def turned(self, terms: MonomialSum, turn: SmallTurn) -> MonomialSum:
         """Return the derivative of a sum of monomials along a small turn of a body.
 
         The turn changes the rotation matrix R by dR = R E, where E is the cross product with the unit vector of its
@@ -209,7 +209,7 @@ class TextbookAlgebra(StatedAlgebra):
     def __init__(self, statement: Statement, positive: Collection[str] = ()) -> None:
         super().__init__(statement, BUDGET, positive)
         self.stated = {symbol: expression for expression, symbol in self.plain.items()}
-        self.collector = Collector(self.algebra, frozenset(self.q), frozenset((*self.q, *self.v, *self.a, self.time)))
+        self.collector = SumWriter(self.algebra, frozenset(self.q), frozenset((*self.q, *self.v, *self.a, self.time)))
 
     @cached_property
     def mass(self) -> list[list[MonomialSum]]:

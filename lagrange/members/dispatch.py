@@ -236,7 +236,7 @@ def _chunks(blocks: Iterable[tuple[int, int]], chunk_size: ChunkSize) -> Iterato
             first += count
 
 
-class Collector:
+class ResultCollector:
     """Stores the results of chunks as they are finished, and reports the number of members that have results.
 
     `members` is the number of all members. `before` is the number of those that had results at the start of the call,

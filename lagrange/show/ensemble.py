@@ -19,8 +19,8 @@ from lagrange.errors import StatementError, UnknownKey, counted, listing, sugges
 from lagrange.machine.model import Model, Stated
 from lagrange.members.chunk import INTERRUPTED, STATUSES, SUCCESS, MemberResults
 from lagrange.members.dispatch import (
-    Collector,
     ExecutorRunner,
+    ResultCollector,
     Runner,
     ThreadRunner,
     results_in_memory,
@@ -461,7 +461,7 @@ def _run(
     plan = method.plan(problem) if isinstance(method, Planned) else None
     aimed = problem if plan is None else replace(problem, rtol=plan.tolerances.rtol or None)
     results: MemberResults = results_in_memory(job, table) if store is None else results_in_store(job, table, store)
-    collector = Collector(job, results, len(table))
+    collector = ResultCollector(job, results, len(table))
     try:
         if results.left:
             with announced("compiling", problem.model.statement.name, enabled=bool(progress)):

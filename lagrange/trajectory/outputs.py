@@ -30,7 +30,7 @@ PathOf = Callable[[FloatArray, FloatArray], StepPath]
 """Function that returns the dense output through accepted times (S+1,) and states (S+1, 2n)."""
 
 
-class Part(NamedTuple):
+class WrittenStates(NamedTuple):
     """Accepted times (k,) and states (k, 2n) of a run that one call of the driver wrote.
 
     `call` is the number of this call.
@@ -51,7 +51,7 @@ class AcceptedStates:
     """
 
     def __init__(self, t: float, y: FloatArray, *, outputs_alone: bool = False) -> None:
-        self.parts = [Part(np.array([t]), y[None].copy(), 0)]
+        self.parts = [WrittenStates(np.array([t]), y[None].copy(), 0)]
         self.bytes = 0
         self.outputs_alone, self.removed = outputs_alone, 0
         self.followed: FollowedSteps | None = None
@@ -70,7 +70,7 @@ class AcceptedStates:
 
     def add(self, t: float, y: FloatArray) -> None:
         """Append the state y (2n,) that the motion reached by a jump at time t, without a step."""
-        self.parts.append(Part(np.array([t]), y[None].copy(), self.parts[-1].call))
+        self.parts.append(WrittenStates(np.array([t]), y[None].copy(), self.parts[-1].call))
 
     def begin_call(self, budget: int) -> tuple[FloatArray, FloatArray]:
         """Return memory for the times and states that the next call of the driver accepts, at most `budget` steps.
@@ -92,7 +92,7 @@ class AcceptedStates:
             short = 2 * written < len(times)
             t, y = times[:written], rows[:written]
             self.bytes += t.nbytes + y.nbytes if short else times.nbytes + rows.nbytes
-            self.parts.append(Part(t.copy() if short else t, y.copy() if short else y, self._calls))
+            self.parts.append(WrittenStates(t.copy() if short else t, y.copy() if short else y, self._calls))
 
     def follow(self, *, last: bool = False) -> None:
         """Evaluate the states at the output times on the steps since the last call.
@@ -182,7 +182,7 @@ class FollowedSteps:
         self._y[:, self._done : count] = last[:, None]
         return np.ascontiguousarray(self._y[:, :count])
 
-    def follow(self, parts: Sequence[Part], removed: int, *, last: bool) -> None:
+    def follow(self, parts: Sequence[WrittenStates], removed: int, *, last: bool) -> None:
         """Evaluate the states at the output times on the new parts of the accepted states.
 
         `parts` are all stored parts, old and new. `removed` is the number of parts that were dropped before them.

@@ -18,7 +18,7 @@ from lagrange.trajectory.endings import NEARLY_DEPENDENT, rank_lost, remaining_r
 from lagrange.trajectory.events.actions import rates
 from lagrange.trajectory.events.end_messages import EventResult, sliding
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.outputs import Part
+from lagrange.trajectory.outputs import WrittenStates
 from lagrange.trajectory.sizes import raise_to_noise, slopes_of
 from lagrange.trajectory.tableaux.butcher import moved
 from lagrange.trajectory.tableaux.explicit import dopri5
@@ -34,7 +34,7 @@ rates must lead to the surface, relative to the time between these states.
 
 
 def stuck(
-    problem: Problem, t: float, parts: Sequence[Part], covered: float, rows: int = LAST_ROWS
+    problem: Problem, t: float, parts: Sequence[WrittenStates], covered: float, rows: int = LAST_ROWS
 ) -> EventResult | None:
     """Return the end of a run at time t if its last accepted states stick to a switching surface, else None.
 
@@ -108,7 +108,7 @@ class Pace:
         self.next_look = FIRST_LOOK
         self._problem, self._tries, self._t, self._regularity = problem, 0, problem.t0, 1.0
 
-    def look(self, state: DriverState, parts: Sequence[Part], result: EventResult) -> EventResult:
+    def look(self, state: DriverState, parts: Sequence[WrittenStates], result: EventResult) -> EventResult:
         """Return the end of a run that sticks to a switching surface, else `result`, that of the last driver call.
 
         `parts` are the accepted states. Sticking is tested in three cases: the run would reach `max_steps` at the

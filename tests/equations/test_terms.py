@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sympy import Abs, Max, Min, Rational, Symbol, cos, exp, sign, sin, sqrt
 
-from lagrange.equations.collect import Collector
+from lagrange.equations.collect import SumWriter
 from lagrange.equations.solve_plan import NestedCofactors, coupled_blocks, vanishes
 from lagrange.equations.terms import Algebra, TooLargeError, common_factor, differentiable, printable
 from tests.covering import examples
@@ -28,7 +28,7 @@ def merged(expression: Any) -> Any:
 
 def collected(expression: Any) -> Any:
     algebra = Algebra(10_000)
-    collector = Collector(algebra, frozenset((x, y)), frozenset((x, y, v)))
+    collector = SumWriter(algebra, frozenset((x, y)), frozenset((x, y, v)))
     return collector.write(algebra.merge_angles(algebra.read(expression)))
 
 
@@ -137,7 +137,7 @@ def test_every_way_of_writing_keeps_value_and_slope(expression: Any) -> None:
     terms = algebra.read(expression)
     value = number(expression)
     size = mpmath.mpf(10) ** -30 * (1 + abs(value))
-    collector = Collector(algebra, frozenset((x, y)), frozenset((x, y)))
+    collector = SumWriter(algebra, frozenset((x, y)), frozenset((x, y)))
     for written in (terms, algebra.merge_angles(terms), algebra.unfold(terms)):
         assert abs(number(algebra.write(written)) - value) < size * 1000
         assert abs(number(collector.write(written)) - value) < size * 1000

@@ -36,7 +36,7 @@ j) * columns + b.
 """
 
 
-class Room(NamedTuple):
+class WorkSize(NamedTuple):
     """Size of work memory: numbers of vectors (a state for each column) and rows (a number for each column)."""
 
     vectors: int
@@ -55,7 +55,7 @@ class StepPolynomial:
     """
 
     write: Plain[..., None]
-    room: Room
+    room: WorkSize
     degree: int
     stages: int
     table: NDArray[np.float64]
@@ -74,7 +74,7 @@ class StepPolynomial:
         return (vectors * dimension + SPARE.rows + self.room.rows) * columns + WIDEST_VECTOR
 
 
-SPARE = Room(vectors=2, rows=1)
+SPARE = WorkSize(vectors=2, rows=1)
 """Size of the work memory at the beginning, used for columns with a singular mass matrix."""
 
 
@@ -178,7 +178,7 @@ class PolynomialBlock:
         return PolynomialBlock(*laws, *numbers, step, step, work, out)
 
     @inline
-    def lay_out(self, room: Room) -> tuple[tuple[Out, ...], tuple[Out, ...], Out]:
+    def lay_out(self, room: WorkSize) -> tuple[tuple[Out, ...], tuple[Out, ...], Out]:
         """Divide the work memory into vectors and rows. Return these, and the unused memory after them.
 
         `room` has the numbers of vectors (a state for each column) and of rows (a number for each column).

@@ -20,8 +20,8 @@ from lagrange.algorithm.dense.block import (
     SPARE,
     OwnStep,
     PolynomialBlock,
-    Room,
     StepPolynomial,
+    WorkSize,
     block_type,
     steps_in,
     weighted,
@@ -35,8 +35,8 @@ STAGE_CORRECTIONS = 12
 SETTLED = 1e-14
 """Stages have converged if a correction is below this fraction of the state."""
 
-INCREMENTS, JOINED = Room(vectors=4, rows=3), Room(vectors=4, rows=3)
-ROOM = Room(*(sum(counts) for counts in zip(JOINED, SPARE, INCREMENTS, strict=True)))
+INCREMENTS, JOINED = WorkSize(vectors=4, rows=3), WorkSize(vectors=4, rows=3)
+ROOM = WorkSize(*(sum(counts) for counts in zip(JOINED, SPARE, INCREMENTS, strict=True)))
 """Work memory: for joining the slopes, then for the increments, then spare memory."""
 
 

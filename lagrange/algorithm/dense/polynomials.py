@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from lagrange.algorithm.dense.block import (
     OwnStep,
     PolynomialBlock,
-    Room,
     StepPolynomial,
+    WorkSize,
     block_type,
     mend,
     steps_in,
@@ -38,7 +38,7 @@ from lagrange.procedure.front.vocabulary import In, Out, exponent, fma, magnitud
 
 FloatArray = NDArray[np.float64]
 
-ROOM = Room(vectors=5, rows=4)
+ROOM = WorkSize(vectors=5, rows=4)
 
 
 @cache
@@ -259,7 +259,7 @@ def integrals(count: int) -> FloatArray:
     return np.asarray(powers @ weights(count).T)
 
 
-STAGES_ROOM = Room(vectors=2, rows=1)
+STAGES_ROOM = WorkSize(vectors=2, rows=1)
 
 
 def runge_kutta_polynomial(rows: FloatArray, abscissae: FloatArray, weights: FloatArray) -> StepPolynomial:

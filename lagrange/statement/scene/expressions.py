@@ -24,7 +24,7 @@ from lagrange.statement.scene.guard import (
     check_power,
     replaced,
 )
-from lagrange.statement.scene.lexer import Token, refuse, tokens
+from lagrange.statement.scene.lexer import SceneToken, refuse, tokens
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 from lagrange.statement.vocabulary.words import ALIASES, FUNCTIONS, WORDS, FunctionWord
 
@@ -157,11 +157,11 @@ class Reader:
         return value
 
     @property
-    def token(self) -> Token:
+    def token(self) -> SceneToken:
         """The token at the current position in the text."""
         return self.tokens[self.place]
 
-    def take(self) -> Token:
+    def take(self) -> SceneToken:
         """Return the token at the current position, and move to the next one."""
         self.place += 1
         return self.tokens[self.place - 1]
@@ -299,7 +299,7 @@ class Reader:
         self.take()
         return values
 
-    def named(self, token: Token) -> ParsedValue:
+    def named(self, token: SceneToken) -> ParsedValue:
         """Return the value of a name: of the symbol or definition that the text of `token` names."""
         name = token.text
         if name in self.names:
@@ -311,7 +311,7 @@ class Reader:
         reason = f"{name!r} is not declared: add it to [parameters] or coordinates.{suggestion(name, self.names)}"
         raise SceneError(reason, column=token.offset + 1)
 
-    def call(self, token: Token) -> ParsedValue:
+    def call(self, token: SceneToken) -> ParsedValue:
         """Read the arguments of the call whose name `token` was read, and return its value."""
         name = token.text
         if name == MULTIPLIER and name in self.calls:
@@ -326,7 +326,7 @@ class Reader:
         reason = f"{name!r} is not a function here; the functions are {listing(WORDS)}.{suggestion(name, FUNCTIONS)}"
         raise SceneError(reason, column=token.offset + 1)
 
-    def multiplier(self, token: Token) -> ParsedValue:
+    def multiplier(self, token: SceneToken) -> ParsedValue:
         """Read the name of a constraint in parentheses, and return its multiplier. `token` is the word before them."""
         _, name, closing = self.take(), self.take(), self.token
         if name.kind != "name" or closing.text != ")":
@@ -334,7 +334,7 @@ class Reader:
         self.take()
         return self.built(token.offset, ParsedValue, multiplier(name.text))
 
-    def refuse_more(self, token: Token) -> NoReturn:
+    def refuse_more(self, token: SceneToken) -> NoReturn:
         """Raise SceneError for a token that follows a complete value."""
         text = token.text
         reason = f"an operator is missing before {text[:40]!r}"

@@ -53,7 +53,7 @@ _RESERVED = {
 }
 
 
-class Token(NamedTuple):
+class SceneToken(NamedTuple):
     """A number, name, word or operator at an offset of a text. Words have a meaning in the grammar, such as `if`."""
 
     kind: str
@@ -66,7 +66,7 @@ def refuse(reason: str, offset: int) -> NoReturn:
     raise SceneError(reason, column=offset + 1)
 
 
-def tokens(text: str, *, unevaluated: bool = False) -> list[Token]:
+def tokens(text: str, *, unevaluated: bool = False) -> list[SceneToken]:
     """Return the tokens of a text, and a last one of kind "end". Raises SceneError if the text is not allowed.
 
     If `unevaluated` is true, and, or, not, True, False and None are allowed as well.
@@ -80,13 +80,13 @@ def tokens(text: str, *, unevaluated: bool = False) -> list[Token]:
         refuse("the expression is empty: write 0 if there is nothing.", 0)
     words = ("if", "else", *(_RESERVED if unevaluated else ()))
     longest = LONGEST_UNEVALUATED_NUMBER if unevaluated else LONGEST_NUMBER
-    listed: list[Token] = []
+    listed: list[SceneToken] = []
     offset = 0
     while offset < len(text):
         match = _TOKEN.match(text, offset)
         if match is None:
             _refuse_character(text, offset)
-        token = Token(str(match.lastgroup), match.group(), offset)
+        token = SceneToken(str(match.lastgroup), match.group(), offset)
         offset = match.end()
         if token.kind == "number":
             _check_number(token, text[offset : offset + 1], longest)
@@ -98,10 +98,10 @@ def tokens(text: str, *, unevaluated: bool = False) -> list[Token]:
             refuse(f"{token.text!r} is not allowed in an expression: {_REMEDIES[token.text]}.", token.offset)
         if token.kind != "blank":
             listed.append(token)
-    return [*listed, Token("end", "", len(text.rstrip()))]
+    return [*listed, SceneToken("end", "", len(text.rstrip()))]
 
 
-def _check_number(token: Token, following: str, most: int) -> None:
+def _check_number(token: SceneToken, following: str, most: int) -> None:
     """Raise SceneError for a number token that is complex, has more than `most` characters, or starts with a zero.
 
     `following` is the character after it; a letter there is refused.
@@ -121,7 +121,7 @@ def _check_number(token: Token, following: str, most: int) -> None:
         refuse(f"{number[:20]} starts with a zero: write the number without it.", offset)
 
 
-def _check_name(token: Token, text: str) -> None:
+def _check_name(token: SceneToken, text: str) -> None:
     """Raise SceneError for a name that is a reserved word, has letters that are not allowed, or is malformed."""
     name, offset = token.text, token.offset
     if keyword.iskeyword(name):

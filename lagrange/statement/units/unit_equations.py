@@ -119,7 +119,7 @@ def _replaced(node: Any) -> bool:
     return node.is_Add or (isinstance(node, (sympy.Function, sympy.Piecewise)) and _own(node))
 
 
-class Factor(NamedTuple):
+class UnitFactor(NamedTuple):
     """An unknown of the linear equations: the scale factor of the unit of `of`.
 
     `of` is a symbol, or a required quantity such as "energy".
@@ -133,7 +133,7 @@ class UnitProduct:
     """A unit as a product of powers of base dimensions, unknown symbols and unknown factors, without zero powers.
 
     `powers` has the exponent of each base dimension by name, of each symbol whose dimension is unknown, and of each
-    `Factor`. `logarithm` is the natural logarithm of the known factor.
+    `UnitFactor`. `logarithm` is the natural logarithm of the known factor.
     """
 
     powers: Mapping[Any, Fraction] = field(default_factory=dict)
@@ -141,10 +141,10 @@ class UnitProduct:
 
     @classmethod
     def of(cls, dimension: Dimension, owner: Any) -> UnitProduct:
-        """Return the unit of a dimension. If its factor is not known, it is the unknown `Factor` of `owner`."""
+        """Return the unit of a dimension. If its factor is not known, it is the unknown `UnitFactor` of `owner`."""
         powers: dict[Any, Fraction] = dict(dimension.exponents)
         if dimension.factor is None and powers:
-            powers[Factor(owner)] = Fraction(1)
+            powers[UnitFactor(owner)] = Fraction(1)
         return cls(powers, dimension.factor or 0.0)
 
     def times(self, other: UnitProduct, power: Fraction = Fraction(1)) -> UnitProduct:
@@ -156,7 +156,7 @@ class UnitProduct:
         return UnitProduct(left, self.logarithm + float(power) * other.logarithm)
 
     def unknown(self, kind: type) -> Any:
-        """Return an unknown of this unit that is of class `kind`, a symbol or a `Factor`; None if there is none."""
+        """Return an unknown of this unit that is of class `kind`, a symbol or a `UnitFactor`; None if there is none."""
         return next((name for name in self.powers if isinstance(name, kind)), None)
 
 
@@ -201,7 +201,7 @@ class UnitEquations:
         if unit is None or unit.unknown(sympy.Basic) is not None:
             return None
         exponents = {name: power for name, power in unit.powers.items() if isinstance(name, str)}
-        return Dimension.of(exponents, None if unit.unknown(Factor) is not None else unit.logarithm)
+        return Dimension.of(exponents, None if unit.unknown(UnitFactor) is not None else unit.logarithm)
 
     def unit(self, expression: Any) -> UnitProduct | None:
         """Return the unit of an expression; None for zero, which fits every unit."""
@@ -287,7 +287,7 @@ class UnitEquations:
         ratio = self._reduced(unit.times(other, Fraction(-1)))
         unknown = ratio.unknown(sympy.Basic)
         if unknown is None and ratio.unknown(str) is None:
-            unknown = ratio.unknown(Factor)
+            unknown = ratio.unknown(UnitFactor)
             if unknown is None and self.strict and abs(ratio.logarithm) > SAME_FACTOR:
                 raise OtherUnitError(term, ratio.logarithm, within)
         if unknown is not None:
