@@ -189,23 +189,35 @@ def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
             f"no values of {listing(map(name_of, change.new))} were found at which {old_values}, from {STARTS} starts: "
             f"give {example} in the new coordinates."
         )
-    q, v = np.array(statement.initial[:n]), np.array(statement.initial[n:])
+    q = np.array(statement.initial[:n])
     q[unknowns] = min(ends, key=lambda end: _preference(end, angles))
-    point_values = constants | {x: sympy.Float(value, 30) for x, value in zip(plain, q.tolist(), strict=True)}
+    point = constants | {x: sympy.Float(value, 30) for x, value in zip(plain, q.tolist(), strict=True)}
+    return (*map(float, q), *map(float, _start_velocities(change, statement, rates, point, example)))
+
+
+def _start_velocities(
+    change: Transformation, statement: Statement, rates: FloatArray, point: Mapping[Any, Any], example: str
+) -> FloatArray:
+    """Return the initial velocities in new coordinates that the transformation maps to old velocities, the `rates`.
+
+    `point` has the values of the time, the parameters and the new coordinates. `example` says how to give values.
+    Raises StatementError if there are no such velocities, because the new coordinates are singular.
+    """
+    v = np.array(statement.initial[len(statement.coordinates) :])
+    unknowns = [statement.coordinates.index(q) for q in change.new]
     still = dict.fromkeys((change.plain[velocity_of(x)] for x in statement.coordinates), sympy.S.Zero)
-    drifts = np.array([real(change.rate(x).xreplace(still), point_values) for x in change.old])
-    slopes = np.array([[real(x, point_values) for x in row] for row in change.slopes.tolist()])
+    drifts = np.array([real(change.rate(x).xreplace(still), point) for x in change.old])
+    slopes = np.array([[real(x, point) for x in row] for row in change.slopes.tolist()])
     rest = rates - drifts - slopes @ v
-    velocities = np.linalg.lstsq(slopes[:, unknowns], rest, rcond=None)[0]
-    missed = float(np.abs(slopes[:, unknowns] @ velocities - rest).max())
+    v[unknowns] = np.linalg.lstsq(slopes[:, unknowns], rest, rcond=None)[0]
+    missed = float(np.abs(slopes[:, unknowns] @ v[unknowns] - rest).max())
     if missed > START_RESIDUAL * max(1.0, float(np.abs(rest).max())):
-        where = ", ".join(f"{name_of(x)} = {q[i]:.6g}" for x, i in zip(change.new, unknowns, strict=True))
+        where = ", ".join(f"{name_of(x)} = {float(point[change.plain[x]]):.6g}" for x in change.new)
         raise StatementError(
             f"the initial velocities have no values in the new coordinates, which are singular at {where}: give "
             f"another initial state, or {example}."
         )
-    v[unknowns] = velocities
-    return (*map(float, q), *map(float, v))
+    return v
 
 
 def _preference(solution: FloatArray, is_angle: Sequence[bool]) -> tuple[int, float]:

@@ -110,26 +110,19 @@ class Flow:
         or an array (k,) of all values in the statement's order. A start that misses the constraints by rounding is
         moved onto them. If it misses a constraint by more, StatementError names this constraint.
         """
-        if isinstance(parameters, np.ndarray):
-            values = self._model.parameter_array(parameters).tolist()
-            parameters = dict(zip(self._model.statement.parameters, values, strict=True))
-        elif isinstance(parameters, (list, tuple)):
-            count = counted(len(self._model.statement.parameters), "value")
-            raise StatementError(
-                f"parameters is a {type(parameters).__name__}: give a dict from parameter to value, or a NumPy array "
-                f"of {count} in the order of model.statement.parameters."
-            )
+        if isinstance(parameters, (np.ndarray, list, tuple)):
+            parameters = self._named(parameters)
         start = real_array(y0, "y0")
         if start.shape != (self._dimension,):
-            several = " A flow takes one state; lg.ensemble runs many." if start.ndim > 1 else ""
-            raise StatementError(f"y0 has shape {start.shape}: give [q, v] of shape ({self._dimension},).{several}")
+            advice = " A flow takes one state; lg.ensemble runs many." if start.ndim > 1 else ""
+            raise StatementError(f"y0 has shape {start.shape}: give [q, v] of shape ({self._dimension},).{advice}")
         times = None
         if type(t0) is not float or type(t1) is not float or not math.isfinite(t1 - t0):
             t0 = real_number(t0, "the first time")
-            if t1.ndim if isinstance(t1, np.ndarray) else isinstance(t1, Sequence) and not isinstance(t1, (str, bytes)):
-                t1, times = self._last(t0, t1)
-            else:
-                t1 = real_number(t1, "the last time")
+            several = (
+                t1.ndim if isinstance(t1, np.ndarray) else isinstance(t1, Sequence) and not isinstance(t1, (str, bytes))
+            )
+            t1, times = self._last(t0, t1) if several else (real_number(t1, "the last time"), None)
         if self._given:
             check_span(self._model.statement, t0, t1)
         if self._constrained:
@@ -159,6 +152,16 @@ class Flow:
         else:
             reached = self._to_end(driver, state, parameters)
         return state.y.copy() if reached else self._by_run(start, t0, t1, parameters)[:, -1].copy()
+
+    def _named(self, values: FloatArray | Sequence[float]) -> dict[Any, float]:
+        """Return {parameter: value} for an array (k,) of values. Raises StatementError for a list or tuple."""
+        parameters = self._model.statement.parameters
+        if not isinstance(values, np.ndarray):
+            raise StatementError(
+                f"parameters is a {type(values).__name__}: give a dict from parameter to value, or a NumPy array of "
+                f"{counted(len(parameters), 'value')} in the order of model.statement.parameters."
+            )
+        return dict(zip(parameters, self._model.parameter_array(values).tolist(), strict=True))
 
     def _last(self, t0: float, times: ArrayLike) -> tuple[float, FloatArray]:
         """Return the last of the output times `times`, and all of them as an array (N,).
