@@ -82,8 +82,8 @@ class Contact:
 
         The gap or the slip of such a contact changes with time where the `velocities` of all coordinates are zero.
         """
-        still = dict.fromkeys(velocities, sympy.S.Zero)
-        return any(rate.xreplace(still) != 0 for rate in (self.gap.diff(t), *self.slip))
+        at_rest = dict.fromkeys(velocities, sympy.S.Zero)
+        return any(rate.xreplace(at_rest) != 0 for rate in (self.gap.diff(t), *self.slip))
 
     def mapped(self, change: Any) -> Contact:
         """Return the contact with the function `change` applied to each of its expressions."""
@@ -168,9 +168,8 @@ def declare_contacts(table: Any, simultaneous: Any, survey: Survey, constraints:
     """Return the fields `contacts` and `simultaneous` of a Statement, checked.
 
     `table` maps names to contacts. `simultaneous` is the law for impacts of several contacts at one instant, a word
-    of `LAWS`, or None. The symbols and functions of the contacts are added to `survey`. Raises StatementError for a
-    gap without coordinates, a slip that is not linear in velocities, and a name that a constraint or another contact
-    has.
+    of `LAWS`, or None. The symbols and functions of the contacts are added to `survey`. Raises StatementError for a gap
+    without coordinates, a slip that is not linear in velocities, and a name that is taken.
     """
     contacts, taken = [], [constraint.name for constraint in constraints]
     for key, stated in table_of(table, "contacts", "name to lg.contact(...)").items():

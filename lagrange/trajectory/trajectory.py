@@ -6,7 +6,7 @@ import enum
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,8 @@ from lagrange.machine.parameters import Parameters
 from lagrange.statement.expression import real_array, real_number
 
 FloatArray = NDArray[np.float64]
+
+Record = TypeVar("Record")
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +187,13 @@ class Trajectory:
     def _hold(self, name: str, value: Any) -> None:
         """Replace the field `name` of this frozen object by its checked `value`."""
         object.__setattr__(self, name, value)
+
+
+def with_fields(record: Record, **fields: Any) -> Record:
+    """Return a copy of a frozen record with new values of some fields. Unlike by `replace`, they are not checked."""
+    copy = object.__new__(type(record))
+    copy.__dict__.update(record.__dict__, **fields)
+    return copy
 
 
 def run_until(run: Trajectory, end: float) -> Trajectory:

@@ -10,7 +10,7 @@ from sympy import cos, diff, sin, sqrt
 
 import lagrange as lg
 from lagrange.trajectory.contact.kinematics import Kinematics, Touch
-from lagrange.trajectory.contact.modes import Mode, modes_of
+from lagrange.trajectory.contact.modes import Mode, ModeEnd, modes_of
 from lagrange.trajectory.contact.transition import Transitions
 from tests.contact.random_contacts import broken_laws, random_system
 
@@ -88,7 +88,7 @@ def test_a_slip_of_round_off_that_closing_the_gap_turns_around_is_at_rest() -> N
     slip, rate = -1.01e-11, 0.99e-11
     for sign in (1, -1):
         touch = kinematics.at(0.0, np.array([*place, slip, sign * rate, 0.0]))
-        following = transitions.after(touch, mode)
+        following = transitions.after(touch, mode, ModeEnd())
         moved = kinematics.at(0.0, following.y).rates[1]
         assert following.mode.states == ("sticking",) or following.mode.ways[0] * moved > 0
 
@@ -147,9 +147,9 @@ def random_slider(seed: int) -> lg.System:
 def test_friction_inside_the_loop_is_that_of_a_look_at_each_change(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     looks, after = list[float](), Transitions.after
 
-    def counted(self: Transitions, touch: Touch, mode: Mode, **ends: Any) -> Any:
+    def counted(self: Transitions, touch: Touch, mode: Mode, *ends: Any) -> Any:
         looks.append(touch.t)
-        return after(self, touch, mode, **ends)
+        return after(self, touch, mode, *ends)
 
     monkeypatch.setattr(Transitions, "after", counted)
     system = random_slider(seed)

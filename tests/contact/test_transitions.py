@@ -22,7 +22,7 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.trajectory.contact.history import FRICTION, LOST
 from lagrange.trajectory.contact.kinematics import Kinematics
-from lagrange.trajectory.contact.modes import Mode, modes_of
+from lagrange.trajectory.contact.modes import Mode, ModeEnd, modes_of
 from lagrange.trajectory.contact.transition import Transition, Transitions
 from tests.covering import Share
 
@@ -238,11 +238,12 @@ def test_motion_after_a_transition(closed: tuple[int, ...], share: Share) -> Non
         transitions, kinematics, at = state.of_program()
         before = {i: slip or int(random.choice([-1, 1])) for i, slip in slips.items()}
         mode = Mode(tuple(SLIDING if i in closed else OPEN for i in range(2)), tuple(map(before.get, range(2))))
+        end = ModeEnd(stopping=tuple(i for i, slip in slips.items() if not slip))
         if len(expected) != 1:
             with pytest.raises(lg.RunError):
-                transitions.after(kinematics.at(TIME, at), mode, stopped=[i for i, slip in slips.items() if not slip])
+                transitions.after(kinematics.at(TIME, at), mode, end)
             continue
-        result = transitions.after(kinematics.at(TIME, at), mode, stopped=[i for i, slip in slips.items() if not slip])
+        result = transitions.after(kinematics.at(TIME, at), mode, end)
         assert_same_motion(state, result, expected[0], slips)
         for (i, slip), case in zip(slips.items(), expected[0][0], strict=True):
             met.add((case[0], "reverses" if slip == 0 and case[1] == -before[i] else "goes on"))
@@ -276,7 +277,7 @@ def test_velocities_and_impulses_of_an_impact(hits: tuple[int, ...], rests: tupl
             tuple(SLIDING if i in rests else OPEN for i in range(2)), tuple(1 if i in rests else None for i in range(2))
         )
         try:
-            result = transitions.after(kinematics.at(TIME, at), mode, met=hits)
+            result = transitions.after(kinematics.at(TIME, at), mode, ModeEnd(closing=hits))
         except lg.RunError:  # the motion after the impact may be undetermined
             continue
         met |= {case for i, (case, _) in zip(closed, cases, strict=True) if i in hits}
@@ -323,7 +324,7 @@ def test_sliding_begins_where_friction_reaches_its_cone(closed: tuple[int, ...])
         mode = Mode(tuple((STICKING, SLIDING)[i] if i in closed else OPEN for i in range(2)), (None, slips.get(1)))
         if len(expected) != 1:
             continue
-        result = transitions.after(kinematics.at(TIME, at), mode, freed=[0])
+        result = transitions.after(kinematics.at(TIME, at), mode, ModeEnd(yielding=(0,)))
         assert_same_motion(state, result, expected[0], slips)
         count += 1
     assert count > 5
@@ -356,7 +357,7 @@ def test_a_contact_is_released_where_its_force_is_zero(closed: tuple[int, ...]) 
         )
         if len(expected) != 1:
             continue
-        result = transitions.after(kinematics.at(TIME, at), mode, released=[0])
+        result = transitions.after(kinematics.at(TIME, at), mode, ModeEnd(opening=(0,)))
         assert_same_motion(state, result, expected[0], slips)
         model = modes_of(system().compile()).model_of(mode)
         closed_yet = model.accelerations(result.y[:5], result.y[5:], TIME, np.array(list(state.values.values())))

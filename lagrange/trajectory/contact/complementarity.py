@@ -27,9 +27,7 @@ OPEN, CLOSED, SLIDING, STICKING = "open", "closed", "sliding", "sticking"
 """States of a contact. A closed contact without friction is "closed"; with friction it slides or sticks."""
 
 NOISE = 1e-10
-"""Forces and rates count as zero below this fraction of their terms: rounding of some ten terms, with a condition
-number of the mass matrix up to 1e5.
-"""
+"""Forces and rates count as zero below this fraction of their terms, for conditions of the mass matrix up to 1e5."""
 
 DEPENDENT = 1e-12
 """Singular values below this fraction of the largest mark dependent equations."""
@@ -42,9 +40,7 @@ MOST_CASES = 1024
 
 TURNS, LEAST_TURN = 300, 2.0**-12
 """Largest number of iterations for the direction in which a body begins to slide in a plane, and the least relaxation
-factor. The factor is halved if a direction overshoots: full steps overshoot among many contacts, and near the edge of
-the cone.
-"""
+factor. It is halved if a direction overshoots, as among many contacts and near the edge of the cone."""
 
 TURNS_BETWEEN = 20
 """Number of iterations after which only the combinations that obey all laws count, if there are any."""
@@ -54,8 +50,7 @@ TURNS_BETWEEN = 20
 class Friction:
     """The friction of one contact: the number of slip components, the coefficients, and the direction of sliding.
 
-    `way` is a unit vector (components,), or None if the surfaces do not slide yet. Without components there is no
-    friction.
+    `way` is a unit vector (components,), or None if the surfaces do not slide yet.
     """
 
     components: int = 0
@@ -95,21 +90,20 @@ class Balance:
 
 
 def solutions(
-    matrix: FloatArray, bias: FloatArray, contacts: Sequence[Friction], machine: Machine | None = None
+    matrix: FloatArray, free: FloatArray, contacts: Sequence[Friction], machine: Machine | None = None
 ) -> list[Balance]:
     """Return the solutions of the complementarity problem; solutions that hold the surfaces come first.
 
-    `matrix` (rows, rows) is A, `bias` (rows,) is b. All combinations of states are tried; if these are too many,
-    pivoting finds one solution, by `lemke` compiled for a machine, or as plain Python without a machine. Of solutions
-    with the same rates, only the one with the least forces is returned. Surfaces at rest stay at rest if they can.
-    The list is empty if there is no solution.
+    `matrix` (rows, rows) is A, and `free` (rows,) are the rates b without forces. All combinations of states are tried;
+    if these are too many, pivoting finds one solution, by `lemke` compiled for a machine, or as plain Python. Of
+    solutions with the same rates, only the one with the least forces is returned. Surfaces at rest stay so if they can.
     """
     rows, cases = _Rows(contacts), [contact.cases() for contact in contacts]
     if math.prod(map(len, cases)) > MOST_CASES:
-        return _by_pivoting(matrix, bias, rows, machine)
+        return _by_pivoting(matrix, free, rows, machine)
     balances: list[Balance] = []
-    for balance in _balances(matrix, bias, rows, cases):
-        close = 10 * _noise(matrix, bias, balance.forces)
+    for balance in _balances(matrix, free, rows, cases):
+        close = 10 * _noise(matrix, free, balance.forces)
         same = (i for i, other in enumerate(balances) if (np.abs(balance.rates - other.rates) <= close).all())
         twin = next(same, None)
         if twin is None:
@@ -124,12 +118,12 @@ def solutions(
     return [balance for balance in balances if not any(_displaces(other, balance, rows) for other in balances)]
 
 
-def _noise(matrix: FloatArray, bias: FloatArray, forces: FloatArray) -> FloatArray:
+def _noise(matrix: FloatArray, free: FloatArray, forces: FloatArray) -> FloatArray:
     """Return bounds of the rounding errors (..., rows) of the rates A f + b, for forces f (..., rows).
 
-    Rates below these bounds count as zero. `matrix` is A (rows, rows), and `bias` is b (rows,).
+    Rates below these bounds count as zero. `matrix` is A (rows, rows), and `free` is b (rows,).
     """
-    return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(bias) + np.abs(bias).max(initial=0.0)))
+    return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(free) + np.abs(free).max(initial=0.0)))
 
 
 def _displaces(balance: Balance, other: Balance, rows: _Rows) -> bool:
@@ -154,8 +148,7 @@ class _Rows:
 
     `contact` (rows,) is the index of the contact of each row. `along` (rows,) is True for friction rows. `normals` (k,)
     are the indices of the normal rows. `members` (rows, k) is True for the friction rows of each contact. `static` and
-    `kinetic` (k,) are coefficients of friction. `slides` (k,) is True for contacts that slide already, and `ways`
-    (rows,) are their directions of sliding.
+    `kinetic` (k,) are coefficients of friction. `slides` (k,) and `ways` (rows,) are for contacts that slide already.
     """
 
     def __init__(self, contacts: Sequence[Friction]) -> None:
@@ -177,8 +170,7 @@ class _Rows:
     def directions(self, values: FloatArray) -> FloatArray:
         """Return unit vectors (C, rows) along the friction components of `values` (C, rows), one for each contact.
 
-        C is the number of combinations of contact states. Normal rows are zero. The rows of a contact are zero if its
-        vector in `values` is zero.
+        C is the number of combinations of contact states. Normal rows are zero, and rows whose vector is zero.
         """
         sizes = np.sqrt((values**2) @ self.members)[:, self.contact]
         return np.where(self.along & (sizes > 0), values / np.where(sizes > 0, sizes, 1.0), 0.0)
@@ -190,12 +182,11 @@ class _Rows:
 
 
 def _balances(
-    matrix: FloatArray, bias: FloatArray, rows: _Rows, cases: Sequence[Sequence[tuple[str, FloatArray]]]
+    matrix: FloatArray, free: FloatArray, rows: _Rows, cases: Sequence[Sequence[tuple[str, FloatArray]]]
 ) -> Iterator[Balance]:
     """Yield the solutions among all combinations of contact states, in order of the number of sliding contacts.
 
-    `matrix` (rows, rows) is A and `bias` (rows,) is b in the rates A f + b. `cases` has the possible states of each
-    contact, with directions of sliding.
+    `matrix` (rows, rows) is A, `free` (rows,) is b. `cases` has the possible states and directions of each contact.
     """
     combinations = sorted(itertools.product(*cases), key=lambda pairs: sum(state == SLIDING for state, _ in pairs))
     states = np.array([[state for state, _ in pairs] for pairs in combinations])
@@ -204,14 +195,14 @@ def _balances(
     if searched.any():
         # First guesses are opposite to forces that would hold all surfaces, or else along the first slip.
         held = np.where(states == SLIDING, STICKING, states)
-        forces, _, solved = _forces(matrix, bias, rows, held, np.zeros(len(bias)))
-        first = np.zeros(len(bias))
+        forces, _, solved = _forces(matrix, free, rows, held, np.zeros(len(free)))
+        first = np.zeros(len(free))
         first[rows.normals[np.bincount(rows.contact) > 1] + 1] = 1.0
         against = -rows.directions(forces)
         ways = np.where(searched, np.where(solved[:, None] & rows.moving(against), against, first), ways)
     share, change, error = np.ones((len(combinations), 1)), np.full(len(combinations), np.inf), np.zeros(ways.shape)
     for turn in range(TURNS):
-        forces, rates, solved = _forces(matrix, bias, rows, states, ways)
+        forces, rates, solved = _forces(matrix, free, rows, states, ways)
         moving = searched & (rows.directions(rates) != 0)
         turned = np.where(moving, rows.directions(rates), ways)
         last, error, before, change = error, turned - ways, change, np.abs(turned - ways).max(axis=1)
@@ -222,16 +213,16 @@ def _balances(
         if not turning.any():
             break
         if turn and turn % TURNS_BETWEEN == 0:
-            good = solved & _obeys(rows, states, ways, forces, rates, _noise(matrix, bias, forces))
+            good = solved & _obeys(rows, states, ways, forces, rates, _noise(matrix, free, forces))
             if good.any() and not (good & turning).any():
                 break
-    good = solved & (change <= NOISE) & _obeys(rows, states, ways, forces, rates, _noise(matrix, bias, forces))
+    good = solved & (change <= NOISE) & _obeys(rows, states, ways, forces, rates, _noise(matrix, free, forces))
     for c in np.flatnonzero(good).tolist():
         yield rows.balance(forces[c], rates[c], states[c], ways[c])
 
 
 def _forces(
-    matrix: FloatArray, bias: FloatArray, rows: _Rows, states: NDArray[np.str_], ways: FloatArray
+    matrix: FloatArray, free: FloatArray, rows: _Rows, states: NDArray[np.str_], ways: FloatArray
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
     """Return forces and rates (C, rows) for C combinations of contact states, and a mask (C,).
 
@@ -241,17 +232,17 @@ def _forces(
     """
     contact_states = states[:, rows.contact]
     active = np.where(rows.along, contact_states == STICKING, contact_states != OPEN)
-    pushes = np.eye(len(bias)) * active[:, None, :]
+    pushes = np.eye(len(free)) * active[:, None, :]
     along = np.flatnonzero(rows.along)
     rubs = -rows.kinetic[rows.contact] * ways * (contact_states == SLIDING)
     pushes[:, along, rows.normals[rows.contact[along]]] = rubs[:, along]
-    square, right = (matrix @ pushes) * active[:, :, None], (-bias * active)[..., None]
+    square, right = (matrix @ pushes) * active[:, :, None], (-free * active)[..., None]
     inverse = np.linalg.pinv(square, rcond=DEPENDENT)
     sizes = inverse @ right
     sizes += inverse @ (right - square @ sizes)
     forces = (pushes @ sizes)[..., 0]
-    rates = forces @ matrix.T + bias
-    solved = (~active | (np.abs(rates) <= _noise(matrix, bias, forces))).all(axis=1)
+    rates = forces @ matrix.T + free
+    solved = (~active | (np.abs(rates) <= _noise(matrix, free, forces))).all(axis=1)
     rates[active] = 0.0
     return forces, rates, solved
 
@@ -274,38 +265,38 @@ def _obeys(
     return np.asarray(~wrong.any(axis=1))
 
 
-def _by_pivoting(matrix: FloatArray, bias: FloatArray, rows: _Rows, machine: Machine | None) -> list[Balance]:
+def _by_pivoting(matrix: FloatArray, free: FloatArray, rows: _Rows, machine: Machine | None) -> list[Balance]:
     """Return a list with a solution by Lemke's method, or an empty list.
 
     The cone of friction in a plane becomes a pyramid with four sides. A contact that slides already has one unknown:
     the normal force, to which its friction force is proportional. Another contact has one more unknown for each side
     of its pyramid, and its sliding speed as a multiplier, as in Stewart and Trinkle.
     """
-    units = np.eye(len(bias))
+    units = np.eye(len(free))
     normals, side_rows = units[rows.normals], np.repeat(np.flatnonzero(rows.along & ~rows.slides[rows.contact]), 2)
     sides, owners = units[side_rows], rows.contact[side_rows]
     sides[1::2] *= -1.0
-    free_contacts, index = np.unique(owners, return_inverse=True)
+    resting, index = np.unique(owners, return_inverse=True)
     pushes = np.vstack([normals - rows.kinetic[:, None] * rows.members.T * rows.ways, sides])
     lines = np.vstack([normals, sides])
     k, count = len(normals), len(lines)
-    square = np.zeros((count + len(free_contacts),) * 2)
+    square = np.zeros((count + len(resting),) * 2)
     square[:count, :count] = lines @ matrix @ pushes.T
     side, speed = np.arange(k, count), count + index
     square[side, speed], square[speed, side], square[speed, owners] = 1.0, -1.0, rows.static[owners]
-    right = np.concatenate([lines @ bias, np.zeros(len(free_contacts))])
+    right = np.concatenate([lines @ free, np.zeros(len(resting))])
     size, solution = len(right), np.empty(len(right))
     memory = np.empty(size * (2 * size + 2)), np.empty(size, dtype=np.int64)
     pivoting: Any = lemke if machine is None else machine.called(lemke.form())
     if not pivoting(size, square.ravel(), right, *memory, solution):
         return []
     forces = solution[:count] @ pushes
-    rates = matrix @ forces + bias
-    noise, weak = _noise(matrix, bias, forces), NOISE * float(np.abs(forces).max(initial=0.0))
+    rates = matrix @ forces + free
+    noise, weak = _noise(matrix, free, forces), NOISE * float(np.abs(forces).max(initial=0.0))
     slip, errors = np.sqrt((rates**2) @ rows.members), (noise[:, None] * rows.members).max(axis=0)
     is_open = (forces[rows.normals] <= weak) & (rates[rows.normals] > noise[rows.normals])
     cases = [is_open, ~rows.members.any(axis=0), ~rows.slides & (slip <= 10 * errors)]
     states = np.select(cases, [OPEN, CLOSED, STICKING], SLIDING)
     ways = np.where(rows.slides[rows.contact], rows.ways, rows.directions(rates[None])[0])
-    polished, exact, solved = _forces(matrix, bias, rows, states[None], ways)
+    polished, exact, solved = _forces(matrix, free, rows, states[None], ways)
     return [rows.balance(polished[0], exact[0], states, ways)] if solved[0] else []

@@ -49,8 +49,8 @@ class ContactHistory:
 
     `begins` (s,) are the times at which segments begin, and `modes` their modes (the state of each contact).
     `impacts` has an array (k, 3 + slips) for each contact: time, normal impulse, energy lost, friction impulse.
-    `rests` has for each contact the times at which its impacts accumulate. `rubbed` (N,) is the energy that sliding
-    has dissipated up to each output. Only a run read from a file has it; for other runs it is computed.
+    `rests` has for each contact the times at which its impacts accumulate. `rubbed` (N,) is the energy that sliding has
+    dissipated up to each output, in a run read from a file; else it is computed.
     """
 
     begins: FloatArray
@@ -66,8 +66,8 @@ def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> Co
     Raises StatementError if the arrays do not fit together, or do not fit the contacts.
     """
     modes = tuple(
-        Mode(tuple(states), tuple(ways), None if kept is None else tuple(kept), tuple(bouncing), *others)
-        for states, ways, kept, bouncing, *others in json.loads(str(arrays["modes"]))
+        Mode(tuple(states), tuple(ways), None if independent is None else tuple(independent), tuple(bouncing), *others)
+        for states, ways, independent, bouncing, *others in json.loads(str(arrays["modes"]))
     )
     if not {state for mode in modes for state in mode.states} <= {OPEN, CLOSED, SLIDING, STICKING}:
         raise StatementError("the contact modes in the file have states that are not known.")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,7 @@ from sympy import Float
 
 from lagrange.equations.constraints import constraint_equations
 from lagrange.errors import StatementError, formula
-from lagrange.graph.node import Node
-from lagrange.machine.backend import Kernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
-from lagrange.machine.kernel.straight_lines import fits
 from lagrange.machine.model import Model
 from lagrange.statement.contact import impact_speed
 from lagrange.trajectory.contact.complementarity import DEPENDENT, OPEN, STICKING, Friction
@@ -30,16 +27,12 @@ terms of all gaps are used, because balls that rest at coordinates of zero have 
 HELD = 1e-12
 """Largest gap of a closed contact without projection, relative to the terms of gaps."""
 
-STILL = 1e-11
+RATE_NOISE = 1e-11
 """A gap rate or slip counts as zero below this fraction of the largest terms of the contact's rates so far."""
 
 ROUND_OFF = 2.0**-50
 """A velocity in a closed contact is rounding if its kinetic energy is below the square of this fraction times the
-largest. Impulses transmit it from contact to contact. Tolerances relative to it would be far too small.
-"""
-
-FEW_STATES = 16
-"""Below this number of states, calls of a function for one state are faster than one call for all."""
+largest. Impulses transmit it from contact to contact. Tolerances relative to it would be far too small."""
 
 MODELS_KEPT = 16
 """Largest number of models whose contact functions and modes are cached."""
@@ -49,10 +42,11 @@ SLOW_SHARE = 1e-3
 
 
 @lru_cache(maxsize=MODELS_KEPT)
-def _coefficients(model: Model, parameters: tuple[float, ...]) -> tuple[list[Any], list[tuple[float, float]]]:
-    """Return for each contact the restitution, an expression in the impact speed, and the coefficients of friction.
+def _coefficients(model: Model, parameters: tuple[float, ...]) -> tuple[list[Any], list[float | None], list[Any]]:
+    """Return the coefficients of the contacts of a model. `parameters` (k,) are the values of its parameters.
 
-    `parameters` (k,) are the values of the model's parameters. Raises StatementError for values out of range.
+    They are the restitutions as expressions in the impact speed, their values (None if they depend on it), and the
+    pairs of static and kinetic friction. Raises StatementError for values out of range.
     """
     values = dict(zip(model.statement.parameters, map(Float, parameters), strict=True))
     restitutions, frictions = [], []
@@ -70,7 +64,16 @@ def _coefficients(model: Model, parameters: tuple[float, ...]) -> tuple[list[Any
             )
         restitutions.append(e)
         frictions.append((static, kinetic))
-    return restitutions, frictions
+    return restitutions, [float(e) if e.is_number else None for e in restitutions], frictions
+
+
+@lru_cache(maxsize=MODELS_KEPT)
+def _rows(model: Model) -> tuple[list[list[int]], list[int], NDArray[np.intp]]:
+    """Return `rows`, `normals` and `owners` of the contacts of a model: see `Kinematics`."""
+    sizes = [1 + len(contact.slip) for contact in model.statement.contacts]
+    normals = [sum(sizes[:i]) for i in range(len(sizes))]
+    rows = [list(range(row, row + size)) for row, size in zip(normals, sizes, strict=True)]
+    return rows, normals, np.repeat(np.arange(len(sizes)), sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,30 +81,42 @@ class Touch:
     """The contacts at a time `t` and a state `y` (2n,): gaps (k,), rates (dgap/dt and slips), and their derivatives.
 
     A row is a rate: each contact has a row for dgap/dt, then one for each slip. `rates` (rows,) are the values,
-    `directions` (rows, n) their derivatives by the velocities, and `bias` (rows,) their derivatives by time at zero
-    acceleration. Gaps count as zero up to `near`, rates up to `noise` (rows,). `inertia` computes the pair of
-    `responses` and `still` at its first call.
+    `directions` (rows, n) their derivatives by the velocities, and `convective` (rows,) those by time at zero
+    acceleration. `terms` (rows,) are the largest terms of the rates so far. Gaps count as zero up to `near`. `before`
+    is the state with the same coordinates whose mass matrix is used, or None.
     """
 
+    kinematics: Kinematics
     t: float
     y: FloatArray
     gaps: FloatArray
     rates: FloatArray
     directions: FloatArray
-    bias: FloatArray
+    convective: FloatArray
+    terms: FloatArray
     near: float
-    noise: FloatArray
-    inertia: Callable[[], tuple[FloatArray, FloatArray]]
+    before: Touch | None
+
+    @cached_property
+    def noise(self) -> FloatArray:
+        """Sizes (rows,) up to which rates count as zero."""
+        fastest = np.maximum.reduceat(self.terms, self.kinematics.normals)[self.kinematics.owners]
+        return np.asarray(RATE_NOISE * np.maximum(fastest, SLOW_SHARE * self.terms.max()))
+
+    @cached_property
+    def _inertia(self) -> tuple[FloatArray, FloatArray]:
+        """The pair of `responses` and `velocity_noise`."""
+        return self.kinematics.inertia(self) if self.before is None else self.before._inertia
 
     @property
     def responses(self) -> FloatArray:
         """Accelerations by a unit force along each row, under the stated constraints, (n, rows)."""
-        return self.inertia()[0]
+        return self._inertia[0]
 
     @property
-    def still(self) -> FloatArray:
+    def velocity_noise(self) -> FloatArray:
         """Sizes (n,) up to which velocities count as zero."""
-        return self.inertia()[1]
+        return self._inertia[1]
 
     @cached_property
     def compliance(self) -> FloatArray:
@@ -115,112 +130,94 @@ class Touch:
 
 
 @lru_cache(maxsize=MODELS_KEPT)
-def contact_function(model: Model) -> Kernel:
-    """Return a function, cached by model, that evaluates the gaps, rates, biases and directions of the contacts.
+def _contact_functions(model: Model) -> tuple[PythonKernel, PythonKernel]:
+    """Return two functions of a state, cached by model: one evaluates the contacts, the other the gaps alone.
 
-    Rates are dgap/dt and the slips. Biases are their time derivatives at zero acceleration. Directions are their
-    derivatives by the velocities.
+    The results of the first are the gaps (k,) and their sizes, the rates (rows,) and their sizes, their derivatives by
+    time at zero acceleration, and those by the velocities. A size is the sum of the absolute values of the terms.
     """
-    equations = model.equations
+    equations, size = model.equations, partial(model.equations.graph.call, "abs")
+    q, v = equations.q, equations.v
     stated: dict[str, Any] = {}
     holonomic = []
     for contact in model.statement.contacts:
         stated[contact.name] = equations.translate(contact.gap)
         stated |= dict(zip(contact.slip_names, map(equations.translate, contact.slip), strict=True))
         holonomic += [True] + [False] * len(contact.slip)
-    constraints = constraint_equations(stated, holonomic, equations.q, equations.v, equations.time)
-    gaps = [gap for gap in constraints.positions if gap is not None]
-    gradient = [entry for row in constraints.gradient for entry in row]
-    return quick_function(model, "contacts", (*gaps, *constraints.velocities, *constraints.bias, *gradient))
-
-
-def quick_function(model: Model, name: str, nodes: tuple[Node, ...]) -> Kernel:
-    """Return a function that evaluates `nodes`; if short, it is printed as Python, fastest for a few calls."""
-    kernel = model.function(name, nodes)
-    return PythonKernel(kernel.program) if fits(kernel.program) else kernel
+    equation = constraint_equations(stated, holonomic, q, v, equations.time)
+    lengths, speeds = [], []
+    for position, rate, row in zip(equation.positions, equation.velocities, equation.gradient, strict=True):
+        if position is not None:
+            lengths.append(sum((size(d * x) for d, x in zip(row, q, strict=True)), size(position)))
+        moved = [d * speed for d, speed in zip(row, v, strict=True)]
+        speeds.append(sum(map(size, moved), size(rate - sum(moved, equations.graph.zero))))
+    gaps = tuple(gap for gap in equation.positions if gap is not None)
+    gradient = [entry for row in equation.gradient for entry in row]
+    nodes = (*gaps, *lengths, *equation.velocities, *speeds, *equation.bias, *gradient)
+    return PythonKernel(model.function("contacts", nodes).program), PythonKernel(model.function("gaps", gaps).program)
 
 
 class Kinematics:
     """Evaluates the contacts of a model for the parameters of a run.
 
-    `rows` has the row indices of each contact in a `Touch`: first dgap/dt, then its slips. `normals` has the row index
-    of dgap/dt of each contact, and `owners` (rows,) the index of the contact of each row. `restitutions` are the values
-    of the contacts, None for those that depend on the impact speed.
+    `rows` has the row indices of each contact in a `Touch`, and `normals` the first of them, the row of dgap/dt.
+    `owners` (rows,) has the index of the contact of each row. `restitutions` are None if they depend on the speed.
     """
 
     def __init__(self, model: Model, parameters: FloatArray) -> None:
         self.model, self.parameters, self.contacts = model, parameters, model.statement.contacts
-        sizes = [1 + len(contact.slip) for contact in self.contacts]
-        self.normals = [sum(sizes[:i]) for i in range(len(sizes))]
-        self.rows = [list(range(row, row + size)) for row, size in zip(self.normals, sizes, strict=True)]
-        self.owners = np.repeat(np.arange(len(sizes)), sizes)
-        self._places, self._speeds, self._momentum = np.zeros(len(sizes)), np.zeros(sum(sizes)), 0.0
-        self._kernel = contact_function(model)
-        self._restitution, self._friction = _coefficients(model, tuple(parameters.tolist()))
-        self.restitutions = [float(e) if e.is_number else None for e in self._restitution]
+        self.rows, self.normals, self.owners = _rows(model)
+        self._lengths, self._terms, self._momentum = 0.0, np.zeros(len(self.owners)), 0.0
+        self._contacts, self._gaps = _contact_functions(model)
+        self._restitution, self.restitutions, self._friction = _coefficients(model, tuple(parameters.tolist()))
 
     def gaps(self, times: FloatArray, states: FloatArray) -> tuple[FloatArray, float]:
         """Return the gaps (k, N) at times (N,) and states (2n, N), and the size up to which they are zero."""
-        k = len(self.normals)
-        if len(times) < FEW_STATES:
-            pairs = zip(times.tolist(), np.ascontiguousarray(states.T), strict=True)
-            values = np.array([self._kernel(t, y, self.parameters)[:k] for t, y in pairs]).T
-        else:
-            values = np.array(self._kernel(times, states, self.parameters)[:k])
-        return values, TOUCHING * max(self._places.max(), np.abs(values).max())
+        gaps = self._gaps.at_times(times, states, self.parameters)
+        return gaps, TOUCHING * max(self._lengths, float(np.abs(gaps).max()))
 
     def held(self, contact: int, times: FloatArray, states: FloatArray, sticking: NDArray[np.bool_]) -> bool:
         """Return True if a contact is closed at all states (2n, N): gap and gap rate are zero up to rounding.
 
         `contact` is its index. At states in the mask `sticking` (N,) its slips must also be zero.
         """
-        k, mine = len(self.normals), self.rows[contact]
-        values = np.asarray(self._kernel(times, states, self.parameters))
-        gap, rate, slips = values[contact], values[k + mine[0]], values[[k + row for row in mine[1:]]] * sticking
-        near, still = HELD * self._places.max(), STILL * self._speeds[mine].max()
-        return bool((np.abs(gap) <= near).all() and (np.abs(rate) <= still).all() and (np.abs(slips) <= still).all())
+        k, mine = len(self.contacts), self.rows[contact]
+        values = self._contacts.at_times(times, states, self.parameters)
+        gap, rate, slips = values[contact], values[2 * k + mine[0]], values[[2 * k + i for i in mine[1:]]] * sticking
+        near, noise = HELD * self._lengths, RATE_NOISE * self._terms[mine].max()
+        return bool((np.abs(gap) <= near).all() and (np.abs(rate) <= noise).all() and (np.abs(slips) <= noise).all())
 
     def at(self, t: float, y: FloatArray, before: Touch | None = None) -> Touch:
         """Return the contacts at a state y (2n,), an array that is not changed afterwards.
 
-        With `before`, the contacts at another state, its `inertia` is reused, which saves time. Both states must have
-        the same coordinates, up to rounding. Velocities may differ.
+        With `before`, the contacts at another state, the mass matrix there is used again, which saves time. Both
+        states must have the same coordinates, up to rounding. Velocities may differ.
         """
-        k, rows = len(self.normals), len(self._speeds)
-        values = np.asarray(self._kernel(t, y, self.parameters))
-        gaps, rates, bias, gradient = (
-            values[:k],
-            values[k : k + rows],
-            values[k + rows : k + 2 * rows],
-            values[k + 2 * rows :],
-        )
-        directions = gradient.reshape(rows, -1)
-        q, v = self.model.layout.split(y)
-        slopes = np.abs(directions)
-        lengths = slopes[self.normals] @ np.abs(q) + np.abs(gaps)
-        speeds = slopes @ np.abs(v) + np.abs(rates - directions @ v)
-        self._places, self._speeds = np.maximum(self._places, lengths), np.maximum(self._speeds, speeds)
-        fastest = np.maximum.reduceat(self._speeds, self.normals)[self.owners]
-        noise = STILL * np.maximum(fastest, SLOW_SHARE * self._speeds.max())
-        near = TOUCHING * float(self._places.max())
-        inertia = cache(partial(self._inertia, t, y, directions)) if before is None else before.inertia
-        return Touch(t, y, gaps, rates, directions, bias, near, noise, inertia)
+        k, rows = len(self.contacts), len(self._terms)
+        values = self._contacts(t, y, self.parameters)
+        rates, terms, convective = values[2 * k : 2 * k + 3 * rows].reshape(3, rows)
+        directions = values[2 * k + 3 * rows :].reshape(rows, -1)
+        self._lengths = float(values[k : 2 * k].max(initial=self._lengths))
+        self._terms = np.maximum(self._terms, terms)
+        near = TOUCHING * self._lengths
+        return Touch(self, t, y, values[:k], rates, directions, convective, self._terms, near, before)
 
-    def _inertia(self, t: float, y: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return `responses` and `still` of a `Touch` with these `directions` (rows, n) at a state y (2n,)."""
-        n, v = self.model.dimension, y[self.model.layout.v]
-        mass = np.asarray(self.model.kernel("mass_matrix")(t, y, self.parameters)).reshape(n, n)
+    def inertia(self, touch: Touch) -> tuple[FloatArray, FloatArray]:
+        """Return `responses` and `velocity_noise` of the contacts at a state."""
+        n, v = self.model.dimension, touch.y[self.model.layout.v]
+        mass = np.asarray(self.model.kernel("mass_matrix")(touch.t, touch.y, self.parameters)).reshape(n, n)
         inertia = np.sqrt(np.abs(np.diag(mass)))
         self._momentum = max(self._momentum, float((inertia * np.abs(v)).max()))
-        still = np.where(inertia > 0, ROUND_OFF * self._momentum / np.where(inertia > 0, inertia, 1.0), 0.0)
-        if len(stated := self.stated_directions(t, y)):
+        noise = np.where(inertia > 0, ROUND_OFF * self._momentum / np.where(inertia > 0, inertia, 1.0), 0.0)
+        directions = touch.directions
+        if len(stated := self.stated_directions(touch.t, touch.y)):
             whole = np.block([[mass, -stated.T], [stated, np.zeros((len(stated), len(stated)))]])
             right = np.vstack([directions.T, np.zeros((len(stated), len(directions)))])
-            return np.asarray(np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n]), still
+            return np.asarray(np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n]), noise
         try:
-            return np.asarray(np.linalg.solve(mass, directions.T)), still
+            return np.asarray(np.linalg.solve(mass, directions.T)), noise
         except np.linalg.LinAlgError:  # The mass matrix is singular, and the next step ends the run.
-            return np.asarray(np.linalg.lstsq(mass, directions.T)[0]), still
+            return np.asarray(np.linalg.lstsq(mass, directions.T)[0]), noise
 
     def held_rows(self, states: Sequence[str]) -> list[int]:
         """Return the indices of the rows (gap rates and slips) that are zero if the contacts have these `states`.
@@ -233,8 +230,7 @@ class Kinematics:
     def closed(self, touch: Touch, contacts: Sequence[int], unchanged: Sequence[int] = ()) -> FloatArray:
         """Return the state of `touch` changed so that the gaps of `contacts` (indices) are closed, by one Newton step.
 
-        The change is the least, measured by the kinetic energy. The gaps of the contacts `unchanged` (indices) do not
-        change.
+        The change is the least, measured by the kinetic energy. The gaps of `unchanged` contacts do not change.
         """
         both = [*contacts, *(i for i in unchanged if i not in contacts)]
         y, changes = touch.y.copy(), [*touch.gaps[contacts], *np.zeros(len(both) - len(contacts))]

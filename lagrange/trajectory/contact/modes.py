@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import sympy
 
 from lagrange.equations.euler_lagrange import node_of
 from lagrange.machine.backend import Kernel
+from lagrange.machine.kernel.python_kernel import kernel_in_python
 from lagrange.machine.model import Model
 from lagrange.statement.contact import Contact
 from lagrange.statement.coordinate import multiplier
@@ -18,20 +19,31 @@ from lagrange.statement.coordinate import t as time
 from lagrange.statement.event import Event
 from lagrange.statement.statement import ALLOW, Constraint, Statement
 from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
-from lagrange.trajectory.contact.kinematics import MODELS_KEPT, quick_function
+from lagrange.trajectory.contact.kinematics import MODELS_KEPT
 from lagrange.trajectory.contact.resets import WrittenFriction, WrittenImpacts, written_friction
 from lagrange.trajectory.integrator import Problem
 
-RELEASE, GAP, SLIP, CONE = "released", "met", "stopped", "freed"
-"""Events that end a mode: the normal force becomes zero, the gap or the slip becomes zero, friction reaches its cone.
-Each value is also the name of the argument of `Transitions.after` that lists the contacts with this event.
-"""
+
+class ModeEnd(NamedTuple):
+    """The contacts (indices) whose events end a mode, by the kind of the event.
+
+    The gap of `closing` contacts becomes zero, the normal force of `opening` ones, or the slip of `stopping` ones. The
+    friction force of `yielding` contacts, which stick, reaches the largest size that static friction allows.
+    """
+
+    closing: tuple[int, ...] = ()
+    opening: tuple[int, ...] = ()
+    stopping: tuple[int, ...] = ()
+    yielding: tuple[int, ...] = ()
+
+
+CLOSING, OPENING, STOPPING, YIELDING = ModeEnd._fields
+"""Kinds of events that end a mode."""
 
 SLOWEST = 1e-12
 """Slip in a plane, as a fraction of the largest so far, that counts as zero, because its direction is not smooth there.
 `rtol` is used if it is larger: steps pass over a slip that is smaller than their errors, and reverse it again and
-again. An impulse removes the rest of the slip.
-"""
+again. An impulse removes the rest of the slip."""
 
 EVENTS_KEPT = 8
 """Largest number of lists of events that are cached with a mode, so that its runs use the same drivers."""
@@ -41,18 +53,18 @@ EVENTS_KEPT = 8
 class Mode:
     """The mode of a run: `states` has the state of each contact, such as "open" or "sliding".
 
-    `ways` has the direction of each contact that slides along a line, 1 or -1. `kept` are the indices of independent
-    constraints, or None if all constraints are independent. `bouncing` are the contacts that count as closed while
-    their impacts accumulate. `slowest` is the slip in a plane up to which a contact counts as sticking. If `still`,
-    nothing can move: contacts that would slide by their forces are at rest.
+    `ways` has the direction of each contact that slides along a line, 1 or -1. `independent` are the indices of
+    independent constraints, or None if all are. `bouncing` are the contacts that count as closed while their impacts
+    accumulate. `slowest` is the slip in a plane up to which a contact counts as sticking. If `immobile`, nothing can
+    move: contacts that would slide by their forces are at rest.
     """
 
     states: tuple[str, ...]
     ways: tuple[int | None, ...]
-    kept: tuple[int, ...] | None = None
+    independent: tuple[int, ...] | None = None
     bouncing: tuple[int, ...] = ()
     slowest: float = 0.0
-    still: bool = False
+    immobile: bool = False
 
     @property
     def closed(self) -> list[int]:
@@ -61,12 +73,8 @@ class Mode:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """The state of each contact as results report it.
-
-        It is that of the mode, with two exceptions: "sticking" instead of "sliding" if `still`, and "open" for
-        contacts in `bouncing`.
-        """
-        states = (STICKING if self.still and state == SLIDING else state for state in self.states)
+        """The states for results: "sticking" instead of "sliding" if `immobile`, and "open" for `bouncing` contacts."""
+        states = (STICKING if self.immobile and state == SLIDING else state for state in self.states)
         return tuple(OPEN if i in self.bouncing else state for i, state in enumerate(states))
 
     def going(self, which: int, way: int) -> Mode:
@@ -78,11 +86,10 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class PreparedMode:
-    """A compiled mode: its `model`, and its `events`.
+    """A compiled mode: its `model`, and its `events`, those of the user first.
 
-    The user's events come first. The events that end the mode follow, at the indices `mode_events`; for each of them
-    `ends` has the index of its contact and its kind. With `friction`, the events between sliding and sticking come
-    last: they are handled inside the loop over steps.
+    The events that end the mode follow, at the indices `mode_events`; `ends` has the index of the contact and the kind
+    of each. With `friction` the last events are those between sliding and sticking, which the compiled loop handles.
     """
 
     model: Model
@@ -95,11 +102,8 @@ class PreparedMode:
     def zeros(self) -> Kernel:
         """A function of time and state that evaluates the expressions of the events that end the mode, (k,)."""
         events = self.events[self.mode_events]
-        return quick_function(
-            self.model,
-            "ends",
-            tuple(node_of(event.expression, self.model.statement, self.model.equations) for event in events),
-        )
+        nodes = (node_of(event.expression, self.model.statement, self.model.equations) for event in events)
+        return kernel_in_python(self.model.function("ends", tuple(nodes)).program)
 
 
 class Modes:
@@ -113,7 +117,7 @@ class Modes:
     def friction(self, mode: Mode) -> WrittenFriction | None:
         """Return the friction of the only closed contact of a mode as a model with events, or None if not possible."""
         closed = mode.closed
-        if len(closed) != 1 or mode.states[closed[0]] == CLOSED or mode.bouncing or mode.kept is not None:
+        if len(closed) != 1 or mode.states[closed[0]] == CLOSED or mode.bouncing or mode.independent is not None:
             return None
         return written_friction(self.model, closed[0])
 
@@ -127,7 +131,8 @@ class Modes:
         between sliding and sticking are resets inside this loop, too.
         """
         plain = mode if friction is None else mode.going(friction.which, 0)
-        key = replace(plain, bouncing=()), friction, problem.events, 0 if written is None else most
+        plain = replace(plain, bouncing=()) if plain.bouncing else plain
+        key = plain, friction, problem.events, 0 if written is None else most
         if key not in self._prepared:
             model = self.model_of(mode) if friction is None else friction.model
             if len(self._prepared) > EVENTS_KEPT * (1 + len(self._models)):
@@ -141,7 +146,7 @@ class Modes:
                 ]
             if friction is not None:
                 absent[self.contacts[friction.which].normal] = friction.normal
-                pairs = [(_present(event, absent), end) for event, end in pairs if end[1] in (RELEASE, GAP)]
+                pairs = [(_present(event, absent), end) for event, end in pairs if end[1] in (OPENING, CLOSING)]
                 # If the normal force is constant, it never ends the mode.
                 pairs = [pair for pair in pairs if pair[0].expression.has(time)]
             stated = [_present(event, absent) for event in problem.events]
@@ -172,6 +177,13 @@ class Modes:
         return all(sympy.expand(rate.xreplace(at_rest)).is_zero for rate in rates)
 
     @cached_property
+    def all_open(self) -> Mode:
+        """The mode in which all contacts are open."""
+        count = len(self.contacts)
+        mode = Mode((OPEN,) * count, (None,) * count)
+        return replace(mode, immobile=self.leaves_no_freedom(mode, len(self.model.statement.constraints)))
+
+    @cached_property
     def _is_timeless(self) -> bool:
         """True if neither the system nor a contact depends on time explicitly."""
         stated = self.model.statement
@@ -181,10 +193,10 @@ class Modes:
 
     def model_of(self, mode: Mode) -> Model:
         """Return the compiled model of a mode."""
-        plain = replace(mode, bouncing=(), slowest=0.0, still=False)
+        plain = replace(mode, bouncing=(), slowest=0.0, immobile=False)
         if plain not in self._models:
             stated = mode_statement(self.model.statement, mode)
-            self._models[plain] = self.model.on_same_machine(stated, mode.kept)
+            self._models[plain] = self.model.on_same_machine(stated, mode.independent)
         return self._models[plain]
 
 
@@ -216,7 +228,7 @@ def mode_statement(statement: Statement, mode: Mode) -> Statement:
         statement,
         constraints=tuple(constraints),
         forces=tuple(forces),
-        redundant=ALLOW if mode.kept is not None else statement.redundant,
+        redundant=ALLOW if mode.independent is not None else statement.redundant,
         contacts=(),
     )
 
@@ -233,28 +245,23 @@ def sliding_friction(contact: Contact, way: int | None) -> list[Any]:
 
 
 def _ends(contacts: Sequence[Contact], mode: Mode) -> list[tuple[Event, tuple[int, str]]]:
-    """Return the events that end a mode, each with the index of its contact and its kind.
-
-    The kinds are a gap that closes, a contact that is released, a slip that stops, and a friction force that leaves
-    its cone.
-    """
+    """Return the events that end a mode, each with the index of its contact and its kind."""
     zeros = list[tuple[Any, int, str]]()
     for i, (contact, state, way) in enumerate(zip(contacts, mode.states, mode.ways, strict=True)):
-        zeros.append((contact.gap, i, GAP) if state == OPEN else (contact.normal, i, RELEASE))
+        zeros.append((contact.gap, i, CLOSING) if state == OPEN else (contact.normal, i, OPENING))
         if state == SLIDING:
             plane = len(contact.slip) > 1
-            zeros.append((contact.slip_speed - mode.slowest if plane else contact.slip[0] * way, i, SLIP))
+            zeros.append((contact.slip_speed - mode.slowest if plane else contact.slip[0] * way, i, STOPPING))
         if state == STICKING:
             slip_forces = [multiplier(name) ** 2 for name in contact.slip_names]
-            zeros.append((contact.friction[0] ** 2 * contact.normal**2 - sympy.Add(*slip_forces), i, CONE))
+            zeros.append((contact.friction[0] ** 2 * contact.normal**2 - sympy.Add(*slip_forces), i, YIELDING))
     return [(Event(zero, direction=-1, terminal=1), (i, kind)) for zero, i, kind in zeros]
 
 
 def _present(event: Event, absent: dict[Any, Any]) -> Event:
     """Return an event in whose expression the normal forces of open contacts are replaced by zero.
 
-    `absent` maps symbols of such forces to zero. If the expression is then constant, the result is an event that
-    never occurs.
+    `absent` maps symbols of such forces to zero. An event whose expression is then constant never occurs.
     """
     zero = event.expression.xreplace(absent)
     if zero == event.expression:

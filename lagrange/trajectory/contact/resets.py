@@ -23,7 +23,7 @@ import numpy as np
 import sympy
 from numpy.typing import NDArray
 
-from lagrange.machine.backend import Kernel
+from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.model import Model
 from lagrange.statement.contact import impact_speed
 from lagrange.statement.coordinate import coordinate_of, velocity_of
@@ -42,11 +42,10 @@ LONGEST_RESET = 2_000
 
 SLIGHT, SHORT = 2.0**-48, 1e-3
 """Initial slip or gap after a change: the first number times the change by the largest acceleration terms, during the
-time so far or a short part (the second number) of the run. It is 16 units of their rounding.
-"""
+time so far or a short part (the second number) of the run. It is 16 units of their rounding."""
 
-UNCOUPLED = 1e-14
-"""Two directions are uncoupled if their product is below this fraction of its terms: rounding of the stated numbers."""
+ORTHOGONAL = 1e-14
+"""Two directions are orthogonal if their product is below this fraction of its terms: rounding of the stated numbers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +53,11 @@ class WrittenImpacts:
     """Impacts without friction as resets of events: `resets` has one reset for each contact, or None.
 
     A reset is a dict from symbol to new value. It is None if the restitution is zero, the formulas are too long, or
-    the gap is not a polynomial. `kernel` returns three numbers for each contact at a state: the impulse, the energy
-    lost and the impact speed.
+    the gap is not a polynomial. `kernel` returns for each contact the impulse, the energy lost and the impact speed.
     """
 
     resets: tuple[dict[Any, Any] | None, ...]
-    kernel: Kernel
+    kernel: PythonKernel
 
 
 @lru_cache(maxsize=MODELS_KEPT)
@@ -90,8 +88,8 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
         exact = contact.gap.is_polynomial(*q, time)
         long = sum(int(value.count_ops()) for value in reset.values()) > LONGEST_RESET
         resets.append(None if contact.restitution.is_zero or long or not exact else reset)
-    nodes = tuple(map(model.equations.translate, results))
-    return WrittenImpacts(tuple(resets), model.function("impacts", nodes)) if any(resets) else None
+    program = model.function("impacts", tuple(map(model.equations.translate, results))).program
+    return WrittenImpacts(tuple(resets), PythonKernel(program)) if any(resets) else None
 
 
 @lru_cache(maxsize=MODELS_KEPT)
@@ -126,9 +124,8 @@ def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
 class WrittenFriction:
     """The friction of the contact `which`, as a `model` whose state has one more coordinate, the way.
 
-    The way is 1 or -1, the direction of sliding, or 0 while the contact sticks. `moment` is a parameter of that
-    model, a short time. `normal` is the expression of the normal force. `events` end sticking and sliding, and reset
-    the way and the velocities.
+    The way is 1 or -1, the direction of sliding, or 0 while the contact sticks. `moment` is a parameter of the model, a
+    short time. `normal` is the normal force. `events` end sticking and sliding; they reset the way and the velocities.
     """
 
     which: int
@@ -138,10 +135,7 @@ class WrittenFriction:
     events: tuple[Event, ...]
 
     def with_way(self, problem: Problem, way: int) -> Problem:
-        """Return a problem of the system as a problem of this model, whose state has one more coordinate, the way.
-
-        `way` is its initial value: the direction of sliding, 1 or -1, or 0 for sticking.
-        """
+        """Return a problem of the system as a problem of this model, with the initial value of the coordinate `way`."""
         indices = [self.model.layout.q.stop - 1, len(problem.y0)]
         y0 = np.insert(problem.y0, indices, [way, 0.0])
         largest = None if problem.largest is None else np.insert(problem.largest, indices, [1.0, 0.0])
@@ -165,7 +159,7 @@ class WrittenFriction:
 
 @lru_cache(maxsize=MODELS_KEPT)
 def written_friction(model: Model, which: int) -> WrittenFriction | None:
-    """Return the friction of the contact with index `which` as a model with events, or None if that is not possible.
+    """Return the friction of the contact `which` as a model with events, or None.
 
     It is possible for friction along a line that is not coupled to the gap, with constant mass matrix.
     """
@@ -184,7 +178,7 @@ def written_friction(model: Model, which: int) -> WrittenFriction | None:
     # Friction changes the gap if this product is not zero, at irrational values of the parameters.
     values = {symbol: sympy.sqrt(sympy.prime(k + 1)) for k, symbol in enumerate(statement.parameters)}
     terms = [float((x * y).xreplace(values)) for x, y in zip(lines[0], responses[1], strict=True)]
-    if abs(math.fsum(terms)) > UNCOUPLED * sum(map(abs, terms)):
+    if abs(math.fsum(terms)) > ORTHOGONAL * sum(map(abs, terms)):
         return None
     return _Formulas(model, which, lines, responses).written()
 

@@ -1,13 +1,18 @@
-"""Run through contacts: segments with a constant mode, joined by impacts and changes of the mode."""
+"""Run through contacts: segments with a constant mode, joined by impacts and changes of the mode.
+
+A segment is an ordinary run: the equations of motion with the constraints and friction forces of its mode, and with
+events at which the mode ends. After it a transition applies the laws of contact, which give the next state and mode.
+Frequent changes, impacts without friction and changes between sliding and sticking along a line, are resets of events
+inside the compiled loop over steps, if their formulas can be written out. The run records them after the segment.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -15,10 +20,11 @@ from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, counted, listing
 from lagrange.statement.expression import real_number
+from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces
 from lagrange.trajectory.contact.complementarity import OPEN
 from lagrange.trajectory.contact.history import FRICTION, IMPULSE, LOST, TIME, ContactHistory
 from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics, Touch
-from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, PreparedMode, modes_of
+from lagrange.trajectory.contact.modes import Mode, ModeEnd, PreparedMode, modes_of
 from lagrange.trajectory.contact.resets import WrittenFriction, WrittenImpacts, in_order, written_impacts
 from lagrange.trajectory.contact.transition import Transition, Transitions, Undetermined
 from lagrange.trajectory.ending_messages import message, number
@@ -32,7 +38,7 @@ from lagrange.trajectory.segments import (
     resting_part,
     status_at_end,
 )
-from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, with_fields
 
 RECENT, HURRIED = 100, 1e-4
 """Number of changes of the mode by which a run is judged that used up a limit, and the mean time between them, as a
@@ -40,37 +46,20 @@ fraction of the span, below which they are the cause."""
 
 SAMPLES, OVERLAP, ERRORS = 4, 1e-8, 10
 """Least number of times in a segment at which open gaps are tested; and the overlap that shows a missed impact, as a
-fraction of the terms of the gap: the second number, or the third times `rtol`, whichever is larger.
-"""
+fraction of the terms of the gap: the second number, or the third times `rtol`, whichever is larger."""
 
 NEARBY = 2.0**-16
-"""Fraction of a segment, before its end, over which the derivative of an event is approximated by a difference. Zeros
-at the end are nearer.
-"""
+"""Fraction of a segment, before its end, over which the derivative of an event is approximated by a difference."""
 
 STEPS_OUTSIDE, CLOSED_START = 60, 1e-6
 """Number of steps for each gap in the search for the nearest start outside of all bodies, which an error message shows;
-and the largest gap at its end that counts as closed.
-"""
+and the largest gap at its end that counts as closed."""
 
 MOST_AT_ONCE = 32
 """Largest number of changes of the mode at one instant."""
 
 SHORTEST_REST = 2.0**-36
 """Time until impacts have ended, relative to the time of the run, below which no separate segment is run."""
-
-SMALLEST_BOUNCE = 1e-7
-"""Speed of an impact, relative to the largest of a series of decreasing impacts, below which the rest of the series is
-summed. The height of the omitted bounces is 1e-14 of the first. Times of flight then have 8 digits.
-"""
-
-FEWEST_FLIGHTS = 3
-"""Smallest number of flights, each shorter than the one before, that count as an accumulation."""
-
-UNKNOWN_IMPACTS, ELASTIC_IMPACTS = 16, 2**16
-"""Largest number of impacts in one call of a compiled loop. The first is for a restitution that depends on the speed,
-the second for impacts without loss of energy.
-"""
 
 EARLY = 1e-7
 """Part of a run early in which a gap may still be negative: its motion there is taken for rounding of the start."""
@@ -93,64 +82,17 @@ def run_through_contacts(
     return _ContactRun(problem, partial(run, integrator)).trajectory()
 
 
-class _Bounces:
-    """The present series of impacts with ever shorter flights between them. It may accumulate at a finite time.
-
-    `contacts` has the last `FEWEST_FLIGHTS` impacts: the set of the contacts that take part in each.
-    """
-
-    def __init__(self) -> None:
-        self._added = [np.empty((2, 0))]
-        self.contacts: list[frozenset[int]] = []
-
-    def add(self, times: Any, speeds: Any, contacts: Sequence[frozenset[int]]) -> None:
-        """Add impacts with `times` and `speeds` (k,), and the contacts that take part in the last of them."""
-        self._added.append(np.array([times, speeds]))
-        self.contacts = [*self.contacts, *contacts][-FEWEST_FLIGHTS:]
-
-    @property
-    def series(self) -> FloatArray:
-        """Times and speeds of the impacts, (2, k), since the last flight that is not shorter than the one before."""
-        whole = np.concatenate(self._added, axis=1)
-        again = np.flatnonzero(np.diff(whole[0], 2) >= 0)
-        self._added = [whole[:, again[-1] + 1 if len(again) else 0 :]]
-        return self._added[0]
-
-    def most(self, restitutions: Sequence[float | None]) -> int:
-        """Return the number of impacts that a compiled loop may handle before the run tests for an accumulation.
-
-        `restitutions` has the value of each contact, None if it depends on the speed. After this number of impacts
-        the speed of a bouncing ball has decreased to about `SMALLEST_BOUNCE` of the largest speed in the series.
-        """
-        constants = [e for e in restitutions if e is not None and e > 0]
-        weakest = min(constants, default=1.0)
-        if len(constants) < len(restitutions) or weakest == 1.0:
-            return UNKNOWN_IMPACTS if None in restitutions else ELASTIC_IMPACTS
-        speeds = self.series[1]
-        share = speeds[-1] / speeds.max() if len(speeds) else 1.0
-        return max(1, math.ceil(math.log(SMALLEST_BOUNCE / share) / math.log(weakest)))
-
-    @property
-    def limit(self) -> float | None:
-        """The limit of the times of impact, if each of the last flights is shorter by the same ratio; else None."""
-        times = self.series[0]
-        if len(times) < FEWEST_FLIGHTS + 1:
-            return None
-        a, b, c = times[-3:].tolist()
-        ratio = (c - b) / (b - a)
-        return c + (c - b) * ratio / (1 - ratio) if ratio < 1 else None
-
-
 class _ContactRun:
-    """A run in progress: its `parts`, and the mode, time and state at which it continues.
+    """A run in progress: its `parts`, and its `modes_so_far`, which begin at times `begins`.
 
-    `prepared` is the compiled mode of the last segment, `part` its trajectory, and `end_state` (2n,) the state at its
-    end before any reset. `fired` are the contacts whose events ended it: pairs of contact index and kind of event.
+    `prepared` is the compiled mode of the last segment, and `part` its trajectory. `end_state` (2n,) is the state at
+    its end before resets, or None if there are none. `fired` are the contacts whose events ended it: pairs of contact
+    index and kind of event. `rest_time` is the time at which the present impacts accumulate.
     """
 
     prepared: PreparedMode
     part: Trajectory
-    end_state: FloatArray
+    end_state: FloatArray | None
 
     def __init__(self, problem: Problem, run: Callable[[Problem], Trajectory]) -> None:
         if problem.t1 < problem.t0:
@@ -165,21 +107,20 @@ class _ContactRun:
         self.transitions = Transitions(self.modes, self.kinematics, problem.t1 - problem.t0, problem.rtol or 0.0)
         self.parts: list[Trajectory] = []
         self.largest = np.abs(problem.y0)
-        self.kept: list[Mode] = []
+        self.modes_so_far: list[Mode] = []
         self.begins: list[float] = []
         self.impacts = [[np.empty((0, FRICTION + len(contact.slip)))] for contact in self.contacts]
         self.rests: list[list[float]] = [[] for _ in self.contacts]
-        self.bounces = _Bounces()
-        self.frictions = not any(event.reset or event.settings for event in problem.events)
-        self.written = written_impacts(problem.model) if self.frictions else None
-        self.rest_time = math.inf
-        self.fired: list[tuple[int, str]] = []
+        self.bounces = Bounces()
+        self.friction_in_loop = not any(event.reset or event.settings for event in problem.events)
+        self.written = written_impacts(problem.model) if self.friction_in_loop else None
+        self.rest_time, self.fired = math.inf, list[tuple[int, str]]()
 
     def trajectory(self) -> Trajectory:
         """Run the problem from segment to segment, and return the whole run with its history of contacts."""
-        problem, n = self.problem, len(self.contacts)
+        problem = self.problem
         try:
-            transition = self.transitions.after(self._checked_start(), Mode((OPEN,) * n, (None,) * n))
+            transition = self.transitions.after(self._checked_start(), self.modes.all_open, ModeEnd())
         except Undetermined as refusal:
             raise StatementError(f"the motion cannot start at the initial state: {refusal}") from refusal
         for i, row in transition.impacts.items():
@@ -204,19 +145,19 @@ class _ContactRun:
             stop = (last, "") if last is not None else self._limit(end, mode, transition.mode)
             if stop is not None:
                 self.begins.append(end)
-                self.kept.append(transition.mode)
+                self.modes_so_far.append(transition.mode)
                 self.parts.append(point_of(problem, self.parts[-1], transition.y, *stop))
                 break
             segment = rest_of(segment, self.parts[-1:], end, transition.y, output_at_begin=True)
         run = joined(problem, self.parts, self._note(), both_at_joints=True)
         impacts, rests = tuple(map(np.concatenate, self.impacts)), tuple(map(tuple, self.rests))
-        return replace(run, contacts=ContactHistory(np.array(self.begins), tuple(self.kept), impacts, rests))
+        history = ContactHistory(np.array(self.begins), tuple(self.modes_so_far), impacts, rests)
+        return with_fields(run, contacts=history)
 
     def _limit(self, end: float, mode: Mode, following: Mode) -> tuple[Status, str] | None:
         """Return the status and the cause for a run that reached a limit between two modes; else None.
 
-        There are limits of steps, of time, and of changes of the mode at one instant. At the time `end` the run would
-        change from `mode` to `following`.
+        The limits are those of steps, time, and changes at one instant. At `end` the mode changes to `following`.
         """
         problem, begins = self.problem, self.begins
         if sum(part.steps + part.rejected for part in self.parts) + len(self.parts) >= problem.max_steps:
@@ -247,29 +188,41 @@ class _ContactRun:
 
     def _segment(self, segment: Problem, mode: Mode) -> Mode:
         """Run a segment that begins in `mode`, store it with the user's events, and return the mode at its end."""
-        users, written = len(self.problem.events), None if mode.closed else self.written
-        friction = self.modes.friction(mode) if self.frictions else None
         until = min(self.rest_time, segment.t1) if mode.bouncing else segment.t1
-        most = self.bounces.most(self.kinematics.restitutions)
-        part, changes = None, list[tuple[float, Mode]]()
         if self.parts:
             states = self.parts[-1].y.max(axis=1, initial=0.0), -self.parts[-1].y.min(axis=1, initial=0.0)
             self.largest = np.max([self.largest, *states, np.abs(segment.y0)], axis=0)
-        zeros = [event.expression for event in self.problem.events]
-        if self.parts and mode.still and self.modes.without_time(zeros):
+        if self.parts and mode.immobile and self.modes.without_time(x.expression for x in self.problem.events):
             # The mode lasts forever, and no event of the user occurs.
-            part, friction = resting_part(replace(segment, t1=until), self.parts[-1]), None
-            self.part, self.end_state, self.fired = part, segment.y0, []
-        while part is None:
+            self.part, changes = resting_part(replace(segment, t1=until), self.parts[-1]), []
+            self.end_state, self.fired = None, []
+        else:
+            changes = self._integrated(segment, mode, until)
+        self.parts.append(self._verified(self.part, mode))
+        self.begins += [segment.t0, *(t for t, _ in changes)]
+        self.modes_so_far += [mode, *(following for _, following in changes)]
+        return self.modes_so_far[-1]
+
+    def _integrated(self, segment: Problem, mode: Mode, until: float) -> list[tuple[float, Mode]]:
+        """Integrate a segment that begins in `mode`, at most to the time `until`; write `part`, `fired`, `end_state`.
+
+        Return the changes between sliding and sticking inside the segment: for each the time and the mode after it. If
+        impacts or changes inside the loop over steps fail a test, the segment is integrated again without them.
+        """
+        users, written = len(self.problem.events), None if mode.closed else self.written
+        friction = self.modes.friction(mode) if self.friction_in_loop else None
+        most = self.bounces.most(self.kinematics.restitutions)
+        outputs = segment.t_eval
+        while True:
             self.prepared = prepared = self.modes.prepared(mode, segment, written, friction, most)
-            chosen = replace(
+            chosen = with_fields(
                 segment,
                 model=prepared.model,
                 events=prepared.events,
                 t1=until,
                 # A slip in a plane that is smaller than the errors of a run is stiff.
                 largest=None if mode.slowest else self.largest,
-                t_eval=None if segment.t_eval is None else segment.t_eval[segment.t_eval <= until],
+                t_eval=None if outputs is None else outputs[outputs <= until],
             )
             if friction is not None:
                 chosen = friction.with_way(chosen, mode.ways[friction.which] or 0)
@@ -277,33 +230,26 @@ class _ContactRun:
             if self.part.status is Status.EVENT:
                 pairs = zip(prepared.ends, self.part.t_events[prepared.mode_events], strict=True)
                 self.fired = [which for which, when in pairs if len(when) and when[-1] == self.part.span[1]]
-            if friction is not None:
-                passed = self._passed_changes(friction, mode)
-                if passed is None:
-                    friction, self.frictions = None, False
-                    continue
-                changes = passed
-            if written is not None and not self._passed_impacts(written):
+            changes = [] if friction is None else self._passed_changes(friction, mode)
+            if changes is None:
+                friction, self.friction_in_loop = None, False
+            elif written is not None and not self._passed_impacts(written):
                 written = self.written = None
-                continue
-            self._locate_end(chosen)
-            part = replace(self.part, t_events=self.part.t_events[:users], y_events=self.part.y_events[:users])
+            else:
+                break
+        self._locate_end(chosen)
+        part = self.part
+        part = self.part = with_fields(part, t_events=part.t_events[:users], y_events=part.y_events[:users])
         if friction is not None and not part.status.complete:
             # The message names coordinates of the system only.
             at_end = part.status, self.problem, part.span[1], last_state(part)
-            part = replace(part, message=message(*at_end, part.method, rtol=part.rtol))
-        self.parts.append(self._verified(part, mode))
-        self.begins += [segment.t0, *(t for t, _ in changes)]
-        self.kept += [mode, *(following for _, following in changes)]
-        return self.kept[-1]
+            self.part = replace(part, message=message(*at_end, part.method, rtol=part.rtol))
+        return changes
 
     def _verified(self, part: Trajectory, mode: Mode) -> Trajectory:
-        """Return the segment `part`, with the status UNRELIABLE if bodies overlap because an impact was missed.
-
-        `mode` is the mode of the segment, by which open contacts are known.
-        """
-        still_open = [i for i, state in enumerate(mode.states) if state == OPEN]
-        if not still_open or not part.status.complete:
+        """Return a segment in `mode`, with the status UNRELIABLE if bodies overlap because an impact was missed."""
+        open_contacts = [i for i, state in enumerate(mode.states) if state == OPEN]
+        if not open_contacts or not part.status.complete:
             return part
         times, states = part.t, part.y
         if self.problem.t_eval is not None or len(times) < SAMPLES:
@@ -313,7 +259,7 @@ class _ContactRun:
         stride = -(len(times) // SAMPLES)
         gaps, near = self.kinematics.gaps(times[::stride], states[:, ::stride])
         deepest = max(OVERLAP, ERRORS * (self.problem.rtol or 0.0)) / TOUCHING * near
-        overlapping = [i for i in still_open if gaps[i].min() < -deepest]
+        overlapping = [i for i in open_contacts if gaps[i].min() < -deepest]
         if not overlapping:
             return part
         names = listing(repr(self.contacts[i].name) for i in overlapping)
@@ -326,8 +272,7 @@ class _ContactRun:
     def _passed_changes(self, friction: WrittenFriction, mode: Mode) -> list[tuple[float, Mode]] | None:
         """Return the changes between sliding and sticking in the last segment: for each the time and the mode after it.
 
-        None means that the segment must be run again without compiled changes: a step failed, or rounding opened the
-        gap or began a slip.
+        None means that the segment is run again without them: a step failed, or rounding opened a gap or began a slip.
         """
         segment, last = self.part, last_state(self.part)
         if segment.status in FAILED:
@@ -345,14 +290,13 @@ class _ContactRun:
     def _passed_impacts(self, written: WrittenImpacts) -> bool:
         """Record the impacts inside the last segment. Return False if it must be run again without compiled impacts.
 
-        This is so if a step failed, or if another gap is closed at an impact: such impacts need a test of their own.
-        `written` has the formulas of the impacts.
+        This is so if a step failed, or if another gap is closed at an impact. `written` has formulas of the impacts.
         """
         segment, users, end = self.part, len(self.problem.events), self.part.span[1]
         if segment.status in FAILED:
             return False
         times, which, before = in_order(segment.t_events[users:], segment.y_events[users:])
-        inner = np.searchsorted(times, end)
+        inner = times.searchsorted(end)
         if not inner:
             return True
         times, which, before = times[:inner], which[:inner], before[:inner].T
@@ -362,9 +306,9 @@ class _ContactRun:
             gaps[which, np.arange(len(which))] = np.inf
             if (gaps <= near).any():
                 return False
-        numbers = np.asarray(written.kernel(times, before, self.kinematics.parameters))
+        values = written.kernel.at_times(times, before, self.kinematics.parameters)
         speeds = np.empty(len(times))
-        for i, results in enumerate(numbers.reshape(len(self.contacts), 3, -1)):
+        for i, results in enumerate(values.reshape(len(self.contacts), 3, -1)):
             mine = which == i if several else slice(None)
             impulses, lost, speeds[mine] = results[:, mine]
             if self.kinematics.restitutions[i] is None:
@@ -379,46 +323,46 @@ class _ContactRun:
     def _locate_end(self, segment: Problem) -> None:
         """Move the end of the last segment closer to the zero of the event that ended it, by one secant step.
 
-        The end is the one before any reset. A series locates the zero only up to the tolerance of the run. The run
-        continues from the corrected end.
+        A series locates the zero only up to the tolerance of the run, which continues from the corrected end.
         """
-        part, (begin, end), users = self.part, self.part.span, len(self.problem.events)
-        fired = zip(part.t_events[users:], part.y_events[users:], strict=True)
-        at_end = (states[-1] for times, states in fired if len(times) and times[-1] == end)
-        y = next(map(np.ascontiguousarray, at_end), None)
-        y = last_state(part) if y is None else y
-        if self.fired:
+        part, (begin, end), friction = self.part, self.part.span, self.prepared.friction
+        users = len(self.problem.events)
+        occurred = zip(part.t_events[users:], part.y_events[users:], strict=True)
+        before = next((states[-1] for times, states in occurred if len(times) and times[-1] == end), None)
+        y = None if before is None else np.ascontiguousarray(before)
+        if y is not None and self.fired:
             event, parameters = self.prepared.ends.index(self.fired[0]), segment.parameter_array
             rates, h = np.asarray(segment.model.kernel("rhs")(end, y, parameters)), NEARBY * (end - begin)
             times, states = np.array([end, end - h]), np.column_stack([y, y - h * rates])
-            value, before = self.prepared.zeros(times, states, parameters)[event].tolist()
-            late = h * value / (value - before) if value != before else 0.0
+            value, earlier = self.prepared.zeros(times, states, parameters)[event].tolist()
+            late = h * value / (value - earlier) if value != earlier else 0.0
             if CLOSEST * abs(end) < abs(late) < h and end - late < self.problem.t1:
                 y, end = y - late * rates, end - late
                 part = replace(part, t=np.where(part.t == part.span[1], end, part.t), span=(begin, end))
-        self.end_state, self.part, friction = y, _ended(part, y), self.prepared.friction
-        if friction is not None:
-            self.end_state, self.part = friction.plain(y), friction.plain_run(self.part)
+        part = part if y is None else _ended(part, y)
+        self.end_state = y if y is None or friction is None else friction.plain(y)
+        self.part = part if friction is None else friction.plain_run(part)
 
     def _after(self, mode: Mode) -> Transition:
-        """Return the state and the mode after the last segment, which ended in `mode`, and after impacts at its end."""
+        """Return the state and the mode after the last segment, which ended in `mode`, and after impacts at its end.
+
+        Contacts whose impacts accumulate stay closed; results report them as open up to the limit of the times.
+        """
         t = self.part.span[1]
-        touch = self.kinematics.at(t, self.end_state)
-        ends = {kind: [i for i, other in self.fired if other == kind] for kind in (RELEASE, GAP, SLIP, CONE)}
-        transition = self.transitions.after(touch, mode, **ends)
+        touch = self.kinematics.at(t, last_state(self.part) if self.end_state is None else self.end_state)
+        end = ModeEnd(*(tuple(i for i, other in self.fired if other == kind) for kind in ModeEnd._fields))
+        transition = self.transitions.after(touch, mode, end)
+        plastic: frozenset[int] = frozenset()
         if transition.impacts:
             self.bounces.add([t], [transition.speed], [frozenset(transition.impacts)])
-        speeds = self.bounces.series[1]
-        small = bool(transition.impacts) and bool(speeds[-1] <= SMALLEST_BOUNCE * speeds.max())
-        accumulated = small and self.bounces.limit is not None
-        plastic = frozenset().union(*self.bounces.contacts) if accumulated else frozenset()
-        while transition.unseen - plastic or (accumulated and not plastic & set(transition.mode.closed)):
-            plastic |= transition.unseen
-            transition = self.transitions.after(touch, mode, **ends, plastic=plastic)
-            accumulated = False
+            plastic = self.bounces.accumulating
+        again = bool(plastic) and plastic.isdisjoint(transition.mode.closed)
+        while again or transition.low_flights - plastic:
+            plastic, again = plastic | transition.low_flights, False
+            transition = self.transitions.after(touch, mode, end, plastic)
         settled = tuple(i for i in plastic if i in transition.mode.closed and i not in mode.closed)
         if settled and (rest := self.bounces.limit) is not None:
-            self.bounces = _Bounces()
+            self.bounces = Bounces()
             if rest - t > SHORTEST_REST * abs(t):
                 transition = replace(transition, mode=replace(transition.mode, bouncing=settled))
                 self.rest_time = rest
@@ -429,10 +373,7 @@ class _ContactRun:
         return transition
 
     def _checked_start(self) -> Touch:
-        """Return the contacts at the start, with negative gaps closed that are rounding.
-
-        Raises StatementError inside a body.
-        """
+        """Return the contacts at the start, without overlaps that are rounding; raise StatementError inside a body."""
         problem, kin = self.problem, self.kinematics
         touch = kin.at(problem.t0, problem.y0)
         # A gap without a gradient at the start, such as the distance of equal points, has no error either.
@@ -442,7 +383,7 @@ class _ContactRun:
         # A gap of one coordinate has no other terms: compare it with the way that it takes early in the run.
         short = EARLY * (problem.t1 - problem.t0)
         a = problem.model.kernel("rhs")(problem.t0, problem.y0, problem.parameter_array)[problem.model.layout.v]
-        ways = np.abs(touch.rates) * short + np.abs(touch.bias + touch.directions @ a) * short**2 / 2
+        ways = np.abs(touch.rates) * short + np.abs(touch.convective + touch.directions @ a) * short**2 / 2
         deep = [i for i in inside if not -touch.gaps[i] <= ways[kin.normals[i]]]
         if deep:
             gaps = listing(f"{self.contacts[i].name!r} is {touch.gaps[i]:.6g}" for i in deep)
@@ -465,7 +406,7 @@ class _ContactRun:
                     break
                 # Tangents at y, followed back to the given state. Whole steps overshoot where gaps are curved.
                 back = touch.directions[kin.normals] @ (problem.y0 - y)[layout.q]
-                whole = kin.closed(replace(touch, y=problem.y0, gaps=touch.gaps + back), active)
+                whole = kin.closed(replace(touch, y=problem.y0, gaps=touch.gaps + back, before=touch), active)
                 y = whole if np.allclose(whole, y, rtol=0, atol=CLOSED_START**2) else (y + whole) / 2
                 touch = kin.at(problem.t0, y)
             if not np.abs(touch.gaps[active]).max() < CLOSED_START:
@@ -484,11 +425,11 @@ class _ContactRun:
             if times:
                 more = f" and {counted(len(times) - 1, 'later time')}" if len(times) > 1 else ""
                 sentences.append(f"Infinitely many impacts of {contact.name!r} end at t = {number(times[0])}{more}.")
-        shared = next((mode for mode in self.kept if mode.kept is not None), None)
-        if shared is not None and shared.kept is not None:
+        shared = next((mode for mode in self.modes_so_far if mode.independent is not None), None)
+        if shared is not None and shared.independent is not None:
             names = listing(repr(self.contacts[i].name) for i in shared.closed)
             count = len(self.modes.model_of(shared).statement.constraints)
-            rank = f"rank {len(shared.kept)} of {count}"
+            rank = f"rank {len(shared.independent)} of {count}"
             sentences.append(f"The contacts {names} depend on each other ({rank}): their smallest forces are given.")
         elif self.transitions.shared:
             sentences.append(self.transitions.shared)

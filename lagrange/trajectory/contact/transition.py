@@ -1,9 +1,21 @@
-"""Transitions between modes: impacts that close a gap, and the mode that follows."""
+"""Transitions between modes: impacts that close a gap, and the mode that follows.
+
+The laws, in the order in which they are applied at one instant t:
+
+1. Impact: a gap that is zero and becomes smaller, u < 0, collides. The impulses P change the rates of gaps and slips by
+   A P, with the compliance A = D M^-1 D^T of the contacts. Gaps obey Newton's law of restitution, u+ >= -e u, and slips
+   Coulomb's law for impulses. Coordinates do not change.
+2. Rest: gaps and gap rates that are zero stay so as long as surfaces press, and surfaces only press: a >= 0, N >= 0 and
+   a N = 0 (Signorini). Friction obeys Coulomb's law. The accelerations a = A f + b of gaps and slips determine which
+   contacts open, stick and slide: the next mode.
+3. Projection: the state is moved onto the constraints of the next mode, by the least change.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import sympy
@@ -13,8 +25,8 @@ from lagrange.errors import RunError, listing
 from lagrange.machine.model import Model
 from lagrange.statement.contact import SEQUENCE
 from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, Balance, Friction, solutions
-from lagrange.trajectory.contact.kinematics import STILL, TOUCHING, Kinematics, Touch
-from lagrange.trajectory.contact.modes import SLOWEST, Mode, Modes
+from lagrange.trajectory.contact.kinematics import RATE_NOISE, TOUCHING, Kinematics, Touch
+from lagrange.trajectory.contact.modes import SLOWEST, Mode, ModeEnd, Modes
 from lagrange.trajectory.contact.resets import SHORT, SLIGHT, coupling, response_of
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -28,9 +40,7 @@ UNCOUPLED = 1e-12
 """Two contacts are uncoupled if the response of one to the other is below this fraction of the largest response."""
 
 SMALLEST_GAP = 64 * 2.0**-52
-"""A contact whose gap would remain below this fraction of its terms does not open: the run could not detect its
-closing.
-"""
+"""A contact whose gap would remain below this fraction of its terms does not open: its closing is not detectable."""
 
 LONGEST_REGION = 120
 """Largest number of characters of the condition of Painleve's paradox in a message."""
@@ -45,9 +55,8 @@ class Transition:
     """Result of a transition: the state `y` (2n,) and the mode after it, and the impacts.
 
     `before` (2n,) is the state before the impacts, in which overlaps of bodies are removed. `impacts` maps the index
-    of a contact to a row: time, normal impulse, energy lost, friction impulse. `speed` is the largest impact speed of
-    the contacts whose gap closed. `unseen` are the indices of contacts that open and would close again while their gap
-    is still within rounding.
+    of a contact to a row: time, normal impulse, energy lost, friction impulse. `speed` is the largest impact speed.
+    `low_flights` are contacts (indices) that open and would close again while their gap is still within rounding.
     """
 
     y: FloatArray
@@ -55,7 +64,21 @@ class Transition:
     mode: Mode
     impacts: dict[int, FloatArray] = field(default_factory=dict)
     speed: float = 0.0
-    unseen: frozenset[int] = frozenset()
+    low_flights: frozenset[int] = frozenset()
+
+
+class _Rest(NamedTuple):
+    """Contacts after the impacts of a transition, at the state of `touch`, by their indices.
+
+    `resting` ones have zero gap and gap rate, those in `near` zero gap. `end` is the end of the mode before. `ways`
+    maps contacts that begin to slide to a direction (components,).
+    """
+
+    touch: Touch
+    resting: Sequence[int]
+    near: Sequence[int]
+    end: ModeEnd
+    ways: dict[int, FloatArray]
 
 
 class Transitions:
@@ -70,81 +93,65 @@ class Transitions:
         self._slow_share = max(SLOWEST, rtol)
         self.shared = ""
 
-    def after(
-        self,
-        touch: Touch,
-        mode: Mode,
-        *,
-        met: Collection[int] = (),
-        released: Collection[int] = (),
-        stopped: Collection[int] = (),
-        freed: Collection[int] = (),
-        plastic: Collection[int] = (),
-    ) -> Transition:
+    def after(self, touch: Touch, mode: Mode, end: ModeEnd, plastic: Collection[int] = frozenset()) -> Transition:
         """Return the result of the transition after a mode that ends at the state of `touch`.
 
-        The mode is ended by contacts whose gap (`met`), normal force (`released`) or slip (`stopped`) became zero, or
-        whose friction force reached the largest value that sticking allows (`freed`). Impacts of `plastic` contacts
-        have no restitution, and these contacts stay closed. Raises `Undetermined` if the laws of contact do not
-        determine the result.
+        `end` has the contacts whose events ended the mode. Impacts of `plastic` contacts have no restitution, and these
+        contacts stay closed. Raises `Undetermined` if the laws of contact do not determine the result.
         """
-        kin = self.kinematics
-        normals = kin.normals
-        near = [i for i in range(len(normals)) if i in met or touch.gaps[i] <= touch.near]
+        kin, normals = self.kinematics, self.kinematics.normals
+        near = [i for i, gap in enumerate(touch.gaps.tolist()) if i in end.closing or gap <= touch.near]
+        if not near and not mode.closed:
+            return Transition(touch.y, touch.y, self.modes.all_open)
         if overlapping := [i for i in near if touch.gaps[i] < 0]:
             touch = kin.at(touch.t, kin.closed(touch, overlapping, near), touch)
-        before = touch.y
-        lasting = [i for i in mode.closed if i not in released]
-        touching = sorted({*near, *lasting} - set(released))
-        if not touching and not released:
-            flying = Mode((OPEN,) * len(normals), (None,) * len(normals))
-            return Transition(before, before, self._with_constraints(touch, flying))
-        ways = self._freed_ways(touch, mode, freed) if freed else {}
-        impacts: dict[int, FloatArray] = {}
+        before, speed, impacts = touch.y, 0.0, dict[int, FloatArray]()
+        lasting = [i for i in mode.closed if i not in end.opening]
+        touching = sorted({*near, *lasting}.difference(end.opening))
+        ways = self._ways_of_yielding(touch, mode, end.yielding)
+
+        # 1. Impact.
         closing = [i for i in touching if touch.rates[normals[i]] < -touch.noise[normals[i]] and i not in lasting]
-        speed = max((-float(touch.rates[normals[i]]) for i in closing), default=0.0)
         if closing:
+            speed = max(-float(touch.rates[normals[i]]) for i in closing)
             y, impacts = self._impact(touch, touching, plastic)
             touch, rates = kin.at(touch.t, y, touch), touch.rates
             # A slip that stopped or began at this instant does not any more, if the impact changed it.
             changed = set(kin.owners[np.abs(touch.rates - rates) > touch.noise].tolist())
-            stopped, ways = set(stopped) - changed, {i: way for i, way in ways.items() if i not in changed}
-        still = touch.noise + IMPACT_NOISE * speed
-        resting = [i for i in touching if touch.rates[normals[i]] <= still[normals[i]] or i in plastic]
-        y, following, pulls = self._next(touch, resting, stopped, ways, released, near)
-        # A slip that was rounding, and that the change to the mode removed or reversed, is zero.
+            end = end._replace(stopping=tuple({*end.stopping} - changed))
+            ways = {i: way for i, way in ways.items() if i not in changed}
+
+        # 2. Rest, and 3. projection.
+        noise = touch.noise + IMPACT_NOISE * speed
+        resting = [i for i in touching if touch.rates[normals[i]] <= noise[normals[i]] or i in plastic]
+        rest = _Rest(touch, resting, near, end, ways)
+        y, following, accelerations = self._next(rest)
+        # A slip that was rounding, and that the projection removed or reversed, is zero.
         changes = touch.directions @ (y - touch.y)[self._layout.v]
         slides = [(i, kin.rows[i][1], way) for i, way in enumerate(following.ways) if way is not None]
         if turned := [i for i, row, way in slides if way * (touch.rates[row] + changes[row]) <= 0]:
-            y, following, pulls = self._next(touch, resting, {*stopped, *turned}, ways, released, near)
-        unseen = frozenset(
-            i
-            for i in touching
-            if i not in following.closed
-            and 0 < touch.rates[normals[i]] ** 2 < -2 * pulls[normals[i]] * SMALLEST_GAP / TOUCHING * touch.near
-        )
-        return Transition(y, before, following, impacts, speed, unseen)
+            stopping = (*end.stopping, *turned)
+            y, following, accelerations = self._next(rest._replace(end=end._replace(stopping=stopping)))
+        low_flights = self._low_flights(touch, touching, following, accelerations)
+        return Transition(y, before, following, impacts, speed, low_flights)
 
-    def _with_constraints(self, touch: Touch, mode: Mode) -> Mode:
-        """Return a mode with its independent constraints in `kept`, and `still` if they leave no freedom."""
-        kin, kept = self.kinematics, None
-        held = kin.held_rows(mode.states)
-        count = len(kin.model.statement.constraints) + len(held)
-        if len(held) > 1:
-            rows = independent_rows(np.vstack([kin.stated_directions(touch.t, touch.y), touch.directions[held]]))
-            kept = None if len(rows) == count else rows
-        still = self.modes.leaves_no_freedom(mode, count if kept is None else len(kept))
-        return replace(mode, kept=kept, still=still)
+    def _low_flights(
+        self, touch: Touch, touching: Sequence[int], mode: Mode, accelerations: FloatArray
+    ) -> frozenset[int]:
+        """Return the `touching` contacts that open in `mode`, and close before the gap is above rounding."""
+        normals, smallest_gap = self.kinematics.normals, SMALLEST_GAP / TOUCHING * touch.near
+        # A gap with the rate v and the deceleration a grows to the height v^2 / (2 a).
+        v, a = touch.rates[normals], -accelerations[normals]
+        return frozenset(i for i in touching if i not in mode.closed and 0 < v[i] ** 2 < 2 * a[i] * smallest_gap)
 
-    def _freed_ways(self, touch: Touch, mode: Mode, freed: Collection[int]) -> dict[int, FloatArray]:
-        """Return the direction (components,) in which each contact of `freed` begins to slide, by its index.
-
-        It is opposite to the friction force that held the contact in `mode`.
-        """
+    def _ways_of_yielding(self, touch: Touch, mode: Mode, yielding: Collection[int]) -> dict[int, FloatArray]:
+        """Return the direction in which each `yielding` contact begins to slide: against the force that held it."""
+        if not yielding:
+            return {}
         model = self.modes.model_of(mode)
         forces = model.multipliers(*self._layout.split(touch.y), touch.t, self.kinematics.parameters)
         by_name = dict(zip((each.name for each in model.statement.constraints), forces, strict=True))
-        held = {i: np.array([by_name[name] for name in self.kinematics.contacts[i].slip_names]) for i in freed}
+        held = {i: np.array([by_name[name] for name in self.kinematics.contacts[i].slip_names]) for i in yielding}
         return {i: -force / np.linalg.norm(force) for i, force in held.items()}
 
     def _impact(
@@ -152,13 +159,14 @@ class Transitions:
     ) -> tuple[FloatArray, dict[int, FloatArray]]:
         """Return the state after an impact, and the impacts as in `Transition`.
 
-        `touching` are the indices of all contacts with zero gap, which may exchange impulses. `plastic` contacts have
-        no restitution.
+        `touching` contacts have zero gap and may exchange impulses; `plastic` ones have no restitution. By the law
+        "newton" all collide at once; by "sequence" the fastest one, again and again until no gap becomes smaller.
         """
         kin, law, matrix = self.kinematics, self.modes.model.statement.simultaneous, touch.compliance
-        rows = [row for i in touching for row in kin.rows[i]]
+        rows_of, normals, owners = kin.rows, kin.normals, kin.owners
+        rows = [row for i in touching for row in rows_of[i]]
         # The change of each rate by a unit impulse of another contact.
-        coupled = np.abs(matrix)[np.ix_(rows, rows)] * np.not_equal.outer(kin.owners[rows], kin.owners[rows])
+        coupled = np.abs(matrix)[np.ix_(rows, rows)] * np.not_equal.outer(owners[rows], owners[rows])
         if not law and coupled.max() > UNCOUPLED * np.abs(matrix).max():
             names = listing(kin.contacts[i].name for i in touching)
             raise Undetermined(
@@ -168,59 +176,61 @@ class Transitions:
         rates, impulses, lost = touch.rates, np.zeros(len(touch.rates)), np.zeros(len(touch.rates))
         rounds = 0
         while True:
-            approaching = [i for i in touching if rates[kin.normals[i]] < -touch.noise[kin.normals[i]]]
+            approaching = [i for i in touching if rates[normals[i]] < -touch.noise[normals[i]]]
             if not approaching or rounds > (MOST_IN_SEQUENCE if law == SEQUENCE else 0):
                 break
             last = law != SEQUENCE or rounds == MOST_IN_SEQUENCE
-            chosen = list(touching) if last else [min(approaching, key=lambda i: rates[kin.normals[i]])]
-            added = self._impulses(touch, rates, chosen, touching if rounds and last else plastic)
+            colliding = list(touching) if last else [min(approaching, key=lambda i: rates[normals[i]])]
+            added = self._impulses(touch, rates, colliding, touching if rounds and last else plastic)
             impulses, before = impulses + added, rates
             rates = touch.rates + matrix @ impulses
+            # The work of an impulse is the impulse times the mean of the rates before and after.
             lost -= added * (before + rates) / 2
             rounds += 1
         after = touch.y.copy()
         after[self._layout.v] += touch.responses @ impulses
         impacts = {}
         for i in touching:
-            push, *friction = impulses[kin.rows[i]]
+            push, *friction = impulses[rows_of[i]]
             if push:
-                impacts[i] = np.array([touch.t, push, lost[kin.rows[i]].sum(), *friction])
+                impacts[i] = np.array([touch.t, push, lost[rows_of[i]].sum(), *friction])
         return after, impacts
 
-    def _impulses(self, touch: Touch, rates: FloatArray, chosen: Sequence[int], plastic: Collection[int]) -> FloatArray:
+    def _impulses(
+        self, touch: Touch, rates: FloatArray, colliding: Sequence[int], plastic: Collection[int]
+    ) -> FloatArray:
         """Return the impulses (rows,) of one impact, by Newton's law of restitution and Coulomb's law of friction.
 
-        Only the `chosen` contacts have impulses. `rates` (rows,) are the gap rates and slips before the impact.
-        `plastic` contacts have no restitution.
+        Only `colliding` contacts have impulses, and `plastic` ones no restitution. `rates` (rows,) are those before.
         """
-        kin, laws, bias = self.kinematics, {}, rates.copy()
-        for i in chosen:
+        kin, laws, free_rates = self.kinematics, {}, rates.copy()
+        for i in colliding:
             normal, *along = kin.rows[i]
             speed = max(-float(rates[normal]), 0.0)
             if speed and i not in plastic:
-                bias[normal] -= kin.restitution(i, speed) * speed
+                # Newton's law u+ >= -e u is the law without restitution, w >= 0, for w = u+ + e u.
+                free_rates[normal] -= kin.restitution(i, speed) * speed
             laws[i] = kin.friction(i, np.zeros(len(along)), np.zeros(1))
             if along and np.linalg.norm(rates[along]) > touch.noise[along].max():
                 # Kinetic friction stops surfaces that slide into an impact; static friction acts at rest.
                 laws[i] = replace(laws[i], static=laws[i].kinetic)
-        rows, balance = self._balance(touch, laws, bias, "impact")
+        rows, balance = self._balance(touch, laws, free_rates, "impact")
         impulses = np.zeros(len(rates))
         impulses[rows] = balance.forces
         return impulses
 
     def _balance(
-        self, touch: Touch, laws: dict[int, Friction], bias: FloatArray, what: str
+        self, touch: Touch, laws: dict[int, Friction], free_rates: FloatArray, what: str
     ) -> tuple[list[int], Balance]:
         """Return the forces, or impulses, of contacts at rest in `touch`, and the rows to which they belong.
 
-        `laws` has the friction of each of these contacts by its index. `bias` (rows,) are the rates without these
-        forces. Raises `Undetermined` if there is no solution, or more than one. `what` is "motion" or "impact",
-        for its message.
+        `laws` has the friction of each contact. `free_rates` (rows,) are the accelerations, or rates, without forces.
+        Raises `Undetermined` unless there is one solution; `what` is "motion" or "impact" in its message.
         """
         kin = self.kinematics
         rows = [row for i, law in laws.items() for row in kin.rows[i][: 1 + law.components]]
         matrix = touch.compliance[np.ix_(rows, rows)]
-        balances = solutions(matrix, bias[rows], list(laws.values()), kin.model.machine)
+        balances = solutions(matrix, free_rates[rows], list(laws.values()), kin.model.machine)
         if len(balances) != 1:
             raise _undetermined(kin, touch, list(laws), len(balances), what)
         if balances[0].shared and not self.shared:
@@ -233,93 +243,90 @@ class Transitions:
             )
         return rows, balances[0]
 
-    def _next(
-        self,
-        touch: Touch,
-        resting: Sequence[int],
-        stopped: Collection[int],
-        ways: dict[int, FloatArray],
-        released: Collection[int],
-        near: Sequence[int],
-    ) -> tuple[FloatArray, Mode, FloatArray]:
-        """Return the state and the mode after a transition, for contacts `resting` with zero gap and gap rate.
-
-        Contacts in `near` have zero gap, in `stopped` zero slip, in `released` zero normal force. `ways` has the
-        directions of beginning slips. The third result (rows,) has the time derivatives of gap rates and slips.
-        """
-        kin, count = self.kinematics, len(self.kinematics.contacts)
-        states, kept_ways = [OPEN] * count, list[int | None]([None] * count)
+    def _next(self, rest: _Rest) -> tuple[FloatArray, Mode, FloatArray]:
+        """Return the state (2n,) and the mode after a transition, and the accelerations (rows,) of gaps and slips."""
+        (touch, resting, near, end, beginning), kin, count = rest, self.kinematics, len(self.kinematics.contacts)
+        states, ways = [OPEN] * count, list[int | None]([None] * count)
         slides: dict[int, FloatArray] = {}
         free = np.asarray(kin.model.kernel("rhs")(touch.t, touch.y, kin.parameters))[self._layout.v]
-        pulls = touch.directions @ free + touch.bias
-        terms = np.abs(touch.directions) @ np.abs(free) + np.abs(touch.bias)
+        accelerations = touch.directions @ free + touch.convective
+        terms = np.abs(touch.directions) @ np.abs(free) + np.abs(touch.convective)
         if resting:
             laws = {}
             for i in resting:
                 along = kin.rows[i][1:]
-                slip = np.zeros(len(along)) if i in stopped else touch.rates[along]
-                laws[i] = kin.friction(i, slip, np.array([self._slow(touch, along)]))
-                if i in ways:
-                    laws[i] = replace(laws[i], way=ways[i])
-            rows, balance = self._balance(touch, laws, pulls, "motion")
-            pulls = pulls + touch.compliance[:, rows] @ balance.forces
+                slip = np.zeros(len(along)) if i in end.stopping else touch.rates[along]
+                friction = kin.friction(i, slip, np.array([self._slow(touch, along)]))
+                laws[i] = replace(friction, way=beginning[i]) if i in beginning else friction
+            rows, balance = self._balance(touch, laws, accelerations, "motion")
+            accelerations = accelerations + touch.compliance[:, rows] @ balance.forces
             terms[rows] += np.abs(touch.compliance[np.ix_(rows, rows)]) @ np.abs(balance.forces)
             for i, state, way in zip(resting, balance.states, balance.ways, strict=True):
                 states[i] = state
                 if state == SLIDING and way is not None:
                     slides[i] = way
-                    kept_ways[i] = round(float(way[0])) if len(way) == 1 else None
+                    ways[i] = round(float(way[0])) if len(way) == 1 else None
         in_plane = any(len(way) > 1 for way in slides.values())
         if in_plane and not self._slowest:
             # Bodies at rest have no speeds to compare with, but those that they reach early in the run.
-            self._slowest = self._slow_share / STILL * float(touch.noise.max())
+            self._slowest = self._slow_share / RATE_NOISE * float(touch.noise.max())
             self._slowest = self._slowest or self._slow_share * float(terms.max()) * self._moment
-        mode = Mode(tuple(states), tuple(kept_ways), slowest=self._slowest if in_plane else 0.0)
+        mode = Mode(tuple(states), tuple(ways), slowest=self._slowest if in_plane else 0.0)
         mode = self._with_constraints(touch, mode)
         slight = SLIGHT * float(terms.max()) * max(abs(touch.t), self._moment)
-        begins = {kin.normals[i]: slight for i in {*resting, *released} if states[i] == OPEN}
+        starts = {kin.normals[i]: slight for i in {*resting, *end.opening} if states[i] == OPEN}
         for i, way in slides.items():
             along = kin.rows[i][1:]
-            if i in stopped or np.linalg.norm(touch.rates[along]) <= self._slow(touch, along):
+            if i in end.stopping or np.linalg.norm(touch.rates[along]) <= self._slow(touch, along):
                 slow = 0.0 if len(way) == 1 else 2 * self._slow(touch, along)
-                begins |= dict(zip(along, (max(slow, slight) * way).tolist(), strict=True))
-        return self._entered(touch, mode, begins, near), mode, pulls
+                starts |= dict(zip(along, (max(slow, slight) * way).tolist(), strict=True))
+        return self._projected(touch, mode, starts, near), mode, accelerations
 
     def _slow(self, touch: Touch, along: Sequence[int]) -> float:
         """Return the speed up to which a slip in the rows `along` counts as zero: in a plane, that of the mode."""
         noise = float(touch.noise[along].max(initial=0.0))
         return max(self._slowest, noise) if len(along) > 1 else noise
 
-    def _entered(self, touch: Touch, mode: Mode, begins: dict[int, float], near: Sequence[int]) -> FloatArray:
+    def _with_constraints(self, touch: Touch, mode: Mode) -> Mode:
+        """Return a mode with the indices of its `independent` constraints, and `immobile` if they leave no freedom."""
+        kin, independent = self.kinematics, None
+        held = kin.held_rows(mode.states)
+        count = len(kin.model.statement.constraints) + len(held)
+        if len(held) > 1:
+            rows = independent_rows(np.vstack([kin.stated_directions(touch.t, touch.y), touch.directions[held]]))
+            independent = None if len(rows) == count else rows
+        immobile = self.modes.leaves_no_freedom(mode, count if independent is None else len(independent))
+        return replace(mode, independent=independent, immobile=immobile)
+
+    def _projected(self, touch: Touch, mode: Mode, starts: dict[int, float], near: Sequence[int]) -> FloatArray:
         """Return the state of `touch` (2n,) changed to satisfy the constraints of a mode: closed gaps, and no slips.
 
-        The change is the least, measured by the kinetic energy. Velocities that are rounding become zero. `begins`
-        maps rows of gap rates and slips that begin to grow to small initial values. Without these values, rounding of
-        the accelerations could end the growth at once. The gaps of the contacts `near` (indices) do not change if they
-        stay open.
+        The change is the least, measured by the kinetic energy. Velocities that are rounding become zero. `starts`
+        maps rows of gap rates and slips that begin to grow to small values, so that rounding of the accelerations does
+        not end the growth at once. The gaps of the contacts `near` (indices) do not change if they stay open.
         """
         y, held = touch.y, self.kinematics.held_rows(mode.states)
         if any(touch.gaps[i] for i in mode.closed):
             y = self.kinematics.closed(touch, mode.closed, near)
-        if not held and not begins:
+        if not held and not starts:
             return y
-        if mode.still:
+        if mode.immobile:
             return np.where(np.arange(len(y)) < self._layout.q.stop, y, 0.0)
-        y, rows = y.copy(), [*held, *begins]
-        changes = np.array([*np.zeros(len(held)), *begins.values()]) - touch.rates[rows]
+        y, rows = y.copy(), [*held, *starts]
+        changes = np.array([*np.zeros(len(held)), *starts.values()]) - touch.rates[rows]
         v = y[self._layout.v] + touch.least_motion(rows, changes)
-        v[touch.directions[held].any(axis=0) & (np.abs(v) <= touch.still)] = 0.0
+        v[touch.directions[held].any(axis=0) & (np.abs(v) <= touch.velocity_noise)] = 0.0
         y[self._layout.v] = v
         return y
 
 
-def _undetermined(kin: Kinematics, touch: Touch, chosen: Sequence[int], count: int, what: str) -> Undetermined:
-    """Return the error for contacts `chosen` at a state at which the laws allow `count` motions.
+def _undetermined(kin: Kinematics, touch: Touch, contacts: Sequence[int], count: int, what: str) -> Undetermined:
+    """Return the error for `contacts` (indices) at a state at which the laws allow `count` motions.
 
     `what` is "motion" or "impact". If there are several motions, the cause is contacts that depend on each other.
     """
-    names = listing(repr(kin.contacts[i].name) for i in chosen)
-    rows = touch.directions[[kin.normals[i] for i in chosen]]
+    names = listing(repr(kin.contacts[i].name) for i in contacts)
+    rows = touch.directions[[kin.normals[i] for i in contacts]]
     if count and (rank := len(independent_rows(rows))) < len(rows):
         return Undetermined(
             f"The contacts {names} depend on each other (rank {rank} of {len(rows)}) and have friction, so the motion "
@@ -329,7 +336,7 @@ def _undetermined(kin: Kinematics, touch: Touch, chosen: Sequence[int], count: i
     layout = kin.model.layout
     coordinates = zip(layout.coordinates, layout.split(touch.y)[0].tolist(), strict=False)
     where = f"at {listing(f'{name} = {value:.6g}' for name, value in coordinates)}"
-    for i, way in ((i, way) for i in chosen if len(kin.contacts[i].slip) == 1 for way in (1, -1)):
+    for i, way in ((i, way) for i in contacts if len(kin.contacts[i].slip) == 1 for way in (1, -1)):
         normal, along = kin.rows[i]
         rate, noise = touch.rates[[along]], touch.noise[[along]]
         mu = kin.friction(i, rate, noise).kinetic
