@@ -18,6 +18,9 @@ from lagrange.statement.parameters import Survey, table_of
 NEWTON, SEQUENCE = LAWS = ("newton", "sequence")
 """Laws of simultaneous impacts: Newton's law for all contacts at once, or one contact after the other."""
 
+LARGEST_FRICTION = 1e100
+"""Largest coefficient of friction: the squares of forces stay finite."""
+
 impact_speed = sympy.Symbol("impact_speed", real=True, nonnegative=True)
 """The speed -dgap/dt before an impact, for a restitution that depends on it."""
 
@@ -42,8 +45,9 @@ class Contact:
     name: str = ""
 
     def __post_init__(self) -> None:
-        limits = [(self.restitution, 1, "restitution", "between 0 and 1")]
-        limits += [(coefficient, sympy.oo, "friction", "zero or positive") for coefficient in self.friction]
+        limits: list[tuple[Any, float, str, str]] = [(self.restitution, 1, "restitution", "between 0 and 1")]
+        bounds = f"zero or positive, at most {LARGEST_FRICTION:g}"
+        limits += [(coefficient, LARGEST_FRICTION, "friction", bounds) for coefficient in self.friction]
         for value, largest, what, bounds in limits:
             is_real = value.is_real is not False  # infinity is not real
             if value.is_number and not (is_real and bool(value >= 0) and bool(value <= largest)):

@@ -38,6 +38,16 @@ def test_a_bounce_that_ends_with_a_slip_in_a_plane_within_the_tolerance_goes_on(
         assert drawn.system.run(1.2, method=method, rtol=1e-7).status is lg.Status.SUCCESS
 
 
+def test_a_slip_that_was_an_error_of_the_state_is_at_rest() -> None:
+    """An end of this rod stops in an impact of the other. A gap within the tolerance gave the slip a wrong direction.
+
+    Friction then pushed along the slip, by 0.02 of its power.
+    """
+    drawn = random_system(51_010)
+    run = drawn.system.run(0.5, method="dop853", rtol=1e-4).require()
+    assert not [text for text in broken_laws(drawn.system, run, driven=False) if text.startswith("direction")]
+
+
 @pytest.mark.slow
 def test_a_bounce_of_round_off_is_measured_by_the_whole_run() -> None:
     """Both ends of this rod accumulate again and again; heights and angles of the last flights are some 1e-11.

@@ -33,6 +33,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "restitution above one": (lambda: lg.contact(Y, restitution=1.2), "is 1.2: give a number between 0 and 1"),
     "negative friction": (lambda: lg.contact(Y, slip=X.dot, friction=-0.1), "zero or positive"),
     "imaginary friction": (lambda: lg.contact(Y, slip=X.dot, friction=I), "friction is I: give a number zero"),
+    "friction whose square overflows": (lambda: lg.contact(Y, slip=X.dot, friction=1e300), "at most 1e.100"),
     "infinite friction": (lambda: lg.contact(Y, slip=X.dot, friction=oo), "friction is oo: give a number zero"),
     "gap without a coordinate": (lambda: system({"c": lg.contact(M - 1)}), "contains no coordinate"),
     "gap with a velocity": (lambda: system({"c": lg.contact(Y.dot)}), "contains a velocity"),

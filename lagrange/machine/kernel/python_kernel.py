@@ -174,10 +174,10 @@ class PythonKernel:
 
     def at_times(self, times: FloatArray, states: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return the results (m, N) at times (N,) and states (2n, N): for few states one by one, which is faster."""
-        function = self._one_state(parameters) if len(times) < FEW_STATES else None
+        function: Any = self._one_state(parameters) if len(times) < FEW_STATES else None
         try:
             # A result of None, or no function, is an error here.
-            values = [function(t, y) for t, y in zip(times.tolist(), states.T.tolist(), strict=True)]  # type: ignore[misc]
+            values = [function(t, y) for t, y in zip(times.tolist(), states.T.tolist(), strict=True)]
             return np.array(values, dtype=float).reshape(len(times), -1).T
         except NO_NUMBERS:
             return self(times, states, parameters).reshape(-1, len(times))

@@ -12,16 +12,14 @@ from lagrange.trajectory.trajectory import FloatArray
 
 SMALLEST_BOUNCE = 1e-7
 """Speed of an impact, relative to the largest of a series of decreasing impacts, below which the rest of the series is
-summed. The height of the omitted bounces is 1e-14 of the first. Times of flight then have 8 digits.
-"""
+summed. The height of the omitted bounces is 1e-14 of the first. Times of flight then have 8 digits."""
 
 FEWEST_FLIGHTS = 3
 """Smallest number of flights, each shorter than the one before, that count as an accumulation."""
 
 UNKNOWN_IMPACTS, ELASTIC_IMPACTS = 16, 2**16
 """Largest number of impacts in one call of a compiled loop. The first is for a restitution that depends on the speed,
-the second for impacts without loss of energy.
-"""
+the second for impacts without loss of energy."""
 
 
 class Bounces:

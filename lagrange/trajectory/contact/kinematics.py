@@ -15,7 +15,7 @@ from lagrange.equations.constraints import constraint_equations
 from lagrange.errors import StatementError, formula
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.model import Model
-from lagrange.statement.contact import impact_speed
+from lagrange.statement.contact import LARGEST_FRICTION, impact_speed
 from lagrange.trajectory.contact.complementarity import DEPENDENT, OPEN, STICKING, Friction
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -52,10 +52,10 @@ def _coefficients(model: Model, parameters: tuple[float, ...]) -> tuple[list[Any
     restitutions, frictions = [], []
     for contact in model.statement.contacts:
         static, kinetic = (float(mu.xreplace(values)) for mu in contact.friction)
-        if kinetic < 0 or kinetic > static:
+        if not 0 <= kinetic <= static <= LARGEST_FRICTION:
             raise StatementError(
                 f"the friction of the contact {contact.name!r} is {static:g} (static) and {kinetic:g} (kinetic): "
-                "give coefficients that are not negative, the static one at least the kinetic one."
+                f"give coefficients from 0 to {LARGEST_FRICTION:g}, the static one at least the kinetic one."
             )
         e = contact.restitution.xreplace(values)
         if e.is_number and not 0 <= float(e) <= 1:
@@ -187,11 +187,14 @@ class Kinematics:
         near, noise = HELD * self._lengths, RATE_NOISE * self._terms[mine].max()
         return bool((np.abs(gap) <= near).all() and (np.abs(rate) <= noise).all() and (np.abs(slips) <= noise).all())
 
+    def rates(self, t: float, y: FloatArray) -> FloatArray:
+        """Return the gap rates and slips (rows,) at a state y (2n,)."""
+        return self._contacts(t, y, self.parameters)[2 * len(self.contacts) :][: len(self.owners)]
+
     def at(self, t: float, y: FloatArray, before: Touch | None = None) -> Touch:
         """Return the contacts at a state y (2n,), an array that is not changed afterwards.
 
-        With `before`, the contacts at another state, the mass matrix there is used again, which saves time. Both
-        states must have the same coordinates, up to rounding. Velocities may differ.
+        With `before`, the contacts at a state with the same coordinates up to rounding, its mass matrix is used again.
         """
         k, rows = len(self.contacts), len(self._terms)
         values = self._contacts(t, y, self.parameters)

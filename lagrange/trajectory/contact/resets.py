@@ -45,7 +45,7 @@ SLIGHT, SHORT = 2.0**-48, 1e-3
 time so far or a short part (the second number) of the run. It is 16 units of their rounding."""
 
 ORTHOGONAL = 1e-14
-"""Two directions are orthogonal if their product is below this fraction of its terms: rounding of the stated numbers."""
+"""Two directions are orthogonal if their product is below this fraction of its terms: rounding of stated numbers."""
 
 
 @dataclass(frozen=True, eq=False)

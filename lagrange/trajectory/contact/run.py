@@ -437,7 +437,7 @@ class _ContactRun:
 
 
 def _ended(part: Trajectory, y: FloatArray) -> Trajectory:
-    """Return the segment `part` with y (2n,) in place of its last state, if the end of the segment is an output."""
+    """Return a segment with y (2n,) in place of its last state, if its end is an output."""
     if not len(part.t) or part.t[-1] != part.span[1] or (part.y[:, -1] == y).all():
         return part
     return replace(part, y=np.column_stack([part.y[:, :-1], y]))

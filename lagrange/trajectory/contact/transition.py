@@ -96,8 +96,8 @@ class Transitions:
     def after(self, touch: Touch, mode: Mode, end: ModeEnd, plastic: Collection[int] = frozenset()) -> Transition:
         """Return the result of the transition after a mode that ends at the state of `touch`.
 
-        `end` has the contacts whose events ended the mode. Impacts of `plastic` contacts have no restitution, and these
-        contacts stay closed. Raises `Undetermined` if the laws of contact do not determine the result.
+        `plastic` contacts have no restitution, and stay closed after an impact. Raises `Undetermined` if the laws of
+        contact do not determine the result.
         """
         kin, normals = self.kinematics, self.kinematics.normals
         near = [i for i, gap in enumerate(touch.gaps.tolist()) if i in end.closing or gap <= touch.near]
@@ -126,10 +126,10 @@ class Transitions:
         resting = [i for i in touching if touch.rates[normals[i]] <= noise[normals[i]] or i in plastic]
         rest = _Rest(touch, resting, near, end, ways)
         y, following, accelerations = self._next(rest)
-        # A slip that was rounding, and that the projection removed or reversed, is zero.
-        changes = touch.directions @ (y - touch.y)[self._layout.v]
+        # A slip that was an error of the state, and that the projection removed or reversed, is zero.
         slides = [(i, kin.rows[i][1], way) for i, way in enumerate(following.ways) if way is not None]
-        if turned := [i for i, row, way in slides if way * (touch.rates[row] + changes[row]) <= 0]:
+        rates = kin.rates(touch.t, y) if slides else touch.rates
+        if turned := [i for i, row, way in slides if way * rates[row] <= 0]:
             stopping = (*end.stopping, *turned)
             y, following, accelerations = self._next(rest._replace(end=end._replace(stopping=stopping)))
         low_flights = self._low_flights(touch, touching, following, accelerations)
