@@ -132,18 +132,16 @@ def _column(factors: Sequence[Matrix], begin: Token) -> list[list[Token]]:
     `begin` is the token at which the fault is located.
     """
     *others, last = factors
-    column = [[token for entry in row for token in entry] for row in last if len(row) == 1]
-    fits = len(column) == len(last)
+    column, width = [row[0] for row in last], 1
+    for matrix in (last, *reversed(others)):
+        if any(len(row) != width for row in matrix):
+            raise TypedFault("matrices that do not fit: expected is a column, or matrices times a column", begin.begin)
+        width = len(matrix)
     for matrix in reversed(others):
-        fits = fits and all(len(row) == len(column) for row in matrix)
-        column = [
-            _sum([[*bracketed(a), _sign("*", b[0]), *bracketed(b)] for a, b in zip(row, column, strict=fits)])
-            for row in matrix
-        ]
+        pairs = [zip(row, column, strict=True) for row in matrix]
+        column = [_sum([[*bracketed(a), _sign("*", b[0]), *bracketed(b)] for a, b in row]) for row in pairs]
         if sum(map(len, column)) > MOST_TOKENS:
             raise TypedFault("the product of matrices is too long: multiply it out", begin.begin)
-    if not fits:
-        raise TypedFault("matrices that do not fit: expected is a column, or matrices times a column", begin.begin)
     return [bracketed(entry) for entry in column]
 
 
@@ -167,12 +165,12 @@ def without_bars(equations: Sequence[Sequence[Token]], names: Names) -> list[lis
         index = 0
         while index < len(tokens):
             end = next((k for k in range(index + 1, len(tokens)) if tokens[k].is_sign("|")), len(tokens))
-            inside = tokens[index + 1 : end] if tokens[index].is_sign("|") and end < len(tokens) else []
-            unknown = [token for token in inside if token.kind == "word" and not names.readings(token.text)]
-            if len(inside) == len(unknown) == 1 and inside[0].text in defined:
-                length = [*inside]
-            else:
-                length = _length(inside, names) if unknown else []
+            length: list[Token] = []
+            if tokens[index].is_sign("|") and end < len(tokens):
+                inside = list(tokens[index + 1 : end])
+                unknown = [token for token in inside if token.kind == "word" and not names.readings(token.text)]
+                lone = len(inside) == 1 and inside[0].text in defined
+                length = [] if not unknown else inside if lone else _length(inside, names)
             written += length or [tokens[index]]
             index = end + 1 if length else index + 1
         results.append(written)

@@ -64,15 +64,14 @@ class Names:
         }
         self.exact = {name: pieces.get(name) or Piece(name, moves=name in others.values()) for name in self.names}
         self.spellings: dict[str, Piece] = {}
+        short = [letter for letter in "dp" if letter not in self.exact]
+        twice = [letter for letter in "dD" if not {letter, f"{letter}2"} & self.exact.keys()]
         for spelling, name in [*self._usual(defined), *zip(self.bases, self.bases, strict=True), *others.items()]:
+            joined = spelling not in defined  # dV/dx is no quotient of rates
             for order in range(len(RATES)):
                 piece = self.derivative(self.exact[name], order) if order else self.exact[name]
                 if piece is not None:
-                    plain = spelling not in defined  # dV/dx is no quotient of rates
-                    short = [letter for letter in "dp" if letter not in self.exact]
-                    twice = [letter for letter in "dD" if not {letter, f"{letter}2"} & self.exact.keys()]
-                    keys = _spellings(spelling, order, short, twice, joined=plain)
-                    self.spellings |= dict.fromkeys(keys, piece)
+                    self.spellings |= dict.fromkeys(_spellings(spelling, order, short, twice, joined=joined), piece)
         self.spellings |= {canonical(name): piece for name, piece in self.exact.items() if not piece.base}
         rates = [(f"{base}_{'t' * order}", base + RATES[order]) for base in self.bases for order in (1, 2)]
         self.exact = {typed: self.exact[name] for typed, name in rates if name in self.exact} | self.exact
@@ -174,15 +173,13 @@ def _spellings(base: str, order: int, short: Iterable[str], twice: Iterable[str]
     """
     endings = [*SPELLINGS[order], *(letter * order for letter in short)]
     key = canonical(base)
-    head = key.rstrip("0123456789")
-    index = key[len(head) :]
-    parts = canonical(base.split("_", maxsplit=1)[0])
-    spellings = {key + ending for ending in endings} | {head + ending + index for ending in endings}
-    spellings |= {parts + ending + key[len(parts) :] for ending in endings}
+    heads = {key, key.rstrip("0123456789"), canonical(base.split("_", maxsplit=1)[0])}
+    spellings = {head + ending + key[len(head) :] for head in heads for ending in endings}
+    if order:
+        power = "" if order == 1 else str(order)
+        spellings.add(f"d{power}{key}dt{power}")  # dtheta_dt and d2theta_dt2
     if order and joined:
         spellings.add("d" * order + key)
-    spellings |= {f"{letter}{order}{key}" for letter in twice if order > 1}
-    if order:
-        power = str(order) * (order > 1)
-        spellings.add(f"d{power}{key}dt{power}")  # dtheta_dt and d2theta_dt2
+    if order > 1:
+        spellings |= {f"{letter}{order}{key}" for letter in twice}
     return sorted(spellings)

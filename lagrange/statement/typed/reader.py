@@ -434,26 +434,26 @@ class TypedReader:
 
         Raises TypedFault, located at `begin`, if the reader of scene files refuses a formula.
         """
-        names = dict(self.symbols)
-        differentiated = []
+        names, differentiated, terms = dict(self.symbols), list[Any](), list[tuple[Any, ...]]()
         try:
             for formula in formulas:
                 for name, (operand, order) in formula.rates.items():
                     inside = read_expression(operand, names)
                     names[name] = self.differentiated(inside, order)
-                    differentiated += [inside] * (order == 1)
-                momenta = (name.removesuffix("_dot") for name in re.findall(r"\w+_dot\b", formula.text))
-                differentiated += [self.meanings[self.symbols[name]] for name in momenta if name in self.momenta]
+                    if order == 1:
+                        differentiated.append(inside)
+                momenta = [name for name in re.findall(r"\w+(?=_dot\b)", formula.text) if name in self.momenta]
+                differentiated += [self.meanings[self.symbols[name]] for name in momenta]
             values = [read_expression(formula.text, names) for formula in formulas]
-            pairs = list(zip(formulas, values, strict=True))
-            like = any(formula.rates or len(formula.terms) > len(sympy.Add.make_args(x)) for formula, x in pairs)
-            terms = tuple(tuple(read_expression(term, names) for term in formula.terms) for formula in formulas if like)
+            counts = [len(sympy.Add.make_args(value)) for value in values]  # less than typed if there are like terms
+            if any(formula.rates or len(formula.terms) > n for formula, n in zip(formulas, counts, strict=True)):
+                terms = [tuple(read_expression(term, names) for term in formula.terms) for formula in formulas]
         except SceneError as error:
             read = " = ".join(formula.shown for formula in formulas)
             raise TypedFault(f"read as {read[:120]}: {error.reason.removesuffix('.')[:160]}", begin) from None
         left, right = (*values, sympy.S.Zero)[:2]
         shown = " = ".join(formula.shown for formula in formulas)
-        return Reading(left - right, right, shown, tuple(differentiated), terms, self.meanings)
+        return Reading(left - right, right, shown, tuple(differentiated), tuple(terms), self.meanings)
 
     def differentiated(self, expression: Any, order: int) -> Any:
         """Return the time derivative of an expression along the motion, of order `order`.

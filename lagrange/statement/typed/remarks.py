@@ -166,19 +166,19 @@ class Clause:
         signs of equality. A word that is a symbol of the system does not divide it.
         """
         text, begin, end = self.text, self.begin, self.end
+        asides = [match for match in _ASIDE.finditer(text, begin, end) if "=" in text[match.end() : end]]
+        # Spans between two clauses, and True if the second is a remark beside the first
         cuts = [(match.span(), False) for match in _ARROW.finditer(text, begin, end)]
-        asides = (match for match in _ASIDE.finditer(text, begin, end) if "=" in text[match.end() : end])
         cuts += [(match.span(), True) for match in asides if not self.names.readings(match.group())]
         cuts += [(match.span(), True) for match in _STATEMENT.finditer(text, begin, end)]
         cuts += [(match.span(1), False) for match in _STATEMENT_END.finditer(text, begin, end)]
-        prose = ((left, right) for left, right in self._prose() if "=" in text[begin:left])
-        cuts += [(span, False) for span in prose]
+        cuts += [(span, False) for span in self._prose() if "=" in text[begin : span[0]]]
         clauses, start, aside = [], begin, False
-        for (left, right), opens in sorted(cuts):
-            if opens and "=" not in text[start:left] and text[start:left].strip():
+        for (left, right), begins_aside in sorted(cuts):
+            if begins_aside and "=" not in text[start:left] and text[start:left].strip():
                 continue
             clauses.append(self._trimmed(start, left, aside))
-            start, aside = right, opens or (aside and text[left] not in CLOSE)
+            start, aside = right, begins_aside or (aside and text[left] not in CLOSE)
         clauses.append(self._trimmed(start, end, aside))
         parts = (part._trimmed(*span, part.aside) for part in clauses for span in separated(text, part.begin, part.end))
         return [clause for clause in parts if clause.end > clause.begin]
