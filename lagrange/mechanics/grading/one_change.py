@@ -164,21 +164,20 @@ def _sums(side: int, expression: Any, typed: Sequence[Any]) -> Iterator[Sum]:
 
     `typed` are terms of the side as they were typed, in which like terms are not combined.
     """
-    terms = (*typed, *sympy.Add.make_args(expression - sympy.Add(*typed))) if typed else ()
-    whole = sympy.Add.make_args(expression)
-    like = Counter(term for term in terms if term != 0) != Counter(whole)
-    waiting = [Sum(side, (), expression, terms if typed and like else whole)]
+    terms = sympy.Add.make_args(expression)
+    if typed:
+        added = (*typed, *sympy.Add.make_args(expression - sympy.Add(*typed)))
+        terms = terms if Counter(term for term in added if term != 0) == Counter(terms) else added
+    waiting = [Sum(side, (), expression, terms)]
     while waiting:
         total = waiting.pop()
         yield total
         for k, term in enumerate(sympy.Add.make_args(total.whole)):
             path = (*total.path, k) if total.whole.is_Add else total.path
-            factors = list(enumerate(term.args)) if term.is_Mul else [(None, term)]
-            for i, factor in factors:
-                inner = path if i is None else (*path, i)
-                others = [other for j, other in factors if j != i]
-                around = total.around * sympy.Mul(*others)
-                if factor.is_Add and (factor is not total.whole):
+            factors = [((*path, i), factor) for i, factor in enumerate(term.args)] if term.is_Mul else [(path, term)]
+            for inner, factor in factors:
+                if factor.is_Add and factor is not total.whole:
+                    around = total.around * sympy.Mul(*(other for place, other in factors if place != inner))
                     waiting.append(Sum(side, inner, factor, factor.args, around, total.below))
                 elif factor.is_Pow and factor.exp == -1:
                     waiting.append(Sum(side, (*inner, 0), factor.base, sympy.Add.make_args(factor.base), below=True))
@@ -275,7 +274,7 @@ class _Search:
     def _price(self, key: Sequence[tuple[int, int]]) -> float:
         """Return the cost of a product of powers, `key`, of pairs (index of a factor, exponent)."""
         bases = [self.bases[i] for i, _ in key]
-        if len(key) == 2 and {e for _, e in key} == {1, -1}:
+        if len(key) == 2 and {e for _, e in key} == {1, -1}:  # one factor in place of another
             kinds = {type(base) for base in bases}
             if kinds == {sympy.sin, sympy.cos} and bases[0].args == bases[1].args:
                 return SWAPPED
@@ -385,13 +384,17 @@ class _Search:
             decimal, rest = right.as_coeff_Mul()
             if decimal.is_Float:
                 right = sympy.Rational(Fraction(float(decimal)).limit_denominator(LARGEST_FACTOR)) * rest
-            if factor == 1:
-                price = FRACTION + len(str(number)) / 20
-                price = SIGN if number == -1 else DOUBLED if number in (2, sympy.S.Half) else price
-                yield price, Difference("scaled", term, right, 1 / Fraction(number.p, number.q))
+            if factor != 1:
+                cost += SIGN + (0 if number == 1 else 0.2 if number == -1 else 0.7)
+                yield cost, Difference("wrong", term, right)
+                continue
+            if number == -1:
+                cost = SIGN
+            elif number in (2, sympy.S.Half):
+                cost = DOUBLED
             else:
-                plain = 0 if number == 1 else 0.2 if number == -1 else 0.7
-                yield SIGN + cost + plain, Difference("wrong", term, right)
+                cost = FRACTION + len(str(number)) / 20
+            yield cost, Difference("scaled", term, right, 1 / Fraction(number.p, number.q))
         for cost, right in self._among_models(required):
             yield cost + REPLACED - MISSED, Difference("wrong", term, right)
 

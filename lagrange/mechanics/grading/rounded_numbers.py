@@ -32,13 +32,13 @@ def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> Stu
     in a product. The result is assumed to be as precise as the most precise decimal of the equation.
     """
     equation = row.equation
-    decimals_typed = [Decimal(text) for text in _DECIMAL.findall(equation.read)]
+    typed = [Decimal(text) for text in _DECIMAL.findall(equation.read)]
     decimals = sorted(row.zero.atoms(sympy.Float), key=str)
-    if not decimals_typed or not 0 < len(decimals) < len(samples) or row.zero.count_ops() > LONGEST_ROUNDED:
+    if not typed or not 0 < len(decimals) < len(samples) or row.zero.count_ops() > LONGEST_ROUNDED:
         return None
-    if any(number and not TINY <= abs(float(number)) <= 1 / TINY for number in (*decimals_typed, *decimals)):
+    if any(number and not TINY <= abs(float(number)) <= 1 / TINY for number in (*typed, *decimals)):
         return None
-    typed = sorted(decimals_typed, key=_unit)
+    typed.sort(key=_unit)  # the most precise ones first
     try:
         exact = _exact_numbers(row, decimals, samples)
         corrected = equation.with_numbers(exact)
@@ -46,14 +46,14 @@ def with_exact_numbers(row: EquationRow, samples: Sequence[MotionSample]) -> Stu
     except (OutsideDomain, StatementError):
         return None
     sources = {x: next((y for y in typed if float(y) == abs(float(x))), typed[0]) for x in exact}
-    errors = [(exact[x] / x - 1) / _unit(source) for x, source in sources.items()]
-    if not holds or any(not HELD - 0.5 < error < 1 - HELD for error in errors):
+    errors = {x: (exact[x] / x - 1) / _unit(source) for x, source in sources.items()}  # in units of the last digit
+    if not holds or any(not HELD - 0.5 < error < 1 - HELD for error in errors.values()):
         return None
-    for x, error in zip(exact, errors, strict=True):
-        if error > 0.5 + HELD:
-            short = f"{abs(float(exact[x])):.{len(sources[x].as_tuple().digits)}g}"
-            number = _text(abs(exact[x]), FEWEST_DIGITS)
-            return replace(equation, note=f"{abs(float(x)):.15g} is not {number} rounded: {short}.")
+    cut = next((x for x, error in errors.items() if error > 0.5 + HELD), None)
+    if cut is not None:
+        rounded = f"{abs(float(exact[cut])):.{len(sources[cut].as_tuple().digits)}g}"
+        number = _text(abs(exact[cut]), FEWEST_DIGITS)
+        return replace(equation, note=f"{abs(float(cut)):.15g} is not {number} rounded: {rounded}.")
     digits = min(len(source.as_tuple().digits) for source in sources.values())
     note = listing(f"{abs(float(x)):.15g} stands for {_text(abs(value), digits)}" for x, value in exact.items())
     if digits < FEWEST_DIGITS:

@@ -92,12 +92,14 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
         listed = [f"{c.name}, {write(c.expression.xreplace(row.statement.plain))} = 0" for c in constraints]
         which = "the constraint is" if len(listed) == 1 else "the constraints are"
         return WrongTerm(f"{label} does not hold and is not a constraint: {which} {listing(listed)}.")
-    first = _first_of_several(row, derivation, samples, write)
-    return WrongTerm(first or f"{label} does not hold, and no term of it is that of an equation of motion.")
+    several = _several_wrong_terms(row, derivation, samples, write)
+    return WrongTerm(several or f"{label} does not hold, and no term of it is that of an equation of motion.")
 
 
-def _first_of_several(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence on the first of several wrong terms, "" if the equation resembles no right one.
+def _several_wrong_terms(
+    row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write
+) -> str:
+    """Return a sentence on an equation with several wrong terms, "" if it resembles no right one.
 
     The equation is compared with each right equation, multiplied by each factor for which at least one term agrees. The
     likeliest of these has the most terms in common with it; of several such, the one with the simplest factor.
