@@ -172,7 +172,9 @@ class Document:
             raise SceneError(f"{with_type(path)} is not a path: give the path of a scene file.")
         self.file, self.most = str(path), most
         content = self._read(path) if text is None else text.encode()
-        self.content = self._decode(self._within(content)).replace("\r\n", "\n")
+        if len(content) > most:
+            self._fail(f"the file has more than {most} bytes, the most that a scene may have.")
+        self.content = self._decode(content).replace("\r\n", "\n")
         self.data = self._parse()
 
     def refuse(self, reason: str, *path: str | int, column: int | None = None, key: bool = False) -> NoReturn:
@@ -264,11 +266,6 @@ class Document:
         if not stat.S_ISREG(mode):
             kind = "folder" if stat.S_ISDIR(mode) else "device or pipe"
             self._fail(f"this is a {kind}: give the path of a scene file.")
-        return data
-
-    def _within(self, data: bytes) -> bytes:
-        if len(data) > self.most:
-            self._fail(f"the file has more than {self.most} bytes, the most that a scene may have.")
         return data
 
     def _decode(self, data: bytes) -> str:
