@@ -178,18 +178,22 @@ def _told(
     """
     several = max(len(unmatched), len(missing)) > MOST_NAMED
     endings = []
-    for side, term, right in _pairs(unmatched[:1], missing)[:1] if several else _pairs(unmatched, missing):
+    pairs = _pairs(unmatched[:1], missing, row)[:1] if several else _pairs(unmatched, missing, row)
+    for side, term, right in pairs:
         place = "on the right side " if side and row.sides[0] != 0 else ""
         endings.append(place + _difference(term, right).told(sympy.S.One, write))
     sentence = f"{_place_of(name, row)} {' Also, '.join(endings)}"
     return f"{sentence} Other terms of it are wrong or missing, too." if several else sentence
 
 
-def _pairs(unmatched: Sequence[tuple[int, Any]], missing: Sequence[Any]) -> list[tuple[int, Any, Any]]:
+def _pairs(
+    unmatched: Sequence[tuple[int, Any]], missing: Sequence[Any], row: EquationRow
+) -> list[tuple[int, Any, Any]]:
     """Return (side, typed term, right term) for terms that are wrong, as (side, term), and terms that are missing.
 
     Terms with the most factors in common are paired. A term without a partner is paired with zero. The typed terms keep
-    their order. `missing` are terms of the left side; a right term has the sign of its side.
+    their order. `missing` are terms of the left side; in the result a right term has the sign of its side. `row` is the
+    equation.
     """
     partners, alone = dict[int, Any](), list(missing)
     bases = [set(term.as_powers_dict()) for _, term in unmatched]
@@ -199,7 +203,10 @@ def _pairs(unmatched: Sequence[tuple[int, Any]], missing: Sequence[Any]) -> list
         partners[k] = simplest(-right if unmatched[k][0] else right)
         alone.remove(right)
     pairs = [(side, term, partners.get(k, sympy.S.Zero)) for k, (side, term) in enumerate(unmatched)]
-    return pairs + [(0, sympy.S.Zero, right) for right in alone]
+    # Of an equation such as m*x'' = ..., terms without an acceleration are missing on the right side.
+    solved = row.sides[1] != 0 and all(term.has(*row.slopes) for term in sympy.Add.make_args(row.sides[0]))
+    sides = [int(solved and not right.has(*row.slopes)) for right in alone]
+    return pairs + [(side, sympy.S.Zero, -right if side else right) for side, right in zip(sides, alone, strict=True)]
 
 
 def _difference(typed: Any, right: Any) -> Difference:
