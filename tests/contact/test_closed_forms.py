@@ -30,6 +30,7 @@ def block(angle: float, friction: Any, **more: Any) -> lg.System:
     return lg.System(kinetic, potential, contacts={"floor": floor}, parameters={m: 1, g: G}, **more)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("restitution", [0.5, 0.8])
 def test_a_bouncing_ball_rests_after_the_time_of_zeno(restitution: float) -> None:
     run = ball(restitution).run(8.0, t_eval=np.linspace(0, 8, 801)).require()
@@ -79,6 +80,7 @@ def test_the_work_of_friction_takes_few_points(noise: float, monkeypatch: pytest
     assert points[0] < 200 * len(run.t)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("method", "rtol"), [("taylor", 1e-12), ("taylor", 1e-8), ("dop853", 1e-8)])
 def test_a_slip_in_a_plane_that_turns_straight_around_goes_on(method: str, rtol: float) -> None:
     """The slip turned to the tolerance of the run, not to round-off: taylor stopped at the root of its square."""

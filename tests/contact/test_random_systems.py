@@ -24,6 +24,7 @@ def test_bodies_do_not_overlap_and_energy_goes_where_it_is_booked(seed: int) -> 
     assert not broken_laws(drawn.system, run, driven=drawn.driven)
 
 
+@pytest.mark.slow
 def test_an_impact_at_the_instant_at_which_a_slip_stops_begins_it_anew() -> None:
     """One corner of this box bounces while the other slides: friction pushed along the slip after such an impact."""
     drawn = random_system(21_247)
@@ -31,6 +32,7 @@ def test_an_impact_at_the_instant_at_which_a_slip_stops_begins_it_anew() -> None
     assert not broken_laws(drawn.system, run, driven=drawn.driven)
 
 
+@pytest.mark.slow
 def test_a_bounce_that_ends_with_a_slip_in_a_plane_within_the_tolerance_goes_on() -> None:
     """The slip was smaller than that at which it counts as zero, so the event at which it stops did not come."""
     drawn = random_system(560)
@@ -103,6 +105,7 @@ def test_a_slip_of_round_off_that_closing_the_gap_turns_around_is_at_rest() -> N
         assert following.mode.states == ("sticking",) or following.mode.ways[0] * moved > 0
 
 
+@pytest.mark.slow
 def test_closed_gaps_without_terms_have_round_off_and_no_missed_impact() -> None:
     (x, y), (u, w) = lg.coordinates("x y"), lg.coordinates("u w")
     contacts = {
@@ -116,7 +119,7 @@ def test_closed_gaps_without_terms_have_round_off_and_no_missed_impact() -> None
     assert np.ptp(run.energy + run.energy_lost) < 1e-11 * np.abs(run.energy).max()
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [2, 5, 9])
 def test_a_run_that_stops_at_a_limit_keeps_its_energy(steps: int) -> None:
     drawn = random_system(0)

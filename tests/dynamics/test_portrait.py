@@ -56,7 +56,7 @@ def test_a_separatrix_that_bends_at_its_saddle_is_on_the_level_of_its_energy() -
         assert branch.distance < 0.01
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("potential", "force", "kind", "stable"),
     [

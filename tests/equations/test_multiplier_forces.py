@@ -35,7 +35,7 @@ def incline(**more: Any) -> lg.System:
 METHODS = ("taylor", "dopri5", "tsit5", "verner9", "dop853", "bs3", "radau5", "radau5-index2", "scipy-radau")
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_block_slides_down_with_every_adaptive_method(method: str) -> None:
     run = incline().run(2.0, method=method)

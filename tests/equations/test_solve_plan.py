@@ -171,6 +171,7 @@ def test_the_places_of_the_factors_are_those_that_fill_in(seed: int, n: int, m: 
     ]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("system", [rods, ladder])
 def test_factors_of_a_chain_grow_with_its_length_alone(system: type) -> None:
     """Ten more bodies add as many entries and operations as the ten before them."""

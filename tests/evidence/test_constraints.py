@@ -101,6 +101,7 @@ class Wrong(Model):
         return super().accelerations(q, v, *where, **more) + self.errors.get("accelerations", lambda q: 0.0)(q)
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("quantity", CONSTRAINT_QUANTITIES)
 def test_a_wrong_quantity_of_the_constraints_is_found(quantity: str) -> None:
     report = check(Wrong(rod_pendulum().compile(), {quantity: 1e-9}), points=1)

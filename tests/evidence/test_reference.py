@@ -9,13 +9,11 @@ from typing import Any
 import mpmath
 import pytest
 import sympy as sp
-from hypothesis import given
-from hypothesis import strategies as st
 from mpmath import libmp
 
 import lagrange as lg
 from lagrange.evidence import laws
-from lagrange.evidence.laws import LOCAL_FROM, Estimate, central, central_mixed, extrapolated, local_terms
+from lagrange.evidence.laws import LOCAL_FROM
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.evidence.reference import Reference
 from lagrange.statement.coordinate import coordinate, t
@@ -129,14 +127,6 @@ def sparse(numbers: Sequence[float]) -> laws.Row:
     return {i: MP.mpf(x) for i, x in enumerate(numbers) if x}
 
 
-def test_solve_needs_pivoting_and_gets_it() -> None:
-    matrix = [sparse(row) for row in ([0, 2, 1], [2, 0, 3], [1, 3, 1])]
-    rights = [sparse((1, 2, 3)), sparse((0, 1, 0))]
-    for right, solution in zip(rights, laws.solve(matrix, rights, 1e-12), strict=True):
-        for i, row in enumerate(matrix):
-            assert abs(sum(a * solution[j] for j, a in row.items()) - right.get(i, 0)) < 1e-50
-
-
 def test_factorization_sizes_bound_the_factors() -> None:
     sizes = laws.factorization_sizes([sparse(row) for row in ([4, -2, 0], [-2, 1.5, 1], [0, 1, 5])])
     # L = [[1], [-1/2, 1], [0, 2, 1]], D = (4, 1/2, 3)
@@ -160,50 +150,6 @@ def test_velocities_that_are_rounding_leave_the_inertia_its_digits() -> None:
     assert list(map(float, values)) == pytest.approx([1, 0, 0, 1], rel=1e-13, abs=1e-13)
 
 
-# --- derivatives by differences ---
-
-
-FINE = mpmath.MPContext()
-FINE.dps = 90
-H = FINE.mpf("1e-18")
-
-
-def derivative(function: Callable[[Any], Sequence[Any]], step: Any) -> Estimate:
-    """Return df/dx at 0 with its error, from four evaluations with steps `step` and `step`/2."""
-    return extrapolated(central(function, step), central(function, step / 2))
-
-
-def test_a_derivative_is_good_to_50_digits_and_says_so() -> None:
-    result = derivative(lambda h: [FINE.sin(1 + h), FINE.exp(3 * h), 1 / (2 + h)], H)
-    for value, error, slope in zip(result.value, result.error, [FINE.cos(1), 3, FINE.mpf(-1) / 4], strict=True):
-        assert abs(value - slope) < 1e-50
-        assert abs(value - slope) <= error < 1e-30
-
-
-def test_mixed_derivatives() -> None:
-    def slope(step: Any) -> Sequence[Any]:
-        return central_mixed(lambda a, b: [FINE.sin(1 + a) * FINE.exp(b + a * b), a, a * b], step, 2 * step)
-
-    result = extrapolated(slope(H), slope(H / 2))
-    expected = [FINE.cos(1) + FINE.sin(1), 0, 1]
-    assert all(abs(value - e) < 1e-45 for value, e in zip(result.value, expected, strict=True))
-    assert all(error < 1e-30 for error in result.error)
-
-
-def test_a_kink_shows_in_the_error_estimate() -> None:
-    kinked = derivative(lambda h: [abs(h + H / 3)], H)
-    assert kinked.error[0] > 0.01
-
-
-@given(st.lists(st.integers(-9, 9), min_size=1, max_size=5))
-def test_extrapolation_is_exact_for_fourth_degree(coefficients: list[int]) -> None:
-    def polynomial(h: Any) -> list[Any]:
-        return [sum((a * h**i for i, a in enumerate(coefficients)), FINE.mpf(0))]
-
-    slope = coefficients[1] if len(coefficients) > 1 else 0
-    assert abs(derivative(polynomial, FINE.mpf("1e-3")).value[0] - slope) < 1e-60
-
-
 # --- Terms by the coordinates in them ---
 
 
@@ -221,15 +167,6 @@ def row(length: int) -> Statement:
     )
 
 
-def test_rows_are_those_that_a_variable_stands_in() -> None:
-    length = LOCAL_FROM + 2
-    local = local_terms(row(length), 30)
-    assert local is not None and local_terms(row(LOCAL_FROM - 1), 30) is None
-    assert local.touched[0] == list(range(length))
-    assert local.touched[4] == [3, 4, 5] and local.touched[length + 4] == [0, 3, 4, 5]
-    assert local.touched[length - 2] == [length - 3, length - 2, length - 1]
-
-
 def test_local_terms_give_the_same_reference(monkeypatch: pytest.MonkeyPatch) -> None:
     statement = row(5)
     point, columns = Sampler(statement, 0).point(SAMPLE_KINDS[1]), list(range(10))
@@ -242,6 +179,7 @@ def test_local_terms_give_the_same_reference(monkeypatch: pytest.MonkeyPatch) ->
             assert abs(a - b) <= 1e-30 * size + 1e-50, name
 
 
+@pytest.mark.slow
 def test_a_column_of_the_jacobian_costs_few_evaluations_of_each_pair(monkeypatch: pytest.MonkeyPatch) -> None:
     bodies = 8
     x = [[lg.coordinate(f"{axis}{i}") for axis in "xyz"] for i in range(bodies)]

@@ -144,6 +144,7 @@ def test_a_method_that_is_not_legal_is_refused_in_the_table() -> None:
     assert left_out[0].startswith("Left out: velocity-verlet, yoshida6 and composition8. velocity-verlet moves ")
 
 
+@pytest.mark.slow
 def test_the_default_choice() -> None:
     methods = race(methods=None, end=1.0).methods
     assert methods == work_precision.RACED

@@ -111,7 +111,7 @@ def systems(at_once: int) -> Iterator[lg.System]:
         yield named(some[:COORDINATES], some[COORDINATES:], next(titles))
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "target", [pytest.param(name, marks=[pytest.mark.slow] * (name in ("fmu", "jax"))) for name in lg.targets()]
 )

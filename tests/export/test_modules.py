@@ -87,6 +87,7 @@ WRONG: dict[str, tuple[str, str]] = {
 }
 
 
+@pytest.mark.few(2)
 @every_target
 def test_a_wrong_number_fails_the_self_test(target: str, tmp_path: Path) -> None:
     made = lg.scene("pendulum").export(target, tmp_path)
@@ -102,6 +103,7 @@ def test_a_wrong_number_fails_the_self_test(target: str, tmp_path: Path) -> None
         run(start, tmp_path)
 
 
+@pytest.mark.few(2)
 @every_second(0)
 def test_random_graphs(target: str, tmp_path: Path, share: Share) -> None:
     without = sorted(find(target).inexpressible)
@@ -152,6 +154,7 @@ def coupled() -> lg.System:
     )
 
 
+@pytest.mark.few(1)
 @every_second(0)
 @pytest.mark.parametrize("stated", [coupled, on_a_sphere])
 def test_a_singular_matrix_is_a_status(target: str, stated: Callable[[], lg.System], tmp_path: Path) -> None:
@@ -176,6 +179,7 @@ def test_a_singular_matrix_is_a_status(target: str, stated: Callable[[], lg.Syst
         assert steps[0].values == steps[1].values == zero
 
 
+@pytest.mark.few(1)
 @every_second(1)
 def test_a_matrix_of_parameters_that_is_singular_is_a_status(target: str, tmp_path: Path) -> None:
     x, z = lg.coordinates("x z")
@@ -212,6 +216,7 @@ PROGRAMS = {
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", [one for one in TARGETS if one.values[0] in PROGRAMS])
 def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     language, name, start = PROGRAMS[target]
@@ -236,6 +241,7 @@ def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     assert " && ".join(made.commands) in lines  # how the self-test is run
 
 
+@pytest.mark.few(1)
 @every_second(0)
 def test_operations_on_constants_have_the_values_of_doubles(target: str, tmp_path: Path) -> None:
     code = [Instruction("constant", value=value) for value in (1.0, 0.0, 1e300, -1.0)]
@@ -257,6 +263,7 @@ def test_operations_on_constants_have_the_values_of_doubles(target: str, tmp_pat
     np.testing.assert_array_equal(result.values, [inf, inf, nan, -inf, nan, -inf, 1e-300])
 
 
+@pytest.mark.few(1)
 @with_steps
 def test_main_writes_the_times_of_the_grid_and_says_why_it_ends_early(target: str, tmp_path: Path) -> None:
     x = lg.coordinate("x")

@@ -139,6 +139,7 @@ CASES = [
 ]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", CASES)
 def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     page = section(target.capitalize())

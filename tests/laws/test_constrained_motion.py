@@ -71,6 +71,7 @@ def test_energy_is_conserved_along_a_run(mechanism: Mechanism) -> None:
     assert energy == close(np.full(energy.shape, energy[0]), 1e-9)
 
 
+@pytest.mark.slow
 @some
 @given(kinetic_energies(x, y), potentials(x, y), kinds((x, y)), seeds)
 def test_a_momentum_that_no_constraint_holds_is_conserved(T: Any, V: Any, held: Any, seed: int) -> None:
@@ -129,6 +130,7 @@ def test_machine_code_and_numpy_agree(mechanism: Mechanism) -> None:
         assert compiled.evaluate(quantity, *at) == close(expected, 1e-11), quantity
 
 
+@pytest.mark.slow
 @some
 @given(mechanisms(forces=True) | moving(), st.sampled_from(["llvm", "numpy"]))
 def test_the_jacobian_is_the_slope_of_the_right_hand_side(mechanism: Mechanism, target: str) -> None:
@@ -145,6 +147,7 @@ def test_the_jacobian_is_the_slope_of_the_right_hand_side(mechanism: Mechanism, 
 # --- other coordinates ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @some
 @given(mechanisms(forces=True), st.permutations(range(3)))
 def test_the_order_of_coordinates_does_not_matter(mechanism: Mechanism, order: list[int]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pytest
 import sympy as sp
 from hypothesis import given
 from sympy import sin
@@ -59,6 +60,7 @@ def test_masses_times_accelerations_are_the_forces_and_the_reactions(mechanism: 
     assert left == close(model.evaluate("bias", *at) + mechanism.reaction())
 
 
+@pytest.mark.slow
 @some
 @given(mechanisms(forces=True))
 def test_the_momentum_changes_by_the_forces_and_the_reactions(mechanism: Mechanism) -> None:
@@ -121,6 +123,7 @@ def with_another(mechanism: Mechanism, f: Any, inertia: int) -> Any:
     return model.accelerations(q, v), model.multipliers(q, v)
 
 
+@pytest.mark.slow
 @some
 @given(mechanisms(), functions_of(*PLACES))
 def test_a_coordinate_that_a_constraint_determines_changes_nothing(mechanism: Mechanism, f: Any) -> None:
@@ -133,6 +136,7 @@ def test_a_coordinate_that_a_constraint_determines_changes_nothing(mechanism: Me
     assert a[3] == close(mechanism.at(second.subs(told)))
 
 
+@pytest.mark.slow
 @some
 @given(mechanisms(), functions_of(*PLACES))
 def test_a_coordinate_with_inertia_that_is_determined_is_inertia_of_the_others(mechanism: Mechanism, f: Any) -> None:

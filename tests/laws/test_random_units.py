@@ -64,7 +64,7 @@ def ended(seed: int, unit: tuple[float, float, float], method: str, rtol: float)
     return np.asarray(last)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_motion_of_rods_is_the_same_in_all_units(seed: int) -> None:
     draw = random.Random(1000 + seed)
@@ -76,7 +76,7 @@ def test_the_motion_of_rods_is_the_same_in_all_units(seed: int) -> None:
     assert result == pytest.approx(expected, abs=1e-4)
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [24, 27])
 def test_a_light_body_on_hanging_rods_starts_from_rest(seed: int) -> None:
     """After the first steps the rates are so small that the terms of their constraints are round-off."""
@@ -154,6 +154,7 @@ def test_traced_accelerations_of_rods_are_the_same_in_all_units(seed: int, libra
     assert np.array(result).ravel() / unit == pytest.approx(expected, abs=allowed)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("time", [1.0, 1e-1, 1e-3, 1e3])
 def test_floors_of_entries_at_rest_follow_no_unit_of_time(time: float) -> None:
     """The last of four masses has no term in the first coefficients, so its size comes from a survey."""

@@ -50,6 +50,7 @@ def test_flip_of_a_body_about_its_middle_axis() -> None:
     assert np.abs(run[R.body][:, -1] - [0.01, 1, 0]).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_top_on_its_homoclinic_path() -> None:
     """With p_phi = p_psi = sqrt(3 m g a J1) the top rises for ever: cos(theta) = 1/(1 + sech(gamma t))."""
     tilt, p = np.pi / 3, np.sqrt(3)
@@ -58,6 +59,7 @@ def test_top_on_its_homoclinic_path() -> None:
     assert abs(top.run(3.0, rtol=1e-14)[R][-1, 2, 2] - 1 / (1 + 1 / np.cosh(3.0))) < 1e-12
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("weight", [0, 0.8])
 def test_the_length_of_the_quaternion_stays_one(weight: float) -> None:
     """At the default tolerance errors of the length would add up to 1e-9; only the error of one step remains."""
@@ -118,6 +120,7 @@ def test_limit_of_a_sleeping_top() -> None:
         assert (run[R][:, 2, 2].min() > 0.9999) == stable
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("axis", "growth"), [(0, 0.0), (1, 10 / 3**0.5), (2, 0.0)])
 def test_stability_of_a_steady_spin(axis: int, growth: float) -> None:
     """Of a free body about its axes: growth w sqrt((J2 - J1)(J3 - J2)/(J1 J3)) about the middle one alone."""
@@ -200,6 +203,7 @@ def test_a_rattleback_is_unstable_in_pitch_one_way_and_in_roll_the_other() -> No
     assert np.sort(exponents[0].real) == pytest.approx(np.sort(-exponents[1].real), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_linear_equations_of_a_sleeping_top_in_symbols() -> None:
     """For a spinning top: x'' = ((1 - J3/J1) w^2 + m g a/J1) x + (2 - J3/J1) w y'."""
     thick = lg.parameters("J3")
@@ -237,6 +241,7 @@ def test_the_variational_midpoint_keeps_the_momentum_in_space_and_the_length() -
     assert np.abs(np.linalg.norm(run.y[:4], axis=0) - 1).max() < 1e-13
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("method", "order"), [("variational-midpoint", 2), ("rk4", 4), ("munthe-kaas4", 4)])
 def test_order_of_methods_on_attitudes(method: str, order: int) -> None:
     system = body((1, 2, 3), (0.3, 1, 0.2))
@@ -412,7 +417,7 @@ def test_a_derivation_in_turns_with_constraints_agrees_with_the_compiled_model(n
         assert np.abs(run.evaluate(formula) - run.multipliers[constraint]).max() < 1e-11
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rolling-sphere", "gyroscope-on-gimbal"])
 @pytest.mark.parametrize(("method", "step"), [("taylor", None), ("rk4", 0.05)])
 def test_constraints_keep_the_length_of_the_quaternion(name: str, method: str, step: float | None) -> None:

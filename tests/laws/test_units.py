@@ -169,7 +169,7 @@ def skip_without(method: str) -> None:
         pytest.importorskip("sksundae")
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("name", "method"), [*product(CASES, OWN)])
 def test_a_motion_is_the_same_in_all_units(name: str, method: str) -> None:
     plain = error(name, method, (0, 0, 0))

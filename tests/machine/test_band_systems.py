@@ -127,6 +127,7 @@ def test_the_inverse_is_that_of_lapack(n: int) -> None:
             assert not singular and np.abs(result - expected).max() <= bound * np.abs(expected).max()
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("n", ORDERS)
 def test_a_matrix_without_an_inverse_is_told(n: int) -> None:
     matrix = np.random.default_rng(n).normal(size=(n, n))

@@ -141,7 +141,7 @@ TAKEN = [
 ]
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("name", "system"), TAKEN)
 def test_both_machines_decide_alike(name: str, system: str) -> None:
     if (name, system) in (("trapezoidal", "pole"), ("trapezoidal", "edge"), ("radau5", "edge")):

@@ -78,7 +78,7 @@ def test_one_system(target: str, kind: Matrix, where: str) -> None:
         assert backward_error(a, x, b) < 1e-11 * n, n
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("where", ["state", "parameters"])
 @pytest.mark.parametrize("target", TARGETS)
 def test_columns_of_mixed_kinds(target: str, where: str) -> None:

@@ -347,6 +347,7 @@ def same(a: Any, b: Any) -> Any:
     return (np.isnan(a) & np.isnan(b)) | (a == b) | close
 
 
+@pytest.mark.few(8)
 @pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")
 @pytest.mark.parametrize("op", OPERATIONS)
 def test_both_machines_agree_at_the_edges(op: str) -> None:

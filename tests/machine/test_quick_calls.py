@@ -217,7 +217,7 @@ def split(system: lg.System, start: dict[Any, float]) -> tuple[list[float], list
     return [start.get(q, 0.0) for q in coordinates], [start.get(q.diff(lg.t), 0.0) for q in coordinates]
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.usefixtures("errors")
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 @pytest.mark.parametrize("name", ["exponential", "coupled masses that differ", "drag", "velocity"])

@@ -167,7 +167,7 @@ def assert_same(state: DriverState, first: DriverState) -> None:
     assert (abs(state.y - first.y) <= 1e-7 * np.maximum(abs(first.y), abs(first.y).max() * 1e-6)).all()
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("name", [name for name in STATED if name != "bump"])
@@ -175,7 +175,7 @@ def test_all_machines_take_the_same_taylor_steps(name: str, order: int, directio
     assert_lockstep(name, order, direction, (1e-8, 1e-40 if name in ("tiny", "slow") else 1e-10))
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("which", "value"), [("longest", 0.011), ("limit", 0.003), ("once", 0.007), ("scale", 2.0**30)]
 )
@@ -184,13 +184,14 @@ def test_all_machines_keep_to_the_same_bounds(name: str, which: str, value: floa
     assert_lockstep(name, 8, 1, (1e-8, 1e-10), **{which: value})
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("tolerances", [(1e-3, 0.0), (1e-12, 1e-3), (1e-15, 1e-15)])
 @pytest.mark.parametrize("name", ["driven", "Kepler orbit"])
 def test_all_machines_keep_to_the_same_tolerances(name: str, tolerances: tuple[float, float]) -> None:
     assert_lockstep(name, 14, 1, tolerances)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("order", [8, 14])
 def test_all_machines_take_back_what_fails(order: int) -> None:
     assert_lockstep("bump", order, 1, (1e-8, 1e-10))
@@ -225,7 +226,6 @@ def test_what_is_probed_does_not_depend_on_how_a_run_is_cut(monkeypatch: pytest.
 # --- tiers ----------------------------------------------------------------------------------------------------
 # Tiered compilation: quick code first, code that is compiled well after many steps, and the same bits from both.
 
-INSPECTS, STEPS = r"define .*@inspect_step\(", r"define .*@taylor_steps\("
 TOLERANCES = [10.0**-k for k in range(3, 17)]
 
 
@@ -293,6 +293,7 @@ def test_drivers_go_on_with_the_code_that_another_run_has_had_compiled(
     assert sum("@taylor_steps(" in text for text in made) == 2
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("watching", [False, True])
 def test_another_tolerance_compiles_its_series_once_and_no_loop_over_steps(watching: bool, made: list[str]) -> None:
     """The loop over steps serves all orders, also with events."""

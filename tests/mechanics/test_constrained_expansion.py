@@ -52,6 +52,7 @@ def disc(*order: Any) -> lg.System:
     )
 
 
+@pytest.mark.slow
 def test_a_disc_that_rolls_straight_is_stable_above_its_critical_spin() -> None:
     # With the moments m r^2/4 and m r^2/2, leaning and turning follow 5/4 r lean'' + 3/2 r w heading' = g lean and
     # heading'' = 2 w lean', which is stable where w^2 > g/(3 r).

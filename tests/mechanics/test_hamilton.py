@@ -89,6 +89,7 @@ def test_a_momentum_that_is_solved_for_takes_the_branch_of_the_motion() -> None:
         lg.System(lagrangian=(x.dot**2 + y.dot**2 + x.dot * y.dot**3) / 2 + x.dot**4 - x * y).hamiltonian()
 
 
+@pytest.mark.slow
 def test_a_given_motion_stays_one() -> None:
     pivot = lg.given("X", sin(2 * lg.t) / 3)
     bob = (pivot + l * sin(theta), -l * cos(theta))

@@ -81,6 +81,7 @@ def test_damped_and_gyroscopic_modes() -> None:
     assert [sympy.simplify(f) for f in cyclotron.frequencies] == [0, 2 * M / m]
 
 
+@pytest.mark.slow
 def test_gyroscopic_forces_decide_nothing_where_the_energy_has_no_minimum() -> None:
     hill = -k * (x**2 + y**2) / 2
     values = {m: 1.0, k: 1.0, M: 3.0}

@@ -94,6 +94,7 @@ def test_the_error_falls_with_the_order(system: lg.System, at: dict[Any, float],
     assert near <= 10 ** (0.5 - order) * far and near < far
 
 
+@pytest.mark.slow
 def test_forces_have_one_order_less_and_dissipation_has_all() -> None:
     for order, force in ((2, a * sin(lg.t) * theta), (4, a * sin(lg.t) * (theta - theta**3 / 6) - theta.dot**3)):
         small = FORCED.small({x: 0}, order=order).statement
@@ -102,6 +103,7 @@ def test_forces_have_one_order_less_and_dissipation_has_all() -> None:
     assert sympy.expand(FORCED.small(order=3).statement.dissipation - c * (1 + x / 2) * x.dot**2 / 2) == 0
 
 
+@pytest.mark.slow
 def test_accelerations_are_those_of_the_system_at_any_point() -> None:
     for order in (2, 3):
         assert error(FORCED, {x: 0.1, theta: 0.3, x.dot: 0.5, theta.dot: -0.4}, order, 0.0) < 1e-12

@@ -85,6 +85,7 @@ def test_a_free_symmetric_body_precesses_or_spins_about_a_fixed_axis() -> None:
     np.testing.assert_allclose([rates(each) for each in found], [(0, 0, 3), (0, 6 * np.tan(0.5), 3)], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_body_without_symmetry_turns_steadily_where_its_linear_equations_say_so() -> None:
     hung = body((1, 2, 2.5), R[2, 2] + 0.3 * R[2, 0])
     at_rest = hung.equilibria({R.space[2]: 0})
@@ -96,6 +97,7 @@ def test_a_body_without_symmetry_turns_steadily_where_its_linear_equations_say_s
         assert hung.linearize(each.at).note == "About a steady motion."
 
 
+@pytest.mark.slow
 def test_a_body_on_a_spring_turns_with_its_spring_stretched() -> None:
     """The spring and the pull of the body, x (R z)_z, balance at x = -(R z)_z / 2."""
     x = lg.coordinate("x")
@@ -143,6 +145,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
 }
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_has_no_steady_motion_is_refused(case: str) -> None:
     attempt, sentence = REFUSED[case]

@@ -96,6 +96,7 @@ def test_an_initial_state_may_be_given_in_the_new_coordinates() -> None:
     assert start == {r: 2.0, phi: 0.0, z: 0.0, r.dot: 0.0, phi.dot: 0.5, z.dot: 0.0}
 
 
+@pytest.mark.slow
 def test_at_rest_in_a_singular_place_there_is_an_initial_state() -> None:
     assert not any(particle(initial={}).transform(ROUND).statement.initial)
     assert not any(lg.System(x.dot**2).transform({x: mu * u}).statement.initial)

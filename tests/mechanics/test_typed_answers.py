@@ -87,7 +87,7 @@ ANSWERS = Path(__file__).with_name("answers.txt").read_text("utf-8").splitlines(
 """Answers, one a line: the system, right or wrong, a part of the message, and the text."""
 
 
-@pytest.mark.few(18)
+@pytest.mark.few(8)
 @pytest.mark.parametrize("line", ANSWERS)
 def test_an_answer_is_judged_and_its_wrong_term_is_named(line: str) -> None:
     system, verdict, said, text = line.split("\t")
@@ -229,6 +229,7 @@ def test_a_high_power_of_a_sum_is_not_expanded() -> None:
     assert term_difference.expanded(power) == (power,)
 
 
+@pytest.mark.slow
 def test_a_correction_without_a_value_is_not_proposed() -> None:
     """The power of a multiplier has no derivative where the multiplier is taken as zero."""
     assert "the term mu*N**(sign(x_dot)) is wrong" in str(answered("table").compare("m x'' = mu N^ sign(x')\nN = m g"))

@@ -105,6 +105,7 @@ def test_a_member_alone_keeps_the_same(method: str, monkeypatch: pytest.MonkeyPa
         assert np.allclose(result, expected, rtol=1e-13, atol=1e-13), column.name
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["taylor", "rk4"])
 def test_the_drift_is_that_to_the_time_of_the_end(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The potential of a driven oscillator depends on time, and its runs end early by a limit of steps."""

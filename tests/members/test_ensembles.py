@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.members import dispatch
 from tests.refusals import refusal
 
 METHODS: dict[str, dict[str, Any]] = {
@@ -56,51 +55,16 @@ def test_a_member_ends_where_a_run_of_its_own_ends(name: str, method: str) -> No
 
 def test_parameters_vary_and_outputs_are_those_of_a_run() -> None:
     times = np.array([0.0, 0.1, 0.1, 1.3, 2.0])
-    runs = lg.ensemble(
-        system("double-pendulum"),
-        2.0,
-        parameters=lg.sample({"m1": (0.5, 1.5), "g": (9.0, 10.0)}, 13, seed=3),
-        t_eval=times,
-    )
-    assert runs.y.shape == (4, 5, 13)
+    drawn = lg.sample({"l": (0.5, 1.5), "g": (9.0, 10.0)}, 13, seed=3)
+    runs = lg.ensemble(system("pendulum"), 2.0, parameters=drawn, t_eval=times)
+    assert runs.y.shape == (2, 5, 13)
     for i in (0, 6, 12):
-        alone = system("double-pendulum").run(2.0, parameters={"m1": runs["m1"][i], "g": runs["g"][i]}, t_eval=times)
+        alone = system("pendulum").run(2.0, parameters={"l": runs["l"][i], "g": runs["g"][i]}, t_eval=times)
         assert np.allclose(runs.y[:, :, i], alone.y, rtol=1e-12, atol=1e-13)
 
 
 x, y = lg.coordinates("x y")
-ALONG: dict[str, Any] = {"keep": ("end", ("max", x * y), ("mean", y), ("min", x)), "t_eval": np.linspace(0.0, 6.0, 7)}
-EVENTS: dict[str, Any] = {"keep": ("end", ("events", 3), ("min", x)), "events": [lg.event(x, terminal=2), y]}
-DIVIDED = [
-    pytest.param(15.0, {}, id="ends"),
-    *(
-        pytest.param(6.0, {"method": method, **METHODS[method], **kept}, id=f"{name}-{method}", marks=pytest.mark.slow)
-        for name, kept in (("along", ALONG), ("events", EVENTS))
-        for method in ("taylor", "dop853", "tsit5", "rk4", "verlet")
-    ),
-]
 """How long runs are, and what they keep: ends; extremes, means and states on the way; events."""
-
-
-@pytest.mark.parametrize(("end", "options"), DIVIDED)
-def test_how_members_are_divided_does_not_change_a_bit(
-    end: float, options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Threads, chunks, order and other members have no effect. Some members diverge while their lanes continue."""
-    henon = system("henon-heiles")
-    initial = lg.grid({"x": (-1.0, 1.0, 9), "y": [-0.2, 0.1, 0.9]})
-    whole = lg.ensemble(henon, end, initial, workers=1, **options)
-    assert len(set(whole.status)) > 1
-    order = np.random.default_rng(1).permutation(len(whole))
-    mixed = lg.ensemble(henon, end, {name: whole.given(name)[order] for name in ("x", "y")}, **options)
-    for size, workers in ((1, 1), (3, 2), (8, 1), (11, 2), (100, 3)):
-        monkeypatch.setattr(dispatch, "FIRST_CHUNK", size)
-        monkeypatch.setattr(dispatch, "LARGEST_CHUNK", size)
-        runs = lg.ensemble(henon, end, initial, workers=workers, **options)
-        for name in (column.name for column in whole.columns):
-            assert runs.results.column(name).tobytes() == whole.results.column(name).tobytes(), name
-    for name in (column.name for column in whole.columns):
-        assert mixed.results.column(name).tobytes() == whole.results.column(name)[order].tobytes(), name
 
 
 def test_a_member_that_fails_says_why_and_stops_where_a_run_stops() -> None:

@@ -250,6 +250,7 @@ def test_the_start_stays_on_the_constraints(browser: Browser, tmp_path: Path) ->
         assert tab.text("#said") == ""
 
 
+@pytest.mark.slow
 def test_a_linkage_keeps_together(browser: Browser, tmp_path: Path) -> None:
     system = shared_scene("four-bar")
     names = [p.name for p in system.statement.parameters]

@@ -379,6 +379,7 @@ def test_runs_are_those_of_our_driver(scene: str, rtol: float) -> None:
     assert taken(scene, rtol, t_end, ours.steps - 1)[0] is Outcome.PAUSED
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("scene", ["double-pendulum", "pleiades", "kepler"])
 def test_orders_are_chosen_as_our_driver_chooses_them(scene: str) -> None:
     made = TaylorProcedures(lg.scene(scene).compile().series()[0].program, 100)

@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy
-import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
+from lagrange.graph.node import Node
 from lagrange.graph.sympy_nodes import to_sympy
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.kernel.interpreted import FLOATS
 from lagrange.machine.model import Model
-from lagrange.program.lower import lower
 from lagrange.program.step import Control, StepProgram, TracedVector, trace
-from lagrange.program.switching import SWITCHES, Switched, switch
 from lagrange.trajectory.methods.explicit import runge_kutta_step
 from lagrange.trajectory.methods.implicit import backward_euler
 from lagrange.trajectory.methods.splitting import SymplecticEuler, VelocityVerlet, splitting_step
@@ -301,119 +295,3 @@ def test_a_constraint_on_velocities_moves_no_coordinate() -> None:
 def test_the_violation_is_that_of_the_constraints_relative_to_the_sizes_of_their_terms(seed: int) -> None:
     model, y = compiled(seed), displaced(seed, 1e-2)
     assert corrections(model, y)[1] == pytest.approx(violations(model, y).max(), rel=1e-12)
-
-
-# --- switching ------------------------------------------------------------------------------------------------
-# Switches become sides of surfaces: none is left, and with the right sides the values are the same.
-
-
-class Place:
-    """A graph with two coordinates, a velocity, time and a parameter, and expressions of them."""
-
-    def __init__(self) -> None:
-        self.graph = Graph()
-        self.x, self.y = (self.graph.symbol(name, Binding.CONFIGURATION) for name in "xy")
-        self.v, self.w = (self.graph.symbol(name, Binding.VELOCITY) for name in "vw")
-        self.t = self.graph.symbol("t", Binding.TIME)
-        self.c = self.graph.symbol("c", Binding.PARAMETER)
-
-    def call(self, name: str, *args: Any) -> Node:
-        return self.graph.call(name, *(self.graph.node(arg) for arg in args))
-
-    def values(self, nodes: list[Node], state: Any, sides: list[Node], at: list[float]) -> list[float]:
-        """Return the values of nodes at x, y, v, w, t, c and the signs of surfaces."""
-        program = lower("values", {"out": nodes}, {"y": (self.x, self.y, self.v, self.w)}, self.t, (self.c, *sides))
-        return [float(value) for value in FLOATS.evaluate(program, state[4], state[:4], [state[5], *at])]
-
-    def check(self, node: Node, surfaces: int) -> Switched:
-        """Return the smooth form of a node, after a check that both are equal at all combinations of some values."""
-        result = switch(self.graph, [node])
-        assert len(result.surfaces) == len(result.sides) == surfaces
-        assert all(side.binding is Binding.PARAMETER for side in result.sides)
-        assert not [n for n in reachable(result.outputs) if moving_switch(n)]
-        for state in itertools.product((-0.5, 0.25, 1.0), (-0.5, 1.0), (-1.0, 0.0), (2.0,), (-1.0, 1.5), (-0.5, 2.0)):
-            at: list[float] = [0.0] * surfaces
-            for i, surface in enumerate(result.surfaces):  # a surface knows only of those before it
-                at[i] = float(sp.sign(self.values([surface], state, list(result.sides), at)[0]))
-            smooth = self.values(list(result.outputs), state, list(result.sides), at)
-            assert smooth == self.values([node], state, [], []), state
-        return result
-
-
-def moving_switch(node: Node) -> bool:
-    """Return True if a node has a switch that does not depend on parameters alone. Conditions on sides do not count."""
-    return node.kind is Kind.CALL and node.data in SWITCHES and any(a.binding > Binding.PARAMETER for a in node.args)
-
-
-def test_each_switch_is_a_side() -> None:
-    p = Place()
-    for name in ("abs", "sign"):
-        p.check(p.call(name, p.x), 1)
-    for name in ("min", "max"):
-        p.check(p.call(name, p.x, p.y), 1)
-        p.check(p.call(name, p.x, p.c), 1)
-    for name in ("less", "less_equal", "equal"):
-        p.check(p.graph.piecewise([(p.call(name, p.x, p.y), p.v)], p.w), 1)
-        p.check(p.graph.piecewise([(p.call(name, p.c, p.y), p.v)], p.t), 1)
-
-
-def test_conditions_that_are_joined() -> None:
-    p = Place()
-    first, second = p.call("less", p.x, 0), p.call("less_equal", p.y, p.c)
-    for condition in (p.call("and", first, second), p.call("or", first, p.call("not", second))):
-        p.check(p.graph.piecewise([(condition, p.v), (first, p.x * p.y)], p.t), 2)
-
-
-def test_switches_inside_switches() -> None:
-    p = Place()
-    inner = p.call("abs", p.x - p.y)
-    p.check(p.call("max", inner, p.call("min", p.x, p.v)), 3)
-    p.check(p.call("abs", inner - p.c), 2)
-    p.check(p.call("sign", p.graph.piecewise([(p.call("less", p.x, p.t), inner)], -p.v)) * inner, 3)
-    p.check(p.graph.piecewise([(p.call("less", inner, p.call("abs", p.v)), inner)], p.call("abs", p.v)), 3)
-
-
-def test_a_surface_and_its_negative_are_one() -> None:
-    p = Place()
-    p.check(p.call("abs", p.x) * p.call("sign", -p.x), 1)
-    p.check(p.call("min", p.x, p.y) + 2 * p.call("max", p.x, p.y), 1)
-    p.check(p.call("sign", p.x - p.y) * p.call("abs", p.y - p.x), 1)
-    p.check(p.graph.piecewise([(p.call("less", p.x, p.y), p.v)], p.call("max", p.y, p.x)), 1)
-
-
-def test_the_cut_of_an_angle_is_a_surface() -> None:
-    """On y = 0 the angle has the limit from its side. With a positive number x there is no cut."""
-    p = Place()
-    angle = p.call("atan2", p.y, p.x)
-    result = p.check(angle + p.call("sign", angle), 2)
-    assert result.expressions[0] is p.y
-    (start,) = (result.starts[node] for node in result.starts)
-    for state in ([-1.0, 1e-17, 0, 0, 0, 1], [-1.0, -1e-17, 0, 0, 0, 1], [-1.0, 0.0, 0, 0, 0, 1]):
-        for side, limit in ((1.0, math.pi), (-1.0, -math.pi), (0.0, math.pi)):
-            assert p.values([start], state, list(result.sides), [side, 0.0]) == [limit]
-    p.check(p.call("atan2", p.y, 2), 0)
-    p.check(p.call("atan2", p.y, -2), 1)
-    p.check(p.call("atan2", p.c, p.x), 0)
-
-
-def test_the_angle_of_an_event_has_a_surface() -> None:
-    """The angle in an event has the surface of the same angle in the equations; a switch adds one for its sign."""
-    p = Place()
-    angle = p.call("atan2", p.y, p.x)
-    assert switch(p.graph, [p.v], [angle - 3]).surfaces == (p.y,)
-    assert not switch(p.graph, [p.v], [p.call("sin", angle) - 3]).surfaces
-    assert len(switch(p.graph, [p.v + angle], [angle - 3]).surfaces) == 1
-    assert len(switch(p.graph, [p.v], [p.call("abs", angle) - 3]).surfaces) == 2
-
-
-def test_a_whole_turn_within_a_period_needs_no_surface() -> None:
-    """cos(3 a) is smooth at a jump of a by 2 pi; cos(a / 2), cos(c a) and a sum with the angle are not."""
-    p = Place()
-    angle = p.call("atan2", p.y, p.x)
-    for name, smooth in itertools.product(("sin", "cos", "tan"), (3 * angle, angle, p.t - 2 * angle + 1, -angle)):
-        assert not switch(p.graph, [p.call(name, smooth) * p.v]).surfaces
-    for jumping in (angle / 2, angle * p.c, angle * p.v, angle**2, p.call("abs", angle)):
-        assert switch(p.graph, [p.call("cos", jumping)]).surfaces[0] is p.y
-    assert len(switch(p.graph, [p.call("sin", 3 * angle) * angle]).surfaces) == 1
-    inner = p.call("atan2", p.call("atan2", p.y, p.x), p.x)
-    assert len(switch(p.graph, [p.call("cos", inner)]).surfaces) == 1

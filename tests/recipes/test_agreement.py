@@ -78,7 +78,7 @@ def test_jax_computes_what_the_model_does(name: str) -> None:
 QUANTITIES = ["jacobian", "mass_matrix", "energy", "momenta", "multipliers"]
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("quantity", QUANTITIES)
 def test_other_quantities_have_their_shapes(quantity: str) -> None:
     model = named("cartesian-pendulum")

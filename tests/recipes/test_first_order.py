@@ -91,6 +91,7 @@ def test_scipy_starts_with_the_velocities_that_follow() -> None:
     assert result == pytest.approx(motor().run(2.0).y[:, -1], rel=1e-6)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", ["numpy", "llvm"])
 def test_the_motion_does_not_depend_on_velocities_that_follow(target: str) -> None:
     """A torque depends on the rate of the current. The run starts with wrong rates, such as zero."""

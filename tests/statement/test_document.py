@@ -108,7 +108,7 @@ def test_an_integer_with_too_many_digits_is_refused(tmp_path: Path) -> None:
     assert error.reason == "an integer has thousands of digits: write a decimal, such as 1.5e100."
 
 
-@pytest.mark.few(9)
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     "text",
     [

@@ -101,6 +101,7 @@ def test_taylor_ends_a_step_on_each_jump() -> None:
     check_there_and_back(run, 1e-11)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_every_method_does_where_an_event_counts_the_jumps(method: str) -> None:
     above, below = lg.event(x - n - 1, direction=1, reset={n: n + 1}), lg.event(x - n, direction=-1, reset={n: n - 1})

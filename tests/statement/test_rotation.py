@@ -180,7 +180,7 @@ REWRITTEN: dict[str, Callable[[lg.System], lg.System]] = {
 }
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change", ["substitute", *(pytest.param(name, marks=pytest.mark.slow) for name in ("transform", "routhian"))]
 )

@@ -32,6 +32,7 @@ def rates(force: Any, t: float, z: Any) -> list[Any]:
     return [z[1], force(z[0]) / 2]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_motions_in_a_measured_potential_and_by_a_measured_force_are_those_of_the_spline(method: str) -> None:
     slope = SPLINE.derivative()
@@ -56,6 +57,7 @@ def test_taylor_ends_steps_on_the_knots_and_conserves_the_energy() -> None:
     assert run.drift.relative < 1e-12
 
 
+@pytest.mark.slow
 def test_a_table_over_an_expression_with_scales_is_checked_and_exported() -> None:
     system = lg.System(
         m * (x.dot**2 + y.dot**2) / 2,

@@ -121,6 +121,7 @@ def _integral_of_atan(a: float) -> float:
     return a * math.atan(a) - math.log1p(a * a) / 2
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_potential_that_is_periodic_in_the_angle_is_smooth(target: str) -> None:
     """cos(3 a) has no jump on the cut. The run equals that of the same potential written as a polynomial in x and y."""

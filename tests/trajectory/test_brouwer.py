@@ -69,7 +69,7 @@ def moment(state: Any) -> Any:
     return a * d - b * c
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gauss3", "galerkin6"])
 def test_energy_walks_at_random(name: str) -> None:
     """The steps are so short that a pendulum's energy is conserved up to round-off."""

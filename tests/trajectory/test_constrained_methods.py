@@ -45,7 +45,7 @@ FLOOR = 2e-11
 """Errors below this are left out: round-off, some 1e-13, would move a measured order where they double."""
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
 @pytest.mark.parametrize("method", CONSTRAINED)
 def test_the_observed_order_is_the_claimed_one(method: str, name: str) -> None:
@@ -127,6 +127,7 @@ def defect(method: Any, h: float) -> float:
     return float(np.abs(jacobian.T @ w @ jacobian - w).max())
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", CONSTRAINED)
 def test_what_claims_to_be_symplectic_keeps_the_form_of_the_reduced_system(method: str) -> None:
     error = defect(equal(method), 0.1)

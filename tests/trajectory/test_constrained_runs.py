@@ -164,6 +164,7 @@ def test_a_four_bar_linkage_stays_closed_over_many_turns(name: str) -> None:
     assert off < BOUNDS[name] / 100
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "radau5"])
 def test_outputs_are_the_dense_output_to_the_last_bit(name: str) -> None:
     options: Any = {"step": 0.02} if name in FIXED else {"rtol": 1e-7}

@@ -188,6 +188,7 @@ def test_a_cradle_of_balls_that_touch_hands_its_velocity_on(method: str) -> None
     assert result.y[:5, -1] == pytest.approx(np.sort([free, 0, 0, 0, 0]), abs=1e-6)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("count", "raised", "method"), [(3, {"ball1": -0.5, "ball2": 0.4}, "taylor"), (7, {}, "dop853")]
 )

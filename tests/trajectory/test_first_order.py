@@ -74,6 +74,7 @@ def test_lotka_and_volterra() -> None:
     assert np.exp(solution.y[:2, -1]) == pytest.approx(reference.y[:, -1], abs=1e-8)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_mass_and_coordinates_of_first_order_that_its_velocity_moves(method: str) -> None:
     lagrangian = m * z.dot**2 / 2 - k * z**2 / 2 + B * x * y.dot - y**2 / 2 - x**2 + 3 * z.dot * x / 10
@@ -104,7 +105,7 @@ def test_beside_a_constraint() -> None:
     assert model.multipliers(state[:4], state[4:]) == pytest.approx(tension, rel=1e-9)
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("system", [charge(), charge(forces={x: -y.dot / 2, y: x.dot / 5})])
 def test_the_check_holds(system: lg.System) -> None:
     report = system.check(points=2)

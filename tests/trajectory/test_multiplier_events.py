@@ -61,6 +61,7 @@ def test_a_string_goes_slack_where_gravity_bends_the_path_as_much() -> None:
     assert np.all(solution.evaluate(lg.multiplier("string"))[:-1] < 0)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 def test_accelerations_may_be_in_events(target: str) -> None:
     arm = lg.System(

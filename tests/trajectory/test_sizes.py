@@ -105,7 +105,7 @@ PUSHES = {
 }
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", [*ADAPTIVE, "scipy-dop853", "scipy-lsoda"])
 @pytest.mark.parametrize("push", PUSHES.values(), ids=PUSHES)
 def test_a_push_that_something_else_sets_off_is_met(method: str, push: Any) -> None:

@@ -153,7 +153,7 @@ def test_what_rests_at_first_does_not_slip_through(method: Any) -> None:
     assert result.y[0].min() > -1e6 - 1e-6
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("method", [*OUTSIDE, *ADAMS])
 def test_bounces_at_the_edge_of_round_off_end(method: Any, seed: int) -> None:

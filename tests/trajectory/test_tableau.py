@@ -326,7 +326,7 @@ def test_the_step_itself_is_symplectic_or_clearly_not(name: str, law: Law) -> No
         assert error > 1e-6
 
 
-@pytest.mark.few(6)
+@pytest.mark.few(3)
 @pytest.mark.parametrize("name", [*EXPLICIT, *SOLVED])
 def test_a_step_back_undoes_a_step_where_that_is_claimed(name: str) -> None:
     law = DOUBLE_PENDULUM if name in MOMENTA else HENON_HEILES

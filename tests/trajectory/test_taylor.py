@@ -43,7 +43,7 @@ def test_the_error_is_what_was_asked_for(name: str, end: float, target: str) -> 
         assert np.abs(result.y[:, -1] - expected).max() < 20 * max(rtol, 2e-15) * size, rtol
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("order", range(4, 33, 4))
 def test_an_order_of_ones_own(order: int) -> None:
     compiled, method = model("Kepler orbit"), Taylor(rtol=1e-10, atol=1e-10, order=order)

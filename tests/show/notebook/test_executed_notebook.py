@@ -10,6 +10,9 @@ import pytest
 
 from tests.show.notebook.shown import held
 
+pytestmark = pytest.mark.slow
+"""A kernel takes seconds; `test_results.py` shows the same results without one."""
+
 NEEDED = ("nbclient", "nbformat", "ipykernel")
 
 BEGIN = """

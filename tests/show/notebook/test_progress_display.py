@@ -69,7 +69,7 @@ def test_work_that_raises_leaves_the_bar_where_it_was(display: Display) -> None:
     assert "value='0.250'" in display.shown[-1]._repr_html_()
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("call", "last"),
     [

@@ -10,6 +10,7 @@ import sympy as sp
 
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.statement.typed.reader import TypedReader
+from tests.covering import Share
 from tests.refusals import refusal
 
 NAMES = ("m", "m1", "m2", "g", "l", "l1", "k", "M", "R", "omega", "mu_s")
@@ -193,10 +194,10 @@ PIECES = (
 )
 
 
-def test_random_texts_are_read_or_refused() -> None:
+def test_random_texts_are_read_or_refused(share: Share) -> None:
     """No text raises anything but a refusal of at most 400 printable characters."""
     dice, typed = random.Random(1), reader()
-    for _ in range(400):
+    for _ in range(share(400)):
         text = "".join(dice.choice(PIECES) + dice.choice(("", " ")) for _ in range(dice.randrange(1, 25)))
         refusal = refused(typed, text)
         assert len(refusal) <= 400 and (refusal.isprintable() or not refusal), text
@@ -232,6 +233,7 @@ ENDLESS = {
 """Texts on which a reader without bounds does not end, or recurses too deeply, and a part of each refusal."""
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize("name", ENDLESS)
 def test_long_and_deep_texts_are_refused(name: str) -> None:
     text, said = ENDLESS[name]
