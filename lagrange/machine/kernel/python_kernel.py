@@ -11,6 +11,7 @@ import math
 import struct
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -174,13 +175,12 @@ class PythonKernel:
 
     def at_times(self, times: FloatArray, states: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return the results (m, N) at times (N,) and states (2n, N): for few states one by one, which is faster."""
-        function: Any = self._one_state(parameters) if len(times) < FEW_STATES else None
-        try:
-            # A result of None, or no function, is an error here.
-            values = [function(t, y) for t, y in zip(times.tolist(), states.T.tolist(), strict=True)]
-            return np.array(values, dtype=float).reshape(len(times), -1).T
-        except NO_NUMBERS:
-            return self(times, states, parameters).reshape(-1, len(times))
+        if len(times) < FEW_STATES and (function := self._one_state(parameters)) is not None:
+            # An error of Python, or a result of None, sends all states to the other way.
+            with suppress(*NO_NUMBERS):
+                values = [function(t, y) for t, y in zip(times.tolist(), states.T.tolist(), strict=True)]
+                return np.array(values, dtype=float).reshape(len(times), -1).T
+        return self(times, states, parameters).reshape(-1, len(times))
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
         """Return calls for one state that check their own arguments. None if the parameters need the interpreter."""
