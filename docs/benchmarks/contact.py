@@ -13,11 +13,11 @@ from measure import Page, best, microseconds, milliseconds, shown, verdict
 
 import lagrange as lg
 
-REST_BAR, BOUNCE_BAR, CHANGE_BAR = 0.1, 1.0, 1e-5
+REST_BAR, BOUNCE_BAR, SHORT_BAR, CHANGE_BAR = 0.1, 1.0, 1.5, 1e-5
 STEPS, UNDAMPED, DAMPED = (2e-3, 1e-3, 1e-4), "-100000 0", "-100000 -45"
 """Steps of MuJoCo in seconds, and the stiffness and damping of its contacts; ours has a restitution of 0.8."""
 
-G, SECONDS, BOUNCES, BELT = 9.81, 10.0, 20_000.0, 20_000.0
+G, SECONDS, BOUNCES, SHORT, BELT = 9.81, 10.0, 20_000.0, 2.0, 20_000.0
 
 
 def ball(restitution: float) -> lg.System:
@@ -85,6 +85,8 @@ def main() -> None:
             "MuJoCo": theirs,
             "contact": lambda: elastic.run(BOUNCES),
             "event": lambda: free.run(BOUNCES, events=[floor]),
+            "short": lambda: elastic.run(SHORT),
+            "short event": lambda: free.run(SHORT, events=[floor]),
             "belt": lambda: moved.run(BELT),
             "box": box.run,
         },
@@ -93,9 +95,11 @@ def main() -> None:
     bounces = len(elastic.run(BOUNCES).contacts["floor"].impacts)
     changes, others = changes_of(moved.run(BELT)), changes_of(box.run())
     rest, bounce, change = t["rest"] / t["MuJoCo"], t["contact"] / t["event"], t["belt"] / changes
+    short, event = t["short"], t["short event"]
     rows = [
         ("ball to rest, 10 s, ms", milliseconds(t["rest"]), milliseconds(t["MuJoCo"]), rest, REST_BAR),
         ("bounce, us", microseconds(t["contact"] / bounces), microseconds(t["event"] / bounces), bounce, BOUNCE_BAR),
+        ("a run of two bounces, us", microseconds(short), microseconds(event), short / event, SHORT_BAR),
     ]
     page.table(
         ("case", "contact", "MuJoCo, or an event", "ratio", "bar", "met"),

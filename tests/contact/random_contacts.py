@@ -13,9 +13,10 @@ from lagrange.statement.contact import Contact
 
 G, LAWS, RESTITUTIONS = 9.81, ("newton", "sequence"), (0.0, 0.3, 0.7, 1.0)
 
-ENERGY, OVERLAP, CONE = 1e-11, 1e-12, 1e-12
+ENERGY, OVERLAP, CONE, DIRECTION = 1e-11, 1e-12, 1e-12, 1e-9
 """Largest change of the energy with that lost, as a part of the energy; overlap, as a part of the largest coordinate;
-and friction beyond its cone, or pull of a surface, as a part of the largest normal force."""
+friction beyond its cone, or pull of a surface, as a part of the largest normal force; and power that friction adds, as
+a part of the largest force and slip."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,12 +197,15 @@ def random_system(seed: int) -> RandomSystem:
     return KINDS[seed % len(KINDS)](Draw(seed))
 
 
-def broken_laws(system: lg.System, run: lg.Solution, *, driven: bool) -> list[str]:
-    """Return a text for each law that a run breaks, with the size by which it does."""
+def broken_laws(system: lg.System, run: lg.Solution, *, driven: bool, error: float = 0.0) -> list[str]:
+    """Return a text for each law that a run breaks, with the size by which it does.
+
+    `error` is the relative error that the tolerance of the run allows, if it is larger than the limits above.
+    """
     texts = []
     total = run.energy + run.energy_lost
     change = float(np.ptp(total) / np.abs(run.energy).max())
-    if change > ENERGY and not driven:
+    if change > max(ENERGY, error) and not driven:
         texts.append(f"energy {change:.2g}")
     length = max(1.0, float(np.abs(run.y[: len(system.coordinates)]).max()))
     largest = max(1.0, *(float(contact.force.max()) for contact in run.contacts.values()))
@@ -213,11 +217,11 @@ def broken_laws(system: lg.System, run: lg.Solution, *, driven: bool) -> list[st
         slips = np.array([run.evaluate(slip) for slip in stated.slip])
         power = (friction * slips).sum(axis=0) * (contact.mode == "sliding") if friction.size else np.zeros(1)
         sizes = {
-            "gap": -contact.gap.min() / length / OVERLAP,
-            "pull": -contact.force.min() / largest / CONE,
-            "cone": beyond.max() / largest / CONE,
+            "gap": -contact.gap.min() / length / max(OVERLAP, error),
+            "pull": -contact.force.min() / largest / max(CONE, error),
+            "cone": beyond.max() / largest / max(CONE, error),
             # Friction takes energy. A slip that begins has a direction of round-off.
-            "direction": power.max() / largest / max(1e-9 * np.abs(slips).max(initial=0.0), 1e-300),
+            "direction": power.max() / largest / max(max(DIRECTION, error) * np.abs(slips).max(initial=0.0), 1e-300),
         }
         texts += [f"{law} of {stated.name} {size:.2g} times the limit" for law, size in sizes.items() if size > 1]
     return texts

@@ -180,7 +180,7 @@ class PythonKernel:
             with suppress(*NO_NUMBERS):
                 values = [function(t, y) for t, y in zip(times.tolist(), states.T.tolist(), strict=True)]
                 return np.array(values, dtype=float).reshape(len(times), -1).T
-        return self(times, states, parameters).reshape(-1, len(times))
+        return self(times, np.ascontiguousarray(states), parameters).reshape(-1, len(times))
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
         """Return calls for one state that check their own arguments. None if the parameters need the interpreter."""

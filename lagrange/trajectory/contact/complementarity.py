@@ -119,10 +119,7 @@ def solutions(
 
 
 def _noise(matrix: FloatArray, free: FloatArray, forces: FloatArray) -> FloatArray:
-    """Return bounds of the rounding errors (..., rows) of the rates A f + b, for forces f (..., rows).
-
-    Rates below these bounds count as zero. `matrix` is A (rows, rows), and `free` is b (rows,).
-    """
+    """Return the sizes (..., rows) below which the rates A f + b are rounding, for forces f (..., rows)."""
     return np.asarray(NOISE * (np.abs(forces) @ np.abs(matrix).T + np.abs(free) + np.abs(free).max(initial=0.0)))
 
 

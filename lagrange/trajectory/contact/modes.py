@@ -179,8 +179,7 @@ class Modes:
     @cached_property
     def all_open(self) -> Mode:
         """The mode in which all contacts are open."""
-        count = len(self.contacts)
-        mode = Mode((OPEN,) * count, (None,) * count)
+        mode = Mode((OPEN,) * len(self.contacts), (None,) * len(self.contacts))
         return replace(mode, immobile=self.leaves_no_freedom(mode, len(self.model.statement.constraints)))
 
     @cached_property

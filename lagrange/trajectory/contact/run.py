@@ -299,7 +299,7 @@ class _ContactRun:
         inner = times.searchsorted(end)
         if not inner:
             return True
-        times, which, before = times[:inner], which[:inner], np.ascontiguousarray(before[:inner].T)
+        times, which, before = times[:inner], which[:inner], before[:inner].T
         several = len(self.contacts) > 1
         if several:
             gaps, near = self.kinematics.gaps(times, before)

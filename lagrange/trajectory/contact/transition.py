@@ -128,8 +128,8 @@ class Transitions:
         y, following, accelerations = self._next(rest)
         # A slip that was an error of the state, and that the projection removed or reversed, is zero.
         slides = [(i, kin.rows[i][1], way) for i, way in enumerate(following.ways) if way is not None]
-        rates = kin.rates(touch.t, y) if slides else touch.rates
-        if turned := [i for i, row, way in slides if way * rates[row] <= 0]:
+        rates, noise = kin.rates(touch.t, y) if slides else touch.rates, touch.noise
+        if turned := [i for i, row, way in slides if way * rates[row] <= noise[row] < abs(touch.rates[row])]:
             stopping = (*end.stopping, *turned)
             y, following, accelerations = self._next(rest._replace(end=end._replace(stopping=stopping)))
         low_flights = self._low_flights(touch, touching, following, accelerations)
