@@ -102,7 +102,7 @@ def test_arrays_that_are_too_short_are_told_by_name_in_javascript(tmp_path: Path
     assert done.stdout == "RangeError parameters has 2 numbers: give 5\nRangeError y has 3 numbers: give 4\n"
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", ["c", "javascript", "rust", "octave"])
 def test_lines_are_short(target: str, tmp_path: Path) -> None:
     steps = ["dop853", "main"] if target in ("c", "javascript") else []

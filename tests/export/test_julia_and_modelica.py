@@ -115,6 +115,7 @@ WORDS: Mapping[str, tuple[str, ...]] = {
 }
 
 
+@pytest.mark.few(1)
 @both
 def test_awkward_names(target: str) -> None:
     right(target, module(target, named(AWKWARD[:8], (*AWKWARD[8:], *WORDS[target]), "float64"), ["rhs", "energy"]))

@@ -84,6 +84,7 @@ def test_a_momentum_that_no_constraint_holds_is_conserved(T: Any, V: Any, held: 
     assert momentum == close(np.full(momentum.shape, momentum[0]), 1e-9)
 
 
+@pytest.mark.slow
 @some
 @given(mechanisms(forces=True) | moving(), st.integers(6, 40))
 def test_series_of_any_order_give_the_motion(mechanism: Mechanism, order: int) -> None:
@@ -121,6 +122,7 @@ def test_friction_takes_its_power_from_the_energy(mechanism: Mechanism, D: Any) 
 QUANTITIES = ("accelerations", "multipliers", "constraint_forces", "constraints", "jacobian", "rhs")
 
 
+@pytest.mark.slow
 @some
 @given(mechanisms(forces=True) | moving())
 def test_machine_code_and_numpy_agree(mechanism: Mechanism) -> None:

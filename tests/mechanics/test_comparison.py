@@ -204,6 +204,7 @@ def test_accelerations_of_zero_and_states_near_a_crossing(name: str) -> None:
     assert ("At the state in .counterexample the two" in result.details) == (name == "chain-of-springs")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("sign", [1, -1])
 def test_equations_with_multipliers(sign: int) -> None:
     """Multipliers may have either sign, or be eliminated."""

@@ -145,7 +145,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
 }
 
 
-@pytest.mark.few(4)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_has_no_steady_motion_is_refused(case: str) -> None:
     attempt, sentence = REFUSED[case]

@@ -87,7 +87,7 @@ ANSWERS = Path(__file__).with_name("answers.txt").read_text("utf-8").splitlines(
 """Answers, one a line: the system, right or wrong, a part of the message, and the text."""
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(6)
 @pytest.mark.parametrize("line", ANSWERS)
 def test_an_answer_is_judged_and_its_wrong_term_is_named(line: str) -> None:
     system, verdict, said, text = line.split("\t")

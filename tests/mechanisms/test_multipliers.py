@@ -134,6 +134,7 @@ def differences(name: str, q: Any) -> Any:
     return np.array(columns).T
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("time", [0.0, 0.35, 0.6])
 @pytest.mark.parametrize("name", ["slider-crank", "four-bar", "seven-body-mechanism", "hanging-chain"])
 def test_the_multipliers_of_linkages_are_those_of_virtual_work(name: str, time: float) -> None:

@@ -58,6 +58,7 @@ def test_there_are_many_and_different() -> None:
     assert len(set(ATTACKS)) >= 200
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("field", FIELDS)
 def test_every_attack_is_refused_in_every_field(field: str, tmp_path: Path, everything: bool) -> None:
     read_scene(write(tmp_path, LEAN))

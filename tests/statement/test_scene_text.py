@@ -40,7 +40,7 @@ def assert_same(result: Statement, stated: Statement) -> None:
             assert part == expected, field
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", SCENE_NAMES)
 def test_a_scene_reads_back_as_the_same_statement(name: str, tmp_path: Path) -> None:
     stated = lg.scene(name)
