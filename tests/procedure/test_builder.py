@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 import lagrange as lg
 import lagrange.procedure
 from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.series.integrator import TaylorProcedures
+from lagrange.algorithm.series.integrator import LOOP_LANES, LOOP_TILE, TaylorProcedures
 from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
 from lagrange.algorithm.series.packing import pack
@@ -28,6 +28,7 @@ from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure, Record
 from lagrange.procedure.interpreter import fused, run
+from lagrange.procedure.vector_loops import without_vectors
 from lagrange.program.series import SeriesProgram
 from lagrange.program.taylor import series_program
 from lagrange.statement.statement import Statement
@@ -262,7 +263,7 @@ def test_a_fused_product_is_rounded_once(a: float, b: float, c: float, expected:
 # --- series ---------------------------------------------------------------------------------------------------
 # Series and whole Taylor integrators as procedures, against those of the machines: coefficients, steps, end states.
 
-FORMS = ("written out", "by order")
+FORMS = ("written out", "by order", "in loops")
 HIGHEST = 9
 
 FITTED = 3
@@ -285,9 +286,11 @@ def jet(program: SeriesProgram, form: str) -> tuple[Any, SeriesNumbers, Any]:
     made: ByOrderJet | WrittenJet
     if form == "by order":
         made = ByOrderJet(pack(program, 1), numbers)
+    elif form == "in loops":
+        made = ByOrderJet(pack(program, LOOP_LANES), numbers, tile=LOOP_TILE, paired=False)
     else:
         made = WrittenJet(pack(program, 1), numbers, HIGHEST)
-    return loaded(made.build()), numbers, made.layout
+    return loaded(without_vectors(made.build())), numbers, made.layout
 
 
 def rows_of(program: SeriesProgram, form: str, order: int, t: float, state: Any, scale: float, parameters: Any) -> Any:

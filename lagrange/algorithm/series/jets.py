@@ -404,11 +404,17 @@ def by_order_scratch(packing: Packing) -> int:
 class ByOrderJet(JetBuilder):
     """Builder of the procedure that computes the Taylor coefficients in a loop over orders k.
 
-    `tile` is the largest number of sums that are computed together.
+    `tile` is the largest number of sums that are computed together. With `paired` two orders are summed together.
     """
 
     def __init__(
-        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout | None = None, tile: int = TILE
+        self,
+        packing: Packing,
+        numbers: SeriesNumbers,
+        layout: TaylorLayout | None = None,
+        *,
+        tile: int = TILE,
+        paired: bool = True,
     ) -> None:
         if layout is None:
             program, width = packing.program, Row(packing, packing.program.states).size
@@ -418,7 +424,7 @@ class ByOrderJet(JetBuilder):
         self.k: Whole = self.order
         self.rank = self.time = self.high = self.low = self.scale
         self.shares = self.scale, self.scale
-        self.tile = tile
+        self.tile, self.paired = tile, paired
         self.places = Row(packing, self.layout.watched_at).places
         self.operands: dict[Operand, Term] = {}
         """Operands that are gathered to vectors at the present order."""
@@ -438,7 +444,7 @@ class ByOrderJet(JetBuilder):
                 # The entries are gathered to vectors before the loop over orders.
                 system.read(stage.rows)
         pairs = (pair for chunk in packing.computed for pair in chunk.sums)
-        sums = OrderSums(p, pairs, self.places, self.rows, self.layout.width, self.tile)
+        sums = OrderSums(p, pairs, self.places, self.rows, self.layout.width, self.tile, paired=self.paired)
         self.write_state(self.at_zero)
         for operand, index in self.places.items():
             # The row of order 0 has zeros for operands that are multiplied by their order.

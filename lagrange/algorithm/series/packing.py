@@ -1,7 +1,8 @@
 """Packing of a series' values into vectors: values with the same rule at the same depth become one vector.
 
-A chunk is such a vector of 1, 2, 4 or 8 values; its last lanes may repeat the last value. An operand is a vector of
-values that a chunk reads. Unless it is another chunk, it is gathered from several chunks.
+A chunk is such a vector of 1, 2, 4 or 8 values, or of a multiple of 4 values for code with loops over the values. Its
+last lanes may repeat the last value. An operand is a vector of values that a chunk reads. Unless it is another chunk,
+it is gathered from several chunks.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
+from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.program.series import SUMS, SeriesProgram, SeriesRule, Stage
 
@@ -233,7 +235,7 @@ def widths(count: int, lanes: int) -> list[int]:
     sizes = [lanes] * (count // lanes)
     rest = count % lanes
     if rest:
-        sizes.append(1 << (rest - 1).bit_length())
+        sizes.append(1 << (rest - 1).bit_length() if rest <= WIDEST_VECTOR else whole_blocks(rest, 4))
     return sizes
 
 

@@ -3,10 +3,10 @@
 `ChunkAt` reads the inputs of a rule. A number or vector is None if it is exactly zero. A vector is gathered from
 entries of several values; with one entry it is a real number.
 
-The operands of the sums are in rows, one row of coefficients for each order. An odd order and the next order are summed
-together, over the orders before both: each number that is read from memory then serves two sums. The products with the
-odd order itself are added at the even order. The sums are computed in tiles, whose totals stay in registers. Sums with
-a common factor are adjacent, and read it once.
+The operands of the sums are in rows, one row of coefficients for each order. If `paired`, an odd order and the next
+order are summed together, over the orders before both: each number that is read from memory then serves two sums. The
+products with the odd order itself are added at the even order. The sums are computed in tiles, whose totals stay in
+registers. Sums with a common factor are adjacent, and read it once.
 """
 
 from __future__ import annotations
@@ -223,7 +223,9 @@ _RULES: Mapping[str, Callable[[ChunkAt], Term]] = {
 
 
 LARGEST_STORED_BLOCK = 8
-"""Largest block by which incomplete vectors are stored. Blocks are powers of two, the largest first."""
+"""Largest block by which incomplete vectors are stored, unless they are longer. Each block is half as long as the one
+before, or shorter.
+"""
 
 
 def width(x: Real | Entries) -> int:
@@ -283,7 +285,7 @@ def put(p: Builder, memory: Memory, index: int, x: Term, size: int, count: int) 
     x is a vector, a number for all entries, or None for zeros.
     """
     value: Term = wide(p, x, size)
-    lane, part = 0, LARGEST_STORED_BLOCK
+    lane, part = 0, max(LARGEST_STORED_BLOCK, size)
     while lane < count:
         while part > count - lane:
             part //= 2
@@ -325,7 +327,8 @@ class OrderSums:
     """Builds the code for all sums of x[j] y[k-j] over 0 < j < k that rules read at an order k.
 
     The coefficients are in `rows`, one row for each order, `width` reals apart. `pairs` are the factors (x, y),
-    and `places` are the indices of the factors in a row. `tile` is the largest number of sums in a tile.
+    and `places` are the indices of the factors in a row. `tile` is the largest number of sums in a tile. With
+    `paired` two orders are summed together. Both ways add the products of a sum in the same order.
     """
 
     def __init__(
@@ -336,8 +339,10 @@ class OrderSums:
         rows: Memory,
         width: int,
         tile: int = TILE,
+        *,
+        paired: bool = True,
     ) -> None:
-        self.p, self.places, self.rows, self.width, self.tile = p, places, rows, width, tile
+        self.p, self.places, self.rows, self.width, self.tile, self.paired = p, places, rows, width, tile, paired
         different = dict.fromkeys(pairs)
         uses = Counter(kept for pair in different for kept in pair)
         known = [(pair, sorted(pair, key=lambda kept: (uses[kept], -places[kept]))) for pair in different]
@@ -346,6 +351,8 @@ class OrderSums:
         starts = accumulate(lanes, initial=0)
         self.sums = [OrderSum(index, pair, *factors) for index, (pair, factors) in zip(starts, known, strict=False)]
         self.size = sum(lanes)
+        if not paired:
+            return
         self.totals = p.reserve(2 * self.size + 1, name="totals")
         with p.each(2 * self.size, width=1) as i:
             self.totals[i] = 0.0
@@ -355,12 +362,13 @@ class OrderSums:
 
         A sum is that of x[j] y[k-j] over 0 < j < k. The sums at order k - 1 must have been computed before.
         """
-        p = self.p
+        p, totals = self.p, None
         even = (k - k // 2 * 2).equals(0)
-        with p.when(~even & (k > 2)):
-            for tile in self.tiles(self.tile // 2):
-                self.sum_two(tile, k)
-        totals = self.totals.at(p.choose(even, p.whole(self.size), 0))
+        if self.paired:
+            with p.when(~even & (k > 2)):
+                for tile in self.tiles(self.tile // 2):
+                    self.sum_two(tile, k)
+            totals = self.totals.at(p.choose(even, p.whole(self.size), 0))
         return {pair: total for tile in self.tiles(self.tile) for pair, total in self.completed(tile, totals, k, even)}
 
     def tiles(self, size: int) -> Iterator[Sequence[OrderSum]]:
@@ -398,16 +406,23 @@ class OrderSums:
             put(p, self.totals, order_sum.place, total.value, order_sum.lanes, order_sum.lanes)
             put(p, self.totals, self.size + order_sum.place, following.value, order_sum.lanes, order_sum.lanes)
 
-    def completed(self, sums: Sequence[OrderSum], totals: Memory, k: Whole, even: Flag) -> Iterator[tuple[Pair, Term]]:
-        """Return pairs (factors, sum) for the sums of a tile at order k, from the memory `totals`.
+    def completed(
+        self, sums: Sequence[OrderSum], totals: Memory | None, k: Whole, even: Flag
+    ) -> Iterator[tuple[Pair, Term]]:
+        """Return pairs (factors, sum) for the sums of a tile at order k.
 
-        At an `even` order the products with order k - 1 are added, in loops of one iteration or none. With
-        branches instead of these loops the outer solar system takes 1.08 times as long.
+        The memory `totals` has what `sum_two` has added. At an `even` order the products with order k - 1 are added
+        to it, in loops of one iteration or none. With branches instead of these loops the outer solar system takes
+        1.08 times as long. If `totals` is None all products are added, in the same order.
         """
-        p = self.p
-        variables = [p.variable(entries(totals, order_sum.place, order_sum.lanes)) for order_sum in sums]
-        for first, end in ((k - p.whole(even), k), (1, p.whole(even & (k > 2)) + 1)):
-            with p.loop(first, end) as j:
+        p, variables = self.p, []
+        for order_sum in sums:
+            begun = None if totals is None else entries(totals, order_sum.place, order_sum.lanes)
+            variables.append(p.variable(wide(p, begun, order_sum.lanes)))
+        before = None if totals is None else k - p.whole(even)
+        end = p.whole(even & (k > 2)) + 1
+        for first, stop in ((end if before is None else before, k), (1, end)):
+            with p.loop(first, stop) as j:
                 self.add(sums, variables, self.row(j), self.factors(sums, self.row(k - j)))
         return ((order_sum.pair, total.value) for order_sum, total in zip(sums, variables, strict=True))
 
