@@ -500,21 +500,27 @@ def _precessions(
         )
     cosine = angles.matrix[upright, axis]  # of the angle between the axes of body and space: cos or sin of the tilt
     entry = min(max(attitude[upright][axis] * (1 if axis == upright else cosine.subs(tilt, sympy.pi / 2)), -1), 1)
-    stated_tilt = sympy.Float(math.acos(entry) if axis == upright else math.asin(entry))
+    if abs(entry) > 1 - 1e-15:
+        raise StatementError(
+            f"axis {AXES[axis]} of {angles.rotation.name} lies along axis {AXES[upright]} of space at this attitude, so "
+            "that precession and spin are one rotation: give an attitude with a tilt, or the rate of this rotation, as "
+            f"in equilibria({{{angles.rotation.name}.space[{upright}]: ...}})."
+        )
+    entry = 0.0 if abs(entry) < 1e-15 else entry  # rounding of a horizontal axis would be a factor of rate**2
+    stated_tilt = sympy.acos(entry) if axis == upright else sympy.asin(entry)
     spin_rate = expression(rate, "the rate") - unknown * cosine.subs(tilt, stated_tilt)
     still = dict.fromkeys((*form.a, *form.v, *angles.symbols), sympy.S.Zero)
     speeds = {form.plain[velocity_of(precession)]: unknown, form.plain[velocity_of(spin)]: spin_rate}
     (row,) = problem.rows
     force = form.residuals[row].xreplace({**still, **problem.speeds, **speeds, form.plain[tilt]: stated_tilt})
     force = sympy.expand(force.xreplace(known))
-    if abs(entry) > 1 - 1e-15 or not force.is_polynomial(unknown) or force.free_symbols != {unknown}:
+    if not force.is_polynomial(unknown) or force.free_symbols != {unknown}:
         raise StatementError(
             f"the precessions of {statement.name} are the roots of a polynomial with numbers as coefficients, which "
-            f"{formula(force, 80)} is not: give values of all parameters, and an attitude that is not upright."
+            f"{formula(force, 80)} is not: give values of all parameters."
         )
-    (zeros,), rest = sympy.Poly(force, unknown).terms_gcd()  # a free body may spin without a precession
-    roots = [sympy.re(root) for root in rest.nroots(n=30) if abs(sympy.im(root)) < 1e-12 * abs(root)]
-    roots += [sympy.S.Zero] if zeros else []
+    # Roots of fractions are isolated: at a nearly horizontal axis one rate is very much larger than the other.
+    roots = [root.evalf(30) for root, _ in sympy.Poly(in_fractions(force), unknown).real_roots(multiple=False)]
     if not roots:
         raise StatementError(
             f"{statement.name} has no steady precession at this attitude: {angles.rotation.name} spins too slowly."
@@ -523,7 +529,8 @@ def _precessions(
     for root in roots:
         rates = {v: sympy.Float(x.xreplace({unknown: root}).xreplace(known), 17) for v, x in speeds.items()}
         problem.speeds |= {v: in_fractions(x) for v, x in rates.items()}
-        precessions.append(angles.in_quaternion(problem.record({form.plain[tilt]: stated_tilt}, exact=False)))
+        known_tilt = {form.plain[tilt]: sympy.Float(float(stated_tilt))}
+        precessions.append(angles.in_quaternion(problem.record(known_tilt, exact=False)))
     return sorted(precessions, key=problem.order)
 
 

@@ -140,7 +140,8 @@ def _check_rate(rate: Any, what: str) -> None:
     """Raise StatementError if a component `rate` of an angular velocity, or a term of it, is not a rate.
 
     An angle, a number and an acceleration are not rates. An angle has coordinates and no velocities. In a sum with a
-    velocity, an angle times a parameter may be a rate, as in phi.dot + Omega*theta for a small tilt.
+    velocity, an angle times a parameter may be a rate, as in phi.dot + Omega*theta for a small tilt; a coordinate
+    divided by parameters, such as x/r, is an angle.
     """
     alone = not rate.has(sympy.Derivative)
     for term in sympy.Add.make_args(sympy.expand_mul(rate)):
@@ -154,7 +155,8 @@ def _check_rate(rate: Any, what: str) -> None:
         if not inside or term.has(sympy.Derivative):
             continue
         example = f"such as {min(map(name_of, angles or inside))}.dot"
-        if angles and (alone or _is_ratio(term.subs(dict.fromkeys(angles, 1)))):
+        factor = term.subs(dict.fromkeys(angles, 1))
+        if angles and (alone or _is_ratio(factor) or sympy.fraction(factor)[0].is_number):
             raise _no_rate(what, part, shown_part, "an angle", example)
         if not angles and ((bare.is_Integer and abs(bare) == 1) or (bare.free_symbols and _is_ratio(bare))):
             raise _no_rate(what, part, shown_part, "a number without a rate", example)

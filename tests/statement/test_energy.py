@@ -98,6 +98,7 @@ REFUSALS: list[tuple[Any, str]] = [
     (lambda: rotational_energy(i1, [0, 0, 2 * y - x]), "component 2 of the angular velocity is -x + 2*y, an angle"),
     (lambda: rotational_energy(i1, [y.dot, k * x]), "component 1 of the angular velocity is k*x, an angle: give its r"),
     (lambda: rotational_energy(i1, y.dot + x), "the angular velocity has the term x, an angle: give its rate, such as"),
+    (lambda: rotational_energy(i1, y.dot + x / k), "the angular velocity has the term x/k, an angle: give its rate"),
     (lambda: rotational_energy(i1, k * sympy.atan(y / x)), "the angular velocity is k*atan(y/x), an angle: give its r"),
     (lambda: rotational_energy(i1, sympy.sin(x)), "the angular velocity is sin(x), a number without a rate: give its"),
     (lambda: rotational_energy(i1, y.dot + k / l * sympy.sin(x)), "the angular velocity has the term k*sin(x)/l, a nu"),
