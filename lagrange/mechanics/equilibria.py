@@ -502,9 +502,9 @@ def _precessions(
     entry = min(max(attitude[upright][axis] * (1 if axis == upright else cosine.subs(tilt, sympy.pi / 2)), -1), 1)
     if abs(entry) > 1 - 1e-15:
         raise StatementError(
-            f"axis {AXES[axis]} of {angles.rotation.name} lies along axis {AXES[upright]} of space at this attitude, so "
-            "that precession and spin are one rotation: give an attitude with a tilt, or the rate of this rotation, as "
-            f"in equilibria({{{angles.rotation.name}.space[{upright}]: ...}})."
+            f"axis {AXES[axis]} of {angles.rotation.name} lies along axis {AXES[upright]} of space at this attitude: "
+            "precession and spin are one rotation. Give an attitude with a tilt, or the rate of this rotation, as in "
+            f"equilibria({{{angles.rotation.name}.space[{upright}]: ...}})."
         )
     entry = 0.0 if abs(entry) < 1e-15 else entry  # rounding of a horizontal axis would be a factor of rate**2
     stated_tilt = sympy.acos(entry) if axis == upright else sympy.asin(entry)
