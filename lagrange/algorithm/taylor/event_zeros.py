@@ -174,6 +174,21 @@ class InspectedStep:
     final: bool
 
 
+@dataclass(frozen=True)
+class StepEnd:
+    """The end of a Taylor step. Times are in units of the time scale.
+
+    time   The end of the step. It is infinite if no zero ends the step.
+    close  Zeros closer to the end than this belong to the end. For a due function this distance is larger: the
+           longer and the shorter step locate its zero at slightly different times.
+    due    The number of functions that are zero at the end and change the motion there.
+    """
+
+    time: float
+    close: float
+    due: int
+
+
 @procedure(apart=True, watched=watched_type)
 def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched: Watched) -> tuple[int, float]:
     """Search a step for zeros of watched functions. Return a decision about the step and its new length.
@@ -205,7 +220,8 @@ def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched
         return LEAVE, s
     change = first_change(zeros, count, math.inf, watched)
     if change < 0:
-        return accept(zeros, count, math.inf, 0.0, 0, step, taylor, watched, again=is_polynomial), length
+        end = StepEnd(time=math.inf, close=0.0, due=0)
+        return accept_zeros(zeros, count, end, step, taylor, watched, again=is_polynomial), length
     return end_at_change(zeros, count, change, step, doubtful, taylor, watched)
 
 
@@ -252,7 +268,7 @@ def end_at_change(
         return LEAVE, s
     close = simultaneous(step, at)
     due = add_due(shorter, count, at, close, due, watched, proven=True)
-    answer = accept(shorter, count, at, close, due, step, taylor, watched, again=True)
+    answer = accept_zeros(shorter, count, StepEnd(at, close, due), step, taylor, watched, again=True)
     watch.due = due if answer == GO_ON else 0
     return answer, at
 
@@ -412,45 +428,54 @@ def simultaneous(step: InspectedStep, at: float) -> float:
 
 
 @procedure(watched=watched_type)
-def accept(
-    zeros: Zeros,
-    count: int,
-    end: float,
-    close: float,
-    due: int,
-    step: InspectedStep,
-    taylor: TaylorState,
-    watched: Watched,
-    again: bool,
+def accept_zeros(
+    zeros: Zeros, count: int, end: StepEnd, step: InspectedStep, taylor: TaylorState, watched: Watched, again: bool
 ) -> int:
     """Write the events on a step before its `end`, and the signs of watched functions there.
 
-    `count` is the number of `zeros`, and `due` the number of functions that are zero at the end and change the
-    motion there. Zeros closer to the end than `close` belong to the end, and are not written. For a due
-    function this distance is larger: the longer and the shorter step locate its zero at slightly different
-    times. The signs before the step are saved. `again` forces an inspection of the next step. The result is
-    `GO_ON`, or `LEAVE` or `WAIT` if the arrays have no space.
+    `count` is the number of `zeros`. The signs before the step are saved. `again` forces an inspection of the next
+    step. The result is `GO_ON`, or `LEAVE` or `WAIT` if the arrays have no space.
     """
     view, watch = opened(watched), watched.watch
     if watch.done + count > watch.room:
         return LEAVE if watch.done == 0 else WAIT
-    inspects = again or watch.hides_growth != 0 or watch.steep != 0
+    save_sides(view)
+    is_near_zero = take_sides(zeros, view)
+    taylor.inspect = int(again or watch.hides_growth != 0 or watch.steep != 0 or is_near_zero)
+    watch.ahead, watch.due, watch.unproven = write_events(zeros, count, end, step, view), 0, 1
+    return GO_ON
+
+
+@inline
+def save_sides(view: Opened) -> None:
+    """Save the signs at the start of a step and the numbers of events, in case the step is not taken."""
     for i in range(view.layout.watched):
         view.kept_signs[i], view.kept_near_flags[i] = view.start_signs[i], view.start_near_flags[i]
         view.kept_starting[i], view.kept_event_counts[i] = view.starting[i], view.event_counts[i]
+
+
+@inline
+def take_sides(zeros: Zeros, view: Opened) -> bool:
+    """Take the signs of watched functions at the end of a step. Return True if a function is zero or near zero."""
+    is_near_zero = False
+    for i in range(view.layout.watched):
         sign, near = zeros.signs[i], zeros.near_flags[i]
         view.signs[i], view.near_flags[i], view.starting[i] = sign, near, 0
-        inspects = inspects or sign == 0 or near != 0
-    taylor.inspect = int(inspects)
-    slot = watch.done
+        is_near_zero = is_near_zero or sign == 0 or near != 0
+    return is_near_zero
+
+
+@inline
+def write_events(zeros: Zeros, count: int, end: StepEnd, step: InspectedStep, view: Opened) -> int:
+    """Write the events among the zeros before the end of a step. Return the number of events that are written."""
+    slot: int = view.watch.done
     for j in range(count):
         index, time = zeros.places[j], zeros.times[j]
         counts = view.is_event(index) and view.counts_as_event(index, zeros.directions[j])
-        distance = close * CLOSE_ROOTS if is_due(index, due, view) else close
-        if counts and time < end - distance:
+        distance = end.close * CLOSE_ROOTS if is_due(index, end.due, view) else end.close
+        if counts and time < end.time - distance:
             view.event_counts[index] += 1
             state = view.write_event(slot, (step.t + step.low) + time * step.scale, index)
-            state_on_step(time, state, watched.sizes, watched.work, watched.order)
+            state_on_step(time, state, view.sizes, view.work, view.order)
             slot += 1
-    watch.ahead, watch.due, watch.unproven = slot, 0, 1
-    return GO_ON
+    return slot
