@@ -280,7 +280,7 @@ class System:
         """Compare all compiled quantities with numerical differentiation of the stated energies, and return a report.
 
         The textbook derivation and the other machine are compared, too. The report prints as a table and is true if all
-        agree. `seed` determines the random states: 5, 3 of a large system. Raises StatementError for `points` below 1.
+        agree. `seed` determines the random states: 5, or fewer of a large system. Raises StatementError for points < 1.
         """
         from lagrange.evidence.check import check_stated
 

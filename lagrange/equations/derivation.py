@@ -376,13 +376,18 @@ class Derivation:
         try:
             return part(self._page)
         except (TooLargeError, RecursionError):
-            names = self.statement.names
-            shown = names if len(names) <= NAMED else (*names[:NAMED], "...")
-            raise StatementError(
-                f"{self.statement.name} is too large for {what} to be written out in symbols (coordinates: "
-                f"{', '.join(shown)}). compile() gives the same as numbers, of any size"
-                + ("; equations() gives the equations before they are solved." if what == ACCELERATIONS else ".")
-            ) from None
+            raise too_large(self.statement, what) from None
+
+
+def too_large(statement: Statement, what: str = ACCELERATIONS) -> StatementError:
+    """Return the StatementError for a system whose formulas are too long to print; `what` names these formulas."""
+    names = statement.names
+    shown = names if len(names) <= NAMED else (*names[:NAMED], "...")
+    return StatementError(
+        f"{statement.name} is too large for {what} to be written out in symbols (coordinates: "
+        f"{', '.join(shown)}). compile() gives the same as numbers, of any size"
+        + ("; equations() gives the equations before they are solved." if what == ACCELERATIONS else ".")
+    )
 
 
 def _shorter(collected: Any, stated: Any) -> Any:

@@ -32,6 +32,20 @@ def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
     return list(map(list, coupled(neighbours)))
 
 
+LEAST_REFUSED_BLOCK = 12
+"""Smallest block without zeros that is refused at once: nested cofactors have at least n 2**(n - 1) operations, 24,000.
+"""
+
+
+def has_large_block(nonzero: Sequence[Sequence[bool]]) -> bool:
+    """Return True if a block of a symmetric matrix is too large for formulas of a solution and has no zeros.
+
+    `nonzero` is the matrix of flags, true for entries that are not zero.
+    """
+    blocks = (block for block in coupled_blocks(nonzero) if len(block) >= LEAST_REFUSED_BLOCK)
+    return any(all(nonzero[i][j] for i in block for j in block) for block in blocks)
+
+
 def expanded_cofactors(
     algebra: Algebra, matrix: Sequence[Sequence[MonomialSum]], bias: Sequence[MonomialSum]
 ) -> tuple[list[MonomialSum], MonomialSum]:
@@ -70,12 +84,16 @@ def _minor(
 
 
 def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
-    """Return True if the determinant is zero at a generic point, computed in 50 digits."""
+    """Return True if the determinant is zero at a generic point.
+
+    It is computed in 50 digits and 10 more for each further row: a chain of 24 links has a determinant of 1e-30.
+    """
+    digits = 40 + 10 * len(matrix)
     point = distinct_values(sorted(sympy.Tuple(*(entry for row in matrix for entry in row)).free_symbols, key=str))
-    with mpmath.workdps(50):
-        numbers = mpmath.matrix([[_number(entry.xreplace(point)) for entry in row] for row in matrix])
+    with mpmath.workdps(digits):
+        numbers = mpmath.matrix([[_number(entry.xreplace(point), digits) for entry in row] for row in matrix])
         bound = mpmath.fprod(mpmath.norm(numbers[i, :]) for i in range(numbers.rows))
-        return bool(abs(mpmath.det(numbers)) <= bound * mpmath.mpf(10) ** -30)
+        return bool(abs(mpmath.det(numbers)) <= bound * mpmath.mpf(10) ** (20 - digits))
 
 
 def value_somewhere(expression: Any) -> float:
@@ -91,15 +109,20 @@ def distinct_values(symbols: Iterable[Any]) -> dict[Any, Any]:
     return {symbol: Rational(2 * i + 3, 2 * i + 7) + Rational(1, i + 11) for i, symbol in enumerate(ordered)}
 
 
-def _number(entry: Any) -> Any:
-    value = sympy.N(printable(entry), 50)
+def _number(entry: Any, digits: int) -> Any:
+    value = sympy.N(printable(entry), digits)
     return mpmath.mpmathify(value) if value.is_finite else mpmath.mpf(1)
+
+
+MOST_MINORS = 30_000
+"""Largest number of minors of one matrix, about 2 s. Most of a chain of 20 rods are zero: their formulas stay short."""
 
 
 class NestedCofactors:
     """The solution M^-1 h by cofactors that are not multiplied out: each minor is one shared expression.
 
-    `longest` is the largest number of operations of a printed formula; TooLargeError is raised above it.
+    `longest` is the largest number of operations of a printed formula; TooLargeError is raised above it, and for more
+    than `MOST_MINORS` minors.
     """
 
     def __init__(self, matrix: Sequence[Sequence[Any]], bias: Sequence[Any], longest: int) -> None:
@@ -139,6 +162,8 @@ class NestedCofactors:
                         parts.append(Mul((-1) ** index, entry, minor))
                         size = self._bounded(size + length + self._entry_sizes[rows[0]][column])
             self._minors[key] = Add(*parts), size
+            if len(self._minors) > MOST_MINORS:
+                raise TooLargeError
         return self._minors[key]
 
     def _bounded(self, size: int) -> int:

@@ -19,7 +19,13 @@ import sympy
 from sympy import Dummy, Float, Rational, S
 
 from lagrange.equations.collect import SumWriter, shortened
-from lagrange.equations.solve_plan import NestedCofactors, coupled_blocks, expanded_cofactors, vanishes
+from lagrange.equations.solve_plan import (
+    NestedCofactors,
+    coupled_blocks,
+    expanded_cofactors,
+    has_large_block,
+    vanishes,
+)
 from lagrange.equations.terms import (
     ONE,
     Algebra,
@@ -328,6 +334,8 @@ class TextbookAlgebra(StatedAlgebra):
         They solve M a - (G^T + B) lambda = Q - remainder and G a = -gamma. B lambda is the part of the stated forces
         that contains multipliers.
         """
+        if has_large_block([list(map(bool, row)) for row in self.mass]):
+            raise TooLargeError
         negative = partial(self.algebra.scale, number=S.NegativeOne)
         right, pushes = self.apart_from_multipliers
         bias = [*right, *map(negative, self.constraint_bias)]

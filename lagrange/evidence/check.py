@@ -6,6 +6,7 @@ A stated system is checked on both targets, llvm and numpy, and with acceleratio
 from __future__ import annotations
 
 import math
+import random
 import time
 from collections import Counter
 from collections.abc import Mapping
@@ -15,6 +16,8 @@ from typing import Any
 import mpmath
 import sympy
 
+from lagrange.equations.derivation import too_large
+from lagrange.equations.solve_plan import has_large_block
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.formula_comparison import solved_statement
 from lagrange.evidence.laws import ConstraintSurface
@@ -23,7 +26,9 @@ from lagrange.evidence.quick import quick_check
 from lagrange.evidence.reference import REFERENCE_DIGITS, Reference
 from lagrange.evidence.report import (
     LIMIT,
+    Columns,
     Comparison,
+    Direction,
     ReferenceEntries,
     Report,
     computed,
@@ -46,6 +51,15 @@ FAR_POINTS = 300
 
 POINTS, FEW_POINTS, MANY_COORDINATES = 5, 3, 200
 """Points of a check; points of a check of a large system; number of coordinates above which a system is large."""
+
+MOST_WORK = 60_000_000
+"""Largest estimated time of the reference values of a check, in units of 0.1 us, if the number of points is not given.
+
+The check of a chain of 16 links or of 16 bodies with forces between all pairs compares all entries at all points.
+"""
+
+SMALL_ENTRY = 1e-12
+"""An entry of the state below this fraction of the largest counts as zero: it has no size of its own."""
 
 MOST_CHECKED_POINTS = 10_000
 """Largest number of points of one check."""
@@ -77,6 +91,8 @@ CONSTRAINT_QUANTITIES = {
     "multipliers": "multipliers",
     "constraint_forces": "constraint forces",
 }
+PRODUCTS = {"mass_matrix": "mass matrix times direction", "jacobian": "Jacobian times direction"}
+"""Rows of a large system, in place of those of all entries of the two matrices."""
 TEXTBOOK = "textbook accelerations"
 BATCH = "batch against single"
 
@@ -95,16 +111,16 @@ def check(
 
     `textbook` maps each coordinate to its acceleration as a SymPy expression, derived in another way, and adds a row to
     the report. `other`, the same system compiled for another target, adds a row as well. The same `seed` gives the same
-    points. Without `points` there are 5, or 3 for more than 200 coordinates. The cost grows with the number of terms of
-    L that contain each coordinate, and with the cube of the number of coordinates if all are coupled. Raises
-    StatementError for fewer than one point, and for a textbook that lacks a coordinate.
+    points. Without `points` there are 5, or 3 for more than 200 coordinates. If the reference values there would take
+    longer than about 10 s, there are fewer points, and the mass matrix and the Jacobian are compared only along random
+    directions. A note in the report then says so. The cost grows with the number of terms of L that contain each
+    coordinate, and with the cube of the number of coordinates if all are coupled. Raises StatementError for fewer than
+    one point, and for a textbook that lacks a coordinate.
     """
-    if points is None:
-        points = FEW_POINTS if len(model.statement.coordinates) > MANY_COORDINATES else POINTS
-    points = whole_number(points, "points", 1, MOST_CHECKED_POINTS)
+    points = None if points is None else whole_number(points, "points", 1, MOST_CHECKED_POINTS)
     seed = whole_number(seed, "seed", 0)
     session = _Session(model, textbook, other, points, seed)
-    for k in range(points):
+    for k in range(session.point_count):
         session.take(k)
     session.cover_branches()
     return session.report()
@@ -113,17 +129,22 @@ def check(
 class _Session:
     """One check of a compiled model: the sample points used so far, and the comparisons at these points."""
 
-    def __init__(self, model: Model, textbook: Textbook | None, other: Model | None, points: int, seed: int) -> None:
+    def __init__(
+        self, model: Model, textbook: Textbook | None, other: Model | None, points: int | None, seed: int
+    ) -> None:
         self.started = time.perf_counter()
         self.model = model
         self.other = other
         self.statement = model.statement
-        self.point_count = points
         self.reference = Reference(self.statement, model.equations.first_order, model.equations.settled)
+        self.full_count = points or (FEW_POINTS if len(self.statement.coordinates) > MANY_COORDINATES else POINTS)
+        self.point_count, self.column_count = self._counts(limited=points is None)
+        self.draw = random.Random(seed)
         self.textbook = None if textbook is None else textbook_tape(textbook, self.statement)
         self.sampler = Sampler(self.statement, seed)
         self.surface = ConstraintSurface(self.statement)
         self.quantities = QUANTITIES | (CONSTRAINT_QUANTITIES if self.statement.constraints else {})
+        self.quantities |= {} if self.column_count else PRODUCTS
         self.used: list[SamplePoint] = []
         self.outside: Counter[str] = Counter()
         self.costly = 0
@@ -132,6 +153,19 @@ class _Session:
         rows += [TEXTBOOK] if self.textbook else []
         rows += [self._other_label()] if other is not None else []
         self.comparison = Comparison(self.statement.names, rows)
+
+    def _counts(self, *, limited: bool) -> tuple[int, int]:
+        """Return the number of points, and the number of columns of the Jacobian to check at each of them.
+
+        All columns are checked if there are few; otherwise each point checks the next few columns in turn. With
+        `limited`, if the estimated work is above `MOST_WORK`, the number of columns is 0: a direction replaces them.
+        """
+        width = len(self.statement.state_names)
+        columns = min(width, MOST_JACOBIAN_COLUMNS, max(8, math.ceil(width / self.full_count)))
+        rest, column, along = self.reference.work()
+        if not limited or self.full_count * (rest + columns * column) <= MOST_WORK:
+            return self.full_count, columns
+        return min(max(MOST_WORK // along, 1), self.full_count), 0
 
     def take(self, k: int) -> None:
         """Compare all quantities with their reference values at one random point, number `k` of the check.
@@ -159,9 +193,9 @@ class _Session:
 
     def cover_branches(self) -> None:
         """Compare all quantities at a few more points, where conditions, Abs, sign, Min or Max take new branches."""
-        added = 0
+        added, most = 0, MOST_FAR_POINTS if self.column_count else 1
         for _ in range(FAR_POINTS):
-            if added == MOST_FAR_POINTS or not self._missing():
+            if added == most or not self._missing():
                 return
             point = self.sampler.far()
             try:
@@ -172,10 +206,18 @@ class _Session:
 
     def report(self) -> Report:
         """Return the report of all comparisons so far."""
-        width, share = len(self.statement.state_names), len(self._columns())
-        checked, more, notes = share * len(self.used), math.ceil(width / share), []
-        if checked < width:
+        width, share, notes = len(self.statement.state_names), self.column_count, []
+        if not share:
+            count = len(self.used)
+            directions = "1 random direction" if count == 1 else f"{count} random directions, one at each point"
+            notes = [
+                f"The system is large. The mass matrix and the Jacobian are checked along {directions}, and not entry "
+                f"by entry. The Jacobian of a batch is not compared. points={self.full_count} checks all of this."
+            ]
+        elif share * len(self.used) < width:
+            checked, more = share * len(self.used), math.ceil(width / share)
             notes = [f"The Jacobian is checked in {checked} of its {width} columns: points={more} checks all of them."]
+        covered = "found" if share else "checked"
         return Report(
             system=self.statement.name,
             target=self.model.target,
@@ -185,7 +227,7 @@ class _Session:
             unexplained=tuple(self.comparison.unexplained),
             notes=(
                 *(
-                    f"Not covered: no point was found where {describe_way(switch, way, self.statement)}."
+                    f"Not covered: no point was {covered} where {describe_way(switch, way, self.statement)}."
                     for switch, way in self._missing()
                 ),
                 *notes,
@@ -195,7 +237,7 @@ class _Session:
         )
 
     def _use(self, point: SamplePoint) -> bool:
-        columns = self._columns()
+        columns = self._columns(point)
         try:
             ways = self._ways_at(point)
             self.costly += 1
@@ -212,6 +254,8 @@ class _Session:
         if self.other is not None:
             self._compare(self.other, point, entries, columns)
         for name, part in entries.items():
+            if name == "jacobian" and not self.column_count:
+                continue
             labels = entry_labels(name, self.statement, columns)
             for many, single in computed_batch(self.model, name, point, columns):
                 self.comparison.add(BATCH, labels, many, part.around(single))
@@ -219,18 +263,25 @@ class _Session:
             self._compare_textbook(self.textbook, point, entries["accelerations"])
         return True
 
-    def _columns(self) -> list[int]:
-        """Return the indices of the Jacobian's columns to check at the next point.
+    def _columns(self, point: SamplePoint) -> Columns:
+        """Return the indices of the Jacobian's columns to check at the next point, or a random direction.
 
-        They are all columns if there are few. Otherwise each point checks the next few columns in turn.
+        Each weight of the direction is about the entry of the state, or about the largest coordinate or velocity if
+        the entry is much smaller.
         """
-        width = len(self.statement.state_names)
-        share = min(width, MOST_JACOBIAN_COLUMNS, max(8, math.ceil(width / self.point_count)))
-        start = len(self.used) * share
-        return [(start + i) % width for i in range(share)]
+        width, start = len(self.statement.state_names), len(self.used) * self.column_count
+        if self.column_count:
+            return [(start + i) % width for i in range(self.column_count)]
+        weights = []
+        for part in (point.q, point.v):
+            largest = max(map(abs, part)) or 1.0
+            sizes = [abs(x) if abs(x) > SMALL_ENTRY * largest else largest for x in part]
+            weights += [x * self.draw.choice((-1, 1)) * self.draw.uniform(0.5, 1.0) for x in sizes]
+        mass = computed(self.model, "mass_matrix", point, [])
+        return Direction(weights, mass.reshape(len(point.q), -1))
 
     def _compare(
-        self, model: Model, point: SamplePoint, entries: Mapping[str, ReferenceEntries], columns: list[int]
+        self, model: Model, point: SamplePoint, entries: Mapping[str, ReferenceEntries], columns: Columns
     ) -> None:
         for name, part in entries.items():
             row = self.quantities[name] if model is self.model else self._other_label()
@@ -360,21 +411,27 @@ def check_stated(system: Stated, target: str, points: int | None, seed: int) -> 
         other = system.compile(second, check=False)
     except MissingTargetError as error:
         missing = (f"not compared with the target {second}: {error}",)
-    textbook, notes = _textbook(system, dict(model.statement.prescribed))
+    textbook, notes = _textbook(system, model)
     report = check(model, textbook=textbook, other=other, points=points, seed=seed)
     return replace(report, notes=(*report.notes, *missing, *notes))
 
 
-def _textbook(system: Stated, values_of_functions: Mapping[Any, Any]) -> tuple[Textbook | None, tuple[str, ...]]:
+def _textbook(system: Stated, model: Model) -> tuple[Textbook | None, tuple[str, ...]]:
     """Return the accelerations of the textbook derivation and no notes, or None and a note that they are too large.
 
-    `values_of_functions` maps given functions of time in the accelerations to their values.
+    `model` is the compiled system.
     """
+    # Given functions of time in the accelerations, and their values.
+    values_of_functions = dict(model.statement.prescribed)
     if len(system.statement.coordinates) > MOST_DERIVED:
         limit = f"which is done up to {MOST_DERIVED} coordinates."
         return None, (f"not compared with the textbook derivation, {limit}",)
-    derivation = system.derivation()
+    derivation, equations = system.derivation(), model.equations
     try:
+        # The nodes of the mass matrix show it sooner than the derivation does.
+        nonzero = [[entry is not equations.graph.zero for entry in row] for row in equations.mass]
+        if system.statement.reading is None and has_large_block(nonzero):
+            raise too_large(system.statement)
         solved = derivation.accelerations
         if system.statement.reading is not None:
             solved = of_quaternions(solved, system.statement.rotations)

@@ -290,6 +290,17 @@ def slope(function: StateFunction, q: Numbers, v: Numbers, t: Any, steps: Differ
     return (ahead - behind) / (2 * h)
 
 
+def slope_along(
+    function: StateFunction, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, direction: Sequence[Any]
+) -> Any:
+    """Return the derivative of `function`, as `slope` does, along a direction (2n,)."""
+    n = len(q)
+    # No entry of (q, v) changes by more than its own step.
+    h = min(step / abs(x) for step, x in zip((*steps.q, *steps.v), direction, strict=True) if x)
+    ahead, behind = (function(along(q, direction[:n], s), along(v, direction[n:], s), t) for s in (h, -h))
+    return (ahead - behind) / (2 * h)
+
+
 def residual_slopes(
     source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps, columns: Sequence[int]
 ) -> list[Row]:
@@ -327,39 +338,46 @@ def residual_slopes(
     return [{i: entries[j] for i, entries in enumerate(rows) if j in entries} for j in columns]
 
 
-def solve(matrix: Sequence[Row], right: Sequence[Row], threshold: Any) -> list[Row]:
-    """Return the solutions x of matrix * x = r, one for each r in `right`. Rows and vectors are {index: entry}.
+def factorized(matrix: Sequence[Row], threshold: Any) -> Callable[[Row], Row]:
+    """Return a function from r to the solution x of matrix * x = r. Rows and vectors are {index: entry}.
 
     Raises SingularMass if a pivot, relative to the largest entry of its row, is at most `threshold`.
     """
     n = len(matrix)
     rows = [{j: x for j, x in row.items() if x} for row in matrix]
     sizes = [max(map(abs, row.values()), default=0) for row in rows]
-    for column, vector in enumerate(right, n):
-        for i, entry in vector.items():
-            rows[i][column] = entry
+    exchanges, factors = [], list[list[tuple[int, Any]]]()
     for k in range(n):
         best = max((i for i in range(k, n) if k in rows[i]), key=lambda i: abs(rows[i][k]) / sizes[i], default=k)
         rows[k], rows[best], sizes[k], sizes[best] = rows[best], rows[k], sizes[best], sizes[k]
         if abs(rows[k].get(k, 0)) <= threshold * sizes[k]:
             raise SingularMass("the mass matrix is singular")
         pivot = rows[k][k]
-        for i in range(k + 1, n):
-            if k in rows[i]:
-                factor, row = rows[i].pop(k) / pivot, rows[i]
-                for j, y in rows[k].items():
-                    if j > k:
-                        row[j] = row.get(j, 0) - factor * y
-    above = [[(j, y) for j, y in row.items() if i < j < n] for i, row in enumerate(rows)]
-    solutions = []
-    for column in range(n, n + len(right)):
+        exchanges.append(best)
+        factors.append([(i, rows[i].pop(k) / pivot) for i in range(k + 1, n) if k in rows[i]])
+        for i, factor in factors[k]:
+            row = rows[i]
+            for j, y in rows[k].items():
+                if j > k:
+                    row[j] = row.get(j, 0) - factor * y
+    above = [[(j, y) for j, y in row.items() if j > i] for i, row in enumerate(rows)]
+
+    def solution(right: Row) -> Row:
+        rest = dict(right)
+        for k, best in enumerate(exchanges):
+            if best != k:
+                exchanged = [(i, rest.pop(j)) for i, j in ((k, best), (best, k)) if j in rest]
+                rest.update(exchanged)
+            if k in rest:
+                rest.update((i, rest.get(i, 0) - factor * rest[k]) for i, factor in factors[k])
         x: Row = {}
         for i in reversed(range(n)):
-            rest = rows[i].get(column, 0) - sum(y * x[j] for j, y in above[i] if j in x)
-            if rest:
-                x[i] = rest / rows[i][i]
-        solutions.append(x)
-    return solutions
+            entry = rest.get(i, 0) - sum(y * x[j] for j, y in above[i] if j in x)
+            if entry:
+                x[i] = entry / rows[i][i]
+        return x
+
+    return solution
 
 
 def solve_dense(matrix: Sequence[Numbers], right: Numbers, threshold: Any) -> Numbers:
@@ -368,7 +386,7 @@ def solve_dense(matrix: Sequence[Numbers], right: Numbers, threshold: Any) -> Nu
     Raises SingularMass if a pivot, relative to the largest entry of its row, is at most `threshold`.
     """
     rows = [dict(enumerate(row)) for row in matrix]
-    (x,) = solve(rows, [dict(enumerate(right))], threshold)
+    x = factorized(rows, threshold)(dict(enumerate(right)))
     return [x.get(i, 0) for i in range(len(rows))]
 
 

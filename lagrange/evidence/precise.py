@@ -243,7 +243,7 @@ class Precise:
         self._bases: dict[int, Any] = {}
         self._code = tuple(tape.code)
         self._load = tuple(tape.inputs.items())
-        n = len(statement.coordinates)
+        n = self._dimension = len(statement.coordinates)
         self.entries = frozenset(key + n * (kind == "v") for kind, key in tape.inputs.values() if kind in "qv")
         self.uses_time = any(kind == "t" for kind, _ in tape.inputs.values())
         self.switches = tuple(tape.switches)
@@ -254,6 +254,17 @@ class Precise:
         values = self._run(q, v, t, parameters)
         make = self.context.make_mpf
         return [make(values[slot]) for slot in self._outputs]
+
+    def work(self, entry: int | None = None) -> int:
+        """Return the estimated time of a call in units of 0.1 us, where all entries of (q, v) changed or only one."""
+        changed = -1
+        if entry is not None:
+            kind, key = ("q", entry) if entry < self._dimension else ("v", entry - self._dimension)
+            changed = sum(1 << bit for bit, (_, leaf) in enumerate(self._load) if leaf == (kind, key))
+        # An operation takes 1 us, or 3 us in a perturbed copy, and 0.1 us for each of its arguments. To leave one out
+        # takes 0.03 us, and to compare an input with its last value 0.3 us.
+        idle = len(self._code) // 3 + 3 * len(self._load)
+        return idle + sum(20 + len(step.arguments) for step in self._code if step.needs & changed)
 
     def inspect(
         self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]
@@ -285,7 +296,10 @@ class Precise:
         copy._bases = {}
         code = []
         for step in self._code:
-            delta, slope = (self.context.mpf(size * draw.uniform(0.5, 1.0) * draw.choice((-1, 1))) for _ in range(2))
+            delta, slope = (
+                libmp.from_float(size * draw.uniform(0.5, 1.0) * draw.choice((-1, 1)), self.context.prec, "n")
+                for _ in range(2)
+            )
             operation = _scaled(step, delta, slope, copy._bases, self.context.prec) if step.numeric else step.operation
             code.append(step._replace(operation=operation))
         copy._code = tuple(code)
@@ -348,7 +362,8 @@ def _scaled(step: _Instruction, delta: Any, slope: Any, first_results: dict[int,
     keeps the first results, and `prec` is the precision in bits.
     """
     multiply, add = libmp.mpf_mul, libmp.mpf_add
-    operation, out, factor, rest = step.operation, step.out, (1 + slope)._mpf_, (delta - slope)._mpf_
+    operation, out = step.operation, step.out
+    factor, rest = add(libmp.fone, slope, prec, "n"), libmp.mpf_sub(delta, slope, prec, "n")
 
     def scaled(*arguments: Any) -> Any:
         value = operation(*arguments)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from typing import Any
@@ -32,7 +32,7 @@ from lagrange.evidence.laws import (
     velocity_level,
 )
 from lagrange.evidence.precise import BeyondDoubles, Precise
-from lagrange.evidence.report import ReferenceEntries
+from lagrange.evidence.report import Columns, Direction, ReferenceEntries
 from lagrange.statement.random_states import SamplePoint
 from lagrange.statement.statement import Statement
 
@@ -102,12 +102,14 @@ class Reference:
         self._loaded = any(force != 0 for force in statement.forces)
         self._samples = [_Perturbed.of(self, 6 * k) for k in range(PERTURBED_COPIES)]
 
-    def at(self, point: SamplePoint, columns: Sequence[int]) -> dict[str, ReferenceEntries]:
+    def at(self, point: SamplePoint, columns: Columns) -> dict[str, ReferenceEntries]:
         """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations, rhs and jacobian by name.
 
         With constraints it also returns constraints, constraint_gradient, constraint_bias, multipliers and
         constraint_forces. mass_matrix and constraint_gradient are flattened by rows. jacobian has the columns of d rhs
-        / d(q, v) that `columns` lists, one after another. Raises OutsideDomain if the point is not usable: the
+        / d(q, v) that `columns` lists, one after another. If `columns` is a direction, mass_matrix and jacobian are
+        the products with it, and the accelerations are corrected solutions with the mass matrix that is given with
+        the direction. Raises OutsideDomain if the point is not usable: the
         statement has no real, finite value or no derivative there, or the accelerations are not determined.
         """
         self.inspect(point)
@@ -121,8 +123,9 @@ class Reference:
             changes = (abs(sample - coarse) / unit for sample in samples if sample or coarse)
             return max(abs(value), *changes, 0) if value or any(samples) else 0
 
-        n = len(point.q)
-        lengths = {"mass_matrix": n * n, "jacobian": n * len(columns), "velocity_jacobian": n * len(columns)}
+        n, along = len(point.q), isinstance(columns, Direction)
+        count = 1 if along else len(columns)
+        lengths = {"mass_matrix": n if along else n * n, "jacobian": n * count, "velocity_jacobian": n * count}
         entries = {}
         for name in results[0]:
             # A perturbed copy may exchange other rows, which fills other entries.
@@ -133,25 +136,45 @@ class Reference:
             length = lengths.get(name, len(indices))
             entries[name] = ReferenceEntries(*(_spread(x, indices, length) for x in (value, error, sizes)))
             entries[name].check_smooth()
-        entries["jacobian"] = self._with_floor(entries["jacobian"], entries["accelerations"], point)
+        extent = max(1.0, *map(abs, (*point.q, *point.v)))
+        longest = max(map(abs, columns.weights)) if isinstance(columns, Direction) else 1
+        entries["jacobian"] = self._with_floor(entries["jacobian"], entries["accelerations"], extent / longest)
         velocities, slopes, rates = (entries.pop(name) for name in ("velocities", "jacobian", "velocity_jacobian"))
         jacobian = ReferenceEntries([], [], [])
-        for k in range(len(columns)):
+        for k in range(count):
             jacobian = jacobian + rates.part(k * n, n) + slopes.part(k * n, n)
         return {**entries, "rhs": velocities + entries["accelerations"], "jacobian": jacobian}
 
-    def _with_floor(
-        self, slopes: ReferenceEntries, accelerations: ReferenceEntries, point: SamplePoint
-    ) -> ReferenceEntries:
+    def work(self) -> tuple[int, int, int]:
+        """Return the estimated times of one point: without the Jacobian, of one of its columns, and in a direction.
+
+        The unit is 0.1 us. The estimates depend only on the statement.
+        """
+        n, (by_velocity, by_place, _) = len(self.statement.coordinates), self._energies
+        column, copies = n // 2, 2 + PERTURBED_COPIES
+        # Each central difference takes two values. The entry that is displaced last changes alone in one of them.
+        momenta = sum(part.work() + part.work(n + i) for i, part in enumerate(by_velocity))
+        forces = sum(part.work() + part.work(i) for i, part in enumerate(by_place)) + self.loads.work()
+        constraints = 2 * n * self.held.work(column) + 8 * self.held.work() if self.holonomic else 0
+        mass = sum(
+            2 * sum(k >= n for k in part.entries) * part.work(n + i)  # 4 values for each entry on one side
+            for i, part in enumerate(by_velocity)
+        )
+        touched = self.local.touched[column] if self.local else range(n)
+        slopes = sum(8 * by_velocity[i].work(column) + 4 * by_place[i].work(column) for i in touched)
+        base = 3 * momenta + forces + constraints
+        along = base + 10 * momenta + 2 * (forces + constraints)
+        return copies * (base + mass), copies * (slopes + 2 * constraints), copies * along
+
+    def _with_floor(self, slopes: ReferenceEntries, accelerations: ReferenceEntries, extent: float) -> ReferenceEntries:
         """Return the entries `slopes` of the Jacobian of the accelerations, with a lower bound on their sizes.
 
-        The size of an entry is the scale of its rounding error. Its bound is the size of the acceleration / the size
-        of the state. Second derivatives of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at x =
-        1e3 has a gradient of 1 and a slope of 1e-9, which any formula computes as a difference of numbers of 1e-3.
+        The size of an entry is the scale of its rounding error. Its bound is the size of the acceleration / `extent`,
+        the size of the state. Second derivatives of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at
+        x = 1e3 has a gradient of 1 and a slope of 1e-9, which any formula computes as a difference of numbers of 1e-3.
         The sizes of the operations in V do not show it. A wrong slope is still found: its error exceeds 1e-12 of this
         bound.
         """
-        extent = max(1.0, *map(abs, (*point.q, *point.v)))
         n = len(accelerations.size)
         floors = [size / extent for size in accelerations.size]
         sizes = [max(size, floors[k % n]) for k, size in enumerate(slopes.size)]
@@ -175,7 +198,7 @@ class Reference:
             outcomes += ways
         return outcomes
 
-    def _perturbed(self, k: int, point: SamplePoint, steps: DifferenceSteps, columns: Sequence[int]) -> dict[str, Row]:
+    def _perturbed(self, k: int, point: SamplePoint, steps: DifferenceSteps, columns: Columns) -> dict[str, Row]:
         """Return all quantities, computed by the perturbed copy number `k` of the programs."""
         draw = random.Random(k)
         factors: dict[tuple[str, int], Any] = {}
@@ -276,23 +299,25 @@ class Reference:
         constraints: StatedConstraints,
         point: SamplePoint,
         steps: DifferenceSteps,
-        columns: Sequence[int],
+        columns: Columns,
     ) -> dict[str, Row]:
         """Return all quantities at a point by name, each as {index: entry}; zeros of matrices may be left out.
 
-        `source` has L, Q and D. `columns` are the indices of the columns of the Jacobian to compute.
+        `source` has L, Q and D. `columns` are the indices of the columns of the Jacobian to compute, or a direction.
         """
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
         t, n, zero, nudge = self.number(point.t), len(point.q), self.number(0), source.nudge
         still, lagrangian = [zero] * n, source.lagrangian(q, v, t)
         p, f = laws.momenta(source, q, v, t, steps), laws.forces(source, q, v, t, steps)
-        mass = laws.mass_matrix(source, q, v, t, steps)
+        mass, product = self._inertia(source, (q, v, t), steps, columns)
         rate = laws.momentum_rate(source, q, v, still, t, steps)
         bias = [nudge("force", i) * x - nudge("rate", i) * y for i, (x, y) in enumerate(zip(f, rate, strict=True))]
         slopes = gradient(constraints, q, v, t, steps) if self.holonomic else []
         held_bias = acceleration_level(constraints, q, v, still, t, steps) if self.holonomic else []
         energy = abs(lagrangian) + sum(abs(x * y) for x, y in zip(p, v, strict=True))
-        matrix, right = bordered(self._without_noise(mass, energy, steps), slopes), [*bias, *(-x for x in held_bias)]
+        if not isinstance(columns, Direction):
+            mass = self._without_noise(mass, energy, steps)
+        matrix, right = bordered(mass, slopes), [*bias, *(-x for x in held_bias)]
         relations = self._relations(source, steps)
 
         velocities = self._settled(relations, t, steps, q, v)
@@ -301,7 +326,12 @@ class Reference:
         for i, (row, change) in self._first_order_rows(relations, q, velocities, t, steps).items():
             matrix[i], right[i] = row, -change
         solve = self._solver(matrix, nudge)
-        (solved,) = solve([dict(enumerate(right))])
+        solved = solve(dict(enumerate(right)))
+        if isinstance(columns, Direction):
+            trial = [solved.get(i, zero) for i in range(n)]
+            for i, change in self._correction(source, (q, velocities, t), trial, mass, steps).items():
+                right[i] += change
+            solved = solve(dict(enumerate(right)))
         a, multipliers = [solved.get(i, zero) for i in range(n)], [-solved.get(i, zero) for i in range(n, len(matrix))]
 
         jacobians = self._slopes(source, constraints, relations, (q, v, t), (a, multipliers), steps, columns, solve)
@@ -309,7 +339,7 @@ class Reference:
             "lagrangian": [lagrangian],
             "momenta": p,
             "forces": f,
-            "mass_matrix": {i * n + j: x for i, row in enumerate(mass) for j, x in row.items()},
+            "mass_matrix": product,
             "bias": bias,
             "energy": [laws.energy(source, v, p, lagrangian)],
             "accelerations": a,
@@ -322,6 +352,26 @@ class Reference:
             entries |= _of_gradient(slopes, multipliers, nudge) | {"constraint_bias": held_bias}
         return {name: part if isinstance(part, dict) else dict(enumerate(part)) for name, part in entries.items()}
 
+    def _correction(
+        self,
+        source: Sources,
+        state: tuple[Numbers, Numbers, Any],
+        trial: Numbers,
+        mass: Sequence[Row],
+        steps: DifferenceSteps,
+    ) -> Row:
+        """Return M a less the part of dp/dt with accelerations, where M is not exact and a are the `trial` ones.
+
+        Equations of coordinates without inertia need none. `state` is (q, v, t).
+        """
+        (q, v, t), still = state, [self.number(0)] * len(trial)
+        start, moving = (laws.momentum_rate(source, q, v, a, t, steps) for a in (still, trial))
+        return {
+            i: sum(x * trial[j] for j, x in row.items()) - (moving[i] - start[i])
+            for i, row in enumerate(mass)
+            if i not in self.first_order
+        }
+
     def _slopes(
         self,
         source: Sources,
@@ -330,21 +380,22 @@ class Reference:
         state: tuple[Numbers, Numbers, Any],
         motion: tuple[Numbers, Numbers],
         steps: DifferenceSteps,
-        columns: Sequence[int],
-        solve: Callable[[Sequence[Row]], list[Row]],
+        columns: Columns,
+        solve: Callable[[Row], Row],
     ) -> dict[str, Row]:
         """Return the derivatives of dq/dt and of the accelerations by entries of the state, by name.
 
-        `columns` has the indices of these entries in (q, v). `state` is (q, v, t), `motion` has the accelerations and
-        the multipliers there. `solve` solves the linear systems for accelerations.
+        `columns` has the indices of these entries in (q, v), or is a direction. `state` is (q, v, t), `motion` has the
+        accelerations and the multipliers there. `solve` solves the linear system for accelerations.
         """
         (q, v, t), (a, multipliers), n, zero = state, motion, len(state[0]), self.number(0)
         settled = partial(self._settled, relations, t, steps)
+        whole = bool(self.first_order) or isinstance(columns, Direction)
 
         def further(q: Any, v: Any, t: Any) -> Any:
-            """Return [dp/dt - f - G^T lambda, G a + gamma], without dp/dt - f unless coordinates lack inertia."""
+            """Return [dp/dt - f - G^T lambda, G a + gamma], or without dp/dt - f if it is differentiated below."""
             free, v = [zero] * n, settled(q, v)
-            if self.first_order:
+            if whole:
                 free = laws.residual(source, q, v, a, t, steps)
                 rates = acceleration_level(relations, q, v, a, t, steps)
                 for i, rate in zip(self.first_order, rates, strict=True):
@@ -355,19 +406,44 @@ class Reference:
             balance = [x - sum(column) for x, column in zip(free, zip(*exerted, strict=True), strict=True)]
             return np.array([*balance, *acceleration_level(constraints, q, v, a, t, steps)])
 
-        slopes: list[Row] = [{} for _ in columns]
-        if not self.first_order:
-            slopes = laws.residual_slopes(source, q, v, a, t, steps, columns)
-        if self.first_order or self.holonomic:
-            for row, j in zip(slopes, columns, strict=True):
-                for i, change in enumerate(laws.slope(further, q, v, t, steps, j)):
+        if isinstance(columns, Direction):
+            derivatives = [partial(laws.slope_along, q=q, v=v, t=t, steps=steps, direction=columns.weights)]
+            slopes: list[Row] = [{}]
+        else:
+            derivatives = [partial(laws.slope, q=q, v=v, t=t, steps=steps, j=j) for j in columns]
+            slopes = [{} for _ in columns]
+            if not self.first_order:
+                slopes = laws.residual_slopes(source, q, v, a, t, steps, columns)
+        if whole or self.holonomic:
+            for row, derivative in zip(slopes, derivatives, strict=True):
+                for i, change in enumerate(derivative(further)):
                     row[i] = row.get(i, 0) + change
-        moving = [laws.slope(lambda q, v, t: np.array(settled(q, v)), q, v, t, steps, j) for j in columns]
-        jacobian = solve(slopes)
+        moving = [derivative(lambda q, v, t: np.array(settled(q, v))) for derivative in derivatives]
+        jacobian = map(solve, slopes)
         return {
             "velocity_jacobian": {k * n + i: x for k, column in enumerate(moving) for i, x in enumerate(column) if x},
             "jacobian": {k * n + i: -x for k, column in enumerate(jacobian) for i, x in column.items() if i < n},
         }
+
+    def _inertia(
+        self, source: Sources, state: tuple[Numbers, Numbers, Any], steps: DifferenceSteps, columns: Columns
+    ) -> tuple[list[Row], Row]:
+        """Return the rows of the mass matrix M, and its entries, flattened, or its product with a direction.
+
+        With a direction, M is the matrix that is given with it, and the product is computed without it. `state` is (q,
+        v, t).
+        """
+        (q, v, t), n = state, len(state[0])
+        if isinstance(columns, Direction):
+            given = [{int(j): self.number(row[j]) for j in np.flatnonzero(row)} for row in columns.mass]
+            direction = [0] * n + list(columns.weights[n:])
+            copied = replace(source, for_momenta=source.for_mass)
+            change = laws.slope_along(
+                lambda q, v, t: np.array(laws.momenta(copied, q, v, t, steps)), q, v, t, steps, direction
+            )
+            return given, dict(enumerate(change))
+        mass = laws.mass_matrix(source, q, v, t, steps)
+        return mass, {i * n + j: x for i, row in enumerate(mass) for j, x in row.items()}
 
     def _relations(self, source: Sources, steps: DifferenceSteps) -> StatedConstraints:
         """Return the equations dp/dt - f = 0 of the coordinates without inertia, as constraints on velocities."""
@@ -405,8 +481,8 @@ class Reference:
         corrections = dict(zip(self.first_order, laws.solve_dense(rows, off, SINGULAR), strict=True))
         return [x - corrections.get(i, 0) for i, x in enumerate(v)]
 
-    def _solver(self, matrix: Sequence[Row], nudge: laws.Nudge) -> Callable[[Sequence[Row]], list[Row]]:
-        """Return a function from right-hand sides to solutions of the linear system with this `matrix`.
+    def _solver(self, matrix: Sequence[Row], nudge: laws.Nudge) -> Callable[[Row], Row]:
+        """Return a function from a right-hand side to the solution of the linear system with this `matrix`.
 
         The system is scaled so that it does not depend on units. `nudge` gives the factors close to 1 that imitate
         rounding.
@@ -418,10 +494,11 @@ class Reference:
 
         rows = list(map(balanced, matrix, scales))
         factored = rows if nudge is laws.exactly or self.first_order else self._as_factored(rows, nudge)
+        solution = laws.factorized(factored, SINGULAR)
 
-        def solve(right: Sequence[Row]) -> list[Row]:
-            scaled = [{i: x * scales[i] for i, x in column.items()} for column in right]
-            return [{i: x * scales[i] for i, x in row.items()} for row in laws.solve(factored, scaled, SINGULAR)]
+        def solve(right: Row) -> Row:
+            scaled = {i: x * scales[i] for i, x in right.items()}
+            return {i: x * scales[i] for i, x in solution(scaled).items()}
 
         return solve
 

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -120,6 +120,20 @@ class Report(ShownAsPage):
 
     def _reasons(self) -> str:
         return ", ".join(f"{count} x {reason}" for reason, count in self.outside.items())
+
+
+class Direction(NamedTuple):
+    """A direction in the space of states (q, v), along which the mass matrix and the Jacobian are compared.
+
+    `weights` are its 2n entries. `mass` is the compiled mass matrix (n, n) at the point, which may be wrong.
+    """
+
+    weights: Sequence[float]
+    mass: FloatArray
+
+
+Columns = Sequence[int] | Direction
+"""Indices of columns of the Jacobian, or a direction."""
 
 
 SMOOTHNESS = 1e-14
@@ -267,10 +281,10 @@ def is_finite(value: Any) -> bool:
     return math.isfinite(value) if isinstance(value, float) else bool(abs(value) < math.inf)
 
 
-def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> list[str]:
+def entry_labels(name: str, statement: Statement, columns: Columns) -> list[str]:
     """Return the names of the entries of the quantity `name`, in the order of the array from `computed`.
 
-    `columns` are the indices of the columns of the Jacobian that are compared.
+    `columns` are the indices of the columns of the Jacobian that are compared, or a direction.
     """
     names, constraints = statement.names, [constraint.name for constraint in statement.constraints]
     velocities = [f"{a}_dot" for a in names]
@@ -278,11 +292,13 @@ def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> lis
     match name:
         case "lagrangian" | "energy":
             return [name]
-        case "mass_matrix":
+        case "mass_matrix" if not isinstance(columns, Direction):
             return [f"{a}, {b}" for a in names for b in names]
         case "rhs":
             return rates
         case "jacobian":
+            if isinstance(columns, Direction):
+                return [f"change of {rate}" for rate in rates]
             variables = [*names, *velocities]
             return [f"d {rate} / d {variables[j]}" for j in columns for rate in rates]
         case "constraints":
@@ -294,10 +310,11 @@ def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> lis
     return list(names)
 
 
-def computed(model: Model, name: str, point: SamplePoint, columns: Sequence[int]) -> FloatArray:
+def computed(model: Model, name: str, point: SamplePoint, columns: Columns) -> FloatArray:
     """Return the compiled entries of the quantity `name` at a point, flattened.
 
-    All are NaN if the model raises RunError. `columns` are the indices of the columns of the Jacobian to return.
+    All are NaN if the model raises RunError. `columns` are the indices of the columns of the Jacobian to return. If
+    it is a direction, the products of the mass matrix and of the Jacobian with it are returned.
     """
     q, v = np.array(point.q), np.array(point.v)
     try:
@@ -308,11 +325,11 @@ def computed(model: Model, name: str, point: SamplePoint, columns: Sequence[int]
 
 
 def computed_batch(
-    model: Model, name: str, point: SamplePoint, columns: Sequence[int]
+    model: Model, name: str, point: SamplePoint, columns: Columns
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield (entries from a batch, entries from a single evaluation) for each of `LANES` states near the point.
 
-    `name` is the quantity, and `columns` are the indices of the columns of the Jacobian to return.
+    `name` is the quantity, and `columns` are the indices of the columns of the Jacobian to return, or a direction.
     """
     near = []
     for factor in (1.0 + 1e-6 * k for k in range(LANES)):
@@ -331,16 +348,21 @@ def computed_batch(
 
 
 def _evaluate(
-    model: Model, name: str, q: Any, v: Any, t: Any, parameters: Mapping[Any, float], columns: Sequence[int]
+    model: Model, name: str, q: Any, v: Any, t: Any, parameters: Mapping[Any, float], columns: Columns
 ) -> Any:
     """Return the entries of the quantity `name`, computed by its compiled function, as an array.
 
     In a batch, the last axis of `q`, `v` and the result is that of the states. `columns` are the indices of the
-    columns of the Jacobian to return.
+    columns of the Jacobian to return, or a direction.
     """
     if name == "rhs":
         return model.called(model.kernel("rhs"), t, np.concatenate([q, v]), parameters)
     if name == "jacobian":
         whole = model.jacobian(t, np.concatenate([q, v]), parameters)
+        if isinstance(columns, Direction):
+            return np.tensordot(whole, columns.weights, axes=(1, 0))
         return np.moveaxis(whole[:, list(columns)], 0, 1)
-    return np.asarray(model.evaluate(name, q, v, t, parameters))
+    entries = np.asarray(model.evaluate(name, q, v, t, parameters))
+    if name == "mass_matrix" and isinstance(columns, Direction):
+        return np.tensordot(entries, columns.weights[len(q) :], axes=(1, 0))
+    return entries

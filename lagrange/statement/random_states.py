@@ -246,17 +246,18 @@ _scales_of = lru_cache(maxsize=4)(Scales)
 """Typical magnitudes of a statement, from a cache, because an analysis creates hundreds of samplers."""
 
 
+@lru_cache(maxsize=16)
+def _sizes(statement: Statement, parameters: tuple[float, ...], start: tuple[float, ...]) -> tuple[float, ...]:
+    """Return typical magnitudes (2n,), from a cache, because samplers with the same seed draw the same parameters."""
+    return _scales_of(statement).sizes(dict(zip(statement.parameters, parameters, strict=True)), start)
+
+
 class Sampler:
     """Random points of a statement, the same for the same seed."""
 
     def __init__(self, statement: Statement, seed: int) -> None:
         self.statement = statement
         self._draw = random.Random(seed)
-        scales = _scales_of(statement)
-        # Points with the default parameters share their sizes.
-        self._sizes = lru_cache(maxsize=2)(
-            lambda values, start: scales.sizes(dict(zip(statement.parameters, values, strict=True)), start)
-        )
         n = len(statement.coordinates)
         self._initial = (statement.initial[:n], statement.initial[n:])
 
@@ -270,7 +271,8 @@ class Sampler:
             moves = [[(0.0, self._of_order_one(), 1.0) for _ in values] for values in self._initial]
         t = self._draw.uniform(0.1, 2.0) * (max(0.1, self.statement.run.t_end / 2) if near else 1.0)
         parameters = self._parameters(kind.parameters)
-        q, v = self._placed(moves, self._sizes(tuple(parameters.values()), self.statement.initial if near else ()))
+        start = tuple(self.statement.initial) if near else ()
+        q, v = self._placed(moves, _sizes(self.statement, tuple(parameters.values()), start))
         return SamplePoint(q, v, self._within(t), parameters, kind.name)
 
     def initial(self) -> SamplePoint:
@@ -286,7 +288,7 @@ class Sampler:
         ]
         t = abs(self._of_order_one()) * self._magnitude()
         parameters = self._parameters(self._draw.choice(("default", "near default", "order one")))
-        q, v = self._placed(moves, self._sizes(tuple(parameters.values()), ()))
+        q, v = self._placed(moves, _sizes(self.statement, tuple(parameters.values()), ()))
         return SamplePoint(q, v, self._within(t), parameters, "far and wide")
 
     def _placed(

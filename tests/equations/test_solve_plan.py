@@ -14,7 +14,15 @@ from sympy import cos, sin
 from lagrange.compiler import machine, model_of, reached
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.equations.regularity import check_regularity
-from lagrange.equations.solve_plan import SolvePlan, elimination_order, plan_of
+from lagrange.equations.solve_plan import (
+    NestedCofactors,
+    SolvePlan,
+    elimination_order,
+    has_large_block,
+    plan_of,
+    vanishes,
+)
+from lagrange.equations.terms import TooLargeError
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 from lagrange.program.elimination import block_eliminations, elimination
@@ -278,3 +286,32 @@ def test_a_motion_without_inertia_is_named(given: dict[str, Any], coordinates: l
 )
 def test_singular_somewhere_and_units_that_differ_are_no_reason_to_refuse(kinetic: Any) -> None:
     checked(stated(kinetic=kinetic, coordinates=[x, y]))
+
+
+def chain_matrix(n: int) -> list[list[sp.Expr]]:
+    """Return the mass matrix of a chain of n links, in angles to the vertical."""
+    a = sp.symbols(f"a:{n}")
+    return [[(n - max(i, j)) * cos(a[i] - a[j]) for j in range(n)] for i in range(n)]
+
+
+def test_a_small_determinant_of_many_links_is_not_zero() -> None:
+    matrix = chain_matrix(24)
+    assert not vanishes(matrix)
+    assert vanishes([*matrix[:-1], matrix[0]])
+
+
+def test_cofactors_of_a_chain_of_rods_are_refused_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    n = 30
+    entries = sp.symbols(f"s:{n}")
+    band = [[entries[min(i, j)] if abs(i - j) <= 2 else sp.S.Zero for j in range(n)] for i in range(n)]
+    monkeypatch.setattr("lagrange.equations.solve_plan.MOST_MINORS", 50)
+    with pytest.raises(TooLargeError):
+        NestedCofactors(band, [sp.S.One] * n, 10**100).solution()
+
+
+@pytest.mark.parametrize(("size", "large"), [(11, False), (12, True)])
+def test_a_block_without_zeros_is_too_large_from_twelve_on(size: int, large: bool) -> None:
+    full = [[True] * size + [False] for _ in range(size)] + [[False] * size + [True]]
+    assert has_large_block(full) is large
+    full[0][1] = full[1][0] = False
+    assert not has_large_block(full)

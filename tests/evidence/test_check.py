@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 import sympy as sp
 
+import lagrange as lg
 from lagrange.compiler import model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import StatementError
 from lagrange.evidence.check import QUANTITIES, check
 from lagrange.evidence.quick import quick_check
+from lagrange.evidence.reference import Reference
 from lagrange.evidence.report import Report, ReportRow
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.model import Model
@@ -246,6 +248,85 @@ def test_many_columns_are_looked_at_in_turn() -> None:
     for points in (1, 2):
         report = checked(model, points=points)
         assert not report.rows[8].holds and report.rows[8].entry == "d x5_ddot / d x5_dot"
+
+
+def along_directions(model: StandIn, monkeypatch: pytest.MonkeyPatch, **more: Any) -> Report:
+    """Return the report of a check whose reference values would take too long."""
+    monkeypatch.setattr("lagrange.evidence.check.MOST_WORK", 1)
+    return check(cast("Model", model), **more)
+
+
+def test_a_large_system_is_checked_along_a_direction_and_the_report_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    report = along_directions(StandIn(statements.kepler()), monkeypatch)
+    assert report and len(report.points) == 1
+    assert report.notes == (
+        "The system is large. The mass matrix and the Jacobian are checked along 1 random direction, and not entry by "
+        "entry. The Jacobian of a batch is not compared. points=5 checks all of this.",
+    )
+    rows = [row.quantity for row in report.rows]
+    assert {"mass matrix times direction", "Jacobian times direction"} < {*rows} and QUANTITIES["jacobian"] not in rows
+
+
+def test_as_many_points_are_taken_as_there_is_time_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = cast("Model", StandIn(statements.kepler()))
+    work = Reference(model.statement).work()
+    monkeypatch.setattr("lagrange.evidence.check.MOST_WORK", 2 * work[2])
+    report = check(model)
+    assert report and len(report.points) == 2 and "along 2 random directions, one at each point" in report.notes[0]
+
+
+def test_a_number_of_points_that_is_given_is_checked_in_full(monkeypatch: pytest.MonkeyPatch) -> None:
+    full = checked(StandIn(statements.kepler()), points=5)
+    asked = along_directions(StandIn(statements.kepler()), monkeypatch, points=5)
+    assert len(asked.points) == 5 and not asked.notes and asked.rows == full.rows
+
+
+@pytest.mark.parametrize("statement", [statements.kepler, statements.driven_oscillator, statements.pendulum])
+@pytest.mark.parametrize("quantity", ["mass_matrix", "accelerations", "jacobian"])
+def test_a_wrong_entry_is_found_along_a_direction(
+    quantity: str, statement: Callable[[], Statement], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row = {"mass_matrix": "mass matrix times direction", "jacobian": "Jacobian times direction"}
+    count = len(StandIn(statement()).expressions[quantity])
+    for k in range(count):
+
+        def wrong(entries: list[Any], k: int = k) -> list[Any]:
+            return [*entries[:k], entries[k] + sp.Rational(1, 10**6), *entries[k + 1 :]]
+
+        report = along_directions(StandIn(statement(), {quantity: wrong}), monkeypatch)
+        assert row.get(quantity, QUANTITIES[quantity]) in failing(report), k
+
+
+def test_a_wrong_mass_matrix_does_not_excuse_wrong_accelerations(monkeypatch: pytest.MonkeyPatch) -> None:
+    wrong: dict[str, Break] = {
+        "mass_matrix": lambda entries: [2 * entries[0]],
+        "accelerations": lambda entries: [entries[0] / 2],
+    }
+    model = StandIn(statements.pendulum(), wrong)
+    assert QUANTITIES["accelerations"] in failing(along_directions(model, monkeypatch))
+
+
+@pytest.mark.parametrize("scene", ["double-pendulum", "four-bar", "knife-edge", "free-top", "swinging-atwood-machine"])
+def test_right_systems_hold_along_a_direction(scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lagrange.evidence.check.MOST_WORK", 1)
+    report = lg.scene(scene).check()
+    assert report and "along 1 random direction" in report.notes[0], report
+
+
+@pytest.mark.slow
+def test_coordinates_without_inertia_hold_along_a_direction(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = lg.System(
+        lagrangian=m * x.dot**2 / 2 - k * (x**2 + x * y + y**4) / 2,
+        coordinates=[x, y],
+        forces={y: x.dot * sp.sin(y)},
+        dissipation=y.dot**2 / 2,
+        parameters={m: 1.3, k: 0.7},
+        initial={x: 0.4, y: 0.3, x.dot: 0.2},
+    )
+    assert system.check()
+    monkeypatch.setattr("lagrange.evidence.check.MOST_WORK", 1)
+    report = system.check()
+    assert report and "along 1 random direction" in report.notes[0], report
 
 
 @pytest.mark.parametrize("energy", [sp.log(-1 - x**2), sp.sqrt(-1 - x**2)])
