@@ -171,11 +171,6 @@ class DriverState:
         """The reason why the last trial step was rejected. An error above the tolerance counts as STEP_TOO_SMALL."""
         return Outcome(int(self.reals[self.CAUSE]))
 
-    @property
-    def tries(self) -> int:
-        """Number of trial steps so far, accepted and rejected."""
-        return int(self.integers[self.STEPS] + self.integers[self.REJECTED])
-
     def count(self, which: int) -> int:
         """Return a count of the run. `which` is its index, such as `DriverState.STEPS` for accepted steps."""
         return int(self.integers[which])

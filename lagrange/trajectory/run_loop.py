@@ -243,18 +243,25 @@ class _Run:
         problem, state, rows, pace = self.problem, self.state, self.rows, Pace(self.problem)
         advance = (EventDriver(driver, self.watch) if isinstance(self.watch, StepWatch) else driver).advance
         result = GOES_ON if self.watch is None else self.watch.begin(state)
+        counts, memory = state.integers, memory_limit(problem)
         try:
             while True:
-                result = self.past_points_without_series(result)
-                if (end := self.end_after(result) or self.limit_reached()) is not None:
-                    return end
-                room = rows.make_room(memory_limit(problem) - state.kept)
-                if state.t != problem.t1 and room <= 0:
+                if result.smooth:
+                    result = self.past_points_without_series(result)
+                if (status := result.status) is not None:
+                    return self.end_after(result, status)
+                tries = counts[DriverState.STEPS] + counts[DriverState.REJECTED]
+                is_at_end, left = state.t == problem.t1, problem.max_steps - tries
+                if left <= 0 and not is_at_end:
+                    return Status.MAX_STEPS, ""
+                if problem.max_wall is not None and time.perf_counter() - self.began > problem.max_wall:
+                    return Status.MAX_WALL, ""
+                room = rows.make_room(memory - state.kept)
+                if room <= 0 and not is_at_end:
                     return Status.MAX_MEMORY, events_fill(problem) if rows.dropped else ""
                 # At the end time one more step is allowed, with which the driver reports that it is done.
-                left = max(min(problem.max_steps - state.tries, room), 1)
-                budget = min(per_call, left, pace.next_look - state.tries)
-                state.integers[DriverState.ROWS] = 0
+                budget = min(per_call, max(min(left, room), 1), pace.next_look - tries)
+                counts[DriverState.ROWS] = 0
                 times, states = rows.begin_call(budget)
                 before = time.perf_counter()
                 outcome = advance(state, budget, times, states)
@@ -287,21 +294,12 @@ class _Run:
                 self.rows.add(self.state.t, self.state.y)
         return result
 
-    def end_after(self, result: EventResult) -> tuple[Status, str] | None:
-        """Return the status and cause of a run that ends with `result`, that of the last driver call, or None."""
-        stuck = result.status is Status.STEP_TOO_SMALL and result.smooth
+    def end_after(self, result: EventResult, status: Status) -> tuple[Status, str]:
+        """Return the status and cause of a run that ends with `result`, whose status is `status`."""
+        stuck = status is Status.STEP_TOO_SMALL and result.smooth
         if stuck and not np.isfinite(self.slope_ahead()).all():
             return Status.NON_FINITE, ""
-        return None if result.status is None else (result.status, result.detail)
-
-    def limit_reached(self) -> tuple[Status, str] | None:
-        """Return the status of a run that has taken `max_steps` steps or `max_wall` seconds, and no cause, or None."""
-        problem, state = self.problem, self.state
-        if state.t != problem.t1 and state.tries >= problem.max_steps:
-            return Status.MAX_STEPS, ""
-        if problem.max_wall is not None and time.perf_counter() - self.began > problem.max_wall:
-            return Status.MAX_WALL, ""
-        return None
+        return status, result.detail
 
     def record_events(self) -> None:
         """Record the events on all accepted steps when the loop ends early, for example by Ctrl-C."""

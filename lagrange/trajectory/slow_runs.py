@@ -118,7 +118,7 @@ class Pace:
         if result.status is Status.DIVERGED and not result.detail and state.reals[DriverState.RTOL]:
             reach = UNSOLVED_REACH * abs(state.t - float(parts[-1].times[-UNSOLVED_ROWS:][0]))
             return stuck(self._problem, state.t, parts, reach, UNSOLVED_ROWS) or result
-        tries = state.tries
+        tries = state.count(DriverState.STEPS) + state.count(DriverState.REJECTED)
         vanished = result.status is Status.STEP_TOO_SMALL
         if result.detail or not (vanished or (result.status is None and tries >= self.next_look)):
             return result
