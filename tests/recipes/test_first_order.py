@@ -62,7 +62,9 @@ def test_terms_of_first_order_need_no_unit_of_energy() -> None:
     assert not with_units().statement.dimensions[phi].exponents
     with pytest.raises(StatementError, match=r"the equation of i has the term -R\*i"):
         with_units(R="H")
-    with pytest.raises(StatementError, match=r"whose unit is 1000 times that of the other terms"):
+    with pytest.raises(
+        StatementError, match=r"i has the term u, whose unit is 0.001 times .*: state u in V instead of mV"
+    ):
         with_units(u="mV")
     with pytest.raises(StatementError, match=r"the equation of e has the term -e, in 1 - e"):
         lowpass(dimensions={e: "V"})

@@ -135,6 +135,42 @@ def test_units_of_which_two_are_wrong_are_listed() -> None:
     ).endswith("Stated are x in m, a in cm, F in kN, k in N/m.")
 
 
+phi, i = lg.coordinates("phi i")
+J, R, L = lg.parameters("J R L")
+MOTOR = {u: "V", R: "ohm", i: "A", J: "kg*m**2", L: "H", k: "N*m/A", c: "N*m*s", phi: "rad"}
+
+ODD: dict[str, tuple[Any, str, str]] = {
+    # the symbol in another unit, this unit, and what is told of
+    "voltage": (u, "mV", "the equation of i has the term u, whose unit is 0.001"),
+    "resistance": (R, "kohm", "the equation of i has the term -R*i, whose unit is 1000"),
+    "inductance": (L, "mH", "the equation of i has the term -L*i_dot, whose unit is 0.001"),
+    "torque": (k, "N*cm/A", "the force on phi has the term i*k, whose unit is 0.01"),
+    "current": (i, "mA", "the force on phi has the term i*k, whose unit is 0.001"),
+    "damping": (c, "mN*m*s", "the force on phi has the term -c*phi_dot, whose unit is 0.001"),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_the_one_term_that_differs_is_named(name: str) -> None:
+    symbol, unit, term = ODD[name]
+    motor = {
+        "kinetic": J * phi.dot**2 / 2,
+        "coordinates": [phi, i],
+        "forces": {phi: k * i - c * phi.dot, i: u - R * i - k * phi.dot},
+        "dissipation": L * i.dot**2 / 2,
+    }
+    lg.System(**motor, dimensions=MOTOR)
+    assert refusal(lg.System, **motor, dimensions=MOTOR | {symbol: unit}) == (
+        f"{term} times that of the other terms: state {label_of(symbol)} in {MOTOR[symbol]} instead of {unit}."
+    )
+
+
+@pytest.mark.parametrize(("text", "instead"), [("lbf/in", "inch"), ("in", "inch"), ("gf", "kgf/1000")])
+def test_other_spellings_of_units_are_suggested(text: str, instead: str) -> None:
+    assert refusal(read_dimension, text, "it").endswith(f" is neither a dimension nor a unit. Write {instead!r}.")
+    assert read_dimension(text.replace("in", "inch") if "in" in text else instead, "it").unit
+
+
 RATES: dict[str, tuple[dict[Any, str], str]] = {
     # units, and the unit of x
     "inferred": ({x.dot: "cm/s", m: "kg"}, "cm"),

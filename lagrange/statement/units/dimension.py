@@ -62,6 +62,8 @@ OTHERS = {
 KNOWN_EXAMPLES = "dimensions such as 'length' and 'torque', and units such as 'm', 'cm', 'inch', 'kg', 'N*m' and 'rpm'"
 """End of a sentence on a name that is not known."""
 
+INSTEAD = {"in": "inch", "gf": "kgf/1000"}  # What to write for units whose names have another meaning, or none
+
 FUNCTIONS_TOO = ("min", "sec")  # Units whose names are also names of functions in expressions
 
 SIGNS = {"^": "**", "µ": "u", "μ": "u", "·": "*", "⋅": "*", "²": "**2", "³": "**3", "\u2126": "ohm", "\u03a9": "ohm"}
@@ -269,9 +271,15 @@ def _from_text(text: str, what: str) -> Any:
         return read_expression(spelled, {word: sympy.Symbol(word, positive=True) for word in known})
     except SceneError as error:
         words = [name] if name.isidentifier() else re.findall(r"[^\W\d]\w*", spelled)
-        if unknown := [word for word in words if error.reason.startswith(f"{word!r} is not declared") or word == name]:
+        if unknown := [
+            word
+            for word in words
+            if error.reason.startswith(f"{word!r} is not declared") or word == name or word in INSTEAD
+        ]:
             which = "which" if unknown == words else f"and {unknown[0][:60]!r}"
             hint = suggestion(unknown[0], list(known)) or f" Known are {KNOWN_EXAMPLES}."
+            if unknown[0] in INSTEAD:
+                hint = f" Write {INSTEAD[unknown[0]]!r}."
             raise StatementError(
                 f"{what} is {spelled[:60]!r}, {which} is neither a dimension nor a unit.{hint}"
             ) from None

@@ -353,8 +353,8 @@ def _without_own_numbers(value: Any, like: Any, known: Mapping[Any, Dimension]) 
 
 COHERENT = {"mass": "kg", "length": "m", "time": "s"}  # Base units of N, J, W and other units of the SI
 
-DERIVED = ("N", "N*m", "N/m", "N*s/m", "W")
-"""Derived units that a remedy writes in place of products of kg, m and s."""
+DERIVED = ("N", "N*m", "N/m", "N*s/m", "N*m*s", "W", "kg*m**2", "A", "V", "ohm", "H", "F", "C", "N*m/A")
+"""Units that a remedy writes in place of products of kg, m, s and A."""
 
 LARGEST = 700.0  # Largest logarithm of a factor that is printed as a number: doubles overflow at 709
 

@@ -185,14 +185,24 @@ class UnitEquations:
 
     def require(self, part: CheckedPart) -> None:
         """Add the equation that the expression of `part` has its required unit."""
-        unit = self.unit(part.expression)
-        if unit is None or part.like is None:
-            return
+        required = self._required(part)
+        try:
+            unit = self.unit(part.expression)
+        except OtherUnitError as wrong:
+            in_reset_of_itself = part.like in part.expression.args  # as in u = u + t: one statement of a unit, not two
+            if in_reset_of_itself or not part.expression.is_Add or wrong.term not in part.expression.args:
+                raise
+            raise self._odd_term(wrong, part.expression.args, required) from None
+        if unit is not None and required is not None:
+            self._equate(sympy.Add.make_args(part.expression)[0], unit, required)
+
+    def _required(self, part: CheckedPart) -> UnitProduct | None:
+        """Return the unit that the expression of `part` must have; None if any is right."""
+        if part.like is None:
+            return None
         required = UnitProduct.of(named(part.like), part.like) if isinstance(part.like, str) else self.unit(part.like)
         over = UnitProduct() if part.per is None else self.unit(part.per)
-        if required is not None and over is not None:
-            required = required.times(over, Fraction(-1))
-            self._equate(sympy.Add.make_args(part.expression)[0], unit, required)
+        return None if required is None or over is None else required.times(over, Fraction(-1))
 
     def dimension(self, expression: Any) -> Dimension | None:
         """Return the dimension of an expression; None if it is undetermined, or if the expression is zero."""
@@ -250,9 +260,33 @@ class UnitEquations:
         for term in terms:
             unit = self.unit(term)
             if first is not None and unit is not None:
-                self._equate(term, unit, first)
+                try:
+                    self._equate(term, unit, first)
+                except OtherUnitError as wrong:
+                    raise self._odd_term(wrong, terms, None) from None
             first = unit if first is None else first
         return first
+
+    def _odd_term(self, wrong: OtherUnitError, terms: Sequence[Any], required: UnitProduct | None) -> OtherUnitError:
+        """Return the error for the one term of a sum whose unit differs from that of all others.
+
+        `required` is the unit that the sum must have, if known. If there is no such term, the error is `wrong`, which
+        names the first term whose unit differs from that of the first one. Terms of unknown unit do not count.
+        """
+        try:
+            units = [(term, self.unit(term)) for term in terms]
+        except OtherUnitError:  # a later term is wrong in itself
+            return wrong
+        known = [(term, self._reduced(unit)) for term, unit in (*units, (None, required)) if unit is not None]
+        logarithms = [
+            (term, unit.logarithm) for term, unit in known if all(isinstance(name, str) for name in unit.powers)
+        ]
+        for term, logarithm in logarithms:
+            others = [other for sharing, other in logarithms if sharing is not term]
+            agree = len(others) > 1 and max(others) - min(others) <= SAME_FACTOR
+            if term is not None and agree and abs(logarithm - others[0]) > SAME_FACTOR:
+                return OtherUnitError(term, logarithm - others[0], None)
+        return wrong
 
     def _function(self, expression: Any) -> UnitProduct | None:
         """Return the unit of a function or a Piecewise."""
