@@ -322,9 +322,9 @@ class System:
         `contents` are names of quantities ("rhs", "accelerations", "energy", "energies", "jacobian", "mass_matrix",
         "momenta", "multipliers", "positions", "events"), of explicit methods ("rk4": a step, "dop853": a run with error
         control), "main" (a program that runs the initial state and writes CSV) and, for some targets, "taylor"; the
-        default is rhs and energy. `events` are expressions as for a run. `parameters` overlay the default values; both
-        are written into the file. The result has `.files`, and `.commands` that build and run the self-test there.
-        Raises StatementError for quantities that a target cannot express, and for a parameter without a value.
+        default is rhs and energy. `events` are as for a run. `parameters` overlay the default values; for "main" they
+        give each open input a constant value, and its rates are zero. The result has `.files`, and `.commands` that run
+        the self-test there. Raises StatementError for what a target cannot express, and for parameters without values.
         """
         from lagrange.export.contents import export
 

@@ -152,12 +152,14 @@ def _refuse(
 def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -> None:
     """Raise StatementError if an input of the model has no value in `parameters`.
 
-    An exported run needs the values, because the inputs are constant during it.
+    An exported run needs the values, because the inputs are constant during it. So the rates of an input that has a
+    value need none: they are zero.
     """
     if isinstance(parameters, np.ndarray):  # it has all values
         return
     stated = {label_of(key) for key in table_of(parameters, "parameters", "parameter to value")}
-    missing = [symbol.name for symbol, _ in model.statement.inputs if symbol.name not in stated]
+    rates = {rate for _, rate in model.statement.inputs}
+    missing = [symbol.name for symbol, _ in model.statement.inputs if symbol not in rates and symbol.name not in stated]
     if missing:
         raise StatementError(
             f"main runs the system, and its {'input' if len(missing) == 1 else 'inputs'} {listing(missing)} "

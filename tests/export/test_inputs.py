@@ -115,15 +115,25 @@ def test_casadi_and_jax_take_inputs_in_the_parameters(expected: list[float]) -> 
 
 
 def test_a_run_without_values_of_inputs_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(
-        lg.StatementError, match=r"its inputs X, X_dot, X_ddot and u have no value: give a constant value"
-    ) as refusal:
+    with pytest.raises(lg.StatementError, match=r"its inputs X and u have no value: give a constant value") as refusal:
         driven().export("c", tmp_path, ["main"])
     assert len(str(refusal.value)) <= 400 and list(tmp_path.iterdir()) == []
-    held = {"X": 0, "X_dot": 0, "X_ddot": 0, "u": 0.5}
-    driven().export("c", tmp_path, ["main"], parameters=held)
+    driven().export("c", tmp_path, ["main"], parameters={"X": 0, "u": 0.5})  # the rates of X are zero
     subprocess.run(["cc", "-O1", "-o", "main", "driven.c", "driven_main.c", "-lm"], cwd=tmp_path, check=True)
     rows = subprocess.run(["./main", "1.0"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout.split()
     other = driven().substitute({X: 0, u: 0.5}).run(1.0, rtol=1e-10)
     # main has a tolerance of 1e-8.
     assert float(rows[-1].split(",")[1]) == pytest.approx(other[theta][-1], rel=1e-6)
+
+
+def test_the_rate_of_a_constant_input_is_zero(tmp_path: Path) -> None:
+    i, voltage = lg.coordinate("i"), lg.given("u")
+    circuit = lg.System(kinetic=0, forces={i: voltage - i}, dissipation=i.dot**2 / 2, name="circuit")
+    assert "u_dot" in [symbol.name for symbol in circuit.compile("numpy").statement.parameters]
+    with pytest.raises(lg.StatementError, match="its input u has no value: give"):
+        circuit.export("python", tmp_path, ["main"])
+    texts = []
+    for held in ({voltage: 12.0}, {voltage: 12.0, voltage.dot: 0.0}):
+        made = circuit.export("python", tmp_path, ["rhs", "dop853", "main"], parameters=held)
+        texts.append([path.read_text() for path in made.files])
+    assert texts[0] == texts[1]
