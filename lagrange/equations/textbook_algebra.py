@@ -379,9 +379,9 @@ class TextbookAlgebra(StatedAlgebra):
         still = [self.statement.names[i] for i in block if i < n and not any(self.mass[i])]
         if still and not laws:
             return StatementError(
-                f"no formula is written out for the accelerations of {listing(names)}: {listing(still)} "
-                f"{'has' if len(still) == 1 else 'have'} no inertia. An equation of motion of first order has no "
-                "accelerations in it: read it in equations(); what is compiled takes its rate of change."
+                f"{listing(still)} {'has' if len(still) == 1 else 'have'} no inertia, and an equation of motion of "
+                "first order has no accelerations in it: read it in equations(); what is compiled takes its rate of "
+                "change."
             )
         if laws:
             return StatementError(
