@@ -112,6 +112,9 @@ def jacobian(equations: Equations) -> Named:
         residual = [r - force for r, force in zip(residual, held.forces(multipliers), strict=True)]
         residual += [along(psi) for psi in held.velocities]
         known |= dict(zip(multipliers, equations.impulses, strict=True))
+    if equations.settled:
+        # The accelerations are those at velocities of first order that follow from the other entries of the state.
+        residual = substitute(residual, dict(zip(equations.v, equations.rate, strict=True)))
     columns, solve = [], equations.plan.solver(equations.matrix)
     for symbol in (*equations.q, *equations.v):
         column = tangents([*equations.rate, *residual], {symbol: graph.one})

@@ -41,6 +41,21 @@ def test_a_charge_without_mass_goes_round_its_bowl(method: str, target: str) -> 
     assert solution[y.dot] == pytest.approx(1.5 * np.cos(angle), abs=1e-7)
 
 
+def test_a_jacobian_knows_that_a_velocity_of_first_order_follows_from_the_state() -> None:
+    """The damping of y depends on x, so that the rate of its equation contains y.dot. Beside the relation as on it."""
+    system = lg.System(
+        lagrangian=m * x.dot**2 / 2 - k * (x**2 + x * y + y**4) / 2,
+        coordinates=[x, y],
+        forces={y: x.dot * sin(y)},
+        dissipation=y.dot**2 * (2 + cos(x)) / 2,
+        parameters={m: 1.3, k: 0.7},
+    )
+    model, state, h = system.compile("numpy", check=False), np.array([0.5, 0.7, 0.35, -1.1]), 1e-6
+    expected = np.transpose([(model.rhs(0, state + h * e) - model.rhs(0, state - h * e)) / (2 * h) for e in np.eye(4)])
+    # Central differences have an error of h**2 and of the rounding 1e-16/h.
+    assert model.jacobian(0, state) == pytest.approx(expected, abs=1e-9)
+
+
 @pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_two_vortices_go_round_their_centre(method: str) -> None:
