@@ -53,6 +53,10 @@ class Contact:
             if value.is_number and not (is_real and bool(value >= 0) and bool(value <= largest)):
                 given = formula(value, 40) if value.is_Rational or not is_real else f"{float(value):.10g}"
                 raise StatementError(f"{what} is {given}: give a number {bounds}.")
+        static, kinetic = self.friction
+        if static.is_number and kinetic.is_number and static < kinetic:
+            pair = f"({float(static):.10g}, {float(kinetic):.10g})"
+            raise StatementError(f"friction is {pair}: give (static, kinetic), the static at least the kinetic one.")
 
     def __repr__(self) -> str:
         slip = f", slip {listing(map(formula, self.slip))}" if self.slip else ""

@@ -248,5 +248,5 @@ class ContactResult:
 
     @property
     def rests(self) -> tuple[float, ...]:
-        """The times at which infinitely many impacts accumulate and end."""
+        """The times at which infinitely many impacts end. After each the contact may open again, and have impacts."""
         return self._run.history.rests[self._which]

@@ -199,10 +199,8 @@ class Modes:
         return self._models[plain]
 
 
-@lru_cache(maxsize=MODELS_KEPT)
-def modes_of(model: Model) -> Modes:
-    """Return the modes of a model, cached in the model."""
-    return Modes(model)
+modes_of = lru_cache(maxsize=MODELS_KEPT)(Modes)
+"""Returns the modes of a model, which are cached."""
 
 
 def mode_statement(statement: Statement, mode: Mode) -> Statement:

@@ -51,9 +51,9 @@ fraction of the terms of the gap: the second number, or the third times `rtol`, 
 NEARBY = 2.0**-16
 """Fraction of a segment, before its end, over which the derivative of an event is approximated by a difference."""
 
-STEPS_OUTSIDE, CLOSED_START = 60, 1e-6
+STEPS_OUTSIDE, SHORTEST_STEP = 60, 1e-12
 """Number of steps for each gap in the search for the nearest start outside of all bodies, which an error message shows;
-and the largest gap at its end that counts as closed."""
+and the change of an entry below which a step reaches the closed gap."""
 
 MOST_AT_ONCE = 32
 """Largest number of changes of the mode at one instant."""
@@ -61,8 +61,9 @@ MOST_AT_ONCE = 32
 SHORTEST_REST = 2.0**-36
 """Time until impacts have ended, relative to the time of the run, below which no separate segment is run."""
 
-EARLY = 1e-7
-"""Part of a run early in which a gap may still be negative: its motion there is taken for rounding of the start."""
+TYPED, EARLY, EARLY_FALL = 1e-8, 1e-7, 1e-6
+"""An overlap at the start is rounding up to the first number times the terms of gaps; or up to the way of the gap: at
+its rate during the second part of the run, and by its acceleration during the third."""
 
 FAILED = (Status.UNRELIABLE, Status.NON_FINITE, Status.SINGULAR, Status.STEP_TOO_SMALL, Status.DIVERGED)
 """Statuses after which a segment is run again, with a check of each impact and each change of the mode."""
@@ -381,10 +382,11 @@ class _ContactRun:
         if not inside:
             return touch
         # A gap of one coordinate has no other terms: compare it with the way that it takes early in the run.
-        short = EARLY * (problem.t1 - problem.t0)
+        span = problem.t1 - problem.t0
         a = problem.model.kernel("rhs")(problem.t0, problem.y0, problem.parameter_array)[problem.model.layout.v]
-        ways = np.abs(touch.rates) * short + np.abs(touch.convective + touch.directions @ a) * short**2 / 2
-        deep = [i for i in inside if not -touch.gaps[i] <= ways[kin.normals[i]]]
+        falls = np.abs(touch.convective + touch.directions @ a) * (EARLY_FALL * span) ** 2 / 2
+        rounding = np.maximum(np.abs(touch.rates) * EARLY * span + falls, TYPED / TOUCHING * touch.near)
+        deep = [i for i in inside if not -touch.gaps[i] <= rounding[kin.normals[i]]]
         if deep:
             gaps = listing(f"{self.contacts[i].name!r} is {touch.gaps[i]:.6g}" for i in deep)
             what = f"the gap {gaps}, below zero" if len(deep) == 1 else f"the gaps are below zero: {gaps}"
@@ -407,16 +409,18 @@ class _ContactRun:
                 # Tangents at y, followed back to the given state. Whole steps overshoot where gaps are curved.
                 back = touch.directions[kin.normals] @ (problem.y0 - y)[layout.q]
                 whole = kin.closed(replace(touch, y=problem.y0, gaps=touch.gaps + back, before=touch), active)
-                y = whole if np.allclose(whole, y, rtol=0, atol=CLOSED_START**2) else (y + whole) / 2
+                y = whole if np.allclose(whole, y, rtol=0, atol=SHORTEST_STEP) else (y + whole) / 2
                 touch = kin.at(problem.t0, y)
-            if not np.abs(touch.gaps[active]).max() < CLOSED_START:
+            if not np.abs(touch.gaps[active]).max() <= TYPED / TOUCHING * touch.near:
                 return "Give a start at which the bodies do not overlap."
-        moved = [
-            f"{name} = {value:.9g}"
-            for name, value, old in zip(layout.coordinates, y, problem.y0, strict=False)
-            if value != old
-        ]
-        return f"The nearest start outside has {listing(moved)}."
+        if problem.model.statement.constraints:
+            kernels = map(problem.model.kernel, ("constraints", "constraint_sizes"))
+            off, sizes = (np.abs(kernel(problem.t0, y, problem.parameter_array)) for kernel in kernels)
+            if (off > TYPED * sizes).any():
+                return "Give a start at which the bodies do not overlap."
+        entries = zip(layout.coordinates, y, problem.y0, strict=False)
+        moved = listing(f"{name} = {value:.15g}" for name, value, old in entries if value != old)
+        return f"The nearest start outside has {moved}."
 
     def _note(self) -> str:
         """Return sentences on impacts that accumulate and on contacts that depend on each other, or ""."""

@@ -168,9 +168,14 @@ class Transitions:
         # The change of each rate by a unit impulse of another contact.
         coupled = np.abs(matrix)[np.ix_(rows, rows)] * np.not_equal.outer(owners[rows], owners[rows])
         if not law and coupled.max() > UNCOUPLED * np.abs(matrix).max():
-            names = listing(kin.contacts[i].name for i in touching)
+            arriving = [i for i in touching if touch.rates[normals[i]] < -touch.noise[normals[i]]]
+            names = listing(kin.contacts[i].name for i in arriving)
+            what = f"{names} meet at one instant"
+            if closed := [kin.contacts[i].name for i in touching if i not in arriving]:
+                arrive, are = "arrives" if len(arriving) == 1 else "arrive", "is" if len(closed) == 1 else "are"
+                what = f"{names} {arrive} while {listing(closed)} {are} closed"
             raise Undetermined(
-                f"{names} meet at one instant, and the result depends on the law of simultaneous impacts: state "
+                f"{what}, and the result depends on the law of simultaneous impacts: state "
                 "simultaneous='newton', all at once, or 'sequence', one after the other, on the system."
             )
         rates, impulses, lost = touch.rates, np.zeros(len(touch.rates)), np.zeros(len(touch.rates))
