@@ -168,13 +168,35 @@ def review_step(
     output. `factors` are near 1 and perturb the entries of a state, to estimate rounding errors.
     """
     n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
-    path, cubic, tables = functions.path("review_"), functions.cubic(), (numbers, table)
+    path, cubic = functions.path("review_"), functions.cubic()
+    tables: Any = (numbers, table)
     work = reals(max(path.size, cubic.size), room=WIDEST_VECTOR)
     c, memory = reals((max(degree, 3) + 1) * n, room=WIDEST_VECTOR), reals(work_size(n, events, 1), room=WIDEST_VECTOR)
-    paths = path.write, tables, degree, 0, functions.events.screened, cubic.write, tables, functions.law, numbers
-    watched = functions.kernel, numbers, n, events, factors, memory
-    arguments: Any = *paths, step, step, work, c, *watched, None, None, 0, end
-    samples = StepSamples(*arguments)
+    samples = StepSamples(
+        polynomial=path.write,
+        given=tables,
+        degree=degree,
+        both=0,
+        screens=functions.events.screened,
+        screen=cubic.write,
+        screen_given=tables,
+        law=functions.law,
+        law_parameters=numbers,
+        own=step,
+        beside=step,
+        path_work=work,
+        c=c,
+        kernel=functions.kernel,
+        parameters=numbers,
+        dimension=n,
+        events=events,
+        factors=factors,
+        work=memory,
+        times=None,
+        states=None,
+        steps=0,
+        end=end,
+    )
     lines, step_numbers, is_close = samples.lines(), wholes(1), watch.review.starts != 0
     zeros = step_zeros(samples, lines, watch)
     for e in range(events):
@@ -245,10 +267,21 @@ class StepEventSearch:
     def memory(self) -> ReviewMemory:
         """Return memory for the search for events on the steps of one member."""
         count, n = self.events.count, self.dimension
-        sides = wholes(count), wholes(count), wholes(count), reals(count), wholes(count)
-        zeros = wholes(ZERO_ROOM + 1), reals(ZERO_ROOM + 1), reals((ZERO_ROOM + 1) * n)
-        seen = self.occurrences.memory()
-        return ReviewMemory(Review(), *sides, *zeros, wholes(4 * count), reals(count), reals(n), seen)
+        return ReviewMemory(
+            review=Review(),
+            sign=wholes(count),
+            near=wholes(count),
+            remaining=wholes(count),
+            zero_sizes=reals(count),
+            arrivals=wholes(count),
+            which=wholes(ZERO_ROOM + 1),
+            when=reals(ZERO_ROOM + 1),
+            zeros=reals((ZERO_ROOM + 1) * n),
+            step_sides=wholes(4 * count),
+            levels=reals(count),
+            there=reals(n),
+            seen=self.occurrences.memory(),
+        )
 
     @inline
     def begin(self, memory: ReviewMemory, watched: ReviewArguments) -> None:
@@ -275,9 +308,20 @@ class StepEventSearch:
         review.written, review.starts = 0, int(steps == 1)
         review.last = 0 if end == job.t1 else -1
         review.rounded = float(steps - 1) * (1.0 / NOISE_HALVES)
-        sides = memory.sign, memory.near, watched.direction, memory.remaining, memory.zero_sizes, memory.arrivals
-        zeros = memory.which, memory.when, memory.zeros, memory.step_sides, memory.levels
-        watch = ReviewedEvents(review, *sides, *zeros)
+        watch = ReviewedEvents(
+            review=review,
+            sign=memory.sign,
+            near=memory.near,
+            direction=watched.direction,
+            remaining=memory.remaining,
+            zero_sizes=memory.zero_sizes,
+            arrivals=memory.arrivals,
+            which=memory.which,
+            when=memory.when,
+            there=memory.zeros,
+            step_sides=memory.step_sides,
+            levels=memory.levels,
+        )
         why = review_step(watch, member.numbers, job.table, watched.factors, step.memory, end, functions=self.functions)
         is_changed = why == CHANGED
         is_regular = why == ENDED or is_changed
@@ -409,19 +453,19 @@ class StepMembers(MemberMethod):
             copy_state(member, method_memory.path.step.y, self.dimension)
         numbers = member.numbers
         arguments = Running(
-            job.law,
-            numbers,
-            job.law,
-            numbers,
-            run,
-            counts,
-            member.floors,
-            method_memory.effort,
-            (),
-            (),
-            method_memory.work,
-            None,
-            None,
+            law=job.law,
+            parameters=numbers,
+            jacobian=job.law,
+            constants=numbers,
+            run=run,
+            counts=counts,
+            floors=member.floors,
+            effort=method_memory.effort,
+            newtons=(),
+            starters=(),
+            work=method_memory.work,
+            projection=None,
+            projection_numbers=None,
         )
         outcome: int = generated(self.steps, arguments, trials, method_memory.unused, method_memory.unused)
         if self.path is not None and counts.steps > before:
