@@ -97,11 +97,18 @@ class EventSearch:
         """Return memory for the search for events on the steps of one member."""
         count, n = self.events.count, self.dimension
         real_count, whole_count = scratch_sizes(count, n)
-        states = reals(MEMBER_EVENT_ROOM * n, room=WIDEST_VECTOR)
-        events = reals(MEMBER_EVENT_ROOM), states, wholes(MEMBER_EVENT_ROOM), wholes(1)
-        scratch = reals(real_count, room=WIDEST_VECTOR), wholes(whole_count)
-        seen = self.occurrences.memory()
-        return SearchMemory(Watch(), wholes(2 * len(SIDES) * count), *events, *scratch, seen, wholes(1))
+        return SearchMemory(
+            watch=Watch(),
+            sides=wholes(2 * len(SIDES) * count),
+            times=reals(MEMBER_EVENT_ROOM),
+            states=reals(MEMBER_EVENT_ROOM * n, room=WIDEST_VECTOR),
+            places=wholes(MEMBER_EVENT_ROOM),
+            unused=wholes(1),
+            scratch=reals(real_count, room=WIDEST_VECTOR),
+            whole_scratch=wholes(whole_count),
+            seen=self.occurrences.memory(),
+            taken=wholes(1),
+        )
 
     @inline
     def arguments(self, memory: SearchMemory, job: Any, numbers: In) -> Watched:

@@ -41,7 +41,7 @@ from lagrange.algorithm.taylor.memory import (
 from lagrange.algorithm.taylor.watching import Arguments
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.procedure.form import Array, Procedure
-from lagrange.procedure.front.decorators import Bundle, procedure
+from lagrange.procedure.front.decorators import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, generated, larger, reals
 from lagrange.procedure.rewrite import bound
 from lagrange.procedure.vector_loops import without_vectors
@@ -202,6 +202,50 @@ class SeriesFunctions:
     projection: Any
 
 
+@inline
+def order_at(rtol: float, orders: tuple[tuple[float, int], ...]) -> int:
+    """Return the order of the series at a relative tolerance, from the pairs (tolerance, order) at which it changes."""
+    order = orders[0][1]
+    for (_, before), (tolerance, after) in pairwise(orders):
+        order = order + int(rtol < tolerance) * (after - before)
+    return order
+
+
+@inline
+def begin(of: SeriesFunctions, p: In, order: int, highest: int, layout: TaylorLayout) -> Arguments:
+    """Return the arguments of the loop over Taylor steps, with new memory for series up to the order `highest`.
+
+    There are no output times, and no steps are recorded. The records of the run are zero.
+    """
+    work, floors, states = (
+        reals(layout.size(highest), room=WIDEST_VECTOR),
+        reals(layout.dimension),
+        reals(layout.dimension),
+    )
+    output_times, times, rows = reals(1), reals(1), reals(1)
+    output_times[0] = math.nan
+    return Arguments(
+        jet=of.jet,
+        prepared=p,
+        constants=p,
+        run=Run(),
+        counts=Counts(),
+        taylor=TaylorState(),
+        floors=floors,
+        held=Held(),
+        outputs=OutputCounts(),
+        output_times=output_times,
+        output_states=states,
+        times=times,
+        rows=rows,
+        watched=None,
+        projection=of.projection,
+        projection_numbers=None if of.projection is None else p,
+        work=work,
+        order=order,
+    )
+
+
 @procedure(
     of=lambda layout: Bundle(SeriesFunctions, {"jet": JET, "projection": CORRECTIONS if layout.projected else None}),
     t=lambda: Array(size=1),
@@ -234,14 +278,11 @@ def taylor_run(
     n, projection = layout.dimension, of.projection
     if projection is not None and not starts_on_constraints(projection, p, t[0], y, dimension=n, relations=relations):
         return Outcome.UNPROJECTED
-    work, floors, states = reals(layout.size(highest), room=WIDEST_VECTOR), reals(n), reals(n)
     tolerance_used = SMALLEST_RTOL if rtol < SMALLEST_RTOL else rtol
-    # The order of the series, by the tolerances at which it changes.
-    order = orders[0][1]
-    for (_, before), (tolerance, after) in pairwise(orders):
-        order = order + int(tolerance_used < tolerance) * (after - before)
+    order = order_at(tolerance_used, orders)
     margin = STEP_MARGIN if tolerance_used >= TIGHT_RTOL else LEAST_MARGIN
-    run, counts, taylor, held, outputs = Run(), Counts(), TaylorState(), Held(), OutputCounts()
+    arguments = begin(of, p, order, highest, layout)
+    run, floors, work = arguments.run, arguments.floors, arguments.work
     run.t, run.start, run.end, run.rtol, run.previous = t[0], t[0], t_end, margin * tolerance_used, 1.0
     run.cause = float(Outcome.STEP_TOO_SMALL)
     run.longest = abs(t_end - t[0]) / float(steps_at_least) if steps_at_least else math.inf
@@ -249,12 +290,6 @@ def taylor_run(
     for i in each(n, width=1):
         floors[i] = floor
     work[:n] = y[:n]
-    # There are no output times, and no steps are recorded.
-    output_times, times, rows = reals(1), reals(1), reals(1)
-    output_times[0] = math.nan
-    arrays = floors, held, outputs, output_times, states, times, rows
-    numbers = None if projection is None else p
-    arguments = Arguments(of.jet, p, p, run, counts, taylor, *arrays, None, projection, numbers, work, order)
     outcome = taylor_steps(arguments, max_steps, layout=layout)
     t[0] = run.t
     y[:n] = work[:n]

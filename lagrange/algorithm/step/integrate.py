@@ -101,8 +101,21 @@ def begin(of: SystemFunctions, y: In, p: In, layout: Layout) -> Running:
     """
     work, floors = reals(layout.size), reals(layout.dimension)
     work[: layout.dimension] = y[: layout.dimension]
-    numbers = None if of.projection is None else p
-    return Running(of.law, p, of.jacobian, p, Run(), Counts(), floors, Effort(), (), (), work, of.projection, numbers)
+    return Running(
+        law=of.law,
+        parameters=p,
+        jacobian=of.jacobian,
+        constants=p,
+        run=Run(),
+        counts=Counts(),
+        floors=floors,
+        effort=Effort(),
+        newtons=(),
+        starters=(),
+        work=work,
+        projection=of.projection,
+        projection_numbers=None if of.projection is None else p,
+    )
 
 
 @procedure(of=functions_of, t=lambda: Array(size=1), y=state_array)

@@ -205,7 +205,19 @@ def recording_of(solution: Solution, timing: Timing) -> Recording:
     kept = bool(energies) and bool(solution.drift.conserved)
     jumps = _jumps(solution, t)
     letter = energy_letter(solution.model.equations)
-    return Recording(solution.model.statement, t, states, points, energies, change, kept, jumps, detail, letter, size)
+    return Recording(
+        statement=solution.model.statement,
+        t=t,
+        states=states,
+        points=points,
+        energies=energies,
+        change=change,
+        kept=kept,
+        jumps=jumps,
+        detail=detail,
+        energy_letter=letter,
+        energy_size=size,
+    )
 
 
 THINNING_ERROR = 1e-3

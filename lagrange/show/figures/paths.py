@@ -350,17 +350,17 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
     space = np.array(placed(drawn))
     fixed = fixed_points(solution.model.statement)
     return Paths(
-        drawn,
-        np.array([view.of(point) for point in space]),
-        space,
-        seen(solution.t[:1])[:, :, 0],
-        bool(drawn[0] != first[0]),
-        names,
-        tuple(fixed[name] for name in names),
-        view,
-        solution.model.statement.links,
-        tuple(map(tuple, solution.model.statement.outlines.values())),
-        note,
+        times=drawn,
+        points=np.array([view.of(point) for point in space]),
+        space=space,
+        starts=seen(solution.t[:1])[:, :, 0],
+        late=bool(drawn[0] != first[0]),
+        names=names,
+        fixed=tuple(fixed[name] for name in names),
+        view=view,
+        links=solution.model.statement.links,
+        surfaces=tuple(map(tuple, solution.model.statement.outlines.values())),
+        note=note,
     )
 
 
