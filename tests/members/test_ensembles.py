@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
+from lagrange.members import dispatch
 from tests.refusals import refusal
 
 METHODS: dict[str, dict[str, Any]] = {
@@ -64,7 +65,28 @@ def test_parameters_vary_and_outputs_are_those_of_a_run() -> None:
 
 
 x, y = lg.coordinates("x y")
-"""How long runs are, and what they keep: ends; extremes, means and states on the way; events."""
+EVENTS: dict[str, Any] = {"keep": ("end", ("events", 3), ("min", x)), "events": [lg.event(x, terminal=2), y]}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "rk4", "verlet"])
+def test_how_members_are_divided_does_not_change_a_bit_of_events(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Threads, chunks, order and other members have no effect. `test_partitions.py` divides runs without events."""
+    options = {"method": method, **METHODS[method], **EVENTS}
+    henon = system("henon-heiles")
+    initial = lg.grid({"x": (-1.0, 1.0, 9), "y": [-0.2, 0.1, 0.9]})
+    whole = lg.ensemble(henon, 6.0, initial, workers=1, **options)
+    assert len(set(whole.status)) > 1
+    order = np.random.default_rng(1).permutation(len(whole))
+    mixed = lg.ensemble(henon, 6.0, {name: whole.given(name)[order] for name in ("x", "y")}, **options)
+    for size, workers in ((1, 1), (3, 2), (8, 1), (11, 2), (100, 3)):
+        monkeypatch.setattr(dispatch, "FIRST_CHUNK", size)
+        monkeypatch.setattr(dispatch, "LARGEST_CHUNK", size)
+        runs = lg.ensemble(henon, 6.0, initial, workers=workers, **options)
+        for name in (column.name for column in whole.columns):
+            assert runs.results.column(name).tobytes() == whole.results.column(name).tobytes(), name
+    for name in (column.name for column in whole.columns):
+        assert mixed.results.column(name).tobytes() == whole.results.column(name)[order].tobytes(), name
 
 
 def test_a_member_that_fails_says_why_and_stops_where_a_run_stops() -> None:

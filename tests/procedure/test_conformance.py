@@ -1,10 +1,11 @@
-"""Printers and the interpreter agree, beside random functions, on sums of products and kernels."""
+"""Printers and the interpreter agree, beside random functions, on sums of products, kernels and projection."""
 
 from __future__ import annotations
 
 import ctypes
 from array import array
 from collections.abc import Callable
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ import pytest
 import lagrange as lg
 from lagrange.algorithm.kernel.kernels import kernel, prepare
 from lagrange.algorithm.kernel.prepared import LARGEST_IN_SOURCE, PreparedLayout
+from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.projection import KEPT_VIOLATION, PROJECTION_CORRECTIONS, RESOLVED, project
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.llvm.engine import Module
@@ -130,3 +133,76 @@ def test_what_depends_on_parameters_alone_is_prepared_once_for_all_programs() ->
     model = lg.scene("double-pendulum").compile("numpy")
     rhs, again = model.law("rhs").program, model.law("accelerations").program
     assert PreparedLayout.of([rhs, again]).size == PreparedLayout.of([rhs]).size
+
+
+# --- projection -----------------------------------------------------------------------------------------------
+# The loop of the projection: when a state moves, how far, and the outcome if it cannot be projected.
+
+Answer = tuple[list[float], float, float]
+"""Corrections, the violation, and the violation that would remain."""
+
+
+def projected(
+    answers: list[Answer | None], state: list[float], lost: list[float] | None = None
+) -> tuple[Outcome, bool, list[float], list[float], int]:
+    """Run the projection with given corrections. Return its result, the state, the rounding errors, and the calls."""
+    asked = 0
+
+    def corrections(_: float, __: Any, ___: Any, out: Any) -> bool:
+        nonlocal asked
+        answer = answers[min(asked, len(answers) - 1)]
+        asked += 1
+        for i, value in enumerate([] if answer is None else [*answer[0], answer[1], answer[2]]):
+            out[i] = value
+        return answer is None
+
+    y, low = list(state), [0.0] * len(state) if lost is None else list(lost)
+    outcome, moved = run(project.form(dimension=len(state), block=1), corrections, [], 0.5, y, low)
+    return Outcome(outcome), bool(moved), y, low, asked
+
+
+def test_a_state_whose_violation_is_rounding_is_unchanged() -> None:
+    result = projected([([1e-17, 2e-17], KEPT_VIOLATION, 0.0)], [1.0, 2.0])
+    assert result == (Outcome.DONE, False, [1.0, 2.0], [0.0, 0.0], 1)
+
+
+def test_a_state_and_its_rounding_error_move_as_one_number() -> None:
+    """State and rounding errors together lose no bit of a correction below the spacing of the state."""
+    state, lost, move = [1.0, -3.0], [2.0**-55, -(2.0**-54)], [2.0**-54 + 2.0**-80, 0.3]
+    outcome, moved, after, low, asked = projected([(move, 1e-9, 0.0)], state, lost)
+    assert (outcome, moved, asked) == (Outcome.DONE, True, 1)
+    for i in range(2):
+        total = Fraction(lost[i]) + Fraction(move[i])
+        exact = Fraction(state[i]) + total
+        # The sum of both small parts is rounded once, where it does not fit into a double.
+        assert abs(Fraction(after[i]) + Fraction(low[i]) - exact) <= abs(total) * Fraction(1, 2**53)
+    assert after[0] == 1.0
+    assert low[0] > 0
+
+
+def test_corrections_are_repeated_until_the_violation_is_rounding() -> None:
+    answers: list[Answer | None] = [([0.1], 1e-2, 1e-4), ([0.01], 1e-4, 1e-8), ([1e-3], 1e-8, 1e-16), ([9.0], 1.0, 0.0)]
+    outcome, moved, after, _, asked = projected(answers, [1.0])
+    assert (outcome, moved, asked) == (Outcome.DONE, True, 3)
+    assert after == [pytest.approx(1.111)]
+
+
+@pytest.mark.parametrize(("violation", "outcome"), [(RESOLVED, Outcome.DONE), (2 * RESOLVED, Outcome.UNPROJECTED)])
+def test_a_correction_that_leaves_more_than_half_is_not_made(violation: float, outcome: Outcome) -> None:
+    """If a correction does not halve the violation, a small violation stays, and a large one makes the step fail."""
+    assert projected([([5.0], violation, 0.6 * violation)], [1.0]) == (outcome, False, [1.0], [0.0], 1)
+
+
+def test_slow_corrections_end_as_unprojected() -> None:
+    outcome, moved, _, _, asked = projected([([1e-3], 1e-2, 4e-3)], [1.0])
+    assert (outcome, moved, asked) == (Outcome.UNPROJECTED, True, PROJECTION_CORRECTIONS)
+
+
+@pytest.mark.parametrize("answer", [([0.1], float("nan"), 0.0), ([0.1], 1.0, float("nan"))])
+def test_a_violation_that_is_nan_is_no_success(answer: Answer) -> None:
+    assert projected([answer], [1.0]) == (Outcome.UNPROJECTED, False, [1.0], [0.0], 1)
+
+
+def test_a_state_with_a_singular_matrix_is_unchanged() -> None:
+    """At a singular matrix the state is not changed; the run then ends with its message."""
+    assert projected([None], [1.0]) == (Outcome.DONE, False, [1.0], [0.0], 1)

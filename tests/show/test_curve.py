@@ -23,6 +23,28 @@ def off(values: Callable[[FloatArray], FloatArray], start: FloatArray, exact: Fl
     return farthest(exact, scale * [exact, shown], t, scale * [t, row])
 
 
+@pytest.mark.few(1)
+@pytest.mark.parametrize("end", [1.0, -40.0, 1000.0])
+def test_swings_and_sharp_turns_are_within_a_pixel(end: float) -> None:
+    start = np.linspace(0.0, end, 1 + int(20 * abs(end)))
+    exact = np.linspace(0.0, end, 60_000)
+    assert off(lambda t: np.sin(2 * np.pi * t), start, exact) < 0.5
+    assert off(lambda t: 1 / (1.05 - np.cos(2 * np.pi * t)), start, exact) < 0.5
+    assert off(lambda t: np.abs(np.sin(np.pi * t)), start, exact) < 0.5
+
+
+def test_few_samples_are_enough_of_a_line_and_many_share_columns() -> None:
+    start = np.linspace(0.0, 1.0, 50)
+    (line,) = over_time(lambda t: 3 * t[None], start, PIXELS)
+    assert line.shape[1] < 100
+    (dense,) = over_time(lambda t: np.sin(2e4 * t)[None], np.linspace(0.0, 1.0, 50_000), PIXELS)
+    assert dense.shape[1] <= 4 * 2 * PIXELS.width + 2
+    columns = (PIXELS.width * dense[0]).astype(int)
+    for column in (0, 100, 500):
+        heights = dense[1][columns == column]
+        assert heights.max() > 0.999 and heights.min() < -0.999
+
+
 @pytest.mark.parametrize("each", [4, 6, 11])
 def test_ends_of_oscillations_that_share_a_column_are_drawn_whatever_the_first_samples(each: int) -> None:
     count = 2000
