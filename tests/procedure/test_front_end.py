@@ -5,7 +5,9 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any, get_args
 
@@ -19,7 +21,24 @@ from lagrange.machine.llvm.procedures import INLINE_ANGLES, module
 from lagrange.machine.python_source import loaded
 from lagrange.procedure import interpreter
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Note, Parameter, Procedure, Record, Statement, walk
+from lagrange.procedure.form import (
+    CONSTANT,
+    FLAG,
+    REAL,
+    WHOLE,
+    Array,
+    Block,
+    Each,
+    Kind,
+    Let,
+    Note,
+    Parameter,
+    Procedure,
+    Record,
+    Statement,
+    rebuilt,
+    walk,
+)
 from lagrange.procedure.front.decorators import Plain, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, record
 from lagrange.procedure.interpreter import run
@@ -122,14 +141,45 @@ CASES: dict[str, tuple[Plain[Any, Any], dict[str, Any], Callable[[int], list[Any
 }
 
 
+@procedure
+def shifted(a: Out) -> None:
+    """Copy each entry to the next one, with a wrong promise that both parts of the array are disjoint."""
+    ahead = a[1:]
+    for i in each(7, disjoint=True):
+        ahead[i] = a[i]
+
+
+def in_reverse(procedure: Procedure) -> Procedure:
+    """Return a procedure whose `each` loops without reductions run from the last iteration to the first."""
+    unused = count(max((ref for statement in walk(procedure.body) for ref in defined(statement)), default=0) + 1000)
+
+    def reordered(block: Block) -> Block:
+        return tuple(
+            reverse(statement) if isinstance(statement, Each) and not statement.folds else rebuilt(statement, reordered)
+            for statement in block
+        )
+
+    def reverse(each: Each) -> Each:
+        one, last, index = (next(unused) for _ in range(3))
+        first = (
+            Let(one, WHOLE, CONSTANT, (), 1),
+            Let(last, WHOLE, "sub", (each.iterations, one)),
+            Let(each.place, WHOLE, "sub", (last, index)),
+        )
+        return each._replace(place=index, body=(*first, *each.body))
+
+    return replace(procedure, body=reordered(procedure.body))
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_a_plain_procedure_does_the_same_in_every_life(name: str) -> None:
     plain, known, make = CASES[name]
     form = plain.form(**known)
     compiled, printed = machine_code(form), loaded(form)
     for seed in range(6):
-        args = [make(seed) for _ in range(4)]
+        args = [make(seed) for _ in range(5)]
         expected = seen(run(form, *flat(args[0])), args[0])
+        assert seen(run(in_reverse(form), *flat(args[4])), args[4]) == expected
         assert seen(compiled(*flat(args[1])), args[1]) == expected
         # As it stands a function adds in Python's order, and printed Python rounds the product of `fma`.
         near = pytest.approx([x if isinstance(x, float) else 0.0 for x in expected], rel=1e-13, abs=1e-300)
@@ -436,9 +486,20 @@ def test_it_is_empty_at_every_call(make: Any) -> None:
 
 
 # --- random functions -----------------------------------------------------------------------------------------
-# Random plain procedures: the interpreter and machine code agree.
+# Random plain procedures: the interpreter, with loops in any order, and machine code agree.
 
 INPUTS = [(0.75, -1.5, 2), (math.nan, 1.0, 0), (-math.inf, 0.0, 7), (1e-308, 1e308, -3)]
+
+
+def test_iterations_that_depend_on_one_another_differ_in_reverse() -> None:
+    """`disjoint` promises that parts do not overlap, which these two do."""
+
+    form = shifted.form()
+    a, b = np.arange(8.0), np.arange(8.0)
+    run(form, a)
+    run(in_reverse(form), b)
+    assert a.tolist() == [0.0] * 8
+    assert b.tolist() == [0.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
 
 
 @pytest.mark.few(4)
@@ -457,6 +518,7 @@ def test_a_random_function_does_the_same_in_every_life(seed: int, option: bool, 
         return [bits(float(x)), int(whole), bool(flag), *map(bits, data.tolist()[:SIZE]), bits(kept.x), kept.count]
 
     lives = {
+        "loops in reverse": partial(run, in_reverse(form)),
         "machine code": machine_code(form, optimize=False),
         "optimized machine code": machine_code(form, optimize=True),
     }
