@@ -115,7 +115,7 @@ def _number(entry: Any, digits: int) -> Any:
 
 
 MOST_MINORS = 30_000
-"""Largest number of minors of one matrix, about 2 s. Most of a chain of 20 rods are zero: their formulas stay short."""
+"""Largest number of minors of one matrix, about 2 s. A chain of 20 rods has more, most of them zero: all are short."""
 
 
 class NestedCofactors:

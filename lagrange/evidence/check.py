@@ -428,7 +428,7 @@ def _textbook(system: Stated, model: Model) -> tuple[Textbook | None, tuple[str,
         return None, (f"not compared with the textbook derivation, {limit}",)
     derivation, equations = system.derivation(), model.equations
     try:
-        # The nodes of the mass matrix show it sooner than the derivation does.
+        # The graph shows a mass matrix that is too large in less time than the derivation takes.
         nonzero = [[entry is not equations.graph.zero for entry in row] for row in equations.mass]
         if system.statement.reading is None and has_large_block(nonzero):
             raise too_large(system.statement)

@@ -261,8 +261,8 @@ class Precise:
         if entry is not None:
             kind, key = ("q", entry) if entry < self._dimension else ("v", entry - self._dimension)
             changed = sum(1 << bit for bit, (_, leaf) in enumerate(self._load) if leaf == (kind, key))
-        # An operation takes 1 us, or 3 us in a perturbed copy, and 0.1 us for each of its arguments. To leave one out
-        # takes 0.03 us, and to compare an input with its last value 0.3 us.
+        # An operation takes 1 us, or 3 us in a perturbed copy, and 0.1 us for each of its arguments. A skipped
+        # operation takes 0.03 us, and the comparison of an input with its last value 0.3 us.
         idle = len(self._code) // 3 + 3 * len(self._load)
         return idle + sum(20 + len(step.arguments) for step in self._code if step.needs & changed)
 

@@ -360,9 +360,9 @@ class Reference:
         mass: Sequence[Row],
         steps: DifferenceSteps,
     ) -> Row:
-        """Return M a less the part of dp/dt with accelerations, where M is not exact and a are the `trial` ones.
+        """Return the errors {row: M a - (dp/dt at a, less dp/dt at zero)} of a mass matrix M that may be wrong.
 
-        Equations of coordinates without inertia need none. `state` is (q, v, t).
+        `trial` are the accelerations a, and `state` is (q, v, t). Rows of coordinates without inertia are left out.
         """
         (q, v, t), still = state, [self.number(0)] * len(trial)
         start, moving = (laws.momentum_rate(source, q, v, a, t, steps) for a in (still, trial))
@@ -430,8 +430,8 @@ class Reference:
     ) -> tuple[list[Row], Row]:
         """Return the rows of the mass matrix M, and its entries, flattened, or its product with a direction.
 
-        With a direction, M is the matrix that is given with it, and the product is computed without it. `state` is (q,
-        v, t).
+        With a direction, M is the compiled matrix `columns.mass`, and the product is computed from the stated energies.
+        `state` is (q, v, t).
         """
         (q, v, t), n = state, len(state[0])
         if isinstance(columns, Direction):

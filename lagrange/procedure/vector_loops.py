@@ -18,9 +18,9 @@ from lagrange.procedure.visit import defined, operands
 
 def without_vectors(procedure: Procedure) -> Procedure:
     """Return a procedure that computes the same numbers with arrays and loops in place of vectors."""
-    made = replace(procedure, body=_Rewriter(procedure).inside(procedure.body))
-    verify(made)
-    return made
+    rewritten = replace(procedure, body=_Rewriter(procedure).inside(procedure.body))
+    verify(rewritten)
+    return rewritten
 
 
 class _Rewriter:
@@ -52,8 +52,8 @@ class _Rewriter:
         for statement in block:
             self.statement(statement)
         self.add_loop()
-        made, self.out = tuple(self.out), outside
-        return made
+        replacements, self.out = tuple(self.out), outside
+        return replacements
 
     def statement(self, statement: Statement) -> None:
         """Add the statements that replace one, or let it wait for the next loop."""

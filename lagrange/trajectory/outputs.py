@@ -24,7 +24,7 @@ SPAN_ROUND_OFF = 1e-12
 """Output times beyond an end of the span by less than this relative amount are set to that end."""
 
 SPARE_ROWS = WIDEST_VECTOR // 2
-"""Rows of memory behind those of a driver call. A row has at least two numbers, and is written in whole vectors."""
+"""Spare rows after those of a driver call: states are written in whole vectors, and have at least two numbers."""
 
 PathOf = Callable[[FloatArray, FloatArray], StepPath]
 """Function that returns the dense output through accepted times (S+1,) and states (S+1, 2n)."""
@@ -75,7 +75,7 @@ class AcceptedStates:
     def begin_call(self, budget: int) -> tuple[FloatArray, FloatArray]:
         """Return memory for the times and states that the next call of the driver accepts, at most `budget` steps.
 
-        A reset is a row, too: a turn of the driver's loop writes a step or a reset, and then the last step.
+        A reset takes a row, too. The driver writes a step or a reset in each iteration, and then the last step.
         """
         self._times, self._rows = np.empty(budget + 1), np.empty((budget + 1 + SPARE_ROWS, self._rows.shape[1]))
         self._calls += 1
@@ -84,7 +84,7 @@ class AcceptedStates:
     def collect(self, state: DriverState) -> None:
         """Store the accepted times and states that the last call of the driver wrote.
 
-        A second time for the same call does nothing. Ctrl-C may cause it.
+        Collecting the same call again, as after Ctrl-C, does nothing.
         """
         written, times, rows = state.count(DriverState.ROWS), self._times, self._rows
         if written and self.parts[-1].call < self._calls:

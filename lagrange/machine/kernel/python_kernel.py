@@ -176,7 +176,7 @@ class PythonKernel:
     def at_times(self, times: FloatArray, states: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return the results (m, N) at times (N,) and states (2n, N): for few states one by one, which is faster."""
         if len(times) < FEW_STATES and (function := self._one_state(parameters)) is not None:
-            # An error of Python, or a result of None, sends all states to the other way.
+            # If Python raises an error or returns None, one call below evaluates all states.
             with suppress(*NO_NUMBERS):
                 values = [function(t, y) for t, y in zip(times.tolist(), states.T.tolist(), strict=True)]
                 return np.array(values, dtype=float).reshape(len(times), -1).T

@@ -1,4 +1,4 @@
-"""Names while a procedure is built: a name that a branch or loop sets is a variable, joined or refused behind it."""
+"""Names while a procedure is built. A name that a branch or loop sets again is a variable, which is read after it."""
 
 from __future__ import annotations
 

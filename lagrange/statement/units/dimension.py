@@ -62,7 +62,7 @@ OTHERS = {
 KNOWN_EXAMPLES = "dimensions such as 'length' and 'torque', and units such as 'm', 'cm', 'inch', 'kg', 'N*m' and 'rpm'"
 """End of a sentence on a name that is not known."""
 
-INSTEAD = {"in": "inch", "gf": "kgf/1000"}  # What to write for units whose names have another meaning, or none
+REPLACEMENTS = {"in": "inch", "gf": "kgf/1000"}  # Spellings of units whose usual symbols cannot be read
 
 FUNCTIONS_TOO = ("min", "sec")  # Units whose names are also names of functions in expressions
 
@@ -274,12 +274,12 @@ def _from_text(text: str, what: str) -> Any:
         if unknown := [
             word
             for word in words
-            if error.reason.startswith(f"{word!r} is not declared") or word == name or word in INSTEAD
+            if error.reason.startswith(f"{word!r} is not declared") or word == name or word in REPLACEMENTS
         ]:
             which = "which" if unknown == words else f"and {unknown[0][:60]!r}"
             hint = suggestion(unknown[0], list(known)) or f" Known are {KNOWN_EXAMPLES}."
-            if unknown[0] in INSTEAD:
-                hint = f" Write {INSTEAD[unknown[0]]!r}."
+            if unknown[0] in REPLACEMENTS:
+                hint = f" Write {REPLACEMENTS[unknown[0]]!r}."
             raise StatementError(
                 f"{what} is {spelled[:60]!r}, {which} is neither a dimension nor a unit.{hint}"
             ) from None

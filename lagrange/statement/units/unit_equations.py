@@ -189,8 +189,9 @@ class UnitEquations:
         try:
             unit = self.unit(part.expression)
         except OtherUnitError as wrong:
-            in_reset_of_itself = part.like in part.expression.args  # as in u = u + t: one statement of a unit, not two
-            if in_reset_of_itself or not part.expression.is_Add or wrong.term not in part.expression.args:
+            # In a reset such as u = u + t, the term u and the required unit count once: both are the unit of u.
+            own_reset = part.like in part.expression.args
+            if own_reset or not part.expression.is_Add or wrong.term not in part.expression.args:
                 raise
             raise self._odd_term(wrong, part.expression.args, required) from None
         if unit is not None and required is not None:
@@ -282,7 +283,7 @@ class UnitEquations:
             (term, unit.logarithm) for term, unit in known if all(isinstance(name, str) for name in unit.powers)
         ]
         for term, logarithm in logarithms:
-            others = [other for sharing, other in logarithms if sharing is not term]
+            others = [other for another, other in logarithms if another is not term]
             agree = len(others) > 1 and max(others) - min(others) <= SAME_FACTOR
             if term is not None and agree and abs(logarithm - others[0]) > SAME_FACTOR:
                 return OtherUnitError(term, logarithm - others[0], None)

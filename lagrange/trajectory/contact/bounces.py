@@ -62,7 +62,7 @@ class Bounces:
 
     @property
     def limit(self) -> float | None:
-        """The limit of the times of impact, if flights are a geometric series with the ratio of the last; or None."""
+        """Limit of the times of impact by the ratio of the last two flights; None if these do not become shorter."""
         times = self.series[0]
         if len(times) < FEWEST_FLIGHTS + 1:
             return None
@@ -72,7 +72,7 @@ class Bounces:
 
     @property
     def accumulating(self) -> frozenset[int]:
-        """The contacts (indices) whose impacts accumulate. It is empty unless the last impact is slow enough."""
+        """Indices of the contacts whose impacts accumulate; none after a fast impact. There must be an impact."""
         speeds = self.series[1]
         slow = speeds[-1] <= SMALLEST_BOUNCE * speeds.max()
         return frozenset().union(*self.contacts) if slow and self.limit is not None else frozenset()

@@ -50,7 +50,8 @@ TURNS_BETWEEN = 20
 class Friction:
     """The friction of one contact: the number of slip components, the coefficients, and the direction of sliding.
 
-    `way` is a unit vector (components,), or None if the surfaces do not slide yet.
+    `way` is a unit vector (components,), or None if the surfaces do not slide yet. Without components there is no
+    friction.
     """
 
     components: int = 0
@@ -97,6 +98,7 @@ def solutions(
     `matrix` (rows, rows) is A, and `free` (rows,) are the rates b without forces. All combinations of states are tried;
     if these are too many, pivoting finds one solution, by `lemke` compiled for a machine, or as plain Python. Of
     solutions with the same rates, only the one with the least forces is returned. Surfaces at rest stay so if they can.
+    The list is empty if there is no solution.
     """
     rows, cases = _Rows(contacts), [contact.cases() for contact in contacts]
     if math.prod(map(len, cases)) > MOST_CASES:
