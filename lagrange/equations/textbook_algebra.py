@@ -380,8 +380,8 @@ class TextbookAlgebra(StatedAlgebra):
         if still and not laws:
             return StatementError(
                 f"{listing(still)} {'has' if len(still) == 1 else 'have'} no inertia, and an equation of motion of "
-                "first order has no accelerations in it: read it in equations(); what is compiled takes its rate of "
-                "change."
+                "first order has no accelerations in it: read it in equations(). The compiled model uses its time "
+                "derivative."
             )
         if laws:
             return StatementError(
