@@ -67,6 +67,15 @@ def _coefficients(model: Model, parameters: tuple[float, ...]) -> tuple[list[Any
     return restitutions, [float(e) if e.is_number else None for e in restitutions], frictions
 
 
+@lru_cache(maxsize=MODELS_KEPT)
+def _rows(model: Model) -> tuple[list[list[int]], list[int], NDArray[np.intp]]:
+    """Return `rows`, `normals` and `owners` of the contacts of a model: see `Kinematics`."""
+    sizes = [1 + len(contact.slip) for contact in model.statement.contacts]
+    normals = [sum(sizes[:i]) for i in range(len(sizes))]
+    rows = [list(range(row, row + size)) for row, size in zip(normals, sizes, strict=True)]
+    return rows, normals, np.repeat(np.arange(len(sizes)), sizes)
+
+
 @dataclass(frozen=True, eq=False)
 class Touch:
     """The contacts at a time `t` and a state `y` (2n,): gaps (k,), rates (dgap/dt and slips), and their derivatives.
@@ -157,10 +166,7 @@ class Kinematics:
 
     def __init__(self, model: Model, parameters: FloatArray) -> None:
         self.model, self.parameters, self.contacts = model, parameters, model.statement.contacts
-        sizes = [1 + len(contact.slip) for contact in self.contacts]
-        self.normals = [sum(sizes[:i]) for i in range(len(sizes))]
-        self.rows = [list(range(row, row + size)) for row, size in zip(self.normals, sizes, strict=True)]
-        self.owners = np.repeat(np.arange(len(sizes)), sizes)
+        self.rows, self.normals, self.owners = _rows(model)
         self._lengths, self._terms, self._momentum = 0.0, np.zeros(len(self.owners)), 0.0
         self._contacts, self._gaps = _contact_functions(model)
         self._restitution, self.restitutions, self._friction = _coefficients(model, tuple(parameters.tolist()))

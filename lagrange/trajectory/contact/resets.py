@@ -66,9 +66,11 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
     statement = model.statement
     if statement.constraints or any(contact.slip and not contact.friction[0].is_zero for contact in statement.contacts):
         return None
-    if all(contact.restitution.is_zero for contact in statement.contacts) or (mass := coupling(statement)) is None:
+    if all(contact.restitution.is_zero for contact in statement.contacts):
         return None
-    resets, results = [], []
+    mass, resets, results = coupling(statement), [], []
+    if mass is None:
+        return None
     q, rates = statement.coordinates, statement.velocities
     for contact in statement.contacts:
         direction = sympy.Matrix([contact.gap.diff(x) for x in q])
@@ -261,6 +263,8 @@ def in_order(
     `times` (k,) and `states` (k, 2n) have one array for each event. The results are the times (N,), the index of the
     event (N,), and the states (N, 2n) of all occurrences.
     """
+    if len(times) == 1:
+        return times[0], np.zeros(len(times[0]), dtype=np.intp), states[0]
     when, which = np.concatenate(times), np.repeat(np.arange(len(times)), list(map(len, times)))
     order = np.lexsort((which, when))
     return when[order], which[order], np.concatenate(states)[order]

@@ -172,8 +172,8 @@ class Transitions:
             names = listing(kin.contacts[i].name for i in arriving)
             what = f"{names} meet at one instant"
             if closed := [kin.contacts[i].name for i in touching if i not in arriving]:
-                arrive, are = "arrives" if len(arriving) == 1 else "arrive", "is" if len(closed) == 1 else "are"
-                what = f"{names} {arrive} while {listing(closed)} {are} closed"
+                verb, be = "arrives" if len(arriving) == 1 else "arrive", "is" if len(closed) == 1 else "are"
+                what = f"{names} {verb} while {listing(closed)} {be} closed"
             raise Undetermined(
                 f"{what}, and the result depends on the law of simultaneous impacts: state "
                 "simultaneous='newton', all at once, or 'sequence', one after the other, on the system."
