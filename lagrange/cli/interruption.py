@@ -3,7 +3,8 @@
 Python raises KeyboardInterrupt in whatever code runs when a signal arrives. Inside an import or a finalizer the
 exception is lost or becomes another error. So such a signal is stored, and sent again until other code runs.
 
-Few modules are imported here: until the handlers are installed, Ctrl-C prints a traceback.
+Few modules are imported here: until the handlers are installed, Ctrl-C prints a traceback. A run that is interrupted
+keeps its steps: see `lagrange/trajectory/run_loop.py`.
 """
 
 from __future__ import annotations

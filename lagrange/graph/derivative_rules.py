@@ -1,7 +1,8 @@
 """Table of the functions that nodes of the graph may call: number of arguments, derivatives, and exact values.
 
 `partials` has one rule for each argument. A rule returns the derivative from the function's value and its arguments.
-Each target defines its own code for a function.
+Each target defines its own code for a function. The rules of elementary functions of one number are in
+`lagrange/statement/vocabulary/elementary.py`.
 """
 
 from __future__ import annotations

@@ -58,7 +58,8 @@ def _push(node: Node, tangents: dict[Node, Node], domains: Domains) -> None:
     """Add the derivative of a node along a direction to `tangents`, {node: derivative}.
 
     The derivatives of its arguments are already there; an argument without an entry has the derivative zero. For an
-    unknown of a linear solve, the derivatives of all unknowns of this solve are added.
+    unknown of a linear solve, the derivatives of all unknowns of this solve are added. `domains` tells which nodes may
+    have no finite value: a choice (piecewise, min, max) is multiplied by such a node branch by branch.
     """
     graph = node.graph
     if node.kind is Kind.COMPONENT:

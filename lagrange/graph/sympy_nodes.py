@@ -72,7 +72,10 @@ def _number(number: Any) -> int | Fraction:
     if isinstance(number, sympy.Rational):
         return Fraction(int(number.p), int(number.q))
     if not number.is_finite:
-        raise StatementError(f"the expression contains {number}, which is not a finite number.")
+        raise StatementError(
+            f"an expression contains {number}, which is not a finite number: look for a division by zero, or for the "
+            "logarithm of zero."
+        )
     negative, mantissa, exponent, _ = number._mpf_
     value = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
     return -value if negative else value

@@ -195,7 +195,11 @@ class LlvmMachine:
         return LlvmSeries(program)
 
     def loop(self, step: StepProgram, law: Program, *, projected: bool) -> tuple[CompiledProcedure, Layout]:
-        """Return the compiled loop over the steps of a method, and the layout of its vectors in memory."""
+        """Return the compiled loop over the steps of a method, and the layout of its vectors in memory.
+
+        `step` is one step of the method, and `law` the program of the right-hand side that it evaluates. If
+        `projected` is true, each step is projected onto the constraints.
+        """
         dimension = LAWS[step.law].dimension(law.states)
         return compiled_loop(step, dimension, projected, by_value=bool(law.returned))
 

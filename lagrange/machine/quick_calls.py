@@ -63,8 +63,8 @@ def nothing(*_: Any) -> None:
 def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
     """Return True if some result of a kernel may be zero at some state.
 
-    Results that depend on the state or time always may. Others are evaluated with the parameters. Testing the results
-    of 100,000 states takes as long as computing them for a small system.
+    Results that depend on the state or time always may. Others are evaluated once with the parameters. If none is
+    zero, the caller need not test the results of a large batch, which takes as long as computing them.
     """
     program = kernel.program
     if any(instruction.op in ("state", "time") for instruction in program.instructions):

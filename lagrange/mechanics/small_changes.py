@@ -282,8 +282,9 @@ def _tangent(
 ) -> TangentMotion:
     """Return the small motions that independent constraints allow; `levels` are the constraints on velocities.
 
-    `gradients` are theirs by velocities, and those of holonomic constraints: nodes, and their values at the point.
-    `chosen` are the dependent velocities and the dependent coordinates, and `turns` the matrices S, S' and S''.
+    `gradients` are two pairs of nodes and their values at the point: the gradients of `levels` by velocities, and
+    those of holonomic constraints by coordinates. `chosen` are the dependent velocities and the dependent coordinates.
+    `turns` are the matrix S of `AtPoint.turning` and its first two derivatives in time.
     """
     join, n, (S, S_rate, S_bend) = at_point.joined, at_point.n, turns
     slopes = at_point.slopes(levels, at_point.equations.q)

@@ -257,7 +257,7 @@ def test_numbers_that_doubles_do_not_resolve_are_no_rounded_numbers(number: Any)
         ("abs(theta'') = -g", "equation 1 is not linear in theta_ddot"),
         ("d/dt(heaviside(theta)) = g", "equation 1 has the derivative of a jump, such as heaviside"),
         (["__import__('os')"], "equation 1"),
-        ([True], "equation 1 is True: where == was meant, write sympy.Eq(left, right)."),
+        ([True], "equation 1 is True, the value of == in Python: write sympy.Eq(left, right)."),
         (
             [lg.multiplier("rod")],
             "equation 1 contains the multiplier of 'rod', which is not a constraint here; the constraints are none.",

@@ -254,7 +254,8 @@ class ZeroSearch:
         `step` is the number of the step in the run, and `b` its column in the block. `is_bad` is true if an
         event function has no value on the block. `limit` is the fraction of the step at which the search ends;
         `is_cut` is true if the motion changes there. `count` is the number of zeros on the step that are found
-        already. Returns True if the event is irregular, and the new number of zeros.
+        already. Returns the new number of zeros, and before it True if the event is irregular: no polynomial
+        resolves it on a part of the step, or its zeros cannot be told apart, as at a jump.
         """
         lines, index = self.lines, e * self.samples.columns + b
         is_last, noise = step == self.watch.review.last, lines.noise[index]

@@ -1,7 +1,8 @@
 """Error control: the loops over steps, of equal or chosen length; error norm, rejection, next length, and floors.
 
-The floors are the absolute tolerances of the entries of the state. Source: E. Hairer, S. P. Norsett, G. Wanner, Solving
-Ordinary Differential Equations I, 2nd ed., 1993, II.4.
+The safety factor and other numbers of a method are in `Control`, lagrange/program/step.py. The floors are the absolute
+tolerances of the entries of the state. Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
+Equations I, 2nd ed., 1993, II.4.
 """
 
 from __future__ import annotations

@@ -284,7 +284,10 @@ def build_description(module: SourceModule) -> str:
 
 
 def model_header(module: SourceModule, token: str, version: int) -> str:
-    """Return the C header of an FMU: the major `version` of FMI, `token`, sizes, functions and the initial state."""
+    """Return the C header of an FMU for the major `version` of FMI: sizes, functions and the initial state.
+
+    `token` identifies the model: it is the guid of FMI 2, and the instantiation token of FMI 3.
+    """
     run, integrator = run_of(module)
     name, first = module.name, places(module)
     quantities = [quantity.name for quantity in module.quantities]

@@ -234,7 +234,7 @@ class _EquationReader:
             read = f"{spelled(left)} = {spelled(right)}"
             return [StudentEquation(left - right, right, read, label=what, index=index)]
         if isinstance(answer, bool) or answer is sympy.true or answer is sympy.false:
-            raise StatementError(f"{what} is {answer}: where == was meant, write sympy.Eq(left, right).")
+            raise StatementError(f"{what} is {answer}, the value of == in Python: write sympy.Eq(left, right).")
         stated = expression(answer, what)
         try:
             zero = self.symbols(stated, what)

@@ -449,7 +449,11 @@ def _match(pattern: re.Pattern[str], tokens: Sequence[Token], i: int) -> tuple[r
 
 
 def _spelled(token: Token) -> str:
-    r"""Return a token as `_quotient` reads it: round brackets, \ for \frac, ^ before powers, a blank after words."""
+    r"""Return a token as text for the patterns of quotients.
+
+    Braces become round brackets, and \frac becomes \. A power begins with ^. Words, numbers and powers end with a
+    blank. A token of another kind becomes an apostrophe.
+    """
     if token.kind == "sign":
         return {"{": "(", "}": ")", "\\frac": "\\"}.get(token.text, token.text)
     return f"{'^' * (token.kind == 'power')}{token.text} " if token.kind in ("word", "number", "power") else "'"

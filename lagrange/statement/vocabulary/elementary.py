@@ -3,7 +3,8 @@
 Names in SymPy, in Python's `math`, in NumPy, in mpmath and in C follow from the name of the function. A language in
 which the function has another name, or is missing, states that in its own file. Square roots and cube roots are not in
 this table, since they are powers. Functions with kinks or with several arguments, such as abs and atan2, are in
-`lagrange/graph/derivative_rules.py`.
+`lagrange/graph/derivative_rules.py`. Other functions that users type, such as csc, and other spellings are in
+`words.py`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Impacts and friction along a line as resets of events, so that a compiled loop over steps passes many of them.
 
+The general law of impact, for several contacts, is in `transition.py`.
+
 An impact is written out if it has no friction. With the direction W = dgap/dq, gap rate u, restitution e and the mass
 matrix M, its impulse is P = -(1 + e) u / (W M^-1 W^T). It changes the velocities by M^-1 W^T P, and dissipates the
 energy (1 - e^2) u^2 / (2 W M^-1 W^T).

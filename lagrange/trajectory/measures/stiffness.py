@@ -155,11 +155,11 @@ def _kernel(model: Model, name: str, path: StepPath | SeriesPath, steps: FloatAr
 
 
 def _changes(masses: FloatArray, velocities: FloatArray, steps: FloatArray, least: float) -> FloatArray:
-    """Return the largest relative change (k,) of the velocities' entries over k steps.
+    """Return, for each of k steps, the largest relative change of an entry of the velocity, (k,).
 
-    `steps` (k,) are the indices of the steps. A change is relative to the largest value of the entry along the run,
-    or to `least` times the speed if that is larger. `velocities` (S+1, n) are those of all accepted states. `masses`
-    (k, n, n) are the mass matrices at the starts of the steps; they weight the entries in the speed.
+    `steps` (k,) are the indices of the states before the steps. A change is relative to the largest value of the entry
+    along the run, or to `least` times the speed if that is larger. `velocities` (S+1, n) are those of all accepted
+    states. The diagonals of `masses` (k, n, n), the mass matrices there, weight the entries in the speed.
     """
     weights = np.abs(np.diagonal(masses, axis1=1, axis2=2)).mean(axis=0)
     speed = math.sqrt(float(np.mean(np.sum(velocities[steps] ** 2 * weights, axis=1))))

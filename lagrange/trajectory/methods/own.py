@@ -128,7 +128,7 @@ def _arguments(name: str, function: Callable[..., Any]) -> int:
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError) as error:
-        raise StatementError(f"the step function {name} does not say what it takes: write {FORMS}.") from error
+        raise StatementError(f"Python cannot tell the arguments of the step function {name}: write {FORMS}.") from error
     plain = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty]
     if len(plain) not in (4, 5):
         raise StatementError(

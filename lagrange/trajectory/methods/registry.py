@@ -105,7 +105,8 @@ def _maker(name: str, method: Any, order: int | None) -> Callable[[], Integrator
     if _needed(method):
         raise StatementError(
             f"the method for the name {name!r} needs the arguments ({', '.join(_needed(method))}). If it is a step "
-            "function, give order=. A class, or a function that makes an integrator, must work without arguments."
+            "function, give order=. If it is a class, or makes an integrator, it is called without arguments: give "
+            "them default values."
         )
     find(method())
     return lambda: find(method())
