@@ -18,8 +18,7 @@ from lagrange.statement.parameters import Survey, table_of
 NEWTON, SEQUENCE = LAWS = ("newton", "sequence")
 """Laws of simultaneous impacts: Newton's law for all contacts at once, or one contact after the other."""
 
-LARGEST_FRICTION = 1e100
-"""Largest coefficient of friction: the squares of forces stay finite."""
+LARGEST_FRICTION = 1e100  # Largest coefficient of friction: the squares of forces stay finite
 
 impact_speed = sympy.Symbol("impact_speed", real=True, nonnegative=True)
 """The speed -dgap/dt before an impact, for a restitution that depends on it."""
@@ -84,14 +83,6 @@ class Contact:
     def expressions(self) -> tuple[Any, ...]:
         """All expressions of the contact: gap, components of the slip, restitution, static and kinetic friction."""
         return (self.gap, *self.slip, self.restitution, *self.friction)
-
-    def is_moved(self, velocities: Sequence[Any]) -> bool:
-        """Return True if a surface moves by itself, such as a belt or a shaken table: then it does work.
-
-        The gap or the slip of such a contact changes with time where the `velocities` of all coordinates are zero.
-        """
-        at_rest = dict.fromkeys(velocities, sympy.S.Zero)
-        return any(rate.xreplace(at_rest) != 0 for rate in (self.gap.diff(t), *self.slip))
 
     def mapped(self, change: Any) -> Contact:
         """Return the contact with the function `change` applied to each of its expressions."""

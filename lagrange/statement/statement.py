@@ -9,12 +9,12 @@ from math import inf
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from sympy import Expr, Float, Symbol, eye, hessian
+from sympy import Expr, Float, S, Symbol, eye, hessian
 from sympy.core.function import AppliedUndef
 
 from lagrange.errors import abridged, formula, listing
 from lagrange.statement.contact import Contact, along, gap
-from lagrange.statement.coordinate import RATE, acceleration_of, multiplier, name_of, velocity_of
+from lagrange.statement.coordinate import RATE, acceleration_of, multiplier, name_of, t, velocity_of
 from lagrange.statement.expression import in_full, is_shorthand
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.rotation import in_body_rates, rotation_of
@@ -230,8 +230,13 @@ class Statement:
 
     @cached_property
     def surfaces_move(self) -> bool:
-        """True if the surface of a contact moves by itself, such as a belt, and may do work."""
-        return any(contact.is_moved(self.velocities) for contact in self.contacts)
+        """True if the surface of a contact moves by itself, such as a belt, and may do work.
+
+        The gap or the slip of such a contact changes with time where all velocities are zero.
+        """
+        at_rest = dict.fromkeys(self.velocities, S.Zero)
+        rates = [rate for contact in self.contacts for rate in (contact.gap.diff(t), *contact.slip)]
+        return any(rate.xreplace(at_rest) != 0 for rate in rates)
 
     @property
     def unused(self) -> tuple[Symbol, ...]:

@@ -223,10 +223,7 @@ class Kinematics:
             return np.asarray(np.linalg.lstsq(mass, directions.T)[0]), noise
 
     def held_rows(self, states: Sequence[str]) -> list[int]:
-        """Return the indices of the rows (gap rates and slips) that are zero if the contacts have these `states`.
-
-        A closed gap is constant, and a contact that sticks has no slip.
-        """
+        """Return the indices of the rows that are zero in these `states`: rates of closed gaps, slips that stick."""
         pairs = zip(self.rows, states, strict=True)
         return [row for mine, state in pairs if state != OPEN for row in (mine if state == STICKING else mine[:1])]
 

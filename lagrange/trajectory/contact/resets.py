@@ -1,10 +1,8 @@
 """Impacts and friction along a line as resets of events, so that a compiled loop over steps passes many of them.
 
-The general law of impact, for several contacts, is in `transition.py`.
-
-An impact is written out if it has no friction. With the direction W = dgap/dq, gap rate u, restitution e and the mass
-matrix M, its impulse is P = -(1 + e) u / (W M^-1 W^T). It changes the velocities by M^-1 W^T P, and dissipates the
-energy (1 - e^2) u^2 / (2 W M^-1 W^T).
+An impact is written out if it has no friction; the general law is in `transition.py`. With the direction W = dgap/dq,
+gap rate u, restitution e and mass matrix M, its impulse is P = -(1 + e) u / (W M^-1 W^T). It changes the velocities by
+M^-1 W^T P, and dissipates the energy (1 - e^2) u^2 / (2 W M^-1 W^T).
 
 Friction is written out for one closed contact. The state has one more coordinate, the way w: 1 or -1 while the contact
 slides, 0 while it sticks. The equations are M a = h + W N + D f, with constant M, D = dslip/dv and W M^-1 D = 0. The
