@@ -289,6 +289,43 @@ def test_derivatives_of_long_products_grow_with_their_length() -> None:
     assert sizes[1] < 2.2 * sizes[0]
 
 
+def test_nothing_leaks_from_the_branch_not_taken() -> None:
+    graph = Graph()
+    x, y = two(graph)
+    at_zero = graph.call("equal", x, graph.zero)
+    safe = graph.piecewise([(at_zero, y**2)], 1 / x + graph.call("log", x))
+    assert derivatives(safe, x, {x: mpmath.mpf(0), y: mpmath.mpf(3)}) == [0, 0]
+    assert derivatives(safe, y, {x: mpmath.mpf(0), y: mpmath.mpf(3)}) == [6, 6]
+    assert derivatives(safe, x, {x: mpmath.mpf(2), y: mpmath.mpf(3)}) == [0.25, 0.25]
+    deep = graph.call("exp", safe * graph.call("sin", safe)) * 3
+    assert all(map(mpmath.isfinite, derivatives(deep, y, {x: mpmath.mpf(0), y: mpmath.mpf(3)})))
+
+
+def test_nothing_leaks_through_choices_inside_choices() -> None:
+    graph = Graph()
+    x, y = two(graph)
+    positive = graph.call("less", graph.zero, x)
+    root = graph.piecewise([(positive, x ** Fraction(1, 2))], graph.zero)
+    outer = graph.piecewise([(graph.call("less", y, graph.zero), 1 / y + root)], root * y)
+    at = {x: mpmath.mpf(0), y: mpmath.mpf(0)}
+    assert derivatives(outer, x, at) == [0, 0]
+    assert derivatives(outer, y, at) == [0, 0]
+
+
+@pytest.mark.parametrize("name", ["min", "max"])
+def test_nothing_leaks_from_the_side_that_min_and_max_drop(name: str) -> None:
+    graph = Graph()
+    x, y = two(graph)
+    sign = 1 if name == "min" else -1
+    infinite = sign / x**2  # min(1/x^2, y) at x = 0 is y, max(-1/x^2, y) as well
+    for node in (graph.call(name, infinite, y), graph.call(name, y, infinite)):
+        # What a division by zero gives on a machine; the reference would stop at it.
+        at = {x: mpmath.mpf(0), y: mpmath.mpf(3), infinite: sign * mpmath.inf}
+        for part in (gradient(node, [x])[0], tangents([node], {x: graph.one})(node)):
+            assert evaluate(part, at | {x**-3: mpmath.inf}) == 0
+        assert derivatives(node, y, at) == [1, 1]
+
+
 def test_the_derivative_is_undefined_where_the_expression_is() -> None:
     graph = Graph()
     x, _ = two(graph)

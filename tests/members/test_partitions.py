@@ -126,7 +126,7 @@ def same(partition: tuple[int, Callable[..., Columns]], method: str, folder: Pat
         assert given[name].tobytes() == rows.tobytes(), name
 
 
-@pytest.mark.few(1)
+@pytest.mark.few(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("partition", PARTITIONS)
 def test_a_partition(partition: str, method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

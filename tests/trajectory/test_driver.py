@@ -231,6 +231,16 @@ def test_parameters_as_an_array_with_any_method(method: str) -> None:
             flow([1.0, 0.0], 0.0, 1.0, wrong)
 
 
+@pytest.mark.parametrize("target", TARGETS)
+def test_there_and_back_and_in_pieces(target: str) -> None:
+    flow = flow_of(model("double pendulum", target), rtol=1e-13, atol=1e-14)
+    start = np.array([0.5, 0.6, 0.1, -0.2])
+    end = flow(start, 0.0, 1.0)
+    assert flow(end, 1.0, 0.0) == pytest.approx(start, abs=1e-10)
+    assert flow(flow(start, 0.0, 0.4), 0.4, 1.0) == pytest.approx(end, abs=1e-10)
+    assert (flow(start, 2.0, 2.0) == start).all() and flow(start, 2.0, 2.0) is not start
+
+
 @pytest.mark.few(2)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2", "scipy-rk45", "scipy-lsoda"])
 def test_threads_share_a_flow_from_its_first_call_with_parameters_of_their_own(method: str) -> None:

@@ -169,6 +169,23 @@ def test_roots_of_higher_order(sign: int, share: Share) -> None:
             assert abs(result[0].time - s) < (spread if order > 2 else 0.01 * spread)
 
 
+@pytest.mark.few(2)
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("gap", [1e-8, 1e-7, 1e-6, 1e-5, 1e-4])
+def test_clusters(count: int, gap: float) -> None:
+    """Close roots are separated if g exceeds its noise between them, and else are one root."""
+    rng = np.random.default_rng(6)
+    apart, together = {2: (3e-7, 4e-8), 3: (5e-5, 8e-6)}[count]
+    for _ in range(200):
+        s = rng.uniform(0.01, 0.98)
+        inside = [snapped(s + k * gap) for k in range(count)]
+        result, _ = roots(rounded(inside), 1.0)
+        assert sum(directions(result)) == (0 if count == 2 else 1)
+        assert all(abs(root.time - s) < max(5 * gap, 1e-4 if count == 3 else 1e-6) for root in result)
+        assert len(result) == count or gap < apart
+        assert len(result) == 1 or gap > together
+
+
 def wave(t: float, turns: int) -> FloatArray:
     """Return the Taylor coefficients about t of the cosine shifted by quarter periods; 3 quarters give the sine."""
     derivatives = (math.cos(t), -math.sin(t), -math.cos(t), math.sin(t))
@@ -249,6 +266,12 @@ Series = Callable[[float], FloatArray]
 """From a time to the Taylor coefficients of g about it."""
 
 
+def versine(t: float) -> FloatArray:
+    c = -wave(t, 0)
+    c[0] = 2 * math.sin(t / 2) ** 2
+    return c
+
+
 def power(order: int) -> Series:
     return lambda t: np.array([math.comb(order, k) * t ** (order - k) for k in range(order + 1)])
 
@@ -291,6 +314,20 @@ def test_a_run_reports_each_root_of_the_sine_once(seed: int, grid: bool, share: 
             onward = path[0] < path[-1]
             assert [way for _, way in events] == alternating(11, -1 if onward else 1), path
             assert [time for time, _ in events] == pytest.approx(places[:: 1 if onward else -1], abs=4e-14)
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("noise", [0.0, 1e-12])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_run_reports_each_touch_once(seed: int, noise: float, share: Share) -> None:
+    rng = np.random.default_rng(400 + seed)
+    places = [2 * k * math.pi for k in range(1, 6)]
+    for _ in range(share(60)):
+        edges = edges_about(rng, places, 0.375, 36.0, grid=False)
+        for path in (edges, edges[::-1]):
+            events = followed(versine, path, noise=noise)
+            assert [way for _, way in events] == [0] * 5, path
+            assert [time for time, _ in events] == pytest.approx(places[:: 1 if path is edges else -1], abs=3e-6)
 
 
 @pytest.mark.few(2)

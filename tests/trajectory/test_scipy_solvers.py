@@ -53,6 +53,13 @@ def test_the_path_of_lsoda_is_that_of_scipy() -> None:
     np.testing.assert_allclose(run.at(times), by_hand.sol(times), rtol=0, atol=1e-11)
 
 
+@pytest.mark.few(2)
+def test_no_warning_leaks(method: Any) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        method.integrate(problem(lambda t, x, v: np.exp(np.float64(x) * 1e4), y0=(0.0, 1.0)))
+
+
 def test_options_bound_the_steps() -> None:
     def pulse(t: float, x: float, v: float) -> float:
         return 1.0 if 50 <= t < 50.1 else 0.0
