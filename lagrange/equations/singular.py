@@ -88,11 +88,12 @@ def scales(mass: FloatArray, gradient: FloatArray) -> FloatArray:
 
 
 def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | None = None) -> Singular | None:
-    """Return what is nearest to singular: a combination of constraints, or a motion with little inertia.
+    """Return the combination of constraints, or the motion with little inertia, that is nearest to singular.
 
-    Such a combination of the rows of the `gradient` G (m, n) is nearly zero. `mass` is M (n, n). Return None if an
-    entry of a matrix is not finite. `scale` (n + m,) are the scale factors of another state: a row that has become
-    much smaller since that state counts as nearly zero. With None the factors are computed for this state.
+    `mass` is M (n, n), and `gradient` G (m, n). A combination of constraints is singular if the same combination of the
+    rows of G is zero. Return None if an entry of a matrix is not finite. `scale` (n + m,) are the scale factors of
+    another state: a row that has become much smaller since that state counts as nearly zero. With None the factors are
+    computed for this state.
     """
     n, m = len(mass), len(gradient)
     if not (np.isfinite(mass).all() and np.isfinite(gradient).all()):

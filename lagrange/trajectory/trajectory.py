@@ -190,7 +190,10 @@ class Trajectory:
 
 
 def with_fields(record: Record, **fields: Any) -> Record:
-    """Return a copy of a frozen record with new values of some fields. Unlike by `replace`, they are not checked."""
+    """Return a copy of a frozen record with new values of some fields. Unlike by `replace`, they are not checked.
+
+    The record must not have cached properties: their values would be copied.
+    """
     copy = object.__new__(type(record))
     copy.__dict__.update(record.__dict__, **fields)
     return copy
