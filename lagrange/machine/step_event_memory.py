@@ -27,10 +27,10 @@ STEP_EVENT_ROOM = 2048
 class Reaction(NamedTuple):
     """How a run reacts to zeros of one event function or switching surface.
 
-    `direction` is the sign of the crossings that count, 0 for both. The run ends at event number `terminal` of this
-    function, or never if `terminal` is 0. A reset replaces the entries of the state with the indices `entries`. Their
-    new values begin at index `first` of the results of all resets. `root` is true if the function is a square root in
-    the equations of motion, and `smooth` if it has no jumps.
+    `direction` is the sign of the crossings that count, 0 for both, or `CROSSING` for a surface. The run ends at event
+    number `terminal` of this function, or never if `terminal` is 0. A reset replaces the entries of the state with the
+    indices `entries`. Their new values begin at index `first` of the results of all resets. `root` is true if the
+    function is a square root in the equations of motion, and `smooth` if it has no jumps.
     """
 
     direction: int = 0

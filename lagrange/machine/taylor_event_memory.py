@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.events.constants import CROSSING
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.taylor.memory import MOST_SURFACES
 from lagrange.algorithm.taylor.watching import MOST_ZEROS, PARTS, SETTINGS, SIDES, WATCH, scratch_sizes
@@ -81,7 +82,7 @@ class EventMemory:
         self.record: Any = WATCH.structure(surfaces=surfaces, changing=int(changing), room=room, changed=-np.inf)
         self.tilts = _tilts(dimension)
         self.sides = np.zeros(2 * len(SIDES) * self.count, dtype=np.int64)
-        self.settings = _settings((*[Reaction()] * surfaces, *reactions))
+        self.settings = _settings((*[Reaction(CROSSING)] * surfaces, *reactions))
         self.times = np.empty(room)
         self.states = np.empty(room * dimension + WIDEST_VECTOR)
         self.places = np.empty(room, dtype=np.int64)

@@ -68,6 +68,9 @@ STEP_HALVINGS = 500
 TOGETHER = 4 * 2.0**-52
 """Zeros at a distance below this fraction of the time count as simultaneous."""
 
+CROSSING = 2
+"""In place of a direction: both directions count, but a touch of zero does not."""
+
 CLEAR_FACTOR = 16.0
 """An event function within rounding of zero at its start is compared with this initial value until it is larger by this
 factor. Otherwise a ball that is below the floor by rounding would meet the floor again while it rises.

@@ -22,13 +22,22 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.events.constants import DEEPEST_HALVING, MOST_COEFFICIENTS, NARROWEST, SURELY, TOO_MANY, UNFIT
+from lagrange.algorithm.events.constants import (
+    CROSSING,
+    DEEPEST_HALVING,
+    MOST_COEFFICIENTS,
+    NARROWEST,
+    SURELY,
+    TOO_MANY,
+    UNFIT,
+)
 from lagrange.algorithm.events.polynomial import PADDED, passage, scaled, slope_at_end, turn, value
 from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import (
     In,
     Out,
     Readable,
+    WholesIn,
     WholesOut,
     Writable,
     likely,
@@ -278,6 +287,36 @@ def sort_zeros(count: int, times: Any, attached: tuple[Any, ...]) -> None:
             for array in (times, *attached):
                 array[j - 1], array[j] = array[j], array[j - 1]
             j = j - 1
+
+
+@inline
+def is_counted(direction: int, expected: int) -> bool:
+    """Return True if a zero with a `direction` is an event: 1 rising, -1 falling, 0 for a touch.
+
+    `expected` is the direction that counts: 1 or -1, 0 for every zero, `CROSSING` for every zero but a touch.
+    """
+    return expected == 0 or expected == direction or (expected == CROSSING and direction != 0)
+
+
+@inline
+def first_change(
+    count: int, functions: WholesIn, directions: WholesIn, expected: WholesIn, remaining: WholesOut
+) -> int:
+    """Return the index of the first of `count` zeros at which the motion changes, or -1 if there is none.
+
+    The zeros are in order of time. Each has the index of its function in `functions`, and a direction. For each
+    function, `expected` has the direction that counts, and `remaining` the number of zeros that count until the
+    motion changes: by a reset, a crossed surface or the end of the run. It is 0 or less for never. Each zero that
+    counts, up to the result, reduces this number by one.
+    """
+    change = -1
+    for j in range(count):
+        function = functions[j]
+        if change < 0 and is_counted(directions[j], expected[function]):
+            left = remaining[function]
+            change = j if left == 1 else change
+            remaining[function] = left - 1
+    return change
 
 
 @inline

@@ -21,7 +21,7 @@ from lagrange.algorithm.events.constants import (
     STEP_HALVINGS,
     TOGETHER,
 )
-from lagrange.algorithm.events.roots import roots, sort_zeros
+from lagrange.algorithm.events.roots import first_change, is_counted, roots, sort_zeros
 from lagrange.algorithm.events.samples import (
     COARSE,
     DEGREE,
@@ -229,7 +229,8 @@ class ZeroSearch:
                     is_irregular, count = self.isolate(step, b, e, is_bad, limit, besides >= 0, count)
             if besides < 0 and not is_irregular:
                 sort_zeros(count, self.times, (self.events, self.directions))
-                kept, change = count, self.first_change(count)
+                kept = count
+                change = first_change(count, self.events, self.directions, watch.direction, self.zeros_left)
                 if unlikely(change >= 0):
                     # Repeat up to the change: an event may be zero there within its noise.
                     limit, besides, is_searching = self.times[change], self.events[change], True
@@ -349,27 +350,6 @@ class ZeroSearch:
         return not abs(slope) > noise or side == self.watch.arrivals[e] - 2, noise
 
     @inline
-    def first_change(self, count: int) -> int:
-        """Return the index of the first of `count` zeros on a step that changes the motion, or -1 if none does.
-
-        Each earlier zero in a direction that counts reduces the remaining count of its event by one.
-        """
-        change = -1
-        for j in range(count):
-            if change < 0 and self.counts(j):
-                e = self.events[j]
-                left = self.zeros_left[e]
-                change = j if left == 1 else change
-                self.zeros_left[e] = left - 1
-        return change
-
-    @inline
-    def counts(self, j: int) -> bool:
-        """Return True if zero number `j` of the step counts: its event counts zeros in this direction."""
-        expected, way = self.watch.direction[self.events[j]], self.directions[j]
-        return expected == 0 or expected == way
-
-    @inline
     def change(self, b: int, change: int, kept: int, count: int) -> int:
         """End the search at a zero that changes the motion, number `change` of the step in column `b`.
 
@@ -419,8 +399,9 @@ class ZeroSearch:
         """
         for j in range(count):
             time = self.times[j]
-            if time < before and self.counts(j):
-                self.write_zero(b, self.events[j], time)
+            event = self.events[j]
+            if time < before and is_counted(self.directions[j], self.watch.direction[event]):
+                self.write_zero(b, event, time)
                 self.watch.review.written += 1
 
     @inline

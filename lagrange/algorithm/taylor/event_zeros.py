@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.algorithm.events.constants import JUMP, TOGETHER
-from lagrange.algorithm.events.roots import roots, sort_zeros
+from lagrange.algorithm.events.roots import first_change, is_counted, roots, sort_zeros
 from lagrange.algorithm.taylor.defect_test import verified_step
 from lagrange.algorithm.taylor.event_series import (
     LATE,
@@ -87,11 +87,10 @@ def zeros_on_step(
             for j in range(count, count + more):
                 zeros.places[j] = i
             if until:
-                size, counted = view.reset_sizes[i], view.directions[i]
+                may_change, expected = view.reset_sizes[i] > 0 or not view.is_event(i), view.directions[i]
                 for j in range(count, count + more):
-                    direction, at = zeros.directions[j], zeros.times[j]
-                    resets = size > 0 and (counted == 0 or counted == direction)
-                    changes = resets if view.is_event(i) else direction != 0
+                    at = zeros.times[j]
+                    changes = may_change and is_counted(zeros.directions[j], expected)
                     end = at + larger(at, SEARCH_MARGIN * s)
                     far = end if changes and end < far else far
             count += more
@@ -218,7 +217,7 @@ def inspect_step(step: InspectedStep, doubtful: In, taylor: TaylorState, watched
     count = zeros_on_step(length, s, zeros, doubtful, watched, last=is_whole and step.final, until=until)
     if count < 0:
         return LEAVE, s
-    change = first_change(zeros, count, math.inf, watched)
+    change = change_on_step(zeros, count, watched)
     if change < 0:
         end = StepEnd(time=math.inf, close=0.0, due=0)
         return accept_zeros(zeros, count, end, step, taylor, watched, again=is_polynomial), length
@@ -258,7 +257,8 @@ def end_at_change(
         count = zeros_on_step(at, s, shorter, doubtful, watched, last=False, until=False)
         if count < 0:
             return LEAVE, s
-        earlier = first_change(shorter, count, at - simultaneous(step, at), watched)
+        early = count_before(shorter, count, at - simultaneous(step, at))
+        earlier = change_on_step(shorter, early, watched)
         again = earlier >= 0
         if again:
             at = shorter.times[earlier]
@@ -393,29 +393,28 @@ def write_sides(s: float, doubtful: In, watched: Watched) -> bool:
 
 
 @procedure(watched=watched_type)
-def first_change(zeros: Zeros, count: int, before: float, watched: Watched) -> int:
-    """Return the index of the first zero before the time `before` that changes the motion, or -1.
+def change_on_step(zeros: Zeros, count: int, watched: Watched) -> int:
+    """Return the index of the first of `count` zeros that changes the motion, or -1 if none does.
 
-    Changes of the motion are resets, crossed surfaces and the end of the run. `count` is the number of `zeros`.
+    Changes of the motion are resets, crossed surfaces and the end of the run.
     """
     view = opened(watched)
     if watched.watch.changing == 0:
         return -1
     for i in range(view.layout.watched):
-        view.seen[i] = view.event_counts[i]
+        terminal, changes = view.terminals[i], view.reset_sizes[i] > 0 or not view.is_event(i)
+        left = max(terminal - view.event_counts[i], 1) if terminal > 0 else 0
+        view.remaining[i] = 1 if changes else left
+    return first_change(count, zeros.places, zeros.directions, view.directions, view.remaining)
+
+
+@inline
+def count_before(zeros: Zeros, count: int, time: float) -> int:
+    """Return how many of the first `count` zeros, which are in order of time, are before `time`."""
+    early = 0
     for j in range(count):
-        index, direction = zeros.places[j], zeros.directions[j]
-        changes = direction != 0
-        if view.is_event(index):
-            counts = view.counts_as_event(index, direction)
-            number = view.seen[index] + 1
-            ends_run = view.is_last(index, number)
-            changes = counts and (view.reset_sizes[index] > 0 or ends_run)
-            if counts:
-                view.seen[index] = number
-        if changes and zeros.times[j] < before:
-            return j
-    return -1
+        early += int(zeros.times[j] < time)
+    return early
 
 
 @inline
@@ -471,7 +470,7 @@ def write_events(zeros: Zeros, count: int, end: StepEnd, step: InspectedStep, vi
     slot: int = view.watch.done
     for j in range(count):
         index, time = zeros.places[j], zeros.times[j]
-        counts = view.is_event(index) and view.counts_as_event(index, zeros.directions[j])
+        counts = view.is_event(index) and is_counted(zeros.directions[j], view.directions[index])
         distance = end.close * CLOSE_ROOTS if is_due(index, end.due, view) else end.close
         if counts and time < end.time - distance:
             view.event_counts[index] += 1

@@ -129,15 +129,16 @@ WHOLES = {
     "ends": 4,
     "start_signs": 1,
     "start_near_flags": 1,
-    "seen": 1,
+    "remaining": 1,
     "coefficient_counts": 1,
     "begun_signs": 1,
     "begun_orders": 1,
     "due": 1,
     "due_directions": 1,
 }
-"""Parts of the scratch memory of whole numbers. `due` has the indices of the functions that are zero at the end of the
-last step, and `due_directions` the directions of these zeros.
+"""Parts of the scratch memory of whole numbers. `remaining` is the number of zeros until the motion changes. `due` has
+the indices of the functions that are zero at the end of the last step, and `due_directions` the directions of these
+zeros.
 """
 
 
@@ -264,15 +265,6 @@ class Opened:
     def is_event(self, index: int) -> bool:
         """Return True if watched function number `index` is an event function, not a surface."""
         return index >= self.watched.watch.surfaces
-
-    @inline
-    def counts_as_event(self, index: int, direction: int) -> Any:
-        """Return True if zeros of event function number `index` in this `direction` count as events.
-
-        The direction is 1 or -1, the sign to which the function changes, or 0 for a touch.
-        """
-        counted = self.directions[index]
-        return counted == 0 or counted == direction
 
     @inline
     def is_last(self, index: int, count: int) -> Any:

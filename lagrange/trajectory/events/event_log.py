@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.events.constants import CLOSEST
+from lagrange.algorithm.events.roots import first_change
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import ModelEvent
@@ -121,19 +122,17 @@ class EventLog:
         self.occurrences = [Occurrences(size) for _ in range(events)]
         self.state: DriverState | None = None
 
-    def first_change(self, zeros: Iterable[EventZero], events: Sequence[ModelEvent]) -> EventZero | None:
+    def change_among(self, zeros: Sequence[EventZero], events: Sequence[ModelEvent]) -> EventZero | None:
         """Return the first zero in `zeros`, in order of time, whose event resets the state or ends the run, or None.
 
         `events` are all events; a zero refers to its event by index.
         """
-        seen = [len(times) for times in self.occurrences]
-        for zero in zeros:
-            index = zero.which
-            if events[index].counts(zero.root.rising):
-                seen[index] += 1
-                if events[index].reset or 0 < events[index].terminal <= seen[index]:
-                    return zero
-        return None
+        left = [max(event.terminal - len(seen), 0) for event, seen in zip(events, self.occurrences, strict=True)]
+        remaining = np.array([1 if event.reset else number for event, number in zip(events, left, strict=True)])
+        functions, directions = [zero.which for zero in zeros], [zero.root.rising for zero in zeros]
+        expected = [event.direction for event in events]
+        change = first_change(len(zeros), functions, directions, expected, remaining)
+        return None if change < 0 else zeros[change]
 
     def occur(self, indices: Sequence[int], events: Sequence[ModelEvent], state: DriverState) -> bool:
         """Record an occurrence of some events at the present state. Return True if one of them ends the run.

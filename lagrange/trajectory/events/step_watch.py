@@ -276,11 +276,12 @@ class StepWatch(EventLog):
         zeros.sort(key=lambda zero: zero.root.time)
         without = min(traces, key=lambda i: traces[i].until, default=0)
         until = traces[without].until if traces else math.inf
-        first = self.first_change((zero for zero in zeros if zero.root.time < until), self.events)
+        early = [zero for zero in zeros if zero.root.time < until]
+        first = self.change_among(early, self.events)
         if first is not None:
             self._part(first, zeros, traces, sample, steps_before + step)
             return _cut(batch, step, sample, first.root.time)
-        self._record((zero for zero in zeros if zero.root.time < until), sample, steps_before + step)
+        self._record(early, sample, steps_before + step)
         if until < math.inf:
             value = float(sample.events(np.array([until]))[without, 0])
             self._verdict = without_value(self.names()[without], value)
