@@ -18,16 +18,14 @@ from lagrange.algorithm.events.constants import (
     DEEPEST_HALVING,
     EPSILON,
     JUMP,
-    LARGEST_NOISE,
     MOST_COEFFICIENTS,
     MOST_ROOTS,
-    TINY,
     UNFIT,
 )
-from lagrange.algorithm.events.roots import roots as procedure
-from lagrange.algorithm.events.samples import DEGREE, nodes, to_chebyshev, to_powers
+from lagrange.algorithm.events.roots import roots as root_isolation
+from lagrange.algorithm.events.samples import DEGREE, local_polynomial, nodes, to_chebyshev
 from lagrange.machine.python_source import called
-from lagrange.trajectory.events.step_batch import Sample, StepBatch, certain
+from lagrange.trajectory.events.step_batch import Sample, StepBatch
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -81,7 +79,7 @@ Isolate = Callable[..., Any]
 
 def printed() -> Isolate:
     """Return the procedure that isolates the roots of a polynomial, as a Python function."""
-    return called(procedure.form())
+    return called(root_isolation.form())
 
 
 def roots(
@@ -167,14 +165,11 @@ def local_polynomials(
     while stack:
         start, depth, samples, before, above = stack.pop()
         width, finite = 0.5**depth, bool(np.isfinite(samples).all())
-        chebyshev = to_chebyshev() @ np.where(np.isfinite(samples), samples, 0.0)
-        tail = float(np.abs(chebyshev[-2:]).max())
-        # A remainder that halving does not reduce is noise. This bounds the number of parts.
-        grain = 8 * tail if tail > before / 4 and tail <= LARGEST_NOISE * _size(samples) else TINY
+        size = _size(samples) if finite else math.inf
         least = noise if smooth and start == 0 else 0.0
-        piece = _polynomial(start, width, chebyshev, _size(samples), noise + grain, least) if finite else None
-        if piece is not None:
-            yield piece
+        coefficients, error, tail = _resolved(samples, size, noise, before, least)
+        if len(coefficients):
+            yield LocalPolynomial(start, width, coefficients, error)
         elif depth < DEEPEST_HALVING and halvings < SAMPLED_HALVINGS:
             halvings += 1
             above = _size(samples) if depth == DEEPEST_HALVING - POLE_LEVELS else above
@@ -188,32 +183,17 @@ def local_polynomials(
             yield LocalPolynomial(start, width, np.array([samples[0], samples[-1] - samples[0]]), noise, bool(jump))
 
 
-def _polynomial(
-    start: float, width: float, chebyshev: FloatArray, size: float, noise: float, least: float = 0.0
-) -> LocalPolynomial | None:
-    """Return the polynomial on a part of a step from its Chebyshev coefficients, or None if the part must be halved.
+def _resolved(
+    samples: FloatArray, size: float, noise: float, before: float, least: float
+) -> tuple[FloatArray, float, float]:
+    """Return the power coefficients (k,) of a polynomial through samples (17,) of a function, its error and its tail.
 
-    The part begins at the fraction `start` of the step and has the length `width`. `size` is the largest magnitude of
-    the function, and `noise` its error. If the coefficients do not resolve the function, but its sign is certain,
-    only the first is kept. Coefficients below rounding or `least` are omitted and counted as noise. So is the
-    truncated rest of the series: at a kink the rest is several times the last coefficient.
+    There are no coefficients if the function is not resolved. The tail is the size of the last Chebyshev coefficients.
+    The other arguments are those of `local_polynomial`.
     """
-    sizes = np.abs(chebyshev)
-    floor = noise + 8 * EPSILON * size
-    if max(sizes[-2:]) <= floor:
-        coefficients = powers(chebyshev, max(EPSILON * size, least))
-        left = float(sizes[len(coefficients) :].sum() + 4 * DEGREE * sizes[-2:].max())
-        return LocalPolynomial(start, width, coefficients, noise + left)
-    if certain(chebyshev, np.asarray(noise)):
-        return LocalPolynomial(start, width, chebyshev[:1], noise)
-    return None
-
-
-def powers(chebyshev: FloatArray, least: float) -> FloatArray:
-    """Return the power coefficients (k,) of a Chebyshev series, without its last coefficients below `least`."""
-    above = np.flatnonzero(np.abs(chebyshev) > least)
-    count = int(above[-1]) + 1 if len(above) else 1
-    return np.asarray(to_powers(len(chebyshev) - 1)[:count, :count] @ chebyshev[:count])
+    chebyshev, powers = to_chebyshev() @ np.where(np.isfinite(samples), samples, 0.0), np.empty(DEGREE + 1)
+    count, error, tail = called(local_polynomial.form())(chebyshev, size, noise, before, least, powers)
+    return powers[:count], error, tail
 
 
 def _size(values: FloatArray) -> float:
@@ -343,9 +323,9 @@ def _integrated(sample: Sample, index: int, piece: LocalPolynomial) -> LocalPoly
     values = sample.rates(piece.width * nodes())[index] * piece.width
     if not np.isfinite(values).all():
         return piece
-    chebyshev = to_chebyshev() @ values
-    noise = RATE_NOISE * float(np.abs(values).max()) + DEGREE * float(np.abs(chebyshev[-2:]).max())
-    slopes = powers(chebyshev, noise)
+    size = float(np.abs(values).max())
+    noise = RATE_NOISE * size + DEGREE * float(np.abs((to_chebyshev() @ values)[-2:]).max())
+    slopes, _, _ = _resolved(values, size, noise, math.inf, noise)
     return replace(piece, coefficients=slopes / np.arange(1, len(slopes) + 1), noise=noise)
 
 
