@@ -13,7 +13,7 @@ import sympy as sp
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.evidence.precise import Precise
 from lagrange.machine.kernel.interpreted import Arithmetic
-from lagrange.machine.series.interpreted_series import Jet
+from lagrange.machine.numpy_machine import Jet
 from lagrange.program.series import SeriesProgram
 from lagrange.program.taylor import assemblies, series_program, switched_equations
 from lagrange.statement.coordinate import t

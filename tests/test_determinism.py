@@ -18,7 +18,7 @@ import lagrange as lg
 from lagrange.algorithm.step.error_control import steps_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.kernel.llvm_kernel import KernelCode
-from lagrange.machine.llvm.called import called_ir
+from lagrange.machine.llvm.engine import called_ir
 from lagrange.machine.llvm_machine import loop_layout
 from lagrange.program.catalogue import QUANTITIES, program_of
 from lagrange.trajectory.methods.explicit import DOP853, RK4

@@ -9,11 +9,8 @@ from graphlib import TopologicalSorter
 from tests.test_layering import ROOT, Modules, imports_of, package
 
 PLAIN: Mapping[str, tuple[str, ...]] = {
-    "machine records": (
-        *("backend", "quick_calls", "copies", "taylor_event_memory"),
-        *("parameters", "python_source", "state", "step_event_memory"),
-    ),
-    "machine entries": ("drivers", "llvm_machine", "model", "numpy_machine"),
+    "machine records": ("backend", "parameters", "python_source", "state"),
+    "machine entries": ("drivers", "llvm_machine", "llvm_series", "model", "numpy_machine"),
     "trajectory records": ("integrator", "trajectory"),
     "trajectory runs": ("ending_messages", "endings", "outputs", "plan", "run_loop", "sizes", "slow_runs"),
     "trajectory segments": ("segments",),
@@ -26,12 +23,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "machine records": (),
     "machine/llvm": ("machine records",),
     "machine/kernel": ("machine records", "machine/llvm"),
-    "machine/dense": ("machine records", "machine/llvm", "machine/kernel"),
-    "machine/series": ("machine records", "machine/llvm", "machine/kernel", "machine/dense"),
-    "machine entries": (
-        *("machine records", "machine/llvm", "machine/kernel"),
-        *("machine/dense", "machine/series"),
-    ),
+    "machine entries": ("machine records", "machine/llvm", "machine/kernel"),
     "trajectory records": ("machine records", "machine entries"),
     "trajectory/tableaux": (),
     "trajectory/constraints": ("machine records", "machine/kernel", "machine entries"),

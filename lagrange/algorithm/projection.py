@@ -1,8 +1,9 @@
-"""The projection of the state onto its constraints at the end of an accepted step.
+"""The projection of the state onto its constraints at the end of an accepted step, and compensated addition.
 
-The corrections are those of `lagrange.program.constraints`: a Newton step whose remainder is proportional to the square
+The corrections are those of `lagrange.program.catalogue`: a Newton step whose remainder is proportional to the square
 of the violation. They are normal to the constraints in the metric of the mass matrix, so that the energy changes in
 second order only.
+Source of compensated addition: D. E. Knuth, The Art of Computer Programming, vol. 2, 3rd ed., 1997, 4.2.2, theorem B.
 """
 
 from __future__ import annotations
@@ -10,12 +11,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from lagrange.algorithm.blocks import whole_blocks
-from lagrange.algorithm.compensated import compensated
-from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.constants import Outcome, whole_blocks
 from lagrange.procedure.form import FLAG, REAL, Array, Callee
-from lagrange.procedure.front.decorators import procedure
+from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, likely, reals, unlikely
+
+
+@inline
+def compensated(y: Any, move: Any) -> tuple[Any, Any]:
+    """Return the rounded sum of two reals, and its exact rounding error: (total, lost) with y + move = total + lost."""
+    total = y + move
+    back = total - y
+    return total, (y - (total - back)) + (move - back)
+
 
 CORRECTIONS = Callee((REAL, Array(read=True), Array(read=True), Array()), (FLAG,))
 """Type of the program of the corrections: from a time, a state [q, v] and prepared parameters to [dq, dv], the relative

@@ -107,7 +107,7 @@ class _Map:
             results = [v, -k[:, None] * q - c[:, None] * v]
             results += [q, v] if self.step.law == "local" else []
             # Without constraints the constraint forces are zero, and the padding entries are the multipliers
-            # themselves; see `lagrange.program.constraints`.
+            # themselves; see `lagrange.program.catalogue`.
             results += [part for multiplier in multipliers for part in (0.0 * multiplier, multiplier, multiplier)]
             for i, vector in enumerate(results):
                 self.vectors[call.first + i] = vector

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.kernel.body import PreparedLayout
 from lagrange.algorithm.kernel.kernels import guarded, kernel, prepare
-from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.algorithm.series.integrator import TaylorProcedures
-from lagrange.algorithm.step.integrate import adaptive_run, one_step
+from lagrange.algorithm.step.error_control import adaptive_run, one_step
 from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.export.descriptions import COMMENT_WIDTH, ascii_name, statement_lines, wrapped

@@ -13,7 +13,7 @@ from typing import Any
 from sympy import count_ops
 from sympy.printing.str import StrPrinter
 
-from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.constants import Outcome
 from lagrange.export.module import ExportedIntegrator, ExportedRun, SourceModule
 from lagrange.procedure.form import Array, Procedure, Record, ReserveRecord, inner
 from lagrange.show.notation.formula import Typesetter

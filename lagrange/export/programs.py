@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.constants import Outcome
 from lagrange.export.descriptions import OUTCOMES, TEST, columns, commented, number_lines, run_of
 from lagrange.export.module import SourceModule, StepCheck
 from lagrange.export.templates import templates

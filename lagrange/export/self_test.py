@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from typing import NamedTuple
 
-from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.constants import Outcome
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.precise_run import NoValue, evaluate
 from lagrange.export.module import Check, ExportedIntegrator, StepCheck

@@ -1,8 +1,13 @@
-"""Protocols of a machine, a back end that loads programs and returns kernels, series and drivers."""
+"""Protocols of a machine, a back end that loads programs and returns kernels, series and drivers; calls of its kernels.
+
+Compiled objects are not copied: a copy is the object itself. A pickle contains the program, compiled on first use.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -13,8 +18,7 @@ from lagrange.algorithm.step.memory import Layout
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.errors import RunError, StatementError
 from lagrange.graph.node import Node
-from lagrange.machine.state import DriverState, Outcome
-from lagrange.machine.step_event_memory import EventSteps
+from lagrange.machine.state import DriverState, EventSteps, Outcome
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
@@ -360,3 +364,121 @@ class KernelProvider(Protocol):
 
         Its arguments are the statement and the indices of independent constraints, or None if these are unknown.
         """
+
+
+class Shared:
+    """Base class of immutable objects whose copy is the object itself, because machine code cannot be copied."""
+
+    def __copy__(self) -> Any:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Any:
+        return self
+
+
+class UnpickledKernel(Shared):
+    """A kernel from a pickle: its program, compiled on first use."""
+
+    def __init__(self, load: Callable[[Program], Kernel], program: Program) -> None:
+        self._load, self.program = load, program
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return UnpickledKernel, (self._load, self.program)
+
+    @cached_property
+    def _kernel(self) -> Kernel:
+        return self._load(self.program)
+
+    def __call__(self, t: float | FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Return the result of the program for a state (2n,) or many (2n, batch)."""
+        return self._kernel(t, y, parameters)
+
+    def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
+        """Return the result of the program for many states. `inputs` has an array (size, batch) for each input."""
+        return self._kernel.columns(t, inputs, parameters)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self._kernel, name)  # attributes of kernels that are not in the protocol, such as `address`
+
+
+class Quick(dict[str, QuickCalls]):
+    """Fast functions that evaluate the quantities of a model at one state, by name, for the default parameters.
+
+    They are created on first use. For a quantity without such functions, both functions return None.
+    """
+
+    def __init__(self, kernel: Callable[[str], Kernel], parameters: Callable[[], FloatArray]) -> None:
+        super().__init__()
+        self._kernel, self._parameters = kernel, parameters
+
+    def __missing__(self, name: str) -> QuickCalls:
+        try:
+            calls = self._kernel(name).quick(self._parameters())
+        except SingularMassMatrix:
+            calls = None
+        self[name] = QuickCalls(nothing, nothing) if calls is None else calls
+        return self[name]
+
+
+def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatArray], FloatArray]:
+    """Return a kernel as a function of a time and one state (2n,). Quick calls are used if the kernel has them.
+
+    The state must be a plain array of doubles. Raises SingularMassMatrix, here and in calls.
+    """
+    quick = kernel.quick(parameters)
+    if quick is None:
+        return lambda t, y: kernel(t, y, parameters)
+    whole = quick.whole
+
+    def call(t: float, y: FloatArray) -> FloatArray:
+        result = whole(t, y)
+        return kernel(t, y, parameters) if result is None else result
+
+    return call
+
+
+def quickly(kernel: Kernel, parameters: FloatArray, t: float, y: FloatArray) -> FloatArray | None:
+    """Return the result of a kernel at one state y by its fast function.
+
+    Return None if the kernel has no such function or the result is not finite.
+    """
+    quick = kernel.quick(parameters)
+    return None if quick is None else quick.whole(t, y)
+
+
+def nothing(*_: Any) -> None:
+    """Return None: a fast function for kernels that have none. The caller then evaluates the kernel itself."""
+
+
+def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
+    """Return True if some result of a kernel may be zero at some state.
+
+    Results that depend on the state or time always may. Others are evaluated once with the parameters. If none is
+    zero, the caller need not test the results of a large batch, which takes as long as computing them.
+    """
+    program = kernel.program
+    if any(instruction.op in ("state", "time") for instruction in program.instructions):
+        return True
+    results = quickly(kernel, parameters, 0.0, np.zeros(program.states))
+    return results is None or 0.0 in results.tolist()
+
+
+FEW_ENTRIES = 64
+"""Largest number of entries that Python sums faster than NumPy, whose two calls take 1 us."""
+
+
+def surely_finite(array: FloatArray) -> bool:
+    """Return True if every entry is finite. Return False if not, or if the sum of a short array overflows.
+
+    A short array is added in Python: NumPy would warn of an overflow, and public functions give no warnings.
+    """
+    if array.size <= FEW_ENTRIES:
+        return math.isfinite(sum(array.ravel().tolist()))
+    return bool(np.isfinite(array).all())
+
+
+def scalar(value: FloatArray) -> Any:
+    """Return a zero-dimensional array as a float, and other arrays unchanged."""
+    return float(value) if value.ndim == 0 else value

@@ -10,31 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.constants import RELATIVE_PERTURBATION, WIDEST_VECTOR, perturbation_factors
 from lagrange.algorithm.dense.block import StepPolynomial, block_size
 from lagrange.algorithm.events.loop import event_steps
 from lagrange.algorithm.events.samples import work_size
 from lagrange.algorithm.members.queue import LANE
-from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.step.error_control import steps_of
 from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import RunError
 from lagrange.machine.backend import Callback, DensePath, FloatArray, SingularMassMatrix
-from lagrange.machine.dense.llvm_dense import LlvmDense, of_steps
 from lagrange.machine.drivers import StepDriver
 from lagrange.machine.kernel.llvm_kernel import STORED_TOGETHER, LlvmKernel, cached_kernel, fit
 from lagrange.machine.llvm.address import workspace
-from lagrange.machine.llvm.called import CompiledProcedure, compiled
-from lagrange.machine.llvm.engine import Module
+from lagrange.machine.llvm.engine import CompiledProcedure, Module, compiled
+from lagrange.machine.llvm.operations import lanes, processor
 from lagrange.machine.llvm.procedures import module
-from lagrange.machine.llvm.processor import lanes, processor
-from lagrange.machine.series.llvm_series import LlvmSeries
-from lagrange.machine.state import DriverState
-from lagrange.machine.step_event_memory import StepEventMemory, StepFunction
+from lagrange.machine.llvm_series import LlvmDense, LlvmSeries, of_steps
+from lagrange.machine.state import DriverState, StepEventMemory, StepFunction
 from lagrange.procedure.form import REAL, WHOLE, Kind, Procedure
+from lagrange.procedure.lane_values import COMMON, OWN
 from lagrange.procedure.lanes import ACTIVE, MemberProcedures
 from lagrange.procedure.rewrite import Pruner
-from lagrange.procedure.spread import COMMON, OWN
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import LAWS, StepProgram

@@ -20,10 +20,22 @@ from lagrange.errors import RunError, StatementError, abridged, counted, listing
 from lagrange.graph.branches import square_roots
 from lagrange.graph.node import Node
 from lagrange.graph.term_size import term_sizes
-from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine, QuickCalls, Series, SingularMassMatrix
+from lagrange.machine.backend import (
+    FloatArray,
+    Kernel,
+    KernelProvider,
+    Machine,
+    Quick,
+    QuickCalls,
+    Series,
+    SingularMassMatrix,
+    may_vanish,
+    nothing,
+    scalar,
+    surely_finite,
+)
 from lagrange.machine.kernel.python_kernel import PythonKernel, printed
 from lagrange.machine.parameters import Parameters, ParameterValues, by_parameters
-from lagrange.machine.quick_calls import Quick, may_vanish, nothing, scalar, surely_finite
 from lagrange.program.catalogue import LAW_QUANTITIES, quantities_of
 from lagrange.program.switching import Switched
 from lagrange.statement.expression import one_of, real_array, real_number, text, whole_number

@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import LagrangeError
-from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
-from lagrange.machine.copies import Shared
+from lagrange.machine.backend import FloatArray, Kernel, Shared, SingularMassMatrix
 from lagrange.procedure import form
 from lagrange.procedure.form import CONSTANT, PARTIAL, REAL, Array, Kind, Procedure, Record
 from lagrange.procedure.interpreter import OPERATIONS, Span

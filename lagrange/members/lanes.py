@@ -10,28 +10,31 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.constants import (
+    LEAST_FLOOR,
+    RELATIVE_PERTURBATION,
+    WIDEST_VECTOR,
+    Outcome,
+    perturbation_factors,
+)
 from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.dense.polynomials import hermite_polynomial
+from lagrange.algorithm.kernel.body import PreparedLayout
 from lagrange.algorithm.kernel.kernels import kernel, prepare
-from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.algorithm.members.along import MemberDenseOutput, Sampled, table_of_points
 from lagrange.algorithm.members.queue import COUNTED, MemberMethod, Observed, SystemNumbers, energy_and_momenta
 from lagrange.algorithm.members.steps import StepEvents, StepMembers
 from lagrange.algorithm.members.taylor import TaylorEvents, TaylorMembers
-from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.series.cost import single_operations
 from lagrange.algorithm.series.integrator import TaylorProcedures
 from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
-from lagrange.algorithm.series.packing import pack
-from lagrange.algorithm.step.constants import LEAST_FLOOR, RELATIVE_PERTURBATION, perturbation_factors
+from lagrange.algorithm.series.packing import pack, single_operations
 from lagrange.algorithm.taylor.memory import SIZES
 from lagrange.equations.euler_lagrange import node_of
 from lagrange.graph.node import Node
 from lagrange.machine.backend import MemberRuns
+from lagrange.machine.drivers import EventMemory
 from lagrange.machine.model import Model
-from lagrange.machine.step_event_memory import Reaction
-from lagrange.machine.taylor_event_memory import EventMemory
+from lagrange.machine.state import Reaction
 from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
 from lagrange.members.kept_results import DRIFT, OUTPUTS, STATE, STATUS, TIME, Reduction, event_states, event_times
 from lagrange.members.singly import Energies, RunEngine

@@ -19,7 +19,7 @@ from lagrange.errors import LagrangeError
 from lagrange.procedure import form
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Block, Callee, Kind, Procedure, Record, Statement, Vector
 from lagrange.procedure.values import VALUES, Entries, Flag, Memory, Real, RecordFields, Value, Variable, Whole
-from lagrange.procedure.verify import verify
+from lagrange.procedure.visit import verify
 
 
 class GivenFunction:

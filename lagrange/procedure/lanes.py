@@ -15,8 +15,18 @@ from itertools import count
 from lagrange.errors import LagrangeError
 from lagrange.procedure import form
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Block, Parameter, Procedure, Record, Vector, of_width
-from lagrange.procedure.lane_values import MemberMemory, MemberStatements, MemberVariable, is_cheap, leaves
-from lagrange.procedure.spread import Share, Signature, Spreads, signature_of, spread_of
+from lagrange.procedure.lane_values import (
+    MemberMemory,
+    MemberStatements,
+    MemberVariable,
+    Share,
+    Signature,
+    Spreads,
+    is_cheap,
+    leaves,
+    signature_of,
+    spread_of,
+)
 from lagrange.procedure.visit import Visitor, visits
 
 ACTIVE = "active"

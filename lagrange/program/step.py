@@ -90,7 +90,7 @@ LAWS = {
 `momentum`: p, f = g(t, q, v), with momenta p = dL/dv and forces f, so that dp/dt = f.
 
 `constrained`: p, f, c, phi, psi = g(t, q, v, lambda), with constraint forces c = G^T lambda, the constraints phi and
-their rates psi, all padded to n entries (`lagrange.program.constraints`).
+their rates psi, all padded to n entries (`lagrange.program.catalogue`).
 
 `local`: dQ/dt, dV/dt, q, v = g(t, Q, V, start), with a local state (Q, V) about the coordinates `start`
 (`lagrange.program.catalogue`).

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from lagrange.equations.euler_lagrange import Equations, MotionForm, bias_forces, mass_matrix
 from lagrange.equations.solve_plan import SolvePlan, plan_of
 from lagrange.graph.node import Binding, Exact, Kind, Node, reachable, substitute
-from lagrange.program.constraints import projection
+from lagrange.program.catalogue import projection
 from lagrange.program.forms import Form, LinearTerms, Momentum, forms
 from lagrange.program.lower import lower
 from lagrange.program.recurrence import RecurrenceBuilder, known_node

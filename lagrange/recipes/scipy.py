@@ -12,10 +12,9 @@ import numpy as np
 import sympy
 
 from lagrange.errors import StatementError, listing, shown, suggestion
-from lagrange.machine.backend import FloatArray, Kernel
+from lagrange.machine.backend import FloatArray, Kernel, Quick, one_state
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.model import Model
-from lagrange.machine.quick_calls import Quick, one_state
 from lagrange.statement.declare import initial_state
 from lagrange.statement.event import Event
 from lagrange.statement.expression import real_number

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import ArrayLike
 
-from lagrange.algorithm.step.constants import LEAST_FLOOR
+from lagrange.algorithm.constants import LEAST_FLOOR
 from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import ordered

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.errors import StatementError
 from lagrange.machine.state import DriverState
 from lagrange.statement.expression import real_array

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.step.constants import AFTER_BROKEN
-from lagrange.machine.backend import Driver, SingularMassMatrix
-from lagrange.machine.quick_calls import quickly
+from lagrange.algorithm.constants import AFTER_BROKEN
+from lagrange.machine.backend import Driver, SingularMassMatrix, quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.statement.run_settings import PreparationTooLongError, preparation, preparation_ends
 from lagrange.trajectory.constraints.discontinuities import Discontinuities, may_be_discontinuous

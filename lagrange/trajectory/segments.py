@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.constants import EARLIEST
 from lagrange.algorithm.events.constants import CLOSEST
-from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, listing
 from lagrange.statement.event import Event
 from lagrange.trajectory.constraints.consistent import consistent_start

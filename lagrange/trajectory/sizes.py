@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.step.constants import (
+from lagrange.algorithm.constants import (
     DEFAULT_FIRST,
     LEAST_FLOOR,
     MOST_SURVEYS,
@@ -18,10 +18,9 @@ from lagrange.algorithm.step.constants import (
     perturbation_factors,
 )
 from lagrange.equations.euler_lagrange import StateLayout
-from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.kernel.rounding_noise import UNIT, rounding_noise
+from lagrange.machine.backend import SingularMassMatrix, one_state
+from lagrange.machine.kernel.interpreted import UNIT, rounding_noise
 from lagrange.machine.model import Model
-from lagrange.machine.quick_calls import one_state
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.trajectory import FloatArray
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lagrange.algorithm.step.constants import SMALL_FLOOR
+from lagrange.algorithm.constants import SMALL_FLOOR
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState

@@ -9,8 +9,8 @@ from typing import Any
 
 import mpmath
 
+from lagrange.algorithm.kernel.body import PreparedLayout
 from lagrange.algorithm.kernel.kernels import kernel, prepare
-from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.export.module import ExportedQuantity, SourceModule, ValueNames
 from lagrange.export.straight_line import with_outputs
 from lagrange.procedure.builder import Builder

@@ -12,7 +12,7 @@ import pytest
 from sympy import cos, erf, sin
 
 import lagrange as lg
-from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.constants import Outcome
 from lagrange.export.contents import MAIN_RTOL
 from lagrange.export.target import QUANTITIES, find
 from lagrange.program.program import Instruction, Program, ProgramBlock

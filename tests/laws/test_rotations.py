@@ -15,7 +15,7 @@ from sympy import cos, diag, sin
 import lagrange as lg
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.evidence.check import SolvedTextbook, check
-from lagrange.machine.series.interpreted_series import NumpySeries
+from lagrange.machine.numpy_machine import NumpySeries
 from lagrange.program.series import convolutions
 from lagrange.program.taylor import series_program
 from lagrange.statement.space import matrix_of, product

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.algorithm.kernel.prepared import width_of
+from lagrange.algorithm.kernel.body import width_of
 from lagrange.algorithm.linear import symmetric
 from lagrange.algorithm.linear.symmetric import padded, work_size
 from lagrange.compiler import machine

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.algorithm.newton.corrections import (
+from lagrange.algorithm.constants import Outcome
+from lagrange.algorithm.step.memory import NEWTON
+from lagrange.algorithm.step.newton_corrections import (
     DIVERGENCE_GROWTH,
     DIVERGENCE_RATE,
     FEW_CORRECTIONS,
@@ -31,8 +33,6 @@ from lagrange.algorithm.newton.corrections import (
     TOLERANCE_FRACTION,
     assess_correction,
 )
-from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.step.memory import NEWTON
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import module
 from lagrange.machine.python_source import loaded

@@ -21,11 +21,11 @@ from lagrange.graph import node as rebuilding
 from lagrange.graph.node import Node
 from lagrange.machine.kernel.llvm_kernel import KernelCode
 from lagrange.machine.llvm.emitter import MOST_ACCESSES
+from lagrange.machine.llvm.operations import lanes
 from lagrange.machine.llvm.procedures import INLINE_ANGLES
-from lagrange.machine.llvm.processor import lanes
+from lagrange.machine.llvm_series import CompiledJet
 from lagrange.machine.model import Model
-from lagrange.machine.series.interpreted_series import NumpySeries
-from lagrange.machine.series.llvm_series import CompiledJet
+from lagrange.machine.numpy_machine import NumpySeries
 from lagrange.program.catalogue import program_of
 from lagrange.program.taylor import series_program
 from tests.models import shared_scene

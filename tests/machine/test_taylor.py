@@ -16,15 +16,14 @@ import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from lagrange.algorithm.series.cost import operations
-from lagrange.algorithm.series.packing import Packing, pack
+from lagrange.algorithm.series.packing import Packing, operations, pack
 from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.machine import numpy_machine
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.llvm.address import address
-from lagrange.machine.series import interpreted_series
-from lagrange.machine.series.interpreted_series import Jet, NumpySeries
-from lagrange.machine.series.llvm_series import CompiledJet
+from lagrange.machine.llvm_series import CompiledJet
+from lagrange.machine.numpy_machine import Jet, NumpySeries
 from lagrange.program.catalogue import program_of
 from lagrange.program.series import RULES, SeriesProgram, Stage
 from lagrange.program.taylor import series_program
@@ -328,7 +327,7 @@ def test_what_depends_on_parameters_alone_is_computed_once(monkeypatch: pytest.M
         made.append(args)
         return Jet(*args)
 
-    monkeypatch.setattr(interpreted_series, "Jet", counted)
+    monkeypatch.setattr(numpy_machine, "Jet", counted)
     statement, program = stated_series("elastic pendulum")
     values, state = np.array([statement.defaults[p] for p in statement.parameters]), np.array(statement.initial)
     series, given = NumpySeries(program), values.copy()
@@ -350,7 +349,7 @@ def test_eliminated_rows_are_swapped_in_every_right_hand_side(exact: bool) -> No
     """The entries are small integers, which are exact. Each column has its pivot below the diagonal."""
     matrix = np.array([[0.0, 2.0, 1.0, 0.0], [1.0, 0.0, 0.0, 3.0], [4.0, 1.0, 0.0, 1.0], [2.0, 0.0, 8.0, 1.0]])
     given = np.array([[sp.Rational(int(entry)) for entry in row] for row in matrix]) if exact else matrix
-    eliminated = interpreted_series.Eliminated(given)
+    eliminated = numpy_machine.Eliminated(given)
     for solution in np.array([[1.0, -2.0, 3.0, 0.5], [0.0, 1.0, 0.0, 0.0]]):
         result = eliminated.solve([sp.nsimplify(entry) for entry in matrix @ solution] if exact else matrix @ solution)
         assert np.array(result, dtype=float) == pytest.approx(solution, rel=1e-15, abs=1e-15)

@@ -23,9 +23,8 @@ from lagrange.machine.drivers import SeriesDriver
 from lagrange.machine.llvm import engine
 from lagrange.machine.llvm.engine import Module, ObjectCode
 from lagrange.machine.llvm_machine import LlvmMachine
-from lagrange.machine.numpy_machine import NumpyMachine
-from lagrange.machine.series.interpreted_series import NumpySeries
-from lagrange.machine.series.llvm_series import CompiledJet, LlvmSeries, compiled_steps
+from lagrange.machine.llvm_series import CompiledJet, LlvmSeries, compiled_steps
+from lagrange.machine.numpy_machine import NumpyMachine, NumpySeries
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 
 import lagrange as lg
 import lagrange.procedure
-from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.constants import Outcome
 from lagrange.algorithm.series.integrator import LOOP_LANES, LOOP_TILE, TaylorProcedures
 from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
@@ -23,12 +23,12 @@ from lagrange.algorithm.taylor.memory import SMALLEST_RTOL
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.export.contents import ExportContents, module_of
+from lagrange.machine.numpy_machine import NumpySeries
 from lagrange.machine.python_source import loaded, source
-from lagrange.machine.series.interpreted_series import NumpySeries
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure, Record
 from lagrange.procedure.interpreter import fused, run
-from lagrange.procedure.vector_loops import without_vectors
+from lagrange.procedure.rewrite import without_vectors
 from lagrange.program.series import SeriesProgram
 from lagrange.program.taylor import series_program
 from lagrange.statement.statement import Statement

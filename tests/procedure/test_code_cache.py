@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from lagrange.procedure.front import code_cache
+from lagrange.procedure.front import decorators
 from lagrange.procedure.interpreter import run
 
 SOURCE = """
@@ -23,7 +23,7 @@ def doubled(x: float) -> float:
 @pytest.fixture
 def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Write a module in a new package, for which functions are stored."""
-    monkeypatch.setattr(code_cache, "PACKAGE", tmp_path)
+    monkeypatch.setattr(decorators, "PACKAGE", tmp_path)
     monkeypatch.setattr(sys, "dont_write_bytecode", False)
     monkeypatch.setattr(sys, "pycache_prefix", None)
     path = tmp_path / "module.py"
@@ -33,9 +33,9 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def doubled(source: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Return the function of a module, imported as in a new process."""
-    monkeypatch.setattr(code_cache, "_STORED", {})
+    monkeypatch.setattr(decorators, "_STORED", {})
     linecache.clearcache()
-    code_cache._module.cache_clear()
+    decorators._module.cache_clear()
     spec = importlib.util.spec_from_file_location(source.stem, source)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -50,7 +50,7 @@ def stored(source: Path) -> Path:
 def test_the_next_process_reads_no_source(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = doubled(source, monkeypatch).form()
     function = doubled(source, monkeypatch)
-    monkeypatch.setattr(code_cache, "source_of", None)
+    monkeypatch.setattr(decorators, "source_of", None)
     assert function.form().body == expected.body
     assert run(function.form(), 3.0) == (6.0,)
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import lagrange as lg
+from lagrange.algorithm.constants import Outcome
+from lagrange.algorithm.kernel.body import LARGEST_IN_SOURCE, PreparedLayout
 from lagrange.algorithm.kernel.kernels import kernel, prepare
-from lagrange.algorithm.kernel.prepared import LARGEST_IN_SOURCE, PreparedLayout
-from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.projection import KEPT_VIOLATION, PROJECTION_CORRECTIONS, RESOLVED, project
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel

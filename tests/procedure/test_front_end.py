@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 
 from lagrange.errors import LagrangeError
-from lagrange.machine.llvm.called import CompiledProcedure
-from lagrange.machine.llvm.engine import Module
+from lagrange.machine.llvm.engine import CompiledProcedure, Module
 from lagrange.machine.llvm.procedures import INLINE_ANGLES, module
 from lagrange.machine.python_source import loaded
 from lagrange.procedure import interpreter

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.algorithm.events.constants import MOST_COEFFICIENTS, MOST_ROOTS, TOO_MANY, UNFIT
 from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.events.roots import roots
 from lagrange.algorithm.taylor.event_series import doubtful_events, event_terms, only_passage, only_zero
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.algorithm.taylor.watching import TERM_SUMS
-from lagrange.machine.llvm.called import compiled
+from lagrange.machine.llvm.engine import compiled
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.machine.python_source import called

@@ -18,7 +18,7 @@ from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import StatementError
 from lagrange.graph.derivative_rules import FUNCTIONS
 from lagrange.graph.node import Binding, Graph
-from lagrange.machine.series.interpreted_series import COEFFICIENT, NumpySeries
+from lagrange.machine.numpy_machine import COEFFICIENT, NumpySeries
 from lagrange.program.catalogue import program_of
 from lagrange.program.recurrence import FUNCTION_RULES, RecurrenceBuilder
 from lagrange.program.series import RULES, SeriesProgram, convolutions

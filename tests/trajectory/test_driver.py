@@ -15,7 +15,7 @@ import sympy as sp
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.machine.drivers import SeriesDriver
-from lagrange.machine.series.interpreted_series import NumpySeries
+from lagrange.machine.numpy_machine import NumpySeries
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from sympy import Abs, Max, Piecewise, Rational, atan2, cos, exp, lambdify, sign, sin, sqrt, tanh
 
+from lagrange.machine.drivers import EventMemory
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.machine.taylor_event_memory import EventMemory
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.events.end_messages import EventResult

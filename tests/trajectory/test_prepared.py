@@ -18,13 +18,12 @@ import sympy as sp
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.machine.drivers import WATCHED as WATCHED_ARRAYS
+from lagrange.machine.drivers import EventMemory
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm_machine import EVENT_ARRAYS
 from lagrange.machine.model import Model
-from lagrange.machine.state import Outcome
-from lagrange.machine.step_event_memory import StepEventMemory
-from lagrange.machine.taylor_event_memory import EventMemory
+from lagrange.machine.state import Outcome, StepEventMemory
 from lagrange.statement import run_settings as preparation
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event

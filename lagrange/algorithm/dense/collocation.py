@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import (
     SPARE,
     OwnStep,

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.constants import EARLIEST, WIDEST_VECTOR, Outcome
 from lagrange.algorithm.events.constants import (
     ALONG,
     CLEARLY,
@@ -24,8 +24,6 @@ from lagrange.algorithm.events.constants import (
 )
 from lagrange.algorithm.events.samples import Samples, edge_noise, samples_type
 from lagrange.algorithm.events.search import CHANGED, CROWDED, ENDED, IGNORED, UNKNOWN, ReviewedEvents, review
-from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.algorithm.step.memory import COUNTS, FUNCTION, RUN
 from lagrange.procedure.form import WHOLE, Array, Callee
 from lagrange.procedure.front.decorators import Bundle, Stated, inline, procedure

@@ -15,11 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
-from lagrange.algorithm.dense.block import COLUMNS, POLYNOMIAL, OwnStep, steps_in
-from lagrange.algorithm.dense.evaluate import gather
+from lagrange.algorithm.constants import RELATIVE_PERTURBATION, WIDEST_VECTOR
+from lagrange.algorithm.dense.block import COLUMNS, POLYNOMIAL, OwnStep, gather, steps_in
 from lagrange.algorithm.events.constants import CERTAINTY, DENSE_ROUND_OFF, EPSILON, LARGEST_NOISE, NOISE, TAIL, TINY
-from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.decorators import Bundle, Stated, inline, procedure
 from lagrange.procedure.front.vocabulary import (

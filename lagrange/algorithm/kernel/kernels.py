@@ -16,8 +16,7 @@ from functools import reduce
 from operator import or_
 from typing import Any
 
-from lagrange.algorithm.kernel.body import SOURCE, Body, Inputs, Style
-from lagrange.algorithm.kernel.prepared import PreparedLayout
+from lagrange.algorithm.kernel.body import SOURCE, Body, Inputs, PreparedLayout, Style
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Array, Procedure
 from lagrange.procedure.front.decorators import procedure

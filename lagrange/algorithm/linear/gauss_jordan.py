@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
+from lagrange.algorithm.constants import WIDEST_VECTOR, whole_blocks
 from lagrange.algorithm.linear.symmetric import PIVOT
 from lagrange.procedure.form import PARTIAL, Array, Procedure
 from lagrange.procedure.front.decorators import inline, procedure

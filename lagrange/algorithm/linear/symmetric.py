@@ -27,7 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
+from lagrange.algorithm.constants import WIDEST_VECTOR, whole_blocks
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, Readable, Writable, each, fma, likely

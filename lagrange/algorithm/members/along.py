@@ -21,9 +21,9 @@ import numpy as np
 from numpy.polynomial import Legendre
 from numpy.typing import NDArray
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
-from lagrange.algorithm.compensated import compensated
+from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.algorithm.dense.block import OwnStep, StepPolynomial, block_size, steps_in
+from lagrange.algorithm.projection import compensated
 from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.algorithm.taylor.sums import outstanding, powers_of, series_sum
 from lagrange.procedure.form import READ, REAL, WHOLE, Array, Callee, Procedure

@@ -12,9 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from lagrange.algorithm.constants import MOST_SURVEYS, SMALL_FLOOR, Outcome
 from lagrange.algorithm.members.along import AlongRun
-from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.step.constants import MOST_SURVEYS, SMALL_FLOOR
 from lagrange.algorithm.step.memory import FUNCTION, Counts, Run
 from lagrange.procedure.form import FLAG, READ, Array, Callee, Procedure
 from lagrange.procedure.front.decorators import Bundle, Stated, inline, procedure

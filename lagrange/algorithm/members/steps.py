@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.constants import WIDEST_VECTOR, Outcome
 from lagrange.algorithm.dense.block import OwnStep
 from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.algorithm.events.constants import NOISE_HALVES
@@ -47,7 +47,6 @@ from lagrange.algorithm.members.queue import (
     copy_state,
     move_to,
 )
-from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.error_control import steps_of
 from lagrange.algorithm.step.memory import Effort, Layout, Running
 from lagrange.algorithm.taylor.memory import OutputCounts

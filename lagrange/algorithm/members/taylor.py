@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.constants import WIDEST_VECTOR, Outcome
 from lagrange.algorithm.members.along import AlongRun, Sampled, SampledStep, series_path
 from lagrange.algorithm.members.queue import (
     ENDED_BY_EVENT,
@@ -18,7 +18,6 @@ from lagrange.algorithm.members.queue import (
     OccurrenceArrays,
     SystemNumbers,
 )
-from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.taylor.loop import begin_run, iteration
 from lagrange.algorithm.taylor.memory import JET, Held, OutputCounts, Sizes, TaylorLayout, TaylorState
 from lagrange.algorithm.taylor.step_size import logarithm

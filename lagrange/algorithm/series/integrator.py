@@ -17,14 +17,11 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
-from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.constants import LEAST_FLOOR, WIDEST_VECTOR, Outcome
 from lagrange.algorithm.projection import CORRECTIONS, starts_on_constraints
-from lagrange.algorithm.series.cost import cheapest_order, operations, single_operations
 from lagrange.algorithm.series.jets import ByOrderJet, WrittenJet
 from lagrange.algorithm.series.numbers import SeriesNumbers
-from lagrange.algorithm.series.packing import Packing, pack
-from lagrange.algorithm.step.constants import LEAST_FLOOR
+from lagrange.algorithm.series.packing import Packing, cheapest_order, operations, pack, single_operations
 from lagrange.algorithm.step.memory import Counts, Run
 from lagrange.algorithm.taylor.loop import taylor_steps
 from lagrange.algorithm.taylor.memory import (
@@ -43,8 +40,7 @@ from lagrange.errors import LagrangeError, StatementError
 from lagrange.procedure.form import Array, Procedure
 from lagrange.procedure.front.decorators import Bundle, inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, generated, larger, reals
-from lagrange.procedure.rewrite import bound
-from lagrange.procedure.vector_loops import without_vectors
+from lagrange.procedure.rewrite import bound, without_vectors
 from lagrange.program.series import SeriesProgram
 
 MOST_WRITTEN_OUT = 5000

@@ -21,7 +21,7 @@ from fractions import Fraction
 from functools import reduce
 from typing import Any
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
+from lagrange.algorithm.constants import WIDEST_VECTOR, whole_blocks
 from lagrange.algorithm.kernel.body import SOURCE
 from lagrange.algorithm.series.numbers import ALONE, SeriesNumbers, Start
 from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing

@@ -8,8 +8,7 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.kernel.body import SOURCE, Body, Inputs, Style
-from lagrange.algorithm.kernel.prepared import width_of
+from lagrange.algorithm.kernel.body import SOURCE, Body, Inputs, Style, width_of
 from lagrange.algorithm.series.packing import Packing
 from lagrange.algorithm.series.rules import Term, joined
 from lagrange.algorithm.series.systems import LinearSystem, constant_inverse, constant_size, constant_system

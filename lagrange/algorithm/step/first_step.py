@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from lagrange.algorithm.step.constants import (
+from lagrange.algorithm.constants import (
     DEFAULT_FIRST,
     FIRST_SHARE,
     FIRST_TRIAL,

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.constants import whole_blocks
 from lagrange.algorithm.linear.gauss_jordan import row_stride
 from lagrange.algorithm.projection import CORRECTIONS
 from lagrange.procedure.form import FLAG, READ, REAL, Array, Callee

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from lagrange.algorithm.compensated import compensated
-from lagrange.algorithm.newton.corrections import keep_unknowns, product_of, solve_unknowns
-from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.projection import project
+from lagrange.algorithm.constants import Outcome
+from lagrange.algorithm.projection import compensated, project
 from lagrange.algorithm.step.memory import Layout, Running, running
+from lagrange.algorithm.step.newton_corrections import keep_unknowns, product_of, solve_unknowns
 from lagrange.algorithm.step.vectors import NO_REGISTERS, StepVectors, copy_vector, vectors_of
 from lagrange.procedure.form import FLAG, Array
 from lagrange.procedure.front.decorators import inline, procedure

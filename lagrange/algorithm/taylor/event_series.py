@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.algorithm.events.constants import JUMP, MOST_COEFFICIENTS, POLYNOMIAL_NOISE, SURELY
 from lagrange.algorithm.events.polynomial import PADDED, approach, inverse_cubic, is_plain, is_plain_step, pad
 from lagrange.algorithm.events.roots import sign_of

@@ -11,7 +11,6 @@ from typing import Any
 
 from lagrange.algorithm.events.constants import JUMP, TOGETHER
 from lagrange.algorithm.events.roots import first_change, is_counted, roots, sort_zeros
-from lagrange.algorithm.taylor.defect_test import verified_step
 from lagrange.algorithm.taylor.event_series import (
     LATE,
     column_of,
@@ -28,6 +27,7 @@ from lagrange.algorithm.taylor.event_series import (
     write_noise,
 )
 from lagrange.algorithm.taylor.memory import EVENT_SLACK, RecordedLayout, TaylorState, row
+from lagrange.algorithm.taylor.step_size import verified_step
 from lagrange.algorithm.taylor.sums import state_on_step
 from lagrange.algorithm.taylor.watching import MOST_ZEROS, Opened, Watch, Watched, opened, watched_type
 from lagrange.procedure.front.decorators import inline, procedure

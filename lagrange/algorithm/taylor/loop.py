@@ -8,32 +8,27 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
-from lagrange.algorithm.compensated import compensated
-from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.projection import project
-from lagrange.algorithm.step.constants import EARLIEST, MOST_SURVEYS, SPACING, STRETCH_TO_END
+from lagrange.algorithm.constants import EARLIEST, MOST_SURVEYS, SPACING, STRETCH_TO_END, WIDEST_VECTOR, Outcome
+from lagrange.algorithm.projection import compensated, project
 from lagrange.algorithm.step.memory import Counts, Run
-from lagrange.algorithm.taylor.defect_test import (
-    defect_along_step,
-    defect_is_small,
-    record_step,
-    reject_step,
-    retries_exhausted,
-    retry_shorter,
-)
 from lagrange.algorithm.taylor.event_series import contradicts, doubtful_events
 from lagrange.algorithm.taylor.event_zeros import GO_ON, WAIT, InspectedStep, inspect_step
 from lagrange.algorithm.taylor.memory import STEP_GROWTH, Held, TaylorLayout, TaylorState, weights_type
 from lagrange.algorithm.taylor.resets import begin_sides, cross_surface, reset_state
 from lagrange.algorithm.taylor.step_size import (
     choose_exponent,
+    defect_along_step,
+    defect_is_small,
     ends,
     first_floors,
     forget_first_floors,
     logarithm,
     power,
     raise_floors,
+    record_step,
+    reject_step,
+    retries_exhausted,
+    retry_shorter,
     weigh,
 )
 from lagrange.algorithm.taylor.sums import advance, outstanding, write_outputs

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR, whole_blocks
+from lagrange.algorithm.constants import WIDEST_VECTOR, whole_blocks
 from lagrange.procedure.form import FLAG, READ, REAL, WHOLE, Array, Callee
 from lagrange.procedure.front.decorators import inline
 from lagrange.procedure.front.vocabulary import In, each, form_of, magnitude, record

@@ -9,8 +9,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from lagrange.algorithm.constants import EARLIEST
 from lagrange.algorithm.events.constants import CLOSEST, MOST_COEFFICIENTS
-from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.algorithm.step.memory import Counts
 from lagrange.algorithm.taylor.event_series import comparable_unit, copy_series, start_of_series, write_noise
 from lagrange.algorithm.taylor.memory import EVENT_SLACK, JET, TaylorState, work_type

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
-from lagrange.algorithm.compensated import compensated
+from lagrange.algorithm.constants import WIDEST_VECTOR
+from lagrange.algorithm.projection import compensated
 from lagrange.algorithm.taylor.memory import (
     Held,
     OutputCounts,

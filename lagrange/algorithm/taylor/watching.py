@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import Any
 
-from lagrange.algorithm.blocks import WIDEST_VECTOR
+from lagrange.algorithm.constants import WIDEST_VECTOR
 from lagrange.algorithm.events.constants import MOST_COEFFICIENTS
 from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.projection import CORRECTIONS

@@ -1,18 +1,25 @@
-"""Evaluation of a program instruction by instruction, in any number type: the readable reference of all kernels."""
+"""Evaluation of a program instruction by instruction, in any number type: the readable reference of all kernels.
+
+Two number types are doubles, and doubles with a bound of their rounding error, the noise. The error of a result is its
+own rounding plus its change when its arguments change by their errors. A linear system carries the noise of its
+right-hand side through the inverse of its matrix.
+Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, 3.3 and 7.2.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.linear.symmetric import PIVOT, PREFERENCE
+from lagrange.algorithm.linear.symmetric import PIVOT, PREFERENCE, scale_rows
 from lagrange.graph.evaluate import DOUBLE_FUNCTIONS
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.program.program import Program
+from lagrange.program.series import SeriesProgram
 
 OPERATIONS: dict[str, Callable[..., Any]] = {
     "neg": np.negative,
@@ -164,3 +171,191 @@ def _scale(a: FloatArray) -> FloatArray:
 
 WITH_SYSTEMS = replace(FLOATS, systems={"factor": _matrix, "solve": _solve})
 """Arithmetic of doubles with the linear systems of the mass matrix."""
+
+
+UNIT = 2.0**-53
+"""Unit of round-off of doubles, 2**-53."""
+
+NO_PIVOT = 1e-12
+"""Smallest pivot, relative to the terms that it is a sum of, that needs no row exchange."""
+
+EXACT_OPERATIONS = frozenset(("neg", "abs", "min", "max", "select"))
+"""Operations that do not round."""
+
+JUMPING = frozenset(("sign", "less", "less_equal", "equal", "and", "or", "not"))
+"""Operations whose noise is set to zero, because their values jump. A jump of a force is not rounding, even for a state
+on its surface.
+"""
+
+
+class Noisy(NamedTuple):
+    """A number, or the entries of a vector or matrix, with a bound of its rounding error: the noise."""
+
+    value: Any
+    noise: Any
+
+
+def _noisy(name: str) -> Callable[..., Noisy]:
+    """Return a function that applies the operation `name` to numbers with error bounds.
+
+    An argument lies in the interval of its value plus or minus its error. The error that it causes in the result is
+    the change of the result at the ends of this interval.
+    """
+    operation, rounding = OPERATIONS[name], 0.0 if name in EXACT_OPERATIONS else UNIT
+
+    def apply(*args: Noisy) -> Noisy:
+        values = [number.value for number in args]
+        value = operation(*values)
+        if name in JUMPING:
+            return Noisy(value, 0.0)
+        noise = rounding * abs(float(value))
+        for k, number in enumerate(args):
+            if number.noise:
+                ends = [
+                    operation(*values[:k], number.value + sign * number.noise, *values[k + 1 :]) for sign in (-1, 1)
+                ]
+                # The change may be lost in rounding, as in 1 + x. So the error also includes the distance of each end
+                # from the value.
+                noise += float(np.fmax(abs(float(ends[1]) - float(value)), abs(float(ends[0]) - float(value))))
+        return Noisy(value, noise)
+
+    return apply
+
+
+def _linear(name: str) -> Callable[..., Noisy]:
+    """Return a function that adds, subtracts, multiplies or divides numbers with error bounds.
+
+    `name` is the operation. The bound of the result comes from a formula. Unlike a difference of values, the formula
+    also gives errors below the spacing of doubles.
+    """
+    operation = OPERATIONS[name]
+
+    def apply(*args: Noisy) -> Noisy:
+        (a, da), (b, db) = args[:2]
+        value = operation(*(number.value for number in args))
+        if name == "div":
+            carried = (da + abs(value) * db) / abs(b) if b else np.inf
+        elif name in ("mul", "fma"):
+            carried = abs(b) * da + abs(a) * db + sum(number.noise for number in args[2:])
+        else:
+            carried = da + db
+        return Noisy(value, UNIT * abs(value) + carried)
+
+    return apply
+
+
+def _noisy_factor(order: int, *entries: Noisy) -> Noisy:
+    """Return the symmetric matrix with the lower triangle `entries` by rows, with an error bound for each entry."""
+    return Noisy(*(symmetric(order, lower_places(order), part) for part in zip(*entries, strict=True)))
+
+
+def _factorization_sizes(matrix: FloatArray) -> FloatArray:
+    """Return |L| |D| |L^T| (n, n) for a symmetric matrix M = L D L^T (n, n).
+
+    Return |M| if a pivot is too small for these factors. An entry may be zero in M but not in the factors: a
+    constraint adds G M^-1 G^T to the zero block of M. Source: Higham, theorem 10.3.
+    """
+    sizes, remainder = abs(matrix), matrix.copy()
+    for k in range(len(matrix)):
+        if abs(remainder[k, k]) <= NO_PIVOT * sizes[k, k]:
+            return abs(matrix)
+        terms = np.outer(remainder[k + 1 :, k], remainder[k, k + 1 :] / remainder[k, k])
+        remainder[k + 1 :, k + 1 :] -= terms
+        sizes[k + 1 :, k + 1 :] += abs(terms)
+    return sizes
+
+
+def _noisy_solve(order: int, matrix: Noisy, *right: Noisy) -> list[Noisy]:
+    """Return the solution of a linear system with error bounds: |M^-1| times the error bounds of the residual.
+
+    `order` is the size of the matrix M, and `matrix` has its entries. `right` are the entries of the right-hand side.
+    The errors include the rounding errors of the factorization of M.
+    """
+    value, noise = np.array([number.value for number in right]), np.array([number.noise for number in right])
+    inverse = np.linalg.inv(matrix.value)
+    solution = inverse @ value
+    left = noise + (matrix.noise + order * UNIT * _factorization_sizes(matrix.value)) @ abs(solution)
+    return list(map(Noisy, solution, abs(inverse) @ left))
+
+
+_LINEAR = ("add", "sub", "mul", "div", "fma")
+_NOISY = Arithmetic(
+    {name: _linear(name) if name in _LINEAR else _noisy(name) for name in OPERATIONS},
+    lambda value: Noisy(np.float64(value), 0.0),
+    object,
+    {"factor": _noisy_factor, "solve": _noisy_solve},
+)
+"""Arithmetic table for numbers with noise."""
+
+
+def rounding_noise(program: Program, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
+    """Return a bound of the rounding error of each output of a program at a state y (2n,).
+
+    It is NaN if a matrix in the program is singular.
+    """
+    state = [Noisy(value, abs(value) * UNIT) for value in y]
+    try:
+        outputs = _NOISY.evaluate(program, Noisy(t, 0.0), state, [Noisy(value, 0.0) for value in parameters])
+    except (np.linalg.LinAlgError, ArithmeticError, ValueError):
+        return np.full(len(y), np.nan)
+    return np.array([output.noise for output in outputs])
+
+
+def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+    """Return the constants in the recurrences of a series, and the inverse (n, n) of each of its constant matrices.
+
+    `parameters` (k + s,) end with the signs of the switching surfaces. The matrices are those of the linear systems
+    that give accelerations and multipliers. An inverse is NaN if a parameter is NaN, for example while the sign of a
+    surface is unknown. Raises SingularMassMatrix.
+    """
+    with np.errstate(all="ignore"):
+        values = FLOATS.evaluate(program.constants, 0.0, [0.0] * program.states, list(parameters))
+    table, entries = np.array(values[: len(program.numbers)], dtype=float), values[len(program.numbers) :]
+    unknown, inverses = bool(np.isnan(parameters).any()), []
+    for plan in (stage.plan for stage in program.stages if not stage.plan.moving):
+        matrix, entries = symmetric(plan.size, plan.triangle, entries), entries[len(plan.triangle) :]
+        whole = np.full_like(matrix, np.nan) if unknown else np.zeros_like(matrix)
+        for block in () if unknown else plan.blocks:
+            whole[np.ix_(block, block)] = inverse(matrix[np.ix_(block, block)])
+        inverses.append(whole)
+    return table, inverses
+
+
+def lower_places(size: int) -> list[tuple[int, int]]:
+    """Return the row and column of each entry of a lower triangle, by rows."""
+    return [(i, j) for i in range(size) for j in range(i + 1)]
+
+
+def symmetric(size: int, places: Iterable[tuple[int, int]], entries: Iterable[Any], dtype: Any = float) -> NDArray[Any]:
+    """Return the symmetric matrix (size, size) with `entries` at the `places` (row, column) of its lower triangle.
+
+    All other entries are zero. Of `entries` only as many are read as there are places.
+    """
+    full = np.zeros((size, size), dtype)
+    for (i, j), entry in zip(places, entries, strict=False):
+        full[i, j] = full[j, i] = entry
+    return full
+
+
+def inverse(matrix: FloatArray) -> FloatArray:
+    """Return the inverse of a symmetric matrix (n, n), NaN if an entry is not finite.
+
+    Raises SingularMassMatrix if the inverse of the scaled matrix has an entry above 1/`PIVOT`.
+    """
+    if not np.isfinite(matrix).all():
+        return np.full_like(matrix, np.nan)
+    diagonal = np.abs(np.diag(matrix))
+    units: Any = np.empty_like(diagonal)
+    if diagonal.all():
+        units = 1 / np.sqrt(diagonal)
+    else:  # constraints and coordinates without inertia have units of their own
+        largest: Any = np.empty_like(diagonal)
+        scale_rows(len(matrix), len(matrix), matrix.ravel(), units, largest)
+    try:
+        inverse = np.linalg.inv(matrix * units[:, None] * units)
+    except np.linalg.LinAlgError as error:
+        raise SingularMassMatrix from error
+    if not np.isfinite(inverse).all() or np.abs(inverse).max() > 1 / PIVOT:
+        raise SingularMassMatrix
+    with np.errstate(all="ignore"):  # values that overflow are infinite; the run reports them
+        return np.asarray(inverse * units[:, None] * units)

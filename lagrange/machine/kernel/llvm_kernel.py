@@ -29,24 +29,21 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.blocks import whole_blocks
-from lagrange.algorithm.kernel.body import Style
+from lagrange.algorithm.constants import whole_blocks
+from lagrange.algorithm.kernel.body import PreparedLayout, Style
 from lagrange.algorithm.kernel.kernels import cleared_outputs, kernel, kernel_by_value, kernel_through_values, prepare
-from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.algorithm.linear.symmetric import solve_columns
-from lagrange.machine.backend import FloatArray, QuickCalls, SingularMassMatrix
-from lagrange.machine.copies import Shared, UnpickledKernel
+from lagrange.machine.backend import FloatArray, QuickCalls, Shared, SingularMassMatrix, UnpickledKernel
 from lagrange.machine.kernel.llvm_arrays import quick_calls
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module, calling_solver, linear_solver
-from lagrange.machine.llvm.operations import splat
+from lagrange.machine.llvm.operations import lanes, splat
 from lagrange.machine.llvm.procedures import Printer, declaration, function, joined
-from lagrange.machine.llvm.processor import lanes
 from lagrange.machine.llvm.vectors import number_of_angles
 from lagrange.procedure.form import FLAG, Kind, Leave, Procedure
+from lagrange.procedure.lane_values import COMMON, OWN
 from lagrange.procedure.lanes import MemberProcedures
-from lagrange.procedure.spread import COMMON, OWN
 from lagrange.program.elimination import LARGEST_IN_LINE
 from lagrange.program.program import SYSTEMS, Program
 

@@ -18,11 +18,10 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.machine.backend import FloatArray, Kernel, QuickCalls, SingularMassMatrix
+from lagrange.machine.backend import FloatArray, Kernel, QuickCalls, SingularMassMatrix, nothing
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.straight_lines import LARGEST_IN_PYTHON, StraightLines, fits
 from lagrange.machine.python_source import defined
-from lagrange.machine.quick_calls import nothing
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.program.program import Program
 from lagrange.program.simplify import simplified

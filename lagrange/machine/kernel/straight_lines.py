@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.kernel.body import Style
+from lagrange.algorithm.kernel.body import PreparedLayout, Style
 from lagrange.algorithm.kernel.kernels import kernel_by_value, prepare
-from lagrange.algorithm.kernel.prepared import PreparedLayout
 from lagrange.machine.kernel.interpreted import OPERATIONS
 from lagrange.machine.python_source import RAISING, Printer
 from lagrange.procedure import form

@@ -22,13 +22,13 @@ from lagrange.machine.llvm.operations import (
     give,
     phi,
     result_type,
+    routines_called,
     separated,
     spell,
     splat,
     together,
     type_of,
 )
-from lagrange.machine.llvm.processor import routines_called
 from lagrange.machine.llvm.sine_cosine import angle_function, angle_name, call_sine_and_cosine, sine_and_cosine
 from lagrange.machine.llvm.vectors import (
     IterationBlock,

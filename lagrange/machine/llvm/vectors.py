@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
-from lagrange.machine.llvm.operations import KINDS, LIBRARY, largest_magnitude, spell, splat, type_of
-from lagrange.machine.llvm.processor import call_library
+from lagrange.machine.llvm.operations import KINDS, LIBRARY, call_library, largest_magnitude, spell, splat, type_of
 from lagrange.procedure import form
 from lagrange.procedure.form import ANGLES, FLAG, PARTIAL, REAL, SUMS, WHOLE, Block, Kind, Vector, walk
 

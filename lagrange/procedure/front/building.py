@@ -14,22 +14,25 @@ from typing import Any
 
 from lagrange.procedure.builder import GivenFunction
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Get, Kind, Let, Procedure, Read, Set, Statement, When
-from lagrange.procedure.front.control import Branches, EachBlock, KnownBlock, LoopBlock
-from lagrange.procedure.front.names import (
+from lagrange.procedure.front.control import (
     ZERO,
+    Branches,
+    EachBlock,
     Ended,
     Error,
+    KnownBlock,
+    LoopBlock,
     Names,
     Weighed,
     common_kind,
     described,
     is_dynamic,
-    leaves,
 )
 from lagrange.procedure.front.vocabulary import (
     OPERATION_OF,
     clear,
     generated,
+    leaves,
     likely,
     operation,
     reals,

@@ -7,15 +7,15 @@ meaning in a compiled procedure.
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, Protocol, TypeVar, overload
 
 import numpy as np
 
 from lagrange.errors import LagrangeError
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Procedure, Record
-from lagrange.procedure.front.names import leaves
 from lagrange.procedure.interpreter import OPERATIONS as EXACT
 from lagrange.procedure.interpreter import run
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
@@ -170,6 +170,23 @@ def clear(record: Any) -> None:
 def operation(name: str, *values: Any) -> Any:
     """Return the result of the operation `name` of procedures, such as "sqrt" or "max", on numbers."""
     return EXACT[name](*values)
+
+
+def leaves(value: Any) -> Iterator[Any]:
+    """Yield the numbers and arrays inside a dataclass or tuple, in the order of its fields, also nested ones.
+
+    A number or array yields itself; None yields nothing.
+    """
+    if value is None:
+        return
+    if isinstance(value, (tuple, list)):
+        for entry in value:
+            yield from leaves(entry)
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        for field in dataclasses.fields(value):
+            yield from leaves(getattr(value, field.name))
+    else:
+        yield value
 
 
 def generated(form: Procedure, *args: Any) -> Any:

@@ -16,8 +16,8 @@ from functools import partial
 
 import numpy as np
 
+from lagrange.algorithm.constants import EARLIEST
 from lagrange.algorithm.events.constants import CLOSEST
-from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, counted, listing
 from lagrange.statement.expression import real_number
 from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces

@@ -14,7 +14,7 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Kind, Node, reachable
 from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
-from lagrange.machine.step_event_memory import Reaction
+from lagrange.machine.state import Reaction
 from lagrange.statement.declare import state_rows
 from lagrange.statement.event import Event
 from lagrange.trajectory.constraints.projection import Projection

@@ -11,7 +11,7 @@ from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.algorithm.events.search import IGNORED, UNKNOWN
 from lagrange.graph.node import Binding
 from lagrange.machine.backend import Driver, Kernel
-from lagrange.machine.step_event_memory import EventSteps, StepEventMemory
+from lagrange.machine.state import EventSteps, StepEventMemory
 from lagrange.trajectory.events.actions import ModelEvent, model_events
 from lagrange.trajectory.events.array_search import Side
 from lagrange.trajectory.events.event_log import Breaks, EventLog, Occurrences

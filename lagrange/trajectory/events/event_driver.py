@@ -14,8 +14,7 @@ import numpy as np
 from lagrange.algorithm.events.constants import FIRST_LOOK, LONGEST_LOOK
 from lagrange.algorithm.events.loop import GO_ON, LOOK, MOST_WAITING, READ_EVENTS, Waiting
 from lagrange.machine.backend import Driver
-from lagrange.machine.state import DriverState, Outcome
-from lagrange.machine.step_event_memory import EventSteps
+from lagrange.machine.state import DriverState, EventSteps, Outcome
 from lagrange.trajectory.events.step_watch import Cut, StepWatch
 from lagrange.trajectory.trajectory import FloatArray
 

@@ -9,9 +9,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.constants import EARLIEST
 from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.algorithm.events.roots import first_change
-from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import ModelEvent
 from lagrange.trajectory.events.array_search import EventZero

@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from lagrange.algorithm.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.events.constants import EPSILON, NOISE
-from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.taylor import event_series
 from lagrange.algorithm.taylor.memory import EVENT_SLACK
 from lagrange.machine.backend import Series, SingularMassMatrix

@@ -14,9 +14,8 @@ import numpy as np
 
 from lagrange.algorithm.taylor.event_series import comparable_unit
 from lagrange.machine.backend import Series, SingularMassMatrix
-from lagrange.machine.drivers import SeriesDriver
+from lagrange.machine.drivers import EventMemory, SeriesDriver
 from lagrange.machine.state import DriverState
-from lagrange.machine.taylor_event_memory import EventMemory
 from lagrange.trajectory.events.actions import ModelEvent, reset_state
 from lagrange.trajectory.events.array_search import EventZero, Root, Side
 from lagrange.trajectory.events.end_messages import (

@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.events.constants import CERTAINTY, DENSE_ROUND_OFF, NOISE, TAIL
 from lagrange.algorithm.events.samples import COARSE, DEGREE, nodes, to_chebyshev
-from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.machine.backend import Kernel, Places
 from lagrange.trajectory.trajectory import FloatArray
 

@@ -12,11 +12,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from lagrange.algorithm.step.constants import FAR_FROM_ZERO, FIRST_SHARE, LEAST_FLOOR, MOST_SURVEYS
+from lagrange.algorithm.constants import FAR_FROM_ZERO, FIRST_SHARE, LEAST_FLOOR, MOST_SURVEYS
 from lagrange.errors import StatementError, shown
-from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.backend import SingularMassMatrix, nothing, one_state
 from lagrange.machine.model import Model
-from lagrange.machine.quick_calls import nothing, one_state
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.expression import real_number
 from lagrange.trajectory.events.compiled_loop import WatchedEvents

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lagrange.machine.quick_calls import quickly
+from lagrange.machine.backend import quickly
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths.step_paths import OutputPath

@@ -1,6 +1,6 @@
 """The adaptive Taylor integrator. The recurrence of its coefficients is the Euler-Lagrange equation.
 
-The order of the series is chosen by cost, in `lagrange/algorithm/series/cost.py`.
+The order of the series is chosen by cost, in `lagrange/algorithm/series/packing.py`.
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ from lagrange.algorithm.taylor.memory import LEAST_MARGIN, LOWEST_ORDER, SMALLES
 from lagrange.errors import StatementError, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series
-from lagrange.machine.drivers import SeriesDriver
+from lagrange.machine.drivers import EventMemory, SeriesDriver
 from lagrange.machine.model import Model
-from lagrange.machine.taylor_event_memory import EventMemory
 from lagrange.trajectory.events.actions import ModelEvent, model_events
 from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.surfaces import Continuations

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.step.constants import LEAST_FLOOR
+from lagrange.algorithm.constants import LEAST_FLOOR
 from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.statement.expression import positive_number, real_number

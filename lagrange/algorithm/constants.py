@@ -1,15 +1,48 @@
-"""Constants of step control, the same on every machine; what a method may choose is in `Control`.
+"""Constants on which all loops over steps agree, on every machine: outcomes, block sizes, and numbers of step control.
 
+What a method may choose of step control is in `Control`.
 Source of `PI_SHARE`, `LEAST_PREVIOUS` and `DAMPING`: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential
 Equations I, 2nd ed., 1993, II.4 and II.10, and its programs DOPRI5 and DOP853.
 """
 
 from __future__ import annotations
 
+import enum
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+
+
+class Outcome(enum.IntEnum):
+    """Reason for which a run, a step, or the solution of a step's equations ended.
+
+    After BROKEN, `DriverState.fault` has the error. UNPROJECTED: the new state was too far from the constraints
+    to be projected onto them. UNSCALED asks the caller to estimate the sizes of the state's entries: steps
+    become shorter because the absolute tolerances of some entries, of unknown size or at rounding level, are
+    too low. The run can then be continued.
+    """
+
+    DONE = 0
+    PAUSED = 1
+    NON_FINITE = 2
+    SINGULAR = 3
+    STEP_TOO_SMALL = 4
+    WATCHED = 5
+    DIVERGED = 6
+    BROKEN = 7
+    UNSCALED = 8
+    UNPROJECTED = 9
+
+
+WIDEST_VECTOR = 8
+"""Number of doubles in the widest vectors of processors. That many numbers, steps or members are computed at once."""
+
+
+def whole_blocks(count: int, block: int) -> int:
+    """Return the least multiple of `block` that is at least `count`."""
+    return -(-count // block) * block
+
 
 STRETCH_TO_END = 1.01
 """A step that reaches the end of the run within one percent is stretched to the end."""

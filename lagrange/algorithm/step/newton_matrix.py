@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lagrange.algorithm.constants import Outcome
 from lagrange.algorithm.linear.gauss_jordan import invert_matrix, row_stride
-from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.memory import Layout, Running, SolveLayout, running
 from lagrange.algorithm.step.vectors import StepVectors, copy_vector, vectors_of
 from lagrange.graph.node import Node

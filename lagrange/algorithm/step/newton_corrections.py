@@ -17,9 +17,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.newton.matrix import UNIT_ROUND_OFF, build_matrix
-from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.constants import Outcome
 from lagrange.algorithm.step.memory import HISTORY, ORDERS, Layout, Newton, Running, SolveLayout, running, work_array
+from lagrange.algorithm.step.newton_matrix import UNIT_ROUND_OFF, build_matrix
 from lagrange.algorithm.step.vectors import StepVectors, copy_vector, plus, vectors_of
 from lagrange.graph.node import Node
 from lagrange.procedure.front.decorators import inline, procedure

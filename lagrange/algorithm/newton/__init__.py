@@ -1,1 +1,0 @@
-"""Newton's method for the unknowns of a step, as procedures."""

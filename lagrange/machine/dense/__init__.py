@@ -1,1 +1,0 @@
-"""Dense output on the machines: these evaluate the polynomials of many steps, interpreted or in machine code."""

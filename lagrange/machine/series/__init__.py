@@ -1,1 +1,0 @@
-"""Taylor series of motions and steps by these series, interpreted and in machine code."""
