@@ -17,10 +17,15 @@ import pytest
 from sympy import Symbol
 from sympy.core.function import AppliedUndef
 
+from lagrange.algorithm.series import integrator
 from lagrange.machine.llvm import engine
+from lagrange.procedure import rewrite
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import Procedure
 from lagrange.statement.coordinate import COORDINATES, PARAMETERS
 from tests import covering
 from tests.kept_code import KeptCode, shrink
+from tests.procedure.verify import verify
 
 mpl.use("Agg")
 
@@ -30,6 +35,21 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # A shell that starts the tests in the background lets them ignore Ctrl-C; what is tested is what a terminal does.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def verified(make: Any) -> Any:
+    """Return a function that makes a procedure, followed by a check of the procedure."""
+
+    def checked(*args: Any, **options: Any) -> Procedure:
+        made: Procedure = make(*args, **options)
+        verify(made)
+        return made
+
+    return checked
+
+
+for owner, maker in ((Builder, "finish"), (rewrite._Binder, "_made"), (integrator, "without_vectors")):
+    setattr(owner, maker, verified(getattr(owner, maker)))
 
 EXAMPLES = {True: 100, False: 10}
 """Random examples of a law that says no number of its own, with and without --all."""

@@ -1,4 +1,4 @@
-"""Build a procedure in plain Python: operators make values, `with` makes blocks, and the result is checked.
+"""Build a procedure in plain Python: operators make values, and `with` makes blocks.
 
 p = Builder("norm", "The scaled size of an error.")
 error, scale = p.array("error", size=n), p.array("scale", size=n)
@@ -19,7 +19,6 @@ from lagrange.errors import LagrangeError
 from lagrange.procedure import form
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Block, Callee, Kind, Procedure, Record, Statement, Vector
 from lagrange.procedure.values import VALUES, Entries, Flag, Memory, Real, RecordFields, Value, Variable, Whole
-from lagrange.procedure.visit import verify
 
 
 class GivenFunction:
@@ -383,14 +382,9 @@ class Builder:
         self.current.append(statement)
 
     def finish(self, *results: Kind) -> Procedure:
-        """Return the finished procedure, whose results have the given kinds.
-
-        Raises LagrangeError if it is malformed.
-        """
+        """Return the finished procedure, whose results have the given kinds."""
         body: Block = tuple(self.current)
-        made = Procedure(self.name, self.about, tuple(self.parameters), results, body, dict(self.names), self._apart)
-        verify(made)
-        return made
+        return Procedure(self.name, self.about, tuple(self.parameters), results, body, dict(self.names), self._apart)
 
     def unused(self) -> int:
         """Return an unused id for a new value."""

@@ -17,8 +17,8 @@ from lagrange.procedure.form import REAL, Procedure, Record
 from lagrange.procedure.interpreter import run
 from lagrange.procedure.lane_values import COMMON, OWN
 from lagrange.procedure.lanes import ACTIVE, MemberProcedures
-from lagrange.procedure.visit import verify
 from tests.procedure.random_functions import DATA, SIZE, TABLE, bits, example
+from tests.procedure.verify import verify
 
 NUMBERS = (0.75, -1.5, math.nan, 1.0, -math.inf, 0.0, 1e-308, 1e308, -0.0, 3.25)
 
