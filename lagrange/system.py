@@ -354,8 +354,8 @@ class System:
     def to_scene(self, path: str | os.PathLike[str]) -> Path:
         """Write the statement as a scene file, which `System.from_scene` reads back. Returns its path.
 
-        It reads back symbol for symbol: the scene says `evaluate = false`, so SymPy does not rearrange expressions.
-        Raises StatementError for the derivative of a function that is not written out, or a path that is not writable.
+        The scene says `evaluate = false`, so that SymPy rearranges nothing. Raises StatementError for a path that
+        is not writable, and for parts that a scene cannot state, such as derivatives of functions without a formula.
         """
         from lagrange.show.files.atomic_file import write_atomically
 

@@ -335,8 +335,8 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
         row = row_of(statement, key, "at")
         if row in model.equations.following:
             raise StatementError(
-                f"at gives a value to {statement.state_names[row]}, which follows from the coordinates, since "
-                f"{statement.names[row - len(statement.names)]} has no inertia: leave it out."
+                f"the argument at has a value for {statement.state_names[row]}, which follows from the coordinates, "
+                f"since {statement.names[row - len(statement.names)]} has no inertia: leave it out."
             )
         fixed[row] = real_number(value, f"the value of {statement.state_names[row]} in at")
     free = [statement.state_names[row] for row in _free(model, fixed)]
@@ -368,8 +368,8 @@ def _too_many(model: Model, left: int) -> str:
     n = len(statement.coordinates)
     if n == 1:
         return (
-            f"at gives a value to an entry of the state, but {statement.name} has only two, and both are axes: leave "
-            "at out."
+            f"the argument at has a value for an entry of the state, but {statement.name} has only two, and "
+            "both are axes: leave at out."
         )
     shown_axes = (0, n) if len(names) == 2 * n else (0, 1)
     others = ", ".join(f"{name!r}: 0" for k, name in enumerate(names) if k not in shown_axes)

@@ -63,8 +63,8 @@ def with_solved_multipliers(statement: Statement) -> Statement:
     check_multipliers(names, "a force", [constraint.name for constraint in statement.constraints], statement.name)
     if statement.redundant != REFUSE:
         raise StatementError(
-            f"the forces of {statement.name} contain multipliers, which redundant constraints share in many ways: "
-            "leave out the constraints that follow from others, and redundant='allow'."
+            f"the forces of {statement.name} contain multipliers, which redundant constraints do not determine: leave "
+            "out the constraints that follow from others, and the argument redundant='allow'."
         )
     symbols = [multiplier(name) for name in names]
     _check_linear(statement, symbols)

@@ -2,7 +2,8 @@
 
 Cofactors have the determinant as their only divisor, and det M is zero only where M is singular. Elimination divides
 by pivots. A pivot is a function of the state. It can be zero at a state where M is regular, such as theta = pi/2 or
-straight arms, and the formula is then wrong at this state.
+straight arms, and the formula is then wrong at this state. The sizes beyond which accelerations are not written out
+for people are in `textbook_algebra`.
 """
 
 from __future__ import annotations

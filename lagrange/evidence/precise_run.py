@@ -337,7 +337,8 @@ class _PreciseRun:
         (n,).
         """
         # The order of Gauss's rule at the end of the interval is twice the order of the truncated series. So half of
-        # the digits in the series are enough. Doubles resolve its coefficients only as far as the middle.
+        # the digits in the series are enough. The decay is measured at the middle coefficient, because later ones are
+        # below the rounding of doubles.
         spectrum = np.abs(self.rule.spectrum @ a)
         middle = len(spectrum) // 2
         seen = float((spectrum[middle : middle + 3] / sizes).max())

@@ -134,7 +134,10 @@ def _confirm(model: Model, statement: Statement, point: SamplePoint, a: Sequence
 
 
 class _Probe:
-    """The left-hand side of the projected Euler-Lagrange equation of a statement, as stated and slightly perturbed."""
+    """Residuals of the equation of motion, projected on a direction, and of the constraints, to many digits.
+
+    Each is computed again with slightly changed intermediate numbers: the change is its allowance for rounding.
+    """
 
     def __init__(self, statement: Statement) -> None:
         self.plain = Precise([statement.lagrangian], statement, DIGITS_OF_TEST)

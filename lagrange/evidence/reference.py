@@ -1,6 +1,6 @@
-"""The reference value of every compiled quantity at one point, with its allowance for rounding.
+"""The reference value of every compiled quantity at one point, and the size to which its error is relative.
 
-The allowance is measured. Every intermediate number of L, Q and D gets its own factor 1 + O(1e-20), and the equations
+The size is measured. Every intermediate number of L, Q and D gets its own factor 1 + O(1e-20), and the equations
 are differenced again. The change of an entry, divided by 1e-20, is its *size*: about the sum of the magnitudes of its
 terms. Errors are relative to the size. Dividing by the entry itself would reject cancellation (1 - cos x near 0), and
 dividing by the largest entry would miss a wrong small one.
@@ -470,9 +470,9 @@ class Reference:
         return dict(zip(self.first_order, zip(rows, rates, strict=True), strict=True))
 
     def _settled(self, relations: StatedConstraints, t: Any, steps: DifferenceSteps, q: Numbers, v: Numbers) -> Numbers:
-        """Return the velocities v, or if `settled` v with new entries for the coordinates without inertia.
+        """Return the velocities v. If `self.settled`, those of coordinates without inertia are computed.
 
-        The new entries are solutions of the equations of these coordinates, `relations`.
+        They are the solutions of the first-order equations of these coordinates, `relations`.
         """
         if not self.settled:
             return v

@@ -1,4 +1,4 @@
-"""The report of `system.check()`: the largest error of each compiled quantity, printed as a table.
+"""The report of `system.check()`: the error of each compiled quantity, the limit for it, and the printed table.
 
 Compiled values are compared with reference values of their entries. The report is true if everything holds.
 """

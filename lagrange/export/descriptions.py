@@ -226,7 +226,10 @@ def columns(module: SourceModule) -> str:
 
 
 def run_of(module: SourceModule) -> tuple[ExportedRun, ExportedIntegrator]:
-    """Return the run of `main` and its integrator; the module must have a run."""
+    """Return the run that the exported program computes, and its integrator, the first adaptive one.
+
+    The module must have a run.
+    """
     assert module.run is not None
     return module.run, next(integrator for integrator in module.integrators if integrator.adaptive)
 

@@ -127,7 +127,11 @@ def criterion(lin: Linearization, fixed: tuple[int, ...], *, axial: bool = False
 
 
 def _symbolic_verdict(lin: Linearization, form: PlainForm, ignorable_rows: tuple[int, ...], *, axial: bool) -> Verdict:
-    """Return the verdict on stability for all values of the parameters, from signs that SymPy can prove."""
+    """Return a verdict on stability for all values of the parameters, from signs that SymPy can prove.
+
+    It is None with a reason if they do not suffice. `ignorable_rows` are the indices of the ignorable coordinates;
+    `axial` is explained in `at_fixed_momenta`.
+    """
     minors = criterion(lin, ignorable_rows, axial=axial)
     if any(minor.is_negative for minor in minors[:-1]):
         return Verdict(None, "the energy has no minimum there, and eigenvalues need values of the parameters.")

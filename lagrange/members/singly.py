@@ -190,10 +190,10 @@ class RunEngine:
 
     @property
     def recorded(self) -> FloatArray | None:
-        """The output times for a single run, or None for a run that stores all its steps.
+        """The times at which the run of one member stores its state, or None if it stores all steps.
 
-        Reductions need all steps. Without output times, all steps are stored for the last state and the drift of the
-        energy.
+        All steps are needed for reductions and, if no output times are requested, for the last state and the drift of
+        the energy. Otherwise a run without output times stores its end only.
         """
         keep = self.keep
         if keep.reductions or (self.times is None and (keep.end or keep.drift)):

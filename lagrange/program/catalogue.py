@@ -66,7 +66,8 @@ def projection(equations: Equations) -> Named:
     slopes = list(map(first, values))
     second = tangents(slopes, direction)
     left = substitute([graph.sum([(Fraction(1, 2), second(slope))]) for slope in slopes], known)
-    # At rest the terms of velocity constraints are only rounding: add the sizes of their changes.
+    # At rest all terms of a velocity constraint are rounding, and no scale. So the sizes of the terms of its change by
+    # this correction are added.
     added = substitute(term_sizes(slopes[len(lengths) + len(positions) :]), known)
     coordinates_alone = [*([graph.one] * len(lengths)), *term_sizes(positions)]
     speeds = [graph.sum([(1, graph.call("abs", equations.v[i])) for i in rows]) for rows in equations.quaternions]

@@ -253,9 +253,10 @@ class _Lowering:
         return value
 
     def is_early(self, ref: int) -> bool:
-        """Return True if instruction number `ref` depends on parameters alone, or reads a parameter.
+        """Return True if instruction number `ref` is placed in the first part of the program.
 
-        Parameters that change along a motion are read at the front too, but what depends on them is not hoisted.
+        This part reads all parameters, and computes what depends on parameters alone. Results of parameters that change
+        along a motion are computed later.
         """
         return self.levels[ref] <= Binding.PARAMETER or self.instructions[ref].op == "parameter"
 

@@ -72,8 +72,8 @@ class RecurrenceBuilder:
         for node in [node for node in order if node in integrals]:
             self.integral(node, integrals)
         for node in order:
-            # A product that only sums use is split by them, so that its constant factor joins theirs. A reciprocal in a
-            # product is a division.
+            # Products get a value only where another node uses them: a sum takes the constant factor of a product into
+            # its own coefficients. A reciprocal in a product becomes a division, and gets no value either.
             if node.kind is not Kind.PRODUCT and not _is_divisor(node):
                 self.value(node)
 

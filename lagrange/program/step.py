@@ -1,4 +1,4 @@
-"""One step of an integrator as a program: written once in plain Python, traced to calls and combinations.
+"""A step of an integrator as a program, traced from plain Python, and its step size control: safety, growth limits.
 
 A step function `step(f, t, y, h)` uses only f, sums, differences and multiples by numbers made of t and h. Given
 arrays it computes. With the `TracedVector`s of this module its operations are recorded, for a machine to compile:
@@ -221,7 +221,7 @@ class StepProgram:
 
     @cached_property
     def calls(self) -> tuple[LawCall, ...]:
-        """The evaluations of the model's function outside the solves, in order."""
+        """The evaluations of the law, such as the right-hand side, that are not in an implicit equation, in order."""
         return tuple(action for action in self.actions if isinstance(action, LawCall))
 
     @cached_property

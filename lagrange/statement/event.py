@@ -174,7 +174,11 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
 
 
 def _check_resets(index: int, e: Event, statement: Statement) -> None:
-    """Raise StatementError if the reset of event number `index` names an unknown quantity, or one quantity twice."""
+    """Raise StatementError if the reset of event number `index` is not valid.
+
+    It is not valid if it names an unknown quantity, or one quantity twice, or if a new value contains something that
+    is not in the statement or has a wrong dimension.
+    """
     rows = state_rows(statement.coordinates)
     if len({rows[key] for key in e.reset if key in rows}) < sum(key in rows for key in e.reset):
         raise StatementError(f"the reset of event {index} names the same coordinate or velocity twice.")

@@ -1,5 +1,6 @@
-"""Settings of a run, with their descriptions for the command line, and the time limit of its preparation.
+"""Settings of a run that a scene may state, with their defaults, and the time limit of compiling before a run.
 
+All options of a run, such as max_steps, are in `RunOptions`, lagrange/trajectory/integrator.py.
 Loops that derive or compile, and may take long, call `check_time`.
 """
 

@@ -1,4 +1,4 @@
-"""The protocol of all integrators (of this package, of SciPy, of users), the options of a run, and memory limits."""
+"""Options of a run such as max_steps, memory limits, and the protocol of all integrators (ours, SciPy's, users')."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ def entry_sizes(
         own_sizes = partial(_own_sizes, layout, y)
         forces = np.abs([slopes(*point)[layout.v] for point in force_points])
         ahead = np.max(forces, axis=0, initial=0.0, where=np.isfinite(forces))
-        # The size of an entry that moves follows from its position: a force ahead may be that of a pole.
+        # For an entry that moves only the present force counts: forces ahead may be arbitrarily large, near a pole.
         force = np.where(layout.split(y)[1] == 0, ahead, np.nan_to_num(np.abs(slope[layout.v]), posinf=0.0))
         period = abs(left)
         noise = SLOPE_NOISE * response(own_sizes(np.zeros_like(force), period))[layout.v]

@@ -200,7 +200,7 @@ def test_a_portrait_pickles() -> None:
             {"at": {y: 0, y.dot: 0}, "window": {x: (0, 1), y: (0, 1)}},
             "window names x and y, but the entries of the state without",
         ),
-        (pendulum, {"at": {theta: 0}}, "at gives a value to an entry of the state, but pendulum has only two"),
+        (pendulum, {"at": {theta: 0}}, "the argument at has a value for an entry of the state"),
         (pendulum, {"at": [0]}, "at is a list: give a dict"),
         (pendulum, {"window": {theta: (-3, 3)}}, "window has 1 entry, and a picture has two axes"),
         (pendulum, {"window": 3}, "window is 3: give a dict of two entries"),

@@ -362,9 +362,9 @@ def test_numbers_of_another_kind_are_refused() -> None:
         return float(total)
 
     refused(whole, "x + n", "add cannot take real, whole")
-    refused(place, "a place is a whole number", "int(x)", x=REAL)
+    refused(place, "an index must be a whole number", "int(x)", x=REAL)
     refused(stores, "cannot be written", "Out", a=Array(read=True))
-    refused(flags, "a condition is true or false", x=REAL)
+    refused(flags, "a condition must be true or false", x=REAL)
     refused(divides, "float(n)")
     refused(last, "from the end")
     refused(variable, "total")
@@ -384,7 +384,7 @@ def test_a_call_with_wrong_arguments_is_refused() -> None:
     refused(fewer, "scaled", "missing")
     refused(unknown, "factor", "known when")
     refused(stranger, "hypot", "@inline")
-    with pytest.raises(LagrangeError, match="factor is missing"):
+    with pytest.raises(LagrangeError, match="static parameters factor: give factor"):
         scaled.form()
 
 

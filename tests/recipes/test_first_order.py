@@ -183,7 +183,7 @@ def test_velocities_are_found_where_their_equation_has_no_slope_at_rest() -> Non
 
 def test_velocities_with_two_solutions_are_not_chosen() -> None:
     system = lg.System(kinetic=0, forces={e: 1 - e}, dissipation=e.dot**3 / 3)
-    with pytest.raises(StatementError, match=r"e, without inertia, has no velocities at the initial state"):
+    with pytest.raises(StatementError, match=r"e, without inertia, are not determined at the initial state"):
         system.run(1.0)
 
 
@@ -240,7 +240,7 @@ def test_the_portrait_of_two_states_of_first_order_is_a_plane() -> None:
         (
             lowpass,
             {"at": {e.dot: 0}},
-            "at gives a value to e_dot, which follows from the coordinates, since e has no inertia",
+            "the argument at has a value for e_dot, which follows from the coordinates, since e has no inertia",
         ),
         (rabbits, {}, "no window is given, and there is no default window for 2 coordinates"),
         (motor, {}, "3 entries of its state are free.*Give all others a value, as at=\\{'phi_dot': 0\\}"),

@@ -152,7 +152,9 @@ def test_equations_that_leave_velocities_open_are_refused() -> None:
 def test_a_state_at_which_velocities_are_open_is_refused() -> None:
     fold = lg.System(lagrangian=x**2 * y.dot - y**2 - x**2, coordinates=[x, y])
     text = refusal(fold.run, 1.0, {y: 1.0})
-    assert text.startswith("x and y, without inertia, have no velocities at the initial state (x = 0, y = 1, x.dot = 0")
+    assert text.startswith(
+        "the velocities of x and y, without inertia, are not determined at the initial state (x = 0, y = 1, x.dot = 0"
+    )
     solution = fold.run(9.0, {x: 1.0, y: 1.0})
     assert solution.status is lg.Status.SINGULAR and solution.t[-1] == pytest.approx(np.sqrt(2.0) - 1.0)
     assert "x has no inertia, and its equation of first order leaves velocities open there, at x = " in solution.message

@@ -119,8 +119,8 @@ def hermite(block: PolynomialBlock) -> None:
 def begin(block: PolynomialBlock, cubic: Cubic) -> None:
     """Begin Picard's iteration with the cubic, and write the bound for accepting the next iterate.
 
-    The next iterate is accepted in a column if it changes slopes by less than the largest slope of the cubic at
-    the ends and inner nodes.
+    For each step of the block (a column) the next iterate is accepted if it changes slopes by less than the
+    largest slope of the cubic at the ends and inner nodes.
     """
     total = block.total
     (_, _, _, _, largest), (_, moved, size, _), changes = block.lay_out(ROOM)

@@ -101,7 +101,7 @@ class TaylorProcedures:
 
     @cached_property
     def packing(self) -> Packing:
-        """The packed series from whose cost the orders are chosen."""
+        """The series packed into vectors of `WIDEST_VECTOR` values. Its cost decides the order for each tolerance."""
         return pack(self.program, WIDEST_VECTOR)
 
     @cached_property

@@ -6,8 +6,9 @@ polynomial through k values. The k-th difference at the next step is the error o
 The unknowns are corrected with a matrix that is kept from step to step, until the corrections are round-off (equal
 steps) or far below the tolerance (error control). After a correction the error is estimated as the rest of a geometric
 series, with the contraction rate of the last two corrections, or the rate of the previous step. The matrix is rebuilt
-when the corrections shrink slowly. Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed.,
-1996, IV.8.
+when the corrections shrink slowly. If the corrections do not converge, error control shortens the step
+(`error_control.py`), and a run with equal steps ends. Source: E. Hairer, G. Wanner, Solving Ordinary Differential
+Equations II, 2nd ed., 1996, IV.8.
 """
 
 from __future__ import annotations

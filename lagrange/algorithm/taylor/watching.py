@@ -250,7 +250,7 @@ class Opened:
 
     @property
     def new_entries(self) -> Any:
-        """Memory for the results of all resets or, during verification, the state at the end of a step."""
+        """Memory for the results of all resets. `verified_length` uses it for the state at the end of a step."""
         return self.moved[self.layout.dimension + 2 * WIDEST_VECTOR :]
 
     @property

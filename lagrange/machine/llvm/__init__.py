@@ -1,1 +1,1 @@
-"""Procedures printed as LLVM IR, compiled to machine code, kept in a cache on disk, and called from Python."""
+"""Procedures printed as LLVM IR, compiled to machine code, kept in a cache in memory, called from Python."""

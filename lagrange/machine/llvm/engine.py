@@ -1,4 +1,4 @@
-"""Compile IR with LLVM, load it and call it: target, optimization, names that modules share, calls from Python.
+"""Compile IR with LLVM, keep the machine code in a cache in memory, load it and call it from Python.
 
 Code may be tiered: compiled quickly at first, and with optimization after many steps. Both versions do the same
 operations in the same order, so that results agree to the last bit. LLVM reassociates or contracts operations only with
@@ -44,7 +44,7 @@ a loop over steps of an implicit method 50 kB.
 
 
 class ObjectCode:
-    """Cache of compiled modules (object code) by their IR.
+    """Cache in memory of compiled modules (object code) by their IR.
 
     A system that is stated again, or changed and changed back, is not compiled again.
     """
@@ -452,10 +452,11 @@ def compiled(procedure: Procedure) -> CompiledProcedure:
 
 
 def called_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
-    """Return the IR of a procedure with the function `run`, whose only argument is an array of 8-byte words.
+    """Return the IR of a procedure, and of a function `run` that calls it with the words of an array.
 
-    The words hold arguments and results. Callees in `elsewhere` are declared but not defined. Other callees are
-    inlined unless they are marked `apart`. A loop over steps also has the function `steps`.
+    The words have 8 bytes and hold arguments and results. Callees in `elsewhere` are declared but not defined. Other
+    callees are inlined, except those with `Procedure.apart`. If the procedure is a loop over steps (its last parameters
+    are `STEPS`), the IR also has a function `steps`, by which other compiled loops call it.
     """
     callees = transitive_callees([procedure], elsewhere)
     functions = [function(callee, hidden=True, merged=not (callee is procedure or callee.apart)) for callee in callees]

@@ -63,7 +63,8 @@ OF_SIDE, OF_RATE, OF_SOLVED = 0.45, 0.15, 5.0
 DENOMINATOR = 0.1  # Added cost of a change in a denominator
 # Added costs of an acceleration and of a multiplier that the equation does not have elsewhere
 NEW_RATE, NEW_FORCE = 1.0, 0.5
-# Added costs of a corrected term that is a right term, of one with a multiplier, and of one with the opposite sign
+# Reductions of the cost if the corrected term is a right term: without a multiplier, with one, or with the opposite
+# sign
 NATURAL, FORCE, TURNED = -0.3, -0.28, -0.1
 NUMBERED = 0.05  # Added cost of a corrected term with a number
 

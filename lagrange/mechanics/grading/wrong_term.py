@@ -142,7 +142,11 @@ def _compared(
 
 
 def _right_rows(row: EquationRow, derivation: Derivation) -> list[tuple[str, Any]]:
-    """Return (coordinate name, left - right side) of the equations of motion, solved for accelerations if `row` is."""
+    """Return (coordinate name, left - right side) of the right equations of motion.
+
+    They have the form acceleration = ... if the typed equation `row` has it and there are no constraints; too long
+    formulas are then left out.
+    """
     statement, rates = derivation.statement, rate_symbols(derivation.statement)
     rows: list[tuple[str, Any]] = []
     with suppress(StatementError):

@@ -122,7 +122,7 @@ class Tracer(Names):
         """Add the return from the procedure, with its result, a tuple of results, or None."""
         values = () if value is None else value if isinstance(value, tuple) else (value,)
         if len(values) != len(self.results):
-            raise Error(f"the procedure returns {len(self.results)} values; {len(values)} are given.")
+            raise Error(f"the procedure must return {len(self.results)} values, not {len(values)}.")
         self.p.leave(
             *[self.number(result, kind, "the result") for result, kind in zip(values, self.results, strict=True)]
         )
@@ -261,7 +261,7 @@ class Tracer(Names):
             raise Error(
                 f"the index {index} counts from the end, and the length of an array is not known: count from 0."
             )
-        number = self.number(index, WHOLE, "a place")
+        number = self.number(index, WHOLE, "an index")
         if self.iterations is not None:
             self.iterations.visit(array, number, stored=stored)
         return number
@@ -277,7 +277,7 @@ class Tracer(Names):
             raise Error("a slice that is an argument has no end: write a[i:], or copy with b[:n] = a[:n].")
         if lower is None or (not isinstance(lower, Value) and lower == 0):
             return owner
-        return owner.at(self.number(lower, WHOLE, "a place"))
+        return owner.at(self.number(lower, WHOLE, "an index"))
 
     def store(self, owner: Any, index: Any, value: Any) -> None:
         """Set the element of an array at an index."""

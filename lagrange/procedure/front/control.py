@@ -147,21 +147,21 @@ class Names:
             value = value.condition
         actual = kind_of(value)
         if actual is None:
-            raise Error(f"{what} is a number; {described(value)} is given.")
+            raise Error(f"{what} must be a number, not {described(value)}.")
         if isinstance(value, Value):
             if actual is not kind:
                 instead = {(REAL, WHOLE): ": write float(n)", (WHOLE, REAL): ": write int(x)"}.get((kind, actual), "")
-                raise Error(f"{what} is {NAMES[kind]}, and {NAMES[actual]} is given{instead}.")
+                raise Error(f"{what} must be {NAMES[kind]}, not {NAMES[actual]}{instead}.")
             return value
         if actual is not kind and (kind, actual) != (REAL, WHOLE):
-            raise Error(f"{what} is {NAMES[kind]}, and {value!r} is given.")
+            raise Error(f"{what} must be {NAMES[kind]}, not {value!r}.")
         made: Value = self.p.constant(int(value) if isinstance(value, enum.IntEnum) else value, kind)
         return made
 
     def unpacked(self, value: Any, count: int) -> Sequence[Any]:
         """Return a tuple or list of `count` values unchanged. Raises Error for any other object."""
         if not isinstance(value, (tuple, list)) or len(value) != count:
-            raise Error(f"{count} values are expected; {described(value)} is given.")
+            raise Error(f"{described(value)} is unpacked to {count} names: give a tuple of {count} values.")
         return value
 
     def varied(self, name: str, value: Any) -> Any:
@@ -178,7 +178,7 @@ class Names:
     def is_flag(self, value: Any) -> Flag:
         """Return a condition as a flag. Raises Error for a value that is not a flag."""
         if not isinstance(value, Flag):
-            raise Error(f"a condition is true or false; {described(value)} is given: compare it.")
+            raise Error(f"a condition must be true or false, not {described(value)}: compare it.")
         return value
 
     @contextmanager
@@ -192,7 +192,7 @@ class Names:
         """Return the result of Python's `max` or `min`: the first argument unless a later one is larger (smaller)."""
         kind = common_kind(args)
         if kind not in (REAL, WHOLE):
-            raise Error(f"`{function.__name__}` takes numbers of one kind.")
+            raise Error(f"`{function.__name__}` takes only reals or only whole numbers: write float(n) for whole ones.")
         best, *rest = [self.number(arg, kind, f"an argument of `{function.__name__}`") for arg in args]
         for candidate in rest:
             pair = (best, candidate) if function is max else (candidate, best)
@@ -449,7 +449,8 @@ class EachBlock(Block):
         """
         op = function if isinstance(function, str) else REDUCTIONS.get(function)
         if op is None or len(values) != (2 if op == "dot" else 1):
-            raise Error(f"`{getattr(function, '__name__', function)}` is not a reduction of an `each`.")
+            name = getattr(function, "__name__", function)
+            raise Error(f"`{name}` is not a reduction of an `each`: use {', '.join(r.__name__ for r in REDUCTIONS)}.")
         numbers: list[Any] = [self.tracer.number(operand, REAL, "a value of a reduction") for operand in values]
         value, *factors = numbers
         # The least value is minus the largest of the negative values.

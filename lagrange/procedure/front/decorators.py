@@ -275,9 +275,9 @@ class Plain(PlainFunction[Args, Result]):
         missing = [name for name in self.known if name not in known and self._default(name) is inspect.Parameter.empty]
         unknown = [name for name in known if name not in self.known]
         if missing or unknown:
-            wrong = f"{', '.join(missing)} is missing" if missing else f"{', '.join(unknown)} is not known to it"
-            names = ", ".join(self.known) or "nothing"
-            raise LagrangeError(f"procedure {self.__name__} is built for {names}: {wrong}.")
+            wrong = f"give {', '.join(missing)}" if missing else f"leave {', '.join(unknown)} out"
+            names = ", ".join(self.known) or "none"
+            raise LagrangeError(f"procedure {self.__name__} has the static parameters {names}: {wrong}.")
         values = {name: known.get(name, self._default(name)) for name in self.known}
         key = tuple((type(value), value) for value in values.values())
         form = self._forms.get(key)

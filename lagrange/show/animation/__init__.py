@@ -1,4 +1,4 @@
-"""The recording of a run for animations, and its files as GIF and MP4. The HTML player is in `page/`."""
+"""Animations of runs: default frames per second, suffixes, recordings, GIF and MP4. The HTML player is in `page/`."""
 
 from __future__ import annotations
 

@@ -470,7 +470,7 @@ def plot_stability(
         raise StatementError("name at least one method, such as lg.methods.plot_stability('rk4', 'radau5').")
     x, y = np.linspace(left, right, _POINTS), np.linspace(-top, top, _POINTS | 1)
     grid = x + 1j * y[:, None]
-    # On the real axis a rate has no conjugate: the next row is used instead.
+    # A real eigenvalue would be paired with itself: points on the real axis are moved 1e-6 above it.
     plane = np.where(grid.imag == 0, grid + 1e-6j, grid)
     figure = new_figure(figsize=(7.2, 6.4), layout="constrained")
     axis = figure.add_subplot()

@@ -48,9 +48,10 @@ class LatexNotation(BookNotation):
         return head + (f"_{_argument(', '.join(parts))}" if parts else "")
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        r"""Return the symbol of a quantity whose usual `letter` is a name of the user, such as \mathcal{L}.
+        r"""Return the symbol of a quantity, such as L, whose usual `letter` is already a name in the system.
 
-        A capital letter becomes calligraphic. A small letter is replaced by the upright `word`. `indices` are names.
+        A capital letter becomes calligraphic, \mathcal{L}. A small letter is replaced by the upright `word`. `indices`
+        are names.
         """
         spelled = f"\\mathcal{{{letter}}}" if letter.isupper() else upright(word).replace("\\_", "\\ ")
         return spelled + (f"_{_argument(' '.join(map(self.letter, indices)))}" if indices else "")
@@ -152,7 +153,7 @@ class MathmlNotation(BookNotation):
         return f"<msub>{head}{parts[0] if len(parts) == 1 else row(*parts)}</msub>" if parts else head
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return the symbol, in MathML, of a quantity whose usual `letter` is a name of the user, with indices.
+        """Return the symbol of a quantity, such as L, whose usual `letter` is already a name in the system, in MathML.
 
         The letter becomes calligraphic. A letter without a calligraphic form is replaced by its `word`.
         """

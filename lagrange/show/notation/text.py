@@ -216,7 +216,10 @@ class Notation:
         return "_".join([spelled + RATES[dots], *map(latin, indices)])
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return the symbol of a quantity whose usual `letter` is a name of the user: its `word`, with indices."""
+        """Return the symbol of a quantity, such as L, whose usual `letter` is already a name in the system.
+
+        Here it is the `word`, such as Lagrangian, and its indices.
+        """
         return "_".join([word, *indices])
 
     def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
@@ -371,9 +374,9 @@ class UnicodeNotation(BookNotation):
         return "_".join([dotted + below, *map(self.letter, indices)])
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return the symbol of a quantity whose usual `letter` is a name of the user: calligraphic, or its `word`.
+        """Return the symbol of a quantity, such as L, whose usual `letter` is already a name in the system.
 
-        Its indices follow after underscores.
+        It is the calligraphic letter or, without one, the `word`. Its indices follow after underscores.
         """
         return "_".join([SCRIPT.get(letter, word), *map(self.letter, indices)])
 

@@ -272,7 +272,7 @@ def scene_text(statement: Statement) -> str:
     """Return the text of a scene file that reads back as the statement, symbol for symbol.
 
     The scene says `evaluate = false`, so SymPy does not rearrange its expressions. Raises StatementError for parts that
-    scenes cannot state, such as derivatives of functions that have no formula.
+    scenes cannot state, such as derivatives of functions without a formula, or functions with assumptions.
     """
     return "\n".join(_SceneWriter(statement.open_form or statement).lines()) + "\n"
 

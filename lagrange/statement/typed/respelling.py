@@ -1,5 +1,6 @@
-r"""Respelling of typed text: LaTeX, Markdown, mail and prose become the few spellings that the other modules read.
+r"""Respelling of typed text before its tokens: matrices, rows and arrows of LaTeX, Markdown, mail, words for "=".
 
+Fractions such as \dfrac, Greek letters and other commands of LaTeX are in `tokens`.
 Text around formulas becomes blanks. The text keeps its length, so that offsets in it are those of the typed text.
 """
 

@@ -1,4 +1,4 @@
-"""Tokens of a typed formula: words, numbers, signs and LaTeX commands, each with its place in the text.
+r"""Tokens of a typed formula: words, numbers, signs, LaTeX commands such as \dfrac, each with its place in the text.
 
 Derivatives get one form for all notations: primes, LaTeX dots, and d/dt. Words are not looked up here: `typed.names`
 decides whether a word is a symbol of the system.

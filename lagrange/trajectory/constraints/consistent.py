@@ -1,4 +1,4 @@
-"""Initial states on the constraints: states that miss them by rounding are projected, others refused."""
+"""States on the constraints: `System.consistent`, checked initial states, and the warning if a run's end is off."""
 
 from __future__ import annotations
 

@@ -211,7 +211,8 @@ class Discontinuities:
 class _Surface:
     """Constraints at k states on one side of a switching surface, scaled so that two sides can be compared.
 
-    `values` (p + m, k) are phi and psi, and `sizes` the sizes of their terms. `rows` (m, n, k) is the gradient G.
+    `values` (p + m, k) are the p constraints on positions, phi, and the m on velocities, psi. `sizes` are the sizes of
+    their terms. `rows` (m, n, k) is the gradient G.
     `positions` (p,) are the indices of the rows of G that belong to phi. Everything is divided by the lengths of the
     rows of G. So a factor of a constraint that changes at the surface makes no difference.
     """
@@ -233,10 +234,10 @@ class _Surface:
         return cls(values / units, sizes / units, rows / lengths[:, None], positions)
 
     def change(self, other: _Surface) -> FloatArray:
-        """Return the change (p + m, k) of each constraint from these states to the states of `other`.
+        """Return how much each constraint differs between the two sides, (p + m, k).
 
-        The changes of phi come first, then those of psi, relative to the terms of the constraint. For a psi, the
-        result is the change of its row of G if that is larger.
+        First come the p constraints phi on positions: the difference of their values, relative to their terms. Then
+        come the m constraints psi on velocities: the larger of this and of the difference of the row of G.
         """
         signs = np.where((self.rows * other.rows).sum(axis=1) < 0, -1.0, 1.0)
         turned = np.abs(self.rows - signs[:, None] * other.rows).max(axis=1)

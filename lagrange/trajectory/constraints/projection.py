@@ -81,8 +81,9 @@ class Projection:
         if completed_state is None:
             names = listing(self.model.statement.names[i] for i in self.model.equations.first_order)
             raise StatementError(
-                f"{names}, without inertia, {'has' if len(rows) == 1 else 'have'} no velocities at the initial state "
-                f"({self.place(y)}) that satisfy the first-order equations of motion: give another initial state."
+                f"the velocities of {names}, without inertia, are not determined at the initial state "
+                f"({self.place(y)}): the first-order equations of motion have no solution for them, or several. Give "
+                "velocities that satisfy these equations, or another initial state."
             )
         return np.where(alone & (y == 0.0), completed_state, y)
 

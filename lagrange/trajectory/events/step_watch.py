@@ -390,7 +390,8 @@ class StepWatch(EventLog):
         smooth = [zero for zero in zeros if not zero.root.jump]
         along = math.copysign(1.0, self.problem.t1 - self.problem.t0)
         through = sent_through(self._rates(), smooth, self.parameters, state.t, (before, after), along)
-        # A flight of one step ends where its velocity says; the end of a longer flight depends on rounded heights.
+        # The end of a flight of one step follows from its velocity. Only in a longer flight the height is searched, and
+        # it may be within its rounding noise.
         several = state.count(S.STEPS) > self._changed_at + 1
         unseen = several and any(zero.which in self._levels for zero in zeros)
         if self._intervals.idle(abs(state.t - self.changed), unseen=unseen):
