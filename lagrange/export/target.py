@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from importlib import import_module
 from typing import Any, ClassVar
 
 from lagrange.errors import StatementError, UnknownKey, listing, shown
 from lagrange.export.descriptions import distinct
-from lagrange.export.languages import ALIASES, TARGETS
+from lagrange.export.languages import ALIASES, TARGETS, load
 from lagrange.export.module import SourceModule
 from lagrange.show.notebook.html_card import table
 from lagrange.statement.display import text_table
@@ -76,7 +75,7 @@ REGISTERED: dict[str, Target] = {}  # The targets whose modules are loaded, by n
 def target_of(name: str) -> Target:
     """Return a target by its name, which is one of `target_names`."""
     if name not in REGISTERED:
-        import_module(TARGETS[name])
+        load(name)
     return REGISTERED[name]
 
 

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.export.languages import casadi as casadi_target
-from lagrange.export.languages import jax as jax_target
+from lagrange.export.languages import load
 from lagrange.machine import model as compiled
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.parameters import Parameters, with_zero_inputs
@@ -52,7 +51,8 @@ def casadi_function(model: compiled.Model, quantity: str, symbols: str, *, statu
     except ImportError as error:
         raise missing("as_casadi", "pip install casadi", error) from error
     name = f"{quantity}_checked" if flag(status, "status") else quantity
-    return defined(casadi_target.LIBRARY.source(program, quantity, entries(model)), name, {})(getattr(casadi, symbols))
+    text = load("casadi").LIBRARY.source(program, quantity, entries(model))
+    return defined(text, name, {})(getattr(casadi, symbols))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +87,7 @@ def jax_function(model: compiled.Model, quantity: str) -> JaxFunction:
             "JAX computes in single precision, which has 7 digits: say jax.config.update('jax_enable_x64', True) "
             "before arrays are made, then model.as_jax()."
         )
-    text = jax_target.LIBRARY.source(program, quantity, entries(model))
+    text = load("jax").LIBRARY.source(program, quantity, entries(model))
     function: Any = defined(text, quantity, {})
     return JaxFunction(function, function.__globals__[f"{quantity}_checked"], text)
 

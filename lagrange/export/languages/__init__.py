@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
+from types import ModuleType
 
 TARGETS: Mapping[str, str] = {
     "c": "lagrange.export.languages.c",
@@ -30,3 +32,8 @@ ALIASES: Mapping[str, str] = {
     **dict.fromkeys(("fmi", "fmi2", "fmi3"), "fmu"),
 }
 """Target by alias."""
+
+
+def load(name: str) -> ModuleType:
+    """Return the module of a target, given by its name in `TARGETS`; most programs need none of them."""
+    return import_module(TARGETS[name])
