@@ -16,6 +16,7 @@ from lagrange.statement.statement import Statement
 Numbers = list[Any]
 Row = dict[int, Any]
 """Nonzero entries of a row, by column. A sparse matrix is a list of rows."""
+Rows = Sequence[int] | None  # Indices of the equations to compute; None for all
 
 
 class Estimate(NamedTuple):
@@ -30,15 +31,6 @@ def central(function: Callable[[Any], Sequence[Any]], step: Any) -> Numbers:
     """Return the central difference for df/dx at 0, with the given step, from two evaluations."""
     ahead, behind = function(step), function(-step)
     return [(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
-
-
-def central_mixed(function: Callable[[Any, Any], Sequence[Any]], step_x: Any, step_y: Any) -> Numbers:
-    """Return the central difference for d2f/dx dy at (0, 0), with a step for x and one for y, from four evaluations."""
-
-    def slope(x: Any) -> Numbers:
-        return central(lambda y: function(x, y), step_y)
-
-    return central(slope, step_x)
 
 
 def extrapolated(coarse: Sequence[Any], fine: Sequence[Any]) -> Estimate:
@@ -56,41 +48,42 @@ LOCAL_FROM = 13
 
 
 @dataclass(frozen=True)
-class LocalTerms:
-    """Programs for parts of L and D: each computes only the terms that contain one coordinate or velocity.
+class Terms:
+    """Programs for L and D: each computes at least the terms that contain one coordinate or velocity.
 
     `by_velocity` has a program for the terms of L with each velocity, and `by_place` for those with each coordinate.
-    `dissipation` has one for the terms of D with each velocity. `touched` has for each entry of (q, v) the indices of
-    the equations of motion that contain it.
+    The last result of a program in `dissipation` is the sum of the terms of D with one velocity. `read` has for each
+    velocity the entries of (q, v) in these terms of L. `touched` has for each entry of (q, v) the indices of the
+    equations of motion that contain it.
     """
 
     by_velocity: Sequence[Precise]
     by_place: Sequence[Precise]
     dissipation: Sequence[Precise]
+    read: Sequence[Collection[int]]
     touched: Sequence[Sequence[int]]
 
 
-def local_terms(statement: Statement, digits: int) -> LocalTerms | None:
+def terms_of(statement: Statement, lagrangian: Precise, loads: Precise, digits: int) -> Terms:
     """Return programs for the terms of L and D that contain each coordinate or velocity.
 
-    Return None for a system of few coordinates, for which they are not worthwhile.
+    For few coordinates they are not worthwhile: then all are `lagrangian`, which computes L, and `loads`, whose last
+    result is D.
     """
-    n = len(statement.coordinates)
+    n, width = len(statement.coordinates), len(statement.state_names)
     if n < LOCAL_FROM:
-        return None
-    lagrangian = _terms(statement.lagrangian, statement)
-    by_velocity = [Precise([part], statement, digits) for part in _by(statement.velocities, lagrangian)]
-    by_place = [Precise([part], statement, digits) for part in _by(statement.coordinates, lagrangian)]
-    drag = _by(statement.velocities, _terms(statement.dissipation, statement))
-    dissipation = [Precise([part], statement, digits) for part in drag]
+        return Terms([lagrangian] * n, [lagrangian] * n, [loads] * n, [range(width)] * n, [range(n)] * width)
+    terms, drag = (_terms(stated, statement) for stated in (statement.lagrangian, statement.dissipation))
+    parts = _by(statement.velocities, terms), _by(statement.coordinates, terms), _by(statement.velocities, drag)
+    by_velocity, by_place, dissipation = ([Precise([part], statement, digits) for part in row] for row in parts)
     touched: list[list[int]] = [[] for _ in statement.state_names]
     for i, force in enumerate(statement.forces):
-        parts = (by_velocity[i], by_place[i], dissipation[i], Precise([force], statement, digits))
+        programs = (by_velocity[i], by_place[i], dissipation[i], Precise([force], statement, digits))
         # If p_i contains a coordinate, dp_i/dt contains its velocity.
         rates = {k + n for k in by_velocity[i].entries if k < n}
-        for k in sorted(rates.union(*(part.entries for part in parts))):
+        for k in sorted(rates.union(*(program.entries for program in programs))):
             touched[k].append(i)
-    return LocalTerms(by_velocity, by_place, dissipation, touched)
+    return Terms(by_velocity, by_place, dissipation, [program.entries for program in by_velocity], touched)
 
 
 def _terms(expression: Any, statement: Statement) -> list[tuple[Any, frozenset[Any]]]:
@@ -146,14 +139,16 @@ class DifferenceSteps:
     motion: Any
 
     @classmethod
-    def at(cls, q: Numbers, v: Numbers, t: Any, unit: Any, *, timed: bool) -> DifferenceSteps:
-        """Return steps at a state (q, v): each is `unit` times the magnitude of its entry, or `unit` for a zero.
+    def at(
+        cls, q: Sequence[Any], v: Sequence[Any], t: Any, unit: Any, *, timed: bool, sizes: Sequence[Numbers] = ()
+    ) -> DifferenceSteps:
+        """Return steps at a state (q, v): `unit` times the `sizes` of q and v.
 
-        During the time step no coordinate changes by more than its own step. With `timed` the time step is also at
-        most `unit` times |t|. This limit is not always used: for a planet in SI units the time step would be so short
-        that differences lose all digits.
+        Without `sizes` the size of an entry is its magnitude, or 1 for a zero. During the time step no coordinate
+        changes by more than its own step. With `timed` the time step is also at most `unit` times |t|. This limit is
+        not always used: for a planet in SI units the time step would be so short that differences lose all digits.
         """
-        by_q, by_v = ([unit * (abs(x) or 1) for x in values] for values in (q, v))
+        by_q, by_v = ([unit * x for x in part] for part in sizes or [[abs(x) or 1 for x in part] for part in (q, v)])
         times = [step / abs(rate) for step, rate in zip(by_q, v, strict=True) if rate]
         if timed or not times:
             times.append(unit * (abs(t) or 1))
@@ -166,10 +161,10 @@ class DifferenceSteps:
 
 @dataclass(frozen=True)
 class Sources:
-    """The stated L, Q and D as functions of (q, v, t), for derivatives by differences.
+    """The stated L, Q and D as functions of (q, v, t), and what follows from them by differences.
 
     - `for_momenta(i)`, `for_mass(i)` and `dissipation(i)` have at least the terms with velocity i; `for_forces(i)`
-      has at least the terms with coordinate i.
+      has at least the terms with coordinate i. `applied` are the forces Q.
     - `read(i)` lists the entries of (q, v) that occur in terms with velocity i.
     - `touched(j)` lists the indices of the equations of motion that contain entry j of (q, v).
     - `nudge(name, index)` is a factor close to 1 for a term that is added to a sum here; it is the same at each
@@ -178,17 +173,135 @@ class Sources:
     To measure rounding errors, these functions are replaced by copies in which each intermediate number has a random
     factor close to 1. L is stored three times, for p, for dL/dq and for M, because compiled code computes these
     independently: each copy has its own factors.
+
+    Methods take q, v, t, and the steps of the differences. They return n numbers, or only the entries listed in `rows`.
     """
 
     lagrangian: StateFunction
     for_momenta: Callable[[int], StateFunction]
     for_forces: Callable[[int], StateFunction]
     for_mass: Callable[[int], StateFunction]
-    forces: StateFunction
+    applied: StateFunction
     dissipation: Callable[[int], StateFunction] | None
     nudge: Nudge
     read: Callable[[int], Collection[int]]
     touched: Callable[[int], Sequence[int]]
+
+    def momenta(self, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, rows: Rows = None) -> Numbers:
+        """Return the momenta p = dL/dv."""
+        return _gradient(lambda i, x: self.for_momenta(i)(q, x, t), v, rows, steps.v)
+
+    def forces(self, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, rows: Rows = None) -> Numbers:
+        """Return the forces f = dL/dq + Q - dD/dv."""
+        total = _gradient(lambda i, x: self.for_forces(i)(x, v, t), q, rows, steps.q)
+        applied = self.applied(q, v, t)
+        total = [a + applied[i] for a, i in zip(total, range(len(q)) if rows is None else rows, strict=True)]
+        if self.dissipation is None:
+            return total
+        drag = self.dissipation
+        slopes = _gradient(lambda i, x: drag(i)(q, x, t), v, rows, steps.v)
+        return [a - b for a, b in zip(total, slopes, strict=True)]
+
+    def mass_matrix(self, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> list[Row]:
+        """Return the n rows of the mass matrix M = d2L/dv2, each as {column: entry}."""
+        n = len(q)
+        rows: list[Row] = [{} for _ in range(n)]
+        for i in range(n):
+            for j in sorted(k - n for k in self.read(i) if n <= k <= n + i):
+
+                def slope(x: Any, i: int = i, j: int = j) -> Numbers:
+                    function = self.for_mass(i)
+                    return central(lambda y: [function(q, moved(moved(v, i, x), j, y), t)], steps.v[j])
+
+                rows[i][j] = rows[j][i] = central(slope, steps.v[i])[0]
+        return rows
+
+    def momentum_rate(
+        self, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, a: Numbers, rows: Rows = None
+    ) -> Numbers:
+        """Return dp/dt at accelerations `a`."""
+        n, point, direction = len(q), [*q, *v], [*v, *a]
+        needed = range(len(point)) if rows is None else sorted({k for i in rows for k in self.read(i)})
+        for k in needed:
+            direction[k] *= self.nudge("velocity", k) if k < n else self.nudge("acceleration", k - n)
+        t_along = self.nudge("time", 0)
+
+        def momenta_at(s: Any) -> Numbers:
+            y = list(point)
+            for k in needed:
+                y[k] = point[k] + s * direction[k]
+            return self.momenta(y[:n], y[n:], t + s * t_along, steps, rows)
+
+        return central(momenta_at, steps.motion)
+
+    def residual(
+        self, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, a: Numbers, rows: Rows = None
+    ) -> Numbers:
+        """Return dp/dt - f, which is zero for the right accelerations `a`."""
+        rates, loads = self.momentum_rate(q, v, t, steps, a, rows), self.forces(q, v, t, steps, rows)
+        return [rate - load for rate, load in zip(rates, loads, strict=True)]
+
+    def energy(self, v: Numbers, p: Numbers, lagrangian: Any) -> Any:
+        """Return the energy v.p - L."""
+        return sum((self.nudge("energy", i) * x * y for i, (x, y) in enumerate(zip(v, p, strict=True))), -lagrangian)
+
+    def residual_slopes(
+        self, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, a: Numbers, columns: Sequence[int]
+    ) -> list[Row]:
+        """Return the derivatives of dp/dt - f by y_j, {equation: slope}, for each j in `columns`, where y = (q, v).
+
+        Differentiating M a = h gives M da/dy_j = -d(dp/dt - f)/dy_j. So the Jacobian of the accelerations needs no
+        solution at displaced states. Its right-hand side is the residual with dL/dy_j, dQ/dy_j and dD/dy_j in place of
+        L, Q and D. For a velocity v_k it has the additional term dp/dq_k, as dp/dt contains v_k dp/dq_k. Entry y_j is
+        displaced last, for one column after another, since a program then repeats only the operations that depend on
+        it.
+        """
+        n, drag, here = len(q), self.dissipation, (q, v, t, steps)
+        touched = {j: frozenset(self.touched(j)) for j in columns}
+        applied = {j: slope(lambda q, v, t: np.array(self.applied(q, v, t)), *here, {j: 1}) for j in columns}
+
+        def row(i: int) -> Row:
+            listed, read = [j for j in columns if i in touched[j]], self.read(i)
+
+            def by_columns(function: StateFunction, entries: Collection[int]) -> StateFunction:
+                return lambda q, v, t: np.array(
+                    [slope(function, q, v, t, steps, {j: 1}) if j in entries else 0 for j in listed]
+                )
+
+            differentiated = replace(
+                self,
+                for_momenta=lambda i: by_columns(self.for_momenta(i), read),
+                for_forces=lambda i: by_columns(self.for_forces(i), listed),
+                applied=lambda q, v, t: {i: np.array([applied[j][i] for j in listed])},
+                dissipation=None if drag is None else lambda i: by_columns(drag(i), listed),
+            )
+            entries = dict(zip(listed, differentiated.residual(*here, a, [i])[0], strict=True)) if listed else {}
+            for k in (j - n for j in listed if j - n in read):
+                change = slope(lambda q, v, t: self.momenta(q, v, t, steps, [i])[0], *here, {k: 1})
+                entries[n + k] += self.nudge("velocity", k) * change
+            return entries
+
+        rows = [row(i) for i in range(n)]
+        return [{i: entries[j] for i, entries in enumerate(rows) if j in entries} for j in columns]
+
+
+def slope(
+    function: StateFunction, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, direction: Mapping[int, Any]
+) -> Any:
+    """Return the derivative of a function of (q, v, t) along a direction, {index in (q, v): weight}.
+
+    The value of the function is a number or an array. No entry of (q, v) changes by more than its own step.
+    """
+    n, sizes = len(q), (*steps.q, *steps.v)
+    h = min(sizes[j] / abs(weight) for j, weight in direction.items())
+
+    def value(s: Any) -> Any:
+        y = [*q, *v]
+        for j, weight in direction.items():
+            y[j] = y[j] + s * weight
+        return function(y[:n], y[n:], t)
+
+    return (value(h) - value(-h)) / (2 * h)
 
 
 TRUSTED = 1e-12
@@ -197,145 +310,6 @@ TRUSTED = 1e-12
 
 class SingularMass(OutsideDomain):
     """Error: the mass matrix is singular at the point."""
-
-
-def momenta(
-    source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, rows: Sequence[int] | None = None
-) -> Numbers:
-    """Return the momenta p = dL/dv at (q, v, t) by differences, n numbers, or only the entries listed in `rows`."""
-    rows = range(len(q)) if rows is None else rows
-    return _gradient(lambda i, x: source.for_momenta(i)(q, x, t), v, rows, steps.v)
-
-
-def forces(
-    source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, rows: Sequence[int] | None = None
-) -> Numbers:
-    """Return the forces f = dL/dq + Q - dD/dv at (q, v, t), n numbers, or only the entries listed in `rows`."""
-    rows = range(len(q)) if rows is None else rows
-    total = _gradient(lambda i, x: source.for_forces(i)(x, v, t), q, rows, steps.q)
-    applied = source.forces(q, v, t)
-    total = [a + applied[i] for a, i in zip(total, rows, strict=True)]
-    if source.dissipation is None:
-        return total
-    drag = source.dissipation
-    slopes = _gradient(lambda i, x: drag(i)(q, x, t), v, rows, steps.v)
-    return [a - b for a, b in zip(total, slopes, strict=True)]
-
-
-def mass_matrix(source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> list[Row]:
-    """Return the n rows of the mass matrix M = d2L/dv2 at (q, v, t), each as {column: entry}."""
-    n = len(q)
-    rows: list[Row] = [{} for _ in range(n)]
-    for i in range(n):
-        for j in sorted(k - n for k in source.read(i) if n <= k <= n + i):
-
-            def at(x: Any, y: Any, i: int = i, j: int = j) -> Numbers:
-                return [source.for_mass(i)(q, moved(moved(v, i, x), j, y), t)]
-
-            rows[i][j] = rows[j][i] = central_mixed(at, steps.v[i], steps.v[j])[0]
-    return rows
-
-
-def momentum_rate(
-    source: Sources,
-    q: Numbers,
-    v: Numbers,
-    a: Numbers,
-    t: Any,
-    steps: DifferenceSteps,
-    rows: Sequence[int] | None = None,
-) -> Numbers:
-    """Return dp/dt at accelerations `a`, n numbers, or only the entries listed in `rows`."""
-    n, point, direction = len(q), [*q, *v], [*v, *a]
-    needed = range(len(point)) if rows is None else sorted({k for i in rows for k in source.read(i)})
-    for k in needed:
-        direction[k] *= source.nudge("velocity", k) if k < n else source.nudge("acceleration", k - n)
-    t_along = source.nudge("time", 0)
-
-    def momenta_at(s: Any) -> Numbers:
-        y = list(point)
-        for k in needed:
-            y[k] = point[k] + s * direction[k]
-        return momenta(source, y[:n], y[n:], t + s * t_along, steps, rows)
-
-    return central(momenta_at, steps.motion)
-
-
-def residual(
-    source: Sources,
-    q: Numbers,
-    v: Numbers,
-    a: Numbers,
-    t: Any,
-    steps: DifferenceSteps,
-    rows: Sequence[int] | None = None,
-) -> Numbers:
-    """Return dp/dt - f, n numbers, or only the entries listed in `rows`. It is zero for the right accelerations `a`."""
-    rates, loads = momentum_rate(source, q, v, a, t, steps, rows), forces(source, q, v, t, steps, rows)
-    return [rate - load for rate, load in zip(rates, loads, strict=True)]
-
-
-def energy(source: Sources, v: Numbers, p: Numbers, lagrangian: Any) -> Any:
-    """Return the energy v.p - L."""
-    return sum((source.nudge("energy", i) * x * y for i, (x, y) in enumerate(zip(v, p, strict=True))), -lagrangian)
-
-
-def slope(function: StateFunction, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, j: int) -> Any:
-    """Return the derivative by entry j of (q, v) of a function of (q, v, t), whose value is a number or an array."""
-    n = len(q)
-    h = steps.q[j] if j < n else steps.v[j - n]
-    ahead, behind = (
-        function(moved(q, j, by), v, t) if j < n else function(q, moved(v, j - n, by), t) for by in (h, -h)
-    )
-    return (ahead - behind) / (2 * h)
-
-
-def slope_along(
-    function: StateFunction, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, direction: Sequence[Any]
-) -> Any:
-    """Return the derivative of `function`, as `slope` does, along a direction (2n,)."""
-    n = len(q)
-    # No entry of (q, v) changes by more than its own step.
-    h = min(step / abs(x) for step, x in zip((*steps.q, *steps.v), direction, strict=True) if x)
-    ahead, behind = (function(along(q, direction[:n], s), along(v, direction[n:], s), t) for s in (h, -h))
-    return (ahead - behind) / (2 * h)
-
-
-def residual_slopes(
-    source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps, columns: Sequence[int]
-) -> list[Row]:
-    """Return the derivatives of dp/dt - f by y_j, {equation: slope}, for each j in `columns`, where y = (q, v).
-
-    Differentiating M a = h gives M da/dy_j = -d(dp/dt - f)/dy_j. So the Jacobian of the accelerations needs no solution
-    at displaced states. Its right-hand side is the residual with dL/dy_j, dQ/dy_j and dD/dy_j in place of L, Q and D.
-    For a velocity v_k it has the additional term dp/dq_k, as dp/dt contains v_k dp/dq_k. Entry y_j is displaced last,
-    for one column after another, since a program then repeats only the operations that depend on it.
-    """
-    n, drag = len(q), source.dissipation
-    touched = {j: frozenset(source.touched(j)) for j in columns}
-    applied = {j: slope(lambda q, v, t: np.array(source.forces(q, v, t)), q, v, t, steps, j) for j in columns}
-
-    def row(i: int) -> Row:
-        listed, read = [j for j in columns if i in touched[j]], source.read(i)
-
-        def by_columns(function: StateFunction, entries: Collection[int]) -> StateFunction:
-            return lambda q, v, t: np.array([slope(function, q, v, t, steps, j) if j in entries else 0 for j in listed])
-
-        differentiated = replace(
-            source,
-            for_momenta=lambda i: by_columns(source.for_momenta(i), read),
-            for_forces=lambda i: by_columns(source.for_forces(i), listed),
-            forces=lambda q, v, t: {i: np.array([applied[j][i] for j in listed])},
-            dissipation=None if drag is None else lambda i: by_columns(drag(i), listed),
-        )
-        entries = dict(zip(listed, residual(differentiated, q, v, a, t, steps, [i])[0], strict=True)) if listed else {}
-        for k in (j - n for j in listed if j - n in read):
-            change = slope(lambda q, v, t: momenta(source, q, v, t, steps, [i])[0], q, v, t, steps, k)
-            entries[n + k] += source.nudge("velocity", k) * change
-        return entries
-
-    rows = [row(i) for i in range(n)]
-    return [{i: entries[j] for i, entries in enumerate(rows) if j in entries} for j in columns]
 
 
 def factorized(matrix: Sequence[Row], threshold: Any) -> Callable[[Row], Row]:
@@ -438,11 +412,13 @@ def along(x: Sequence[Any], direction: Sequence[Any], s: Any) -> Numbers:
     return [a + s * b for a, b in zip(x, direction, strict=True)]
 
 
-def _gradient(function: Callable[[int, Numbers], Any], x: Numbers, rows: Sequence[int], steps: Numbers) -> Numbers:
-    def along_axis(i: int) -> Callable[[Any], Numbers]:
-        return lambda h: [function(i, moved(x, i, h))]
+def _gradient(function: Callable[[int, Numbers], Any], x: Numbers, rows: Rows, steps: Numbers) -> Numbers:
+    """Return d function(i, x) / dx_i for each i in `rows`; `steps` are those of the entries of x."""
 
-    return [central(along_axis(i), steps[i])[0] for i in rows]
+    def slope(i: int) -> Any:
+        return central(lambda h: [function(i, moved(x, i, h))], steps[i])[0]
+
+    return [slope(i) for i in (range(len(x)) if rows is None else rows)]
 
 
 def moved(x: Sequence[Any], i: int, distance: Any) -> Numbers:
@@ -477,69 +453,57 @@ class StatedConstraints:
             for a, b, is_holonomic in zip(by_position, by_velocity, self.holonomic, strict=True)
         ]
 
+    def gradient(self, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> list[Numbers]:
+        """Return the gradient G, m rows of n numbers: dphi/dq of a holonomic constraint, else dpsi/dv."""
 
-def gradient(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> list[Numbers]:
-    """Return the gradient G, m rows of n numbers: dphi/dq of a holonomic constraint, else dpsi/dv."""
+        def by_q(j: int) -> Numbers:
+            return central(lambda h: self.for_gradient(moved(q, j, h), v, t), steps.q[j])
 
-    def by_q(j: int) -> Numbers:
-        return central(lambda h: stated.for_gradient(moved(q, j, h), v, t), steps.q[j])
+        def by_v(j: int) -> Numbers:
+            return central(lambda h: self.for_gradient(q, moved(v, j, h), t), steps.v[j])
 
-    def by_v(j: int) -> Numbers:
-        return central(lambda h: stated.for_gradient(q, moved(v, j, h), t), steps.v[j])
+        unused: Numbers = [0] * len(self.holonomic)
+        columns = [
+            self.chosen(by_q(j) if any(self.holonomic) else unused, unused if all(self.holonomic) else by_v(j))
+            for j in range(len(q))
+        ]
+        return [list(row) for row in zip(*columns, strict=True)]
 
-    unused: Numbers = [0] * len(stated.holonomic)
-    columns = [
-        stated.chosen(by_q(j) if any(stated.holonomic) else unused, unused if all(stated.holonomic) else by_v(j))
-        for j in range(len(q))
-    ]
-    return [list(row) for row in zip(*columns, strict=True)]
+    def velocity_level(self, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
+        """Return psi, m numbers: dphi/dt of a holonomic constraint, or the expression of a constraint on velocities."""
+        still: Numbers = [0] * len(q)
+        moving = (
+            self._rates(self.for_rates, q, v, t, steps, still) if any(self.holonomic) else [0] * len(self.holonomic)
+        )
+        return self.chosen(moving, self.for_rates(q, v, t))
 
+    def acceleration_level(self, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, a: Numbers) -> Numbers:
+        """Return dpsi/dt = G a + gamma, m numbers, at accelerations `a`."""
 
-def velocity_level(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
-    """Return psi, m numbers: dphi/dt of a holonomic constraint, or the expression of a constraint on velocities."""
-    still: Numbers = [0] * len(q)
-    moving = _rates(stated, q, v, still, t, steps) if any(stated.holonomic) else [0] * len(stated.holonomic)
-    return stated.chosen(moving, stated.for_rates(q, v, t))
+        def rates(q: Numbers, v: Numbers, t: Any) -> Numbers:
+            return self._rates(self.for_rates, q, v, t, steps, a)
 
+        unused: Numbers = [0] * len(self.holonomic)
+        return self.chosen(
+            self._rates(rates, q, v, t, steps, a) if any(self.holonomic) else unused,
+            unused if all(self.holonomic) else rates(q, v, t),
+        )
 
-def acceleration_level(
-    stated: StatedConstraints, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps
-) -> Numbers:
-    """Return dpsi/dt = G a + gamma, m numbers: derivatives along the path q + v s + a s^2/2."""
-    v_along, a_along, t_along = _directions(stated, v, a)
+    def _rates(
+        self, function: StateFunction, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, a: Numbers
+    ) -> Numbers:
+        """Return the time derivatives of the m values of a function along the path q + v s + a s^2/2."""
+        v_along = [x * self.nudge("held velocity", i) for i, x in enumerate(v)]
+        a_along = [x * self.nudge("held acceleration", i) for i, x in enumerate(a)]
+        t_along = self.nudge("held time", 0)
 
-    def rates_at(s: Any) -> Numbers:
-        moved = along(along(q, v_along, s), a_along, s * s / 2)
-        return _rates(stated, moved, along(v, a_along, s), a, t + s * t_along, steps)
+        def values_at(s: Any) -> Numbers:
+            values: Numbers = function(
+                along(along(q, v_along, s), a_along, s * s / 2), along(v, a_along, s), t + s * t_along
+            )
+            return values
 
-    unused: Numbers = [0] * len(stated.holonomic)
-    return stated.chosen(
-        central(rates_at, steps.motion) if any(stated.holonomic) else unused,
-        unused if all(stated.holonomic) else _rates(stated, q, v, a, t, steps),
-    )
-
-
-def _rates(stated: StatedConstraints, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
-    """Return the first time derivatives of the constraint expressions along the motion, m numbers."""
-    v_along, a_along, t_along = _directions(stated, v, a)
-
-    def values_at(s: Any) -> Sequence[Any]:
-        moved = along(along(q, v_along, s), a_along, s * s / 2)
-        values: Sequence[Any] = stated.for_rates(moved, along(v, a_along, s), t + s * t_along)
-        return values
-
-    return central(values_at, steps.motion)
-
-
-def _directions(stated: StatedConstraints, v: Numbers, a: Numbers) -> tuple[Numbers, Numbers, Any]:
-    """Return (v, a, 1), the time derivatives of q, v and t along the motion.
-
-    Each is multiplied by a factor close to 1 if rounding errors are measured.
-    """
-    nudge = stated.nudge
-    v_along = [x * nudge("held velocity", i) for i, x in enumerate(v)]
-    a_along = [x * nudge("held acceleration", i) for i, x in enumerate(a)]
-    return v_along, a_along, nudge("held time", 0)
+        return central(values_at, steps.motion)
 
 
 def reactions(gradient: Sequence[Numbers], multipliers: Sequence[Any]) -> list[Numbers]:
@@ -585,9 +549,9 @@ class ConstraintSurface:
 
         def residuals_at(level: int, q: Numbers, v: Numbers) -> tuple[Numbers, list[Numbers]]:
             steps = DifferenceSteps.at(q, v, t, self.step, timed=self.tape.uses_time)
-            slopes = gradient(stated, q, v, t, steps)
+            slopes = stated.gradient(q, v, t, steps)
             if level:
-                return velocity_level(stated, q, v, t, steps), slopes
+                return stated.velocity_level(q, v, t, steps), slopes
             residuals = zero(q, v, t)
             return [residuals[i] for i in rows], [slopes[i] for i in rows]
 

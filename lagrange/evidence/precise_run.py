@@ -16,16 +16,7 @@ from sympy import Symbol
 
 from lagrange.errors import RunError
 from lagrange.evidence import laws
-from lagrange.evidence.laws import (
-    ConstraintSurface,
-    DifferenceSteps,
-    Numbers,
-    Sources,
-    StatedConstraints,
-    acceleration_level,
-    gradient,
-    reactions,
-)
+from lagrange.evidence.laws import ConstraintSurface, DifferenceSteps, Numbers, Sources, StatedConstraints
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.graph.evaluate import FUNCTIONS, precise
 from lagrange.machine.backend import FloatArray
@@ -127,7 +118,7 @@ class PreciseLaws:
             for_momenta=lambda i: energy,
             for_forces=lambda i: energy,
             for_mass=lambda i: energy,
-            forces=lambda q, v, t: loads(q, v, t, values)[:-1],
+            applied=lambda q, v, t: loads(q, v, t, values)[:-1],
             dissipation=(lambda i: lambda q, v, t: loads(q, v, t, values)[-1]) if statement.dissipation != 0 else None,
             nudge=laws.exactly,
             read=lambda i: range(len(statement.state_names)),
@@ -158,12 +149,12 @@ class PreciseLaws:
         self, q: Numbers, v: Numbers, a: Numbers, multipliers: Numbers, t: Any, steps: DifferenceSteps
     ) -> Numbers:
         """Return [dp/dt - f - G^T lambda, dpsi/dt], n + m numbers that are zero for the motion."""
-        free = laws.residual(self.source, q, v, a, t, steps)
+        free = self.source.residual(q, v, t, steps, a)
         if not self.held.holonomic:
             return free
-        exerted = zip(*reactions(gradient(self.held, q, v, t, steps), multipliers), strict=True)
+        exerted = zip(*laws.reactions(self.held.gradient(q, v, t, steps), multipliers), strict=True)
         balance = [x - sum(forces) for x, forces in zip(free, exerted, strict=True)]
-        return [*balance, *acceleration_level(self.held, q, v, a, t, steps)]
+        return [*balance, *self.held.acceleration_level(q, v, t, steps, a)]
 
 
 Improvement = Callable[[FloatArray], FloatArray]

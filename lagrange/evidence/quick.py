@@ -26,7 +26,7 @@ import numpy as np
 
 from lagrange.errors import FAULT, RunError
 from lagrange.evidence.formula_comparison import sampled_statement
-from lagrange.evidence.laws import DifferenceSteps, StatedConstraints, acceleration_level, along, central
+from lagrange.evidence.laws import DifferenceSteps, StatedConstraints, along, central
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.report import LIMIT, TINY_ERROR, relative_error
@@ -201,7 +201,7 @@ class _Probe:
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
         stated = StatedConstraints.alike(lambda q, v, t: program(q, v, t, parameters), self.holonomic)
         t, still, steps = self.number(point.t), [self.number(0)] * len(q), self._steps(point, q, v)
-        whole, bias = (acceleration_level(stated, q, v, along_a, t, steps) for along_a in (a, still))
+        whole, bias = (stated.acceleration_level(q, v, t, steps, along_a) for along_a in (a, still))
         terms = [weight * x for weight, x in zip(self.weights, whole, strict=True)]
         return [(sum(terms), max(map(abs, [*bias, *(x - b for x, b in zip(whole, bias, strict=True))])))]
 

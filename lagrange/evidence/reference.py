@@ -11,26 +11,13 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from lagrange.evidence import laws
-from lagrange.evidence.laws import (
-    DifferenceSteps,
-    Numbers,
-    Row,
-    Sources,
-    StatedConstraints,
-    acceleration_level,
-    bordered,
-    gradient,
-    local_terms,
-    reactions,
-    velocity_level,
-)
+from lagrange.evidence.laws import DifferenceSteps, Numbers, Row, Sources, StatedConstraints
 from lagrange.evidence.precise import BeyondDoubles, Precise
 from lagrange.evidence.report import Columns, Direction, ReferenceEntries
 from lagrange.statement.random_states import SamplePoint
@@ -93,14 +80,10 @@ class Reference:
         )
         self.holonomic = tuple(constraint.holonomic for constraint in statement.constraints)
         self.number = self.lagrangian.context.mpf
-        n = len(statement.coordinates)
-        self.local = local_terms(statement, REFERENCE_DIGITS)
-        same = [self.lagrangian] * n
-        by_velocity, by_place = (self.local.by_velocity, self.local.by_place) if self.local else (same, same)
-        # L is stored for p, for dL/dq and for M.
-        self._energies = (by_velocity, by_place, by_velocity)
-        self._loaded = any(force != 0 for force in statement.forces)
-        self._samples = [_Perturbed.of(self, 6 * k) for k in range(PERTURBED_COPIES)]
+        self.terms = terms = laws.terms_of(statement, self.lagrangian, self.loads, REFERENCE_DIGITS)
+        energies = (terms.by_velocity, terms.by_place, terms.by_velocity)
+        self._programs = _Programs(self.lagrangian, energies, self.loads, terms.dissipation, (self.held, self.held))
+        self._samples = [self._programs.perturbed(6 * k) for k in range(PERTURBED_COPIES)]
 
     def at(self, point: SamplePoint, columns: Columns) -> dict[str, ReferenceEntries]:
         """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations, rhs and jacobian by name.
@@ -113,10 +96,14 @@ class Reference:
         statement has no real, finite value or no derivative there, or the accelerations are not determined.
         """
         self.inspect(point)
-        steps = self._steps(point)
-        plain, on_constraints = self._plain(point)
-        results = [self._laws(plain, on_constraints, point, steps.times(scale), columns) for scale in (1, 0.5)]
-        results += [self._perturbed(k, point, steps, columns) for k in range(PERTURBED_COPIES)]
+        steps, parameters = self._steps(point), {p: self.number(x) for p, x in point.parameters.items()}
+
+        def exact(program: Precise, _: Precise) -> laws.StateFunction:
+            return lambda q, v, t: program(q, v, t, parameters)
+
+        plain = self._functions(self._programs, exact, laws.exactly, parameters)
+        quantities = [_Differences(self, *plain, point, steps.times(scale), columns).quantities() for scale in (1, 0.5)]
+        quantities += [self._perturbed(k, point, steps, columns, parameters) for k in range(PERTURBED_COPIES)]
         unit = self.number(PERTURBATION)
 
         def size(value: Any, coarse: Any, samples: Sequence[Any]) -> Any:
@@ -127,19 +114,25 @@ class Reference:
         count = 1 if along else len(columns)
         lengths = {"mass_matrix": n if along else n * n, "jacobian": n * count, "velocity_jacobian": n * count}
         entries = {}
-        for name in results[0]:
+        for name in quantities[0]:
             # A perturbed copy may exchange other rows, which fills other entries.
-            indices = sorted(set().union(*(result[name] for result in results)))
-            coarse, fine, *samples = ([result[name].get(index, 0) for index in indices] for result in results)
+            indices = sorted(set().union(*(result[name] for result in quantities)))
+            coarse, fine, *samples = ([result[name].get(index, 0) for index in indices] for result in quantities)
             value, error, _ = laws.extrapolated(coarse, fine)
             sizes = list(map(size, value, coarse, zip(*samples, strict=True)))
+            rows = (dict(zip(indices, x, strict=True)) for x in (value, error, sizes))
             length = lengths.get(name, len(indices))
-            entries[name] = ReferenceEntries(*(_spread(x, indices, length) for x in (value, error, sizes)))
+            entries[name] = ReferenceEntries(*([row.get(i, 0) for i in range(length)] for row in rows))
             entries[name].check_smooth()
+        velocities, slopes, rates = (entries.pop(name) for name in ("velocities", "jacobian", "velocity_jacobian"))
+        # The least size of a slope is that of the acceleration, divided by the size of the state. Second derivatives
+        # of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at x = 1e3 has a gradient of 1 and a slope
+        # of 1e-9, which any formula computes as a difference of numbers of 1e-3. The sizes of the operations in V do
+        # not show it. A wrong slope is still found: its error exceeds 1e-12 of this bound.
         extent = max(1.0, *map(abs, (*point.q, *point.v)))
         longest = max(map(abs, columns.weights)) if isinstance(columns, Direction) else 1
-        entries["jacobian"] = self._with_floor(entries["jacobian"], entries["accelerations"], extent / longest)
-        velocities, slopes, rates = (entries.pop(name) for name in ("velocities", "jacobian", "velocity_jacobian"))
+        floors = [least / (extent / longest) for least in entries["accelerations"].size]
+        slopes = replace(slopes, size=[max(x, floors[k % n]) for k, x in enumerate(slopes.size)])
         jacobian = ReferenceEntries([], [], [])
         for k in range(count):
             jacobian = jacobian + rates.part(k * n, n) + slopes.part(k * n, n)
@@ -150,7 +143,7 @@ class Reference:
 
         The unit is 0.1 us. The estimates depend only on the statement.
         """
-        n, (by_velocity, by_place, _) = len(self.statement.coordinates), self._energies
+        n, by_velocity, by_place = len(self.statement.coordinates), self.terms.by_velocity, self.terms.by_place
         column, copies = n // 2, 2 + PERTURBED_COPIES
         # Each central difference takes two values. The entry that is displaced last changes alone in one of them.
         momenta = sum(part.work() + part.work(n + i) for i, part in enumerate(by_velocity))
@@ -160,25 +153,11 @@ class Reference:
             2 * sum(k >= n for k in part.entries) * part.work(n + i)  # 4 values for each entry on one side
             for i, part in enumerate(by_velocity)
         )
-        touched = self.local.touched[column] if self.local else range(n)
+        touched = self.terms.touched[column]
         slopes = sum(8 * by_velocity[i].work(column) + 4 * by_place[i].work(column) for i in touched)
         base = 3 * momenta + forces + constraints
         along = base + 10 * momenta + 2 * (forces + constraints)
         return copies * (base + mass), copies * (slopes + 2 * constraints), copies * along
-
-    def _with_floor(self, slopes: ReferenceEntries, accelerations: ReferenceEntries, extent: float) -> ReferenceEntries:
-        """Return the entries `slopes` of the Jacobian of the accelerations, with a lower bound on their sizes.
-
-        The size of an entry is the scale of its rounding error. Its bound is the size of the acceleration / `extent`,
-        the size of the state. Second derivatives of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at
-        x = 1e3 has a gradient of 1 and a slope of 1e-9, which any formula computes as a difference of numbers of 1e-3.
-        The sizes of the operations in V do not show it. A wrong slope is still found: its error exceeds 1e-12 of this
-        bound.
-        """
-        n = len(accelerations.size)
-        floors = [size / extent for size in accelerations.size]
-        sizes = [max(size, floors[k % n]) for k, size in enumerate(slopes.size)]
-        return ReferenceEntries(slopes.value, slopes.error, sizes)
 
     @property
     def switches(self) -> tuple[Any, ...]:
@@ -198,303 +177,267 @@ class Reference:
             outcomes += ways
         return outcomes
 
-    def _perturbed(self, k: int, point: SamplePoint, steps: DifferenceSteps, columns: Columns) -> dict[str, Row]:
+    def _perturbed(
+        self, k: int, point: SamplePoint, steps: DifferenceSteps, columns: Columns, parameters: Mapping[Any, Any]
+    ) -> dict[str, Row]:
         """Return all quantities, computed by the perturbed copy number `k` of the programs."""
         draw = random.Random(k)
         factors: dict[tuple[str, int], Any] = {}
-        parameters = self._parameters(point)
+        unit, noise = self.number(PERTURBATION), self.number(VALUE_NOISE)
 
         def nudge(name: str, index: int) -> Any:
             if (name, index) not in factors:
-                factors[name, index] = 1 + self.number(PERTURBATION) * draw.choice((-1, 1)) * draw.uniform(0.5, 1.0)
+                factors[name, index] = 1 + unit * draw.choice((-1, 1)) * draw.uniform(0.5, 1.0)
             return factors[name, index]
 
-        def noisy(tape: Precise, plain: Precise) -> laws.StateFunction:
+        def noisy(copy: Precise, program: Precise) -> laws.StateFunction:
             # Differencing magnifies the rounding of L itself, which is the only content of an entry that is zero by
             # structure. Noise ten times as large makes the size of such an entry larger than that rounding.
-            exact, off = (f(point.q, point.v, point.t, parameters) for f in (plain, tape.about))
-            unit, noise = self.number(PERTURBATION), self.number(VALUE_NOISE)
+            exact, off = (f(point.q, point.v, point.t, parameters) for f in (program, copy.about))
             amplitudes = [noise * max(abs(a), abs(b - a) / unit) for a, b in zip(exact, off, strict=True)]
 
             def values(q: Sequence[Any], v: Sequence[Any], t: Any) -> Numbers:
-                pairs = zip(tape(q, v, t, parameters), amplitudes, strict=True)
+                pairs = zip(copy(q, v, t, parameters), amplitudes, strict=True)
                 return [x + amplitude * draw.uniform(-1.0, 1.0) for x, amplitude in pairs]
 
             return values
 
-        sample = self._samples[k]
-        sample.loads.about(point.q, point.v, point.t, parameters)
-        scalars = [
-            _each(zip(tapes, plain, strict=True), lambda tape, exact: _last(noisy(tape, exact)))
-            for tapes, plain in zip(sample.energies, self._energies, strict=True)
-        ]
-        if self.local:
-            pairs = zip(sample.drag, self.local.dissipation, strict=True)
-            drag = [_last(noisy(tape, exact)) for tape, exact in pairs] if self.statement.dissipation != 0 else []
-        else:
-            drag = [_last(noisy(sample.loads, self.loads))] * len(point.q)
-        whole = _last(noisy(sample.lagrangian, self.lagrangian)) if self.local else scalars[1][0]
-        sources = self._sources(whole, scalars, sample.loads, drag, parameters, nudge)
-        constraints = [noisy(tape, self.held) for tape in sample.held]
-        stated = StatedConstraints(constraints[0], constraints[1], self.holonomic, nudge)
-        return self._laws(sources, stated, point, steps, columns)
+        self._samples[k].loads.about(point.q, point.v, point.t, parameters)
+        functions = self._functions(self._samples[k], noisy, nudge, parameters)
+        return _Differences(self, *functions, point, steps, columns).quantities()
 
-    def _plain(self, point: SamplePoint) -> tuple[Sources, StatedConstraints]:
-        parameters = self._parameters(point)
-
-        def exact(tape: Precise) -> laws.StateFunction:
-            return lambda q, v, t: tape(q, v, t, parameters)
-
-        scalars = [[_last(exact(tape)) for tape in tapes] for tapes in self._energies]
-        whole = _last(exact(self.lagrangian))
-        drag = [_last(exact(tape)) for tape in (self.local.dissipation if self.local else [self.loads] * len(point.q))]
-        sources = self._sources(whole, scalars, self.loads, drag, parameters, laws.exactly)
-        return sources, StatedConstraints.alike(exact(self.held), self.holonomic)
-
-    def _sources(
+    def _functions(
         self,
-        lagrangian: laws.StateFunction,
-        energies: Sequence[Sequence[laws.StateFunction]],
-        loads: Precise,
-        dissipation: Sequence[laws.StateFunction],
-        parameters: Mapping[Any, Any],
+        programs: _Programs,
+        values: Callable[[Precise, Precise], laws.StateFunction],
         nudge: laws.Nudge,
-    ) -> Sources:
-        for_momenta, for_forces, for_mass = energies
-        n, local = len(for_momenta), self.local
-        still = [self.number(0)] * n
-        return Sources(
-            lagrangian=lagrangian,
-            for_momenta=for_momenta.__getitem__,
-            for_forces=for_forces.__getitem__,
-            for_mass=for_mass.__getitem__,
-            forces=(lambda q, v, t: loads(q, v, t, parameters)[:-1]) if self._loaded else (lambda q, v, t: still),
-            dissipation=dissipation.__getitem__ if self.statement.dissipation != 0 else None,
-            nudge=nudge,
-            read=lambda i: local.by_velocity[i].entries if local else range(len(self.statement.state_names)),
-            touched=local.touched.__getitem__ if local else (lambda j: range(n)),
-        )
+        parameters: Mapping[Any, Any],
+    ) -> tuple[Sources, StatedConstraints]:
+        """Return L, Q and D, and the constraints, as functions of (q, v, t) that `programs` compute.
 
-    def _parameters(self, point: SamplePoint) -> dict[Any, Any]:
-        return {p: self.number(x) for p, x in point.parameters.items()}
+        `values` returns the function for a program, whose second argument is the same program without random factors.
+        """
+        plain, terms, loads = self._programs, self.terms, programs.loads
+        still = [self.number(0)] * len(self.statement.coordinates)
+
+        def scalars(row: Sequence[Precise], plain_row: Sequence[Precise]) -> Callable[[int], laws.StateFunction]:
+            functions = _each(zip(row, plain_row, strict=True), values)
+            return lambda i: lambda q, v, t: functions[i](q, v, t)[-1]
+
+        for_momenta, for_forces, for_mass = map(scalars, programs.energies, plain.energies)
+        sources = Sources(
+            lagrangian=scalars([programs.lagrangian], [plain.lagrangian])(0),
+            for_momenta=for_momenta,
+            for_forces=for_forces,
+            for_mass=for_mass,
+            applied=(lambda q, v, t: loads(q, v, t, parameters)[:-1])
+            if any(force != 0 for force in self.statement.forces)
+            else (lambda q, v, t: still),
+            dissipation=scalars(programs.drag, plain.drag) if self.statement.dissipation != 0 else None,
+            nudge=nudge,
+            read=terms.read.__getitem__,
+            touched=terms.touched.__getitem__,
+        )
+        for_gradient, for_rates = map(values, programs.held, plain.held)
+        return sources, StatedConstraints(for_gradient, for_rates, self.holonomic, nudge)
 
     def _steps(self, point: SamplePoint) -> DifferenceSteps:
-        step = self.number(DIFFERENCE_STEP)
-        least = [(part, self.number(max(map(abs, part)))) for part in (point.q, point.v)]
-        sizes_q, sizes_v = (
-            [max(abs(x), largest * (LEAST_STEP_SIZE if x else ZERO_SIZE)) or self.number(1) for x in part]
-            for part, largest in least
-        )
-        # Along the motion a step must change no argument by more than its own step: in SI units a second is nothing
-        # During the time step no coordinate may change by more than its own step. A step in proportion
-        # to t alone would be too short for a planet in SI units: differences would lose all digits.
-        times = [size / abs(x) for size, x in zip(sizes_q, point.v, strict=True) if x]
-        if self.lagrangian.uses_time or self.held.uses_time or not times:
-            times.append(abs(self.number(point.t)) or self.number(1))
-        return DifferenceSteps([step * x for x in sizes_q], [step * x for x in sizes_v], step * min(times))
+        q, v, t, step = point.q, point.v, self.number(point.t), self.number(DIFFERENCE_STEP)
+        largest = [self.number(max(map(abs, part))) for part in (q, v)]
+        sizes = [
+            [max(abs(x), most * (LEAST_STEP_SIZE if x else ZERO_SIZE)) or self.number(1) for x in part]
+            for part, most in zip((q, v), largest, strict=True)
+        ]
+        timed = self.lagrangian.uses_time or self.held.uses_time
+        return DifferenceSteps.at(q, v, t, step, timed=timed, sizes=sizes)
 
-    def _laws(
+
+class _Differences:
+    """All quantities at one point, from functions of (q, v, t) by differences with given steps.
+
+    `source` has L, Q and D. `columns` are the indices of the columns of the Jacobian to compute, or a direction.
+    `relations` are the equations dp/dt - f = 0 of the coordinates without inertia, as constraints on velocities.
+    """
+
+    def __init__(
         self,
+        reference: Reference,
         source: Sources,
         constraints: StatedConstraints,
         point: SamplePoint,
         steps: DifferenceSteps,
         columns: Columns,
-    ) -> dict[str, Row]:
-        """Return all quantities at a point by name, each as {index: entry}; zeros of matrices may be left out.
+    ) -> None:
+        self.first_order, self.settled, self.number = reference.first_order, reference.settled, reference.number
+        self.source, self.constraints, self.steps, self.columns = source, constraints, steps, columns
+        self.q, self.v = [list(map(self.number, x)) for x in (point.q, point.v)]
+        self.t, self.n = self.number(point.t), len(point.q)
+        self.still = [self.number(0)] * self.n
 
-        `source` has L, Q and D. `columns` are the indices of the columns of the Jacobian to compute, or a direction.
-        """
-        q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
-        t, n, zero, nudge = self.number(point.t), len(point.q), self.number(0), source.nudge
-        still, lagrangian = [zero] * n, source.lagrangian(q, v, t)
-        p, f = laws.momenta(source, q, v, t, steps), laws.forces(source, q, v, t, steps)
-        mass, product = self._inertia(source, (q, v, t), steps, columns)
-        rate = laws.momentum_rate(source, q, v, still, t, steps)
+        def relations(q: Sequence[Any], v: Sequence[Any], t: Any) -> Numbers:
+            residuals = source.residual(list(q), list(v), t, steps, self.still)
+            return [residuals[i] for i in self.first_order]
+
+        self.relations = StatedConstraints(relations, relations, (False,) * len(self.first_order), source.nudge)
+
+    def quantities(self) -> dict[str, Row]:
+        """Return all quantities by name, each as {index: entry}; zeros of matrices may be left out."""
+        source, constraints, nudge, n = self.source, self.constraints, self.source.nudge, self.n
+        q, v, t, steps = here = self.q, self.v, self.t, self.steps
+        lagrangian = source.lagrangian(q, v, t)
+        p, f = source.momenta(*here), source.forces(*here)
+        mass, product = self.inertia()
+        rate = source.momentum_rate(*here, self.still)
         bias = [nudge("force", i) * x - nudge("rate", i) * y for i, (x, y) in enumerate(zip(f, rate, strict=True))]
-        slopes = gradient(constraints, q, v, t, steps) if self.holonomic else []
-        held_bias = acceleration_level(constraints, q, v, still, t, steps) if self.holonomic else []
-        energy = abs(lagrangian) + sum(abs(x * y) for x, y in zip(p, v, strict=True))
-        if not isinstance(columns, Direction):
-            mass = self._without_noise(mass, energy, steps)
-        matrix, right = bordered(mass, slopes), [*bias, *(-x for x in held_bias)]
-        relations = self._relations(source, steps)
-
-        velocities = self._settled(relations, t, steps, q, v)
+        held = bool(constraints.holonomic)
+        slopes = constraints.gradient(*here) if held else []
+        held_bias = constraints.acceleration_level(*here, self.still) if held else []
+        if not isinstance(self.columns, Direction):
+            # Entries that are only rounding of L would be pivots without a correct digit.
+            noise = self.number(MASS_NOISE) * (abs(lagrangian) + sum(abs(x * y) for x, y in zip(p, v, strict=True)))
+            mass = [
+                {j: x for j, x in row.items() if abs(x) * a * steps.v[j] > noise}
+                for row, a in zip(mass, steps.v, strict=True)
+            ]
+        matrix, right = laws.bordered(mass, slopes), [*bias, *(-x for x in held_bias)]
+        velocities = self.settled_velocities(q, v)
         if self.settled:
-            right[:n] = [-x for x in laws.residual(source, q, velocities, still, t, steps)]
-        for i, (row, change) in self._first_order_rows(relations, q, velocities, t, steps).items():
-            matrix[i], right[i] = row, -change
-        solve = self._solver(matrix, nudge)
+            right[:n] = [-x for x in source.residual(q, velocities, t, steps, self.still)]
+        if self.first_order:
+            # The time derivative of the equation of a coordinate without inertia is g a + c = 0.
+            constants = self.relations.acceleration_level(q, velocities, t, steps, self.still)
+            gradients = self.relations.gradient(q, velocities, t, steps)
+            for i, row, constant in zip(self.first_order, gradients, constants, strict=True):
+                matrix[i], right[i] = dict(enumerate(row)), -constant
+        solve = self.solver(matrix)
         solved = solve(dict(enumerate(right)))
-        if isinstance(columns, Direction):
-            trial = [solved.get(i, zero) for i in range(n)]
-            for i, change in self._correction(source, (q, velocities, t), trial, mass, steps).items():
-                right[i] += change
+        if isinstance(self.columns, Direction):
+            # M may be wrong: the solution is corrected by the error of M a, where dp/dt gives the right value.
+            a = [solved.get(i, 0) for i in range(n)]
+            start, moving = (source.momentum_rate(q, velocities, t, steps, x) for x in (self.still, a))
+            for i in set(range(n)).difference(self.first_order):
+                right[i] += sum(x * a[j] for j, x in mass[i].items()) - (moving[i] - start[i])
             solved = solve(dict(enumerate(right)))
-        a, multipliers = [solved.get(i, zero) for i in range(n)], [-solved.get(i, zero) for i in range(n, len(matrix))]
-
-        jacobians = self._slopes(source, constraints, relations, (q, v, t), (a, multipliers), steps, columns, solve)
+        a, multipliers = [solved.get(i, 0) for i in range(n)], [-solved.get(i, 0) for i in range(n, len(matrix))]
         entries = {
             "lagrangian": [lagrangian],
             "momenta": p,
             "forces": f,
             "mass_matrix": product,
             "bias": bias,
-            "energy": [laws.energy(source, v, p, lagrangian)],
             "accelerations": a,
             "velocities": velocities,
-            **jacobians,
+            **self.slopes(a, multipliers, solve),
+            "energy": [source.energy(v, p, lagrangian)],
         }
-        if self.holonomic:
-            positions = constraints.chosen(constraints.for_rates(q, v, t), [0] * len(self.holonomic))
-            entries["constraints"] = [*positions, *velocity_level(constraints, q, v, t, steps)]
-            entries |= _of_gradient(slopes, multipliers, nudge) | {"constraint_bias": held_bias}
+        if held:
+            entries |= self.of_constraints(slopes, multipliers) | {"constraint_bias": held_bias}
         return {name: part if isinstance(part, dict) else dict(enumerate(part)) for name, part in entries.items()}
 
-    def _correction(
-        self,
-        source: Sources,
-        state: tuple[Numbers, Numbers, Any],
-        trial: Numbers,
-        mass: Sequence[Row],
-        steps: DifferenceSteps,
-    ) -> Row:
-        """Return the errors {row: M a - (dp/dt at a, less dp/dt at zero)} of a mass matrix M that may be wrong.
-
-        `trial` are the accelerations a, and `state` is (q, v, t). Rows of coordinates without inertia are left out.
-        """
-        (q, v, t), still = state, [self.number(0)] * len(trial)
-        start, moving = (laws.momentum_rate(source, q, v, a, t, steps) for a in (still, trial))
+    def of_constraints(self, slopes: Sequence[Numbers], multipliers: Numbers) -> dict[str, Numbers]:
+        """Return the constraints, their gradient, multipliers and forces; `slopes` are the rows of the gradient."""
+        constraints, here = self.constraints, (self.q, self.v, self.t, self.steps)
+        positions = constraints.chosen(constraints.for_rates(*here[:3]), [0] * len(multipliers))
+        rates, nudge = constraints.velocity_level(*here), self.source.nudge
+        exerted = laws.reactions(slopes, [x * nudge("exerted", i) for i, x in enumerate(multipliers)])
         return {
-            i: sum(x * trial[j] for j, x in row.items()) - (moving[i] - start[i])
-            for i, row in enumerate(mass)
-            if i not in self.first_order
+            "constraints": [*positions, *rates],
+            "constraint_gradient": list(chain.from_iterable(slopes)),
+            "multipliers": multipliers,
+            "constraint_forces": list(chain.from_iterable(exerted)),
         }
 
-    def _slopes(
-        self,
-        source: Sources,
-        constraints: StatedConstraints,
-        relations: StatedConstraints,
-        state: tuple[Numbers, Numbers, Any],
-        motion: tuple[Numbers, Numbers],
-        steps: DifferenceSteps,
-        columns: Columns,
-        solve: Callable[[Row], Row],
-    ) -> dict[str, Row]:
-        """Return the derivatives of dq/dt and of the accelerations by entries of the state, by name.
+    def slopes(self, a: Numbers, multipliers: Numbers, solve: Callable[[Row], Row]) -> dict[str, Row]:
+        """Return the derivatives of dq/dt and of the accelerations along each direction of `columns`, by name.
 
-        `columns` has the indices of these entries in (q, v), or is a direction. `state` is (q, v, t), `motion` has the
-        accelerations and the multipliers there. `solve` solves the linear system for accelerations.
+        `a` and `multipliers` are the accelerations and multipliers at the point. `solve` solves the linear system for
+        accelerations.
         """
-        (q, v, t), (a, multipliers), n, zero = state, motion, len(state[0]), self.number(0)
-        settled = partial(self._settled, relations, t, steps)
-        whole = bool(self.first_order) or isinstance(columns, Direction)
+        here, steps = (self.q, self.v, self.t, self.steps), self.steps
+        source, constraints, columns, n = self.source, self.constraints, self.columns, self.n
+        whole, held = bool(self.first_order) or isinstance(columns, Direction), bool(constraints.holonomic)
 
         def further(q: Any, v: Any, t: Any) -> Any:
             """Return [dp/dt - f - G^T lambda, G a + gamma], or without dp/dt - f if it is differentiated below."""
-            free, v = [zero] * n, settled(q, v)
+            free, v = self.still, self.settled_velocities(q, v)
             if whole:
-                free = laws.residual(source, q, v, a, t, steps)
-                rates = acceleration_level(relations, q, v, a, t, steps)
+                free = source.residual(q, v, t, steps, a)
+                rates = self.relations.acceleration_level(q, v, t, steps, a)
                 for i, rate in zip(self.first_order, rates, strict=True):
                     free[i] = rate
-            if not self.holonomic:
+            if not held:
                 return np.array(free)
-            exerted = reactions(gradient(constraints, q, v, t, steps), multipliers)
+            exerted = laws.reactions(constraints.gradient(q, v, t, steps), multipliers)
             balance = [x - sum(column) for x, column in zip(free, zip(*exerted, strict=True), strict=True)]
-            return np.array([*balance, *acceleration_level(constraints, q, v, a, t, steps)])
+            return np.array([*balance, *constraints.acceleration_level(q, v, t, steps, a)])
 
         if isinstance(columns, Direction):
-            derivatives = [partial(laws.slope_along, q=q, v=v, t=t, steps=steps, direction=columns.weights)]
-            slopes: list[Row] = [{}]
+            directions: list[dict[int, Any]] = [dict(enumerate(columns.weights))]
         else:
-            derivatives = [partial(laws.slope, q=q, v=v, t=t, steps=steps, j=j) for j in columns]
-            slopes = [{} for _ in columns]
-            if not self.first_order:
-                slopes = laws.residual_slopes(source, q, v, a, t, steps, columns)
-        if whole or self.holonomic:
-            for row, derivative in zip(slopes, derivatives, strict=True):
-                for i, change in enumerate(derivative(further)):
+            directions = [{j: 1} for j in columns]
+        slopes: list[Row] = [{} for _ in directions]
+        if not isinstance(columns, Direction) and not whole:
+            slopes = source.residual_slopes(*here, a, columns)
+        if whole or held:
+            for row, direction in zip(slopes, directions, strict=True):
+                for i, change in enumerate(laws.slope(further, *here, direction)):
                     row[i] = row.get(i, 0) + change
-        moving = [derivative(lambda q, v, t: np.array(settled(q, v))) for derivative in derivatives]
-        jacobian = map(solve, slopes)
+        moving = [
+            laws.slope(lambda q, v, t: np.array(self.settled_velocities(q, v)), *here, direction)
+            for direction in directions
+        ]
         return {
             "velocity_jacobian": {k * n + i: x for k, column in enumerate(moving) for i, x in enumerate(column) if x},
-            "jacobian": {k * n + i: -x for k, column in enumerate(jacobian) for i, x in column.items() if i < n},
+            "jacobian": {
+                k * n + i: -x for k, column in enumerate(map(solve, slopes)) for i, x in column.items() if i < n
+            },
         }
 
-    def _inertia(
-        self, source: Sources, state: tuple[Numbers, Numbers, Any], steps: DifferenceSteps, columns: Columns
-    ) -> tuple[list[Row], Row]:
+    def inertia(self) -> tuple[list[Row], Row]:
         """Return the rows of the mass matrix M, and its entries, flattened, or its product with a direction.
 
-        With a direction, M is the compiled matrix `columns.mass`, and the product is computed from the stated energies.
-        `state` is (q, v, t).
+        With a direction, M is the compiled matrix, and the product is computed from the stated energies.
         """
-        (q, v, t), n = state, len(state[0])
+        here, n, columns = (self.q, self.v, self.t, self.steps), self.n, self.columns
         if isinstance(columns, Direction):
             given = [{int(j): self.number(row[j]) for j in np.flatnonzero(row)} for row in columns.mass]
-            direction = [0] * n + list(columns.weights[n:])
-            copied = replace(source, for_momenta=source.for_mass)
-            change = laws.slope_along(
-                lambda q, v, t: np.array(laws.momenta(copied, q, v, t, steps)), q, v, t, steps, direction
-            )
+            direction = dict(enumerate(columns.weights[n:], n))
+            copied = replace(self.source, for_momenta=self.source.for_mass)
+            change = laws.slope(lambda q, v, t: np.array(copied.momenta(q, v, t, self.steps)), *here, direction)
             return given, dict(enumerate(change))
-        mass = laws.mass_matrix(source, q, v, t, steps)
+        mass = self.source.mass_matrix(*here)
         return mass, {i * n + j: x for i, row in enumerate(mass) for j, x in row.items()}
 
-    def _relations(self, source: Sources, steps: DifferenceSteps) -> StatedConstraints:
-        """Return the equations dp/dt - f = 0 of the coordinates without inertia, as constraints on velocities."""
-
-        def values(q: Sequence[Any], v: Sequence[Any], t: Any) -> Numbers:
-            still = [self.number(0)] * len(q)
-            residuals = laws.residual(source, list(q), list(v), still, t, steps)
-            return [residuals[i] for i in self.first_order]
-
-        return StatedConstraints(values, values, (False,) * len(self.first_order), source.nudge)
-
-    def _first_order_rows(
-        self, relations: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps
-    ) -> dict[int, tuple[Row, Any]]:
-        """Return {index of a coordinate without inertia: (g, c)}: its equation, differentiated, is g a + c = 0.
-
-        a are all accelerations, and g is a row {index: entry}. `relations` are the equations of these coordinates
-        before they are differentiated in time.
-        """
-        if not self.first_order:
-            return {}
-        rates = acceleration_level(relations, q, v, [self.number(0)] * len(q), t, steps)
-        rows = map(dict, map(enumerate, gradient(relations, q, v, t, steps)))
-        return dict(zip(self.first_order, zip(rows, rates, strict=True), strict=True))
-
-    def _settled(self, relations: StatedConstraints, t: Any, steps: DifferenceSteps, q: Numbers, v: Numbers) -> Numbers:
+    def settled_velocities(self, q: Numbers, v: Numbers) -> Numbers:
         """Return the velocities v. If `self.settled`, those of coordinates without inertia are computed.
 
-        They are the solutions of the first-order equations of these coordinates, `relations`.
+        They are the solutions of the first-order equations of these coordinates.
         """
         if not self.settled:
             return v
-        rows = [[row[i] for i in self.first_order] for row in gradient(relations, q, v, t, steps)]
-        off = velocity_level(relations, q, v, t, steps)
+        rows = [[row[i] for i in self.first_order] for row in self.relations.gradient(q, v, self.t, self.steps)]
+        off = self.relations.velocity_level(q, v, self.t, self.steps)
         corrections = dict(zip(self.first_order, laws.solve_dense(rows, off, SINGULAR), strict=True))
         return [x - corrections.get(i, 0) for i, x in enumerate(v)]
 
-    def _solver(self, matrix: Sequence[Row], nudge: laws.Nudge) -> Callable[[Row], Row]:
+    def solver(self, matrix: Sequence[Row]) -> Callable[[Row], Row]:
         """Return a function from a right-hand side to the solution of the linear system with this `matrix`.
 
-        The system is scaled so that it does not depend on units. `nudge` gives the factors close to 1 that imitate
-        rounding.
+        The system is scaled so that it does not depend on units. A symmetric matrix is changed as rounding errors in
+        its factorization would change it.
         """
-        scales = laws.balance(matrix, len(matrix) - len(self.holonomic))
+        scales, nudge = laws.balance(matrix, self.n), self.source.nudge
 
         def balanced(row: Row, scale: Any) -> Row:
             return {j: x * scale * scales[j] for j, x in row.items()}
 
         rows = list(map(balanced, matrix, scales))
-        factored = rows if nudge is laws.exactly or self.first_order else self._as_factored(rows, nudge)
-        solution = laws.factorized(factored, SINGULAR)
+        if nudge is not laws.exactly and not self.first_order:
+            for i, row in enumerate(laws.factorization_sizes(rows, len(matrix) - self.n)):
+                for j in sorted(j for j, size in row.items() if j <= i and size):
+                    change = row[j] * (nudge("factor", i * len(matrix) + j) - 1)
+                    rows[i][j] = rows[j][i] = rows[i].get(j, 0) + change
+        solution = laws.factorized(rows, SINGULAR)
 
         def solve(right: Row) -> Row:
             scaled = {i: x * scales[i] for i, x in right.items()}
@@ -502,51 +445,13 @@ class Reference:
 
         return solve
 
-    def _without_noise(self, mass: Sequence[Row], energy: Any, steps: DifferenceSteps) -> list[Row]:
-        """Return M without entries that are only rounding of L: they would be pivots without a correct digit."""
-        noise = self.number(MASS_NOISE) * energy
-        return [
-            {j: x for j, x in row.items() if abs(x) * a * steps.v[j] > noise}
-            for row, a in zip(mass, steps.v, strict=True)
-        ]
-
-    def _as_factored(self, matrix: Sequence[Row], nudge: laws.Nudge) -> list[Row]:
-        """Return a symmetric matrix, changed as rounding errors in its factorization would change it.
-
-        `nudge` gives the factors close to 1 that imitate rounding.
-        """
-        sizes = laws.factorization_sizes(matrix, len(self.holonomic))
-        off = [dict(row) for row in matrix]
-        for i, row in enumerate(sizes):
-            for j in sorted(j for j, size in row.items() if j <= i and size):
-                change = row[j] * (nudge("factor", i * len(matrix) + j) - 1)
-                off[i][j] = off[j][i] = off[i].get(j, 0) + change
-        return off
-
-
-def _of_gradient(slopes: Sequence[Numbers], multipliers: Numbers, nudge: laws.Nudge) -> dict[str, Numbers]:
-    """Return the gradient G, the multipliers and the constraint forces by name; `slopes` are the rows of G."""
-    exerted = reactions(slopes, [x * nudge("exerted", i) for i, x in enumerate(multipliers)])
-    return {
-        "constraint_gradient": list(chain.from_iterable(slopes)),
-        "multipliers": multipliers,
-        "constraint_forces": list(chain.from_iterable(exerted)),
-    }
-
-
-def _spread(numbers: Numbers, indices: Sequence[int], length: int) -> Numbers:
-    """Return a list of `length` entries: `numbers` at the given indices, and zeros elsewhere."""
-    whole = [0] * length
-    for index, number in zip(indices, numbers, strict=True):
-        whole[index] = number
-    return whole
-
 
 @dataclass(frozen=True)
-class _Perturbed:
-    """Copies of all programs of a `Reference`, in which each computed number has a random factor close to 1.
+class _Programs:
+    """Programs for L, Q, D and the constraints, or copies in which each computed number has a factor close to 1.
 
-    `energies` has three rows of copies for L: for p, for dL/dq and for M.
+    `energies` has three rows of programs for L: for p, for dL/dq and for M. `held` are the constraints, for the
+    gradient and for time derivatives. The last result of an entry of `drag` is D, or its terms with one velocity.
     """
 
     lagrangian: Precise
@@ -555,20 +460,19 @@ class _Perturbed:
     drag: Sequence[Precise]
     held: tuple[Precise, Precise]
 
-    @classmethod
-    def of(cls, reference: Reference, seed: int) -> _Perturbed:
-        """Return copies of all programs of a `reference`; each has its own random factors."""
+    def perturbed(self, seed: int) -> _Programs:
+        """Return copies of all programs; each has its own random factors."""
 
-        def copies(tapes: Sequence[Precise], seed: int) -> Sequence[Precise]:
-            numbered = ((tape, seed + 6 * PERTURBED_COPIES * i) for i, tape in enumerate(tapes))
-            return _each(numbered, lambda tape, tape_seed: tape.perturbed(PERTURBATION, tape_seed))
+        def copies(programs: Sequence[Precise], seed: int) -> Sequence[Precise]:
+            numbered = ((program, seed + 6 * PERTURBED_COPIES * i) for i, program in enumerate(programs))
+            return _each(numbered, lambda program, own_seed: program.perturbed(PERTURBATION, own_seed))
 
-        return cls(
-            lagrangian=reference.lagrangian.perturbed(PERTURBATION, seed + 1),
-            energies=[copies(tapes, seed + i) for i, tapes in enumerate(reference._energies)],
-            loads=reference.loads.perturbed(PERTURBATION, seed + 3),
-            drag=copies(reference.local.dissipation, seed + 3) if reference.local else (),
-            held=(reference.held.perturbed(PERTURBATION, seed + 4), reference.held.perturbed(PERTURBATION, seed + 5)),
+        return _Programs(
+            lagrangian=self.lagrangian.perturbed(PERTURBATION, seed + 1),
+            energies=[copies(row, seed + i) for i, row in enumerate(self.energies)],
+            loads=self.loads.perturbed(PERTURBATION, seed + 3),
+            drag=copies(self.drag, seed + 3),
+            held=(self.held[0].perturbed(PERTURBATION, seed + 4), self.held[1].perturbed(PERTURBATION, seed + 5)),
         )
 
 
@@ -584,8 +488,3 @@ def _each(pairs: Iterable[tuple[Precise, Any]], make: Callable[[Precise, Any], A
             results[tape] = make(tape, other)
         listed.append(results[tape])
     return listed
-
-
-def _last(values: laws.StateFunction) -> laws.StateFunction:
-    """Return a function of (q, v, t) that returns the last entry of the list `values(q, v, t)`."""
-    return lambda q, v, t: values(q, v, t)[-1]
