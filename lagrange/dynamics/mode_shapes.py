@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import sympy
@@ -52,8 +51,15 @@ def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
         )
     basis = np.array([[number(x, constants).real for x in row] for row in lin.basis.tolist()], dtype=float)
     raw = np.array([[number(x, constants) for x in shape] for shape in modes.shapes]) @ basis.T
-    components = np.array([_real(row) for row in raw])
-    by_symbol = dict(zip(form.q, _place(modes, statement, constants), strict=True))
+    # The real part of each shape, after division by its largest component.
+    largest = [row[int(np.argmax(np.abs(row)))] or 1.0 for row in raw]
+    components = np.array([(row / x).real for row, x in zip(raw, largest, strict=True)])
+    # The coordinates of the equilibrium as numbers.
+    entries = [
+        lin.at.get(q, lin.at.get(name, 0)) for q, name in zip(statement.coordinates, statement.names, strict=True)
+    ]
+    place = [sympy.Float(number(sympy.Integer(0) + x, constants).real, 17) for x in entries]
+    by_symbol = dict(zip(form.q, place, strict=True))
     values = {**constants, **by_symbol, **dict.fromkeys(form.v, sympy.S.Zero)}
     points: dict[str, FloatArray] = {}
     displacements: dict[str, FloatArray] = {}
@@ -74,16 +80,3 @@ def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
         points,
         displacements,
     )
-
-
-def _real(row: FloatArray) -> FloatArray:
-    """Return the real part of a complex shape (n,), after division by its largest component."""
-    largest = row[int(np.argmax(np.abs(row)))]
-    return np.asarray((row / largest).real) if largest else row.real
-
-
-def _place(modes: Modes, statement: Statement, known: Mapping[Any, float]) -> list[sympy.Expr]:
-    """Return the coordinates of the equilibrium, as numbers; `known` has the values of the parameters."""
-    at = modes.linearization.at
-    entries = [at.get(q, at.get(name, 0)) for q, name in zip(statement.coordinates, statement.names, strict=True)]
-    return [sympy.Float(number(sympy.Integer(0) + x, known).real, 17) for x in entries]

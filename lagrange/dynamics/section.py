@@ -166,19 +166,29 @@ def on_level(
     """
     states = np.ascontiguousarray(starts.T)
     a, b, c = _quadratic(model, parameters, states, row)
-    square = np.asarray(b * b - 4 * a * (c - energy))
+    square = b * b - 4 * a * (c - energy)
     scale = b * b + np.abs(4 * a * (np.abs(c) + abs(energy)))
     square = np.where(np.abs(square) <= 1e-15 * scale, 0.0, square)
     outside = ~((a != 0) & (square >= 0))
     if outside.any():
-        raise StatementError(_out_of_reach(model, starts, row, energy, int(np.argmax(outside)), c))
+        names, index = model.statement.state_names, int(np.argmax(outside))
+        entries = enumerate(zip(names, starts[index], strict=True))
+        others = ", ".join(f"{name} = {x:g}" for k, (name, x) in entries if k != row)
+        raise StatementError(
+            f"start {index} with {others} has the energy {c[index]:g} if {names[row]} is zero, so no {names[row]} "
+            f"gives energy = {energy:g}: give a start nearer to rest, or a larger energy."
+        )
     roots = [(-b + side * np.sqrt(square)) / (2 * a) for side in (1.0, -1.0)]
     solutions = [_corrected(model, parameters, states, row, energy, root) for root in roots]
-    larger = np.where((solutions[0][row] >= solutions[1][row]), solutions[0], solutions[1])
-    smaller = np.where((solutions[0][row] >= solutions[1][row]), solutions[1], solutions[0])
+    ordered = solutions[0][row] >= solutions[1][row]
+    larger, smaller = np.where(ordered, *solutions), np.where(ordered, *solutions[::-1])
     if event is None or not event.direction:
         return np.ascontiguousarray(larger.T)
-    rates = [_rate(model, parameters, event, solution) * event.direction for solution in (larger, smaller)]
+    slope, zeros = event.expression.diff(time_symbol), np.zeros(states.shape[1])
+    rates = [
+        model.evaluate_expression(slope, zeros, solution, parameters) * event.direction
+        for solution in (larger, smaller)
+    ]
     return np.ascontiguousarray(np.where((rates[0] > 0) | (rates[1] <= 0), larger, smaller).T)
 
 
@@ -209,21 +219,6 @@ def _corrected(
     result = states.copy()
     result[row] = v
     return result
-
-
-def _rate(model: Model, parameters: FloatArray, event: Event, states: FloatArray) -> FloatArray:
-    return model.evaluate_expression(event.expression.diff(time_symbol), np.zeros(states.shape[1]), states, parameters)
-
-
-def _out_of_reach(model: Model, starts: FloatArray, row: int, energy: float, index: int, rest: FloatArray) -> str:
-    names = model.statement.state_names
-    others = ", ".join(
-        f"{name} = {x:g}" for k, (name, x) in enumerate(zip(names, starts[index], strict=True)) if k != row
-    )
-    return (
-        f"start {index} with {others} has the energy {rest[index]:g} if {names[row]} is zero, so no {names[row]} gives "
-        f"energy = {energy:g}: give a start nearer to rest, or a larger energy."
-    )
 
 
 MOST_SECTION_POINTS = 100_000_000

@@ -34,7 +34,6 @@ from lagrange.evidence.report import (
     computed,
     computed_batch,
     entry_labels,
-    is_finite,
 )
 from lagrange.machine.backend import MissingTargetError
 from lagrange.machine.model import Model, Stated
@@ -151,7 +150,8 @@ class _Session:
         self.ways: set[tuple[Any, int]] = set()
         rows = [*self.quantities.values(), BATCH]
         rows += [TEXTBOOK] if self.textbook else []
-        rows += [self._other_label()] if other is not None else []
+        self.other_label = "" if other is None else f"{other.target} against {model.target}"
+        rows += [self.other_label] if other is not None else []
         self.comparison = Comparison(self.statement.names, rows)
 
     def _counts(self, *, limited: bool) -> tuple[int, int]:
@@ -284,7 +284,7 @@ class _Session:
         self, model: Model, point: SamplePoint, entries: Mapping[str, ReferenceEntries], columns: Columns
     ) -> None:
         for name, part in entries.items():
-            row = self.quantities[name] if model is self.model else self._other_label()
+            row = self.quantities[name] if model is self.model else self.other_label
             labels = entry_labels(name, self.statement, columns)
             self.comparison.add(row, labels, computed(model, name, point, columns), part)
 
@@ -306,7 +306,7 @@ class _Session:
         except OutsideDomain as reason:
             self.comparison.start(point, 0)
             (value,) = computed(self.model, "lagrangian", point, [])
-            if is_finite(value):
+            if math.isfinite(value):
                 self.comparison.report_unexplained(f"L has no value ({reason}), but the compiled L is {value:.17g}")
 
     def _ways_at(self, point: SamplePoint) -> set[tuple[Any, int]]:
@@ -316,9 +316,6 @@ class _Session:
     def _missing(self) -> list[tuple[Any, int]]:
         every = dict.fromkeys((switch, way) for switch in self.reference.switches for way in all_ways(switch))
         return [pair for pair in every if pair not in self.ways]
-
-    def _other_label(self) -> str:
-        return f"{self.other.target} against {self.model.target}" if self.other is not None else ""
 
 
 class SolvedTextbook:

@@ -167,14 +167,6 @@ def _decided(parts: Sequence[Any], *, verdict: bool) -> Any:
     return next((part for part in parts if not isinstance(part, bool)), not verdict)
 
 
-def _either(condition: Any, then: Any, otherwise: Any) -> Any:
-    """Return the value of SymPy's ITE: `then` if the condition is true, else `otherwise`.
-
-    A condition without a value is returned itself. SymPy makes an ITE for a Max inside a Max.
-    """
-    return condition if not isinstance(condition, bool) else then if condition else otherwise
-
-
 BOOLEAN: dict[Any, Operation] = {
     sympy.StrictLessThan: libmp.mpf_lt,
     sympy.LessThan: libmp.mpf_le,
@@ -185,7 +177,8 @@ BOOLEAN: dict[Any, Operation] = {
     sympy.And: lambda *parts: _decided(parts, verdict=False),
     sympy.Or: lambda *parts: _decided(parts, verdict=True),
     sympy.Not: lambda part: not part if isinstance(part, bool) else part,
-    sympy.ITE: _either,
+    # SymPy makes an ITE for a Max inside a Max. A condition without a value is the result itself.
+    sympy.ITE: lambda condition, a, b: condition if not isinstance(condition, bool) else a if condition else b,
 }
 
 

@@ -276,11 +276,6 @@ def relative_error(off: Any, size: Any, uncertainty: Any) -> Any:
     return off / (size + (10 * uncertainty + TINY_ERROR) / LIMIT)
 
 
-def is_finite(value: Any) -> bool:
-    """Return True if a Python, NumPy or mpmath number is finite."""
-    return math.isfinite(value) if isinstance(value, float) else bool(abs(value) < math.inf)
-
-
 def entry_labels(name: str, statement: Statement, columns: Columns) -> list[str]:
     """Return the names of the entries of the quantity `name`, in the order of the array from `computed`.
 

@@ -27,7 +27,6 @@ from lagrange.mechanics.symmetries import (
     place,
     rotations,
     shifts,
-    untaken,
 )
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
 from lagrange.statement.display import ShownAsPage
@@ -41,44 +40,30 @@ from lagrange.trajectory.trajectory import FloatArray
 
 
 def runge_lenz(stated: StatedAlgebra, body: BodyPosition) -> Iterator[tuple[str, MonomialSum]]:
-    """Yield (name, component) of the Runge-Lenz vector of a body in a potential k/|r| alone; else nothing."""
-    statement = stated.statement
+    """Yield (name, component) of the Runge-Lenz vector of a body in a potential k/|r| alone; else nothing.
+
+    It is p x l - mass k r/|r|, where p is the momentum and l the angular momentum. p x l is mass^2 (r v^2 - v (r . v)).
+    """
+    statement, algebra = stated.statement, stated.algebra
     if statement.constraints or any(statement.forces) or statement.dissipation != 0 or not body.rest:
         return
-    algebra, moving = stated.algebra, frozenset((*stated.q, *stated.v, stated.time))
-    for distance in _distances(stated, body):
+    square = algebra.merge_angles(algebra.read(sum((x**2 for x in body.r), S.Zero)))
+    if not any(algebra.free(k) & frozenset(stated.q) for monomial in square for k, _ in monomial):
+        return
+    # The forms in which the distance |r| may occur in L: a coordinate that equals it, or a square root.
+    root = sqrt(algebra.write(square))
+    distances = [*(q for q in stated.q if square == algebra.read(q**2)), root, differentiable(root)]
+    moving, r, v = frozenset((*stated.q, *stated.v, stated.time)), Matrix(body.r), Matrix(body.v)
+    for distance in distances:
         # L = mass |v|^2 / 2 + k/|r| if the other terms times |r| are a constant, k.
         constant = algebra.merge_angles(algebra.multiply(body.rest, algebra.read(distance)))
-        if not any(algebra.free(k) & moving for monomial in constant for k, _ in monomial):
-            yield from _components(stated, body, algebra.write(constant), distance)
-            return
-
-
-def _distances(stated: StatedAlgebra, position: BodyPosition) -> list[Any]:
-    """Return the forms in which the distance |r| may occur in L: a coordinate that equals it, or a square root.
-
-    The list is empty if |r| does not depend on the coordinates.
-    """
-    square = stated.algebra.merge_angles(stated.algebra.read(sum((x**2 for x in position.r), S.Zero)))
-    if not any(stated.algebra.free(k) & frozenset(stated.q) for monomial in square for k, _ in monomial):
-        return []
-    root = sqrt(stated.algebra.write(square))
-    alone = [q for q in stated.q if square == stated.algebra.read(q**2)]
-    return [*alone, root, differentiable(root)]
-
-
-def _components(
-    stated: StatedAlgebra, body: BodyPosition, k_of_force: Any, length_of_r: Any
-) -> Iterator[tuple[str, MonomialSum]]:
-    """Yield (name, component) of p x l - mass k r/|r|, where p is the momentum and l the angular momentum.
-
-    p x l is mass^2 (r v^2 - v (r . v)). `k_of_force` is k in L = T + k/|r|, and `length_of_r` is |r|.
-    """
-    r, v = Matrix(body.r), Matrix(body.v)
-    square, along = v.dot(v), r.dot(v)
-    for k, axis in enumerate("xyz"[: len(body.r)]):
-        whole = body.mass**2 * (r[k] * square - v[k] * along) - body.mass * k_of_force * r[k] / length_of_r
-        yield f"Runge-Lenz vector {axis}", stated.algebra.merge_angles(stated.algebra.read(whole))
+        if any(algebra.free(k) & moving for monomial in constant for k, _ in monomial):
+            continue
+        for k, axis in enumerate("xyz"[: len(body.r)]):
+            whole = body.mass**2 * (r[k] * v.dot(v) - v[k] * r.dot(v))
+            whole -= body.mass * algebra.write(constant) * r[k] / distance
+            yield f"Runge-Lenz vector {axis}", algebra.merge_angles(algebra.read(whole))
+        return
 
 
 MOST_SEARCHED = 24
@@ -136,7 +121,8 @@ def _proven_quantities(model: Model) -> Iterator[Conserved]:
     yield from _momenta_of_turns(equation, stated, read)
     for proven in _symmetries(model, equation, body):
         symmetry, name = oriented(stated, proven, body, structure.energy_name)
-        taken.append(untaken(name, taken))
+        numbered = [name, *(f"{name} ({k})" for k in range(2, len(taken) + 2))]
+        taken.append(next(candidate for candidate in numbered if candidate not in taken))
         yield Conserved(
             taken[-1],
             stated.show(equation.quantity(symmetry)),

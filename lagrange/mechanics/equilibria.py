@@ -446,7 +446,11 @@ def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]
     _, tilt, spin = main.symbols
     solutions, exact = problem.solutions()
     known = statement.defaults
-    regular = {main.key(x, known): x for x in solutions if tilt in x and not _is_small(factor(x[tilt]), known)}
+    regular = {}
+    for x in solutions:
+        # At a pole the factor is zero, or only rounding.
+        if tilt in x and not abs(number(factor(x[tilt]), known)) < 1e-9 and simplest(factor(x[tilt])) != 0:
+            regular[main.key(x, known)] = x
     if len(regular) > MOST_PLACES:
         raise StatementError(problem.too_many(len(regular)))
     records = [(main, problem.record(values, exact=exact)) for values in regular.values()]
@@ -457,20 +461,15 @@ def _turns(statement: Statement, axis: int, rate: Any, others: Mapping[Any, Any]
             records.append((polar, polar_problem.record({**at_pole, **values}, exact=True, axial=symmetric)))
     if not records:
         raise StatementError(problem.none_found(symbolic=exact))
-    free = main.is_free and len(problem.unknowns) == 2
-    turns = [angles.in_quaternion(_of_free_body(record, known) if free else record) for angles, record in records]
+    turns = []
+    for angles, record in records:
+        # The angular momentum of a free body is constant in space, and the energy at this momentum bounds its motion.
+        free = main.is_free and len(problem.unknowns) == len(record.criterion) == 2
+        if free and record.stable is None and number(record.criterion[1], known).real > 0:
+            reason = "the energy is the largest, or the least, of all attitudes with this angular momentum."
+            record = replace(record, stable=True, reason=reason)
+        turns.append(angles.in_quaternion(record))
     return sorted(turns, key=problem.order)
-
-
-def _of_free_body(record: Equilibrium, values: Mapping[Any, Any]) -> Equilibrium:
-    """Return the record of a steady turn, which is stable at a maximum of the energy, too.
-
-    The angular momentum of a free body is constant in space, and the energy at a given momentum bounds its motion.
-    """
-    if record.stable is None and len(record.criterion) == 2 and number(record.criterion[1], values).real > 0:
-        reason = "the energy is the largest, or the least, of all attitudes with this angular momentum."
-        return replace(record, stable=True, reason=reason)
-    return record
 
 
 def _precessions(
@@ -532,11 +531,6 @@ def _precessions(
         known_tilt = {form.plain[tilt]: sympy.Float(float(stated_tilt))}
         precessions.append(angles.in_quaternion(problem.record(known_tilt, exact=False)))
     return sorted(precessions, key=problem.order)
-
-
-def _is_small(x: Any, values: Mapping[Any, Any]) -> bool:
-    """Return True if an expression is zero, or less than 1e-9 at the `values` of the parameters."""
-    return abs(number(x, values)) < 1e-9 or bool(simplest(x) == 0)
 
 
 def _condition(values: Sequence[Any]) -> Any:

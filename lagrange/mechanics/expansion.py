@@ -222,7 +222,13 @@ def stated_point(
                 f"{table} names {shown(label)}, which is not a coordinate, velocity or input; they are "
                 f"{listing(known)}." + suggestion(label, known)
             )
-        values[rows[key]] = _constant(statement, value, f"the value of {key}")
+        what, survey = f"the value of {key}", Survey()
+        constant = expression(value, what)
+        survey.add(constant, what)
+        if survey.coordinates or survey.velocities:
+            names = listing(name_of(q) for q in survey.coordinates)
+            raise StatementError(f"{what} contains {names}: give numbers, or expressions in parameters.")
+        values[rows[key]] = in_own_parameters(constant, statement.parameters)
     turning = turning and statement.reading is not None
     rotating = (values[velocity_of(q)] != 0 for q in statement.coordinates if rotation_name(q) is not None)
     if not turning and any(rotating):
@@ -246,16 +252,6 @@ def with_lengths(statement: Statement) -> Statement:
         for each in map(rotation_of, statement.rotations)
     )
     return replace(statement, constraints=(*statement.constraints, *lengths), rotations=(), reading=None)
-
-
-def _constant(statement: Statement, argument: Any, what: str) -> Any:
-    """Return a user's expression in parameters alone, named `what`. Raises StatementError if it has coordinates."""
-    value, survey = expression(argument, what), Survey()
-    survey.add(value, what)
-    if survey.coordinates or survey.velocities:
-        names = listing(name_of(q) for q in survey.coordinates)
-        raise StatementError(f"{what} contains {names}: give numbers, or expressions in parameters.")
-    return in_own_parameters(value, statement.parameters)
 
 
 HIGHEST = 8  # Largest order of an expansion: order 8 of a double pendulum's energy takes about 1 s

@@ -137,9 +137,9 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
     if symbolic is not None:
         roots, shapes = symbolic
         _check(roots, lin, values)
-        order = sorted(
-            range(len(roots)), key=lambda i: _sort_key(roots[i].frequency, values or _values_of(lin.M, lin.C, lin.K))
-        )
+        known = values or _values_of(lin.M, lin.C, lin.K)
+        frequencies = [number(root.frequency, known) for root in roots]
+        order = sorted(range(len(roots)), key=lambda i: (abs(frequencies[i].imag), abs(frequencies[i].real)))
         roots, shapes = [roots[i] for i in order], [shapes[i] for i in order]
     elif values is not None:
         roots, shapes = _numbers(lin, values)
@@ -176,11 +176,6 @@ def _values_of(*matrices: Any) -> Mapping[Any, Any]:
     They serve to sort frequencies if parameters have no values.
     """
     return distinct_values(s for matrix in matrices for x in matrix for s in sorted(x.free_symbols, key=str))
-
-
-def _sort_key(frequency: Any, values: Mapping[Any, Any]) -> tuple[float, float]:
-    value = number(frequency, values)
-    return abs(value.imag), abs(value.real)
 
 
 def eigenvalues(lin: Linearization, values: Mapping[Any, Any]) -> Any:
@@ -323,13 +318,13 @@ def _shape(matrix: Any, skipped: int) -> Any:
         if skipped >= len(columns):
             return None
         column = columns[skipped]
-    return (column / next(x for x in column if x != 0)).applyfunc(_shortest)
 
+    def shortest(entry: Any) -> Any:
+        """Return an entry of the shape, simplified and without roots in the denominator."""
+        forms = [sympy.radsimp(entry)] if _brief(entry) else []
+        return min(map(_neat, (*forms, rational_below(sympy.together(entry)))), key=size)
 
-def _shortest(entry: Any) -> Any:
-    """Return an entry of a shape, simplified and without roots in the denominator."""
-    forms = [sympy.radsimp(entry)] if _brief(entry) else []
-    return min(map(_neat, (*forms, rational_below(sympy.together(entry)))), key=size)
+    return (column / next(x for x in column if x != 0)).applyfunc(shortest)
 
 
 def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root], list[Any]]:

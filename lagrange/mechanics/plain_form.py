@@ -7,6 +7,7 @@ import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -315,14 +316,9 @@ class PlainForm:
     def residuals(self) -> tuple[Any, ...]:
         """The equations of motion as n expressions that are zero, without constraint forces."""
         return tuple(
-            self.rate(p) - self.lagrangian.diff(q) - force
+            time_derivative(p, self.plain) - self.lagrangian.diff(q) - force
             for p, q, force in zip(self.momenta, self.q, self.forces, strict=True)
         )
-
-    def rate(self, expression: Any) -> Any:
-        """Return the total time derivative of an expression in q, v and t."""
-        symbols = (*zip(self.q, self.v, strict=True), *zip(self.v, self.a, strict=True))
-        return sympy.Add(expression.diff(t), *(expression.diff(x) * rate for x, rate in symbols))
 
     def read(self, expression: Any) -> Any:
         """Return a stated expression in plain symbols, in a form that SymPy can differentiate."""
@@ -342,6 +338,16 @@ class PlainForm:
         numbers = [*zip(self.q, point.q, strict=True), *zip(self.v, point.v, strict=True)]
         numbers += [*point.parameters.items(), (t, point.t)]
         return {symbol: sympy.Rational(x) for symbol, x in numbers}
+
+
+def time_derivative(expression: Any, plain: Mapping[Any, Any]) -> Any:
+    """Return the total time derivative of an expression in plain symbols and t.
+
+    The values of `plain` are the symbols of each coordinate, its velocity and its acceleration, in this order.
+    """
+    symbols = list(plain.values())
+    rates = [pair for i in range(0, len(symbols), 3) for pair in pairwise(symbols[i : i + 3])]
+    return sympy.Add(expression.diff(t), *(expression.diff(x) * rate for x, rate in rates))
 
 
 def number(expression: Any, values: Mapping[Any, Any]) -> complex:

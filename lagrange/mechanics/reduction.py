@@ -11,7 +11,7 @@ import sympy
 
 from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
-from lagrange.mechanics.plain_form import PlainForm, in_fractions, simplest, vanishes
+from lagrange.mechanics.plain_form import PlainForm, in_fractions, simplest, time_derivative, vanishes
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.expression import TYPED_ROUNDING, check_once, expression, refusing_deep
@@ -114,8 +114,14 @@ def substituted(statement: Statement, replacements: Mapping[Any, Any]) -> Statem
         if name in functions:
             table[functions[name]] = given_function(name, value)
             continue
+        if name in statement.names:
+            raise StatementError(
+                f"{name} is a coordinate: eliminate() solves a constraint for it, transform() states the system in "
+                "other coordinates; substitute() replaces parameters."
+            )
         if name not in by_name:
-            raise StatementError(_no_parameter(name, statement, list(by_name)))
+            known = f"its parameters are {listing(by_name)}." + suggestion(name, by_name) if by_name else "it has none."
+            raise StatementError(f"{name!r} is not a parameter of this system; {known}")
         table[by_name[name]] = _value(by_name[name], value, by_name)
     for function in statement.given:
         motion = motion_of(function)
@@ -125,16 +131,6 @@ def substituted(statement: Statement, replacements: Mapping[Any, Any]) -> Statem
     new = {symbol for value in table.values() for symbol in value.free_symbols} - {*left, t}
     parameters = left | dict.fromkeys(sorted(new, key=str))
     return rewritten(statement, lambda stated: stated.subs(table, simultaneous=True), parameters=parameters)
-
-
-def _no_parameter(name: str, statement: Statement, known: list[str]) -> str:
-    if name in statement.names:
-        return (
-            f"{name} is a coordinate: eliminate() solves a constraint for it, transform() states the system in other "
-            "coordinates; substitute() replaces parameters."
-        )
-    parameters = f"its parameters are {listing(known)}." + suggestion(name, known) if known else "it has none."
-    return f"{name!r} is not a parameter of this system; {parameters}"
 
 
 def _value(parameter: Any, replacement: Any, by_name: Mapping[str, Any]) -> Any:
@@ -226,7 +222,11 @@ def _without(statement: Statement, name: str, replacement: Any) -> Statement:
     q = statement.coordinates[statement.names.index(name)]
     candidates = [c for c in statement.constraints if c.expression.has(q)]
     if replacement is None:
-        constraint, solved = _solved(candidates, name, statement)
+        solutions = ((constraint, _solution(constraint, name, statement)) for constraint in candidates)
+        solution = next((pair for pair in solutions if pair[1] is not None), None)
+        if solution is None:
+            raise StatementError(_refusal(candidates, name, statement))
+        constraint, solved = solution
     else:
         constraint, solved = _checked(candidates, name, replacement, statement)
     for other, force in zip(statement.names, statement.forces, strict=True):
@@ -250,7 +250,7 @@ def _check_initial(statement: Statement, name: str, solved: Any) -> None:
     numbers = {**{plain[symbol]: number for symbol, number in state}, **statement.defaults}
     values = {symbol: sympy.Float(number) for symbol, number in numbers.items()} | {t: sympy.S.Zero}
     derived = {name: (statement.names.index(name), solved)}
-    derived[f"{name}.dot"] = n + derived[name][0], PlainForm(statement).rate(differentiable(solved))
+    derived[f"{name}.dot"] = n + derived[name][0], time_derivative(differentiable(solved), statement.plain)
     for label, (row, known) in derived.items():
         stated, computed = statement.initial[row], printable(known).xreplace(values).evalf()
         if not stated or not computed.is_number:
@@ -262,18 +262,6 @@ def _check_initial(statement: Statement, name: str, solved: Any) -> None:
                 f"there, and {follows} by this expression. Give the expression of the branch that is meant, or other "
                 "initial values."
             )
-
-
-def _solved(constraints: Sequence[Constraint], name: str, statement: Statement) -> tuple[Constraint, Any]:
-    """Return the first constraint that determines the coordinate `name`, and the coordinate's expression.
-
-    Raises StatementError if none does.
-    """
-    for constraint in constraints:
-        solution = _solution(constraint, name, statement)
-        if solution is not None:
-            return constraint, solution
-    raise StatementError(_refusal(constraints, name, statement))
 
 
 def _refusal(constraints: Sequence[Constraint], name: str, statement: Statement) -> str:
@@ -354,7 +342,7 @@ def _substituted(statement: Statement, name: str, constraint: Constraint, solved
     left = [(q, plain[q]) for q in statement.coordinates if q != gone]
     smooth = differentiable(solved)
     slopes = {q: smooth.diff(symbol) for q, symbol in left}
-    rate = PlainForm(statement).rate(differentiable(solved))
+    rate = time_derivative(differentiable(solved), statement.plain)
 
     def back(expr: Any) -> Any:
         return printable(expr).xreplace(stated)

@@ -226,30 +226,23 @@ def _together(equations: Sequence[Any], unknowns: Sequence[Any], known_values: d
     if not all(e.is_polynomial(*present) for e in equations) or len(equations) != len(present):
         raise GivenUpError
     degree = sympy.prod(sympy.Poly(e, *present).total_degree() for e in equations)
-    if degree > HIGHEST_DEGREE or (len(present) == 1 and not _is_binomial(equations[0], present[0])):
+    if degree > HIGHEST_DEGREE:
         raise GivenUpError
+    for factor, _ in sympy.factor_list(equations[0], present[0])[1] if len(present) == 1 else ():
+        # Formulas for real roots contain complex numbers, unless the degree is two, or the factor is a x^n + b.
+        terms = sympy.Poly(factor, present[0]) if factor.has(present[0]) else None
+        if terms is not None and len(terms.terms()) > 2 and terms.degree() > 2:
+            raise GivenUpError
     solutions = []
     for solution in sympy.solve(list(equations), present, dict=True):
-        if len(solution) != len(present) or any(x.has(*present) or _is_tangled(x) for x in solution.values()):
+        if len(solution) != len(present) or any(x.has(*present) for x in solution.values()):
             raise GivenUpError
+        for x in solution.values():
+            # It cannot be decided whether a long value, or one with I, is real.
+            if size(x) > LONGEST_VALUE or (x.has(sympy.I) and not (x.is_number and _is_complex(x))):
+                raise GivenUpError
         solutions.append({**known_values, **{x: sympy.sqrtdenest(simplest(value)) for x, value in solution.items()}})
     return solutions
-
-
-def _is_binomial(equation: Any, x: Any) -> bool:
-    """Return True if each factor of an equation in x has degree at most two, or is a x^n + b.
-
-    Formulas for real roots of other factors contain complex numbers.
-    """
-    factors = [sympy.Poly(factor, x) for factor, _ in sympy.factor_list(equation, x)[1] if factor.has(x)]
-    return all(len(factor.terms()) <= 2 or factor.degree() <= 2 for factor in factors)
-
-
-def _is_tangled(value: Any) -> bool:
-    """Return True if it cannot be decided whether a value is real: it is too long, or contains I."""
-    if size(value) > LONGEST_VALUE:
-        return True
-    return bool(value.has(sympy.I)) and not (value.is_number and _is_complex(value))
 
 
 STARTS = 256  # Number of starting points of a search by number

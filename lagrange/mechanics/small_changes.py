@@ -87,15 +87,14 @@ class AtPoint:
             nodes = substitute([x for row in rows for x in row], self.here)
         except StatementError:  # a pole at the point
             raise self.no_value() from None
-        return sympy.Matrix(len(rows), columns, [self._value(x) for x in nodes])
-
-    def _value(self, node: Node) -> Any:
-        value = self.equations.express(node)
-        if self.point.decimal and not value.is_Integer:
-            value = sympy.Float(float(sympy.N(value, 30))) if value.is_number else sympy.N(value, 17)
-        if value.has(sympy.nan, sympy.zoo, sympy.oo):
-            raise self.no_value()
-        return self.shortener.short(value)
+        values = []
+        for value in map(self.equations.express, nodes):
+            if self.point.decimal and not value.is_Integer:
+                value = sympy.Float(float(sympy.N(value, 30))) if value.is_number else sympy.N(value, 17)
+            if value.has(sympy.nan, sympy.zoo, sympy.oo):
+                raise self.no_value()
+            values.append(self.shortener.short(value))
+        return sympy.Matrix(len(rows), columns, values)
 
     def no_value(self) -> StatementError:
         """Return the error for a point at which a force, a constraint or one of their derivatives has no value."""
@@ -258,7 +257,7 @@ def small_changes(point: StatedPoint) -> SmallChanges:
     residuals = _residuals(at_point, kept.gradient, multipliers)
     turns = (S, S_rate, at_point.turning(accelerations, 0))
     gradients = ((kept.gradient, G.extract(speeds.kept, list(range(n)))), (holonomic, Phi))
-    motion = _tangent(at_point, kept.velocities, gradients, (speeds, positions), turns)
+    motion = TangentMotion(at_point, speeds, positions, kept.velocities, gradients, turns)
     damping, stiffness = (at_point.matrix(at_point.slopes(residuals, x), n) for x in (e.v, e.q))
     C, K = motion.reduced(
         mass,
@@ -273,45 +272,35 @@ def small_changes(point: StatedPoint) -> SmallChanges:
     return SmallChanges(matrices, positions.independent, speeds.independent, unbalanced, rates, carried_by)
 
 
-def _tangent(
-    at_point: AtPoint,
-    levels: Sequence[Node],
-    gradients: Sequence[tuple[Rows, Any]],
-    chosen: tuple[DependentCoordinates, DependentCoordinates],
-    turns: tuple[Any, Any, Any],
-) -> TangentMotion:
-    """Return the small motions that independent constraints allow; `levels` are the constraints on velocities.
-
-    `gradients` are two pairs of nodes and their values at the point: the gradients of `levels` by velocities, and
-    those of holonomic constraints by coordinates. `chosen` are the dependent velocities and the dependent coordinates.
-    `turns` are the matrix S of `AtPoint.turning` and its first two derivatives in time.
-    """
-    join, n, (S, S_rate, S_bend) = at_point.joined, at_point.n, turns
-    slopes = at_point.slopes(levels, at_point.equations.q)
-    (gradient, G), (holonomic, Phi), P = *gradients, at_point.matrix(slopes, n)
-    G_rate, P_rate, Phi_rate = (at_point.matrix(at_point.rates(rows), n) for rows in (gradient, slopes, holonomic))
-    rates = (
-        join((G_rate, S), (G, S_rate)),
-        join((P_rate, S), (P, S_rate), (G_rate, S_rate), (G, S_bend)),
-        join((Phi_rate, S), (Phi, S_rate)),
-    )
-    return TangentMotion(*chosen, join((P, S), (G, S_rate)), rates)
-
-
 class TangentMotion:
     """Small motions x on the constraints: x = B z, x' = N u + L z, x'' = N u' + `turned` u + `bent` z.
 
     z are changes of independent coordinates, and u of independent velocities. B, N, L, `turned` and `bent` are
-    matrices. They follow from gradients of the constraints: `speeds` has those by velocities, G, and chooses the
-    dependent velocities. `positions` has those of holonomic constraints, and chooses the dependent coordinates. `P`
-    has the derivatives of constraints on velocities by coordinates. `rates` are the time derivatives of G, of P and
-    of the gradients of holonomic constraints.
+    matrices. `speeds` and `positions` choose the dependent velocities and the dependent coordinates. `levels` are the
+    constraints on velocities. `gradients` are two pairs of nodes and their values at the point: the gradients of
+    `levels` by velocities, and those of holonomic constraints by coordinates. `turns` are the matrix S of
+    `AtPoint.turning` and its first two derivatives in time.
     """
 
     def __init__(
-        self, speeds: DependentCoordinates, positions: DependentCoordinates, P: Any, rates: tuple[Any, Any, Any]
+        self,
+        at_point: AtPoint,
+        speeds: DependentCoordinates,
+        positions: DependentCoordinates,
+        levels: Sequence[Node],
+        gradients: Sequence[tuple[Rows, Any]],
+        turns: tuple[Any, Any, Any],
     ) -> None:
-        product, (g_rate, p_rate, phi_rate) = speeds.shortener.product, rates
+        join, n, (S, S_rate, S_bend) = at_point.joined, at_point.n, turns
+        slopes = at_point.slopes(levels, at_point.equations.q)
+        (gradient, G), (holonomic, Phi), P_whole = *gradients, at_point.matrix(slopes, n)
+        G_rate, P_rate, Phi_rate = (at_point.matrix(at_point.rates(rows), n) for rows in (gradient, slopes, holonomic))
+        # Derivatives of constraints on velocities by small turns and other coordinates, and time derivatives of G, of
+        # P and of the gradients of holonomic constraints.
+        g_rate = join((G_rate, S), (G, S_rate))
+        p_rate = join((P_rate, S), (P_whole, S_rate), (G_rate, S_rate), (G, S_bend))
+        phi_rate = join((Phi_rate, S), (Phi, S_rate))
+        P, product = join((P_whole, S), (G, S_rate)), speeds.shortener.product
         self.product, self.N, self.B = product, speeds.null_space, positions.null_space
         self.L = speeds.solved(product(P, self.B))
         N_rate, B_rate = speeds.solved(product(g_rate, self.N)), positions.solved(product(phi_rate, self.B))

@@ -65,7 +65,7 @@ def place(stated: StatedAlgebra) -> BodyPosition | None:
     for placing in PLACINGS.get(len(stated.q), ()) if mass is not None else ():
         for order in permutations(range(len(stated.q))):
             r = placing(*(stated.q[i] for i in order))
-            v = tuple(_rate(stated, x) for x in r)
+            v = tuple(sum((diff(x, q) * v for q, v in zip(stated.q, stated.v, strict=True)), S.Zero) for x in r)
             rest = _rest(stated, mass, v)
             if rest is not None:
                 return BodyPosition(mass, r, v, rest)
@@ -97,10 +97,6 @@ def _rest(stated: StatedAlgebra, mass: Any, v: Sequence[Any]) -> MonomialSum | N
         if len(moving) > 1 or any(k not in alone or power != 1 for k, power in moving):
             return None
     return rest
-
-
-def _rate(stated: StatedAlgebra, expression: Any) -> Any:
-    return sum((diff(expression, q) * v for q, v in zip(stated.q, stated.v, strict=True)), S.Zero)
 
 
 AXES = {"xy": ("z", 1), "yz": ("x", 1), "zx": ("y", 1), "yx": ("z", -1), "zy": ("x", -1), "xz": ("y", -1)}
@@ -140,12 +136,6 @@ def _motion(stated: StatedAlgebra, symmetry: Symmetry, body: BodyPosition) -> tu
                 if all(is_identity(stated.algebra, stated.algebra.read(x)) for x in differences):
                     return name, sense
     return None
-
-
-def untaken(name: str, taken: Sequence[str]) -> str:
-    """Return the name; if it is taken, append a number."""
-    names = [name, *(f"{name} ({k})" for k in range(2, len(taken) + 2))]
-    return next(candidate for candidate in names if candidate not in taken)
 
 
 def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:

@@ -27,6 +27,7 @@ from lagrange.mechanics.plain_form import (
     prescribed,
     real,
     simplest,
+    time_derivative,
     vanishes,
 )
 from lagrange.mechanics.reduction import read_with, rewritten, with_origin
@@ -87,20 +88,12 @@ class Transformation:
         """Derivatives (m, n) of the old coordinates by all coordinates of the new statement."""
         return sympy.Matrix([[x.diff(self.plain[q]) for q in self.coordinates] for x in self.old])
 
-    def rate(self, expr: Any) -> Any:
-        """Return the total time derivative of an expression in new coordinates, velocities and t."""
-        terms = [expr.diff(t)]
-        for q in self.coordinates:
-            chain = (self.plain[q], self.plain[velocity_of(q)], self.plain[acceleration_of(q)])
-            terms += [expr.diff(chain[0]) * chain[1], expr.diff(chain[1]) * chain[2]]
-        return sympy.Add(*terms)
-
     @cached_property
     def table(self) -> dict[Any, Any]:
         """Replacement of old coordinates and velocities by expressions in plain symbols of the new ones."""
         replacements = dict(self.plain)
         for q, x in zip(self.replaced, self.old, strict=True):
-            replacements[q], replacements[velocity_of(q)] = x, self.rate(x)
+            replacements[q], replacements[velocity_of(q)] = x, time_derivative(x, self.plain)
         return replacements
 
     def put(self, expr: Any) -> Any:
@@ -190,7 +183,13 @@ def _start(change: Transformation, statement: Statement) -> tuple[float, ...]:
             f"give {example} in the new coordinates."
         )
     q = np.array(statement.initial[:n])
-    q[unknowns] = min(ends, key=lambda end: _preference(end, angles))
+
+    def preference(end: FloatArray) -> tuple[int, float]:
+        """Return a sort key: positive lengths come first, then small values."""
+        negative = sum(x < -START_RESIDUAL for x, angle in zip(end, angles, strict=True) if not angle)
+        return negative, round(float(np.abs(end).sum()), 9) - 1e-10 * float(end.sum() > 0)
+
+    q[unknowns] = min(ends, key=preference)
     point = constants | {x: sympy.Float(value, 30) for x, value in zip(plain, q.tolist(), strict=True)}
     return (*map(float, q), *map(float, _start_velocities(change, statement, rates, point, example)))
 
@@ -206,7 +205,7 @@ def _start_velocities(
     v = np.array(statement.initial[len(statement.coordinates) :])
     unknowns = [statement.coordinates.index(q) for q in change.new]
     still = dict.fromkeys((change.plain[velocity_of(x)] for x in statement.coordinates), sympy.S.Zero)
-    drifts = np.array([real(change.rate(x).xreplace(still), point) for x in change.old])
+    drifts = np.array([real(time_derivative(x, change.plain).xreplace(still), point) for x in change.old])
     slopes = np.array([[real(x, point) for x in row] for row in change.slopes.tolist()])
     rest = rates - drifts - slopes @ v
     v[unknowns] = np.linalg.lstsq(slopes[:, unknowns], rest, rcond=None)[0]
@@ -218,12 +217,6 @@ def _start_velocities(
             f"another initial state, or {example}."
         )
     return v
-
-
-def _preference(solution: FloatArray, is_angle: Sequence[bool]) -> tuple[int, float]:
-    """Return a sort key for initial states in new coordinates: positive lengths first, then small values."""
-    negative = sum(x < -START_RESIDUAL for x, angle in zip(solution, is_angle, strict=True) if not angle)
-    return negative, round(float(np.abs(solution).sum()), 9) - 1e-10 * float(solution.sum() > 0)
 
 
 def _transformation(statement: Statement, expressions: Mapping[Any, Any], positive: Any) -> Transformation:

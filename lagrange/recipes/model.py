@@ -38,23 +38,6 @@ def entries(model: compiled.Model) -> list[str]:
 SYMBOLS = ("SX", "MX")  # CasADi's kinds of symbols: scalars, and matrices
 
 
-def casadi_function(model: compiled.Model, quantity: str, symbols: str, *, status: bool) -> Any:
-    """Return a quantity as a casadi.Function of (t, y, p); `symbols` is "SX" or "MX", the kind of its symbols.
-
-    With `status` there is a second result: 1 if the mass matrix is singular, else 0. Raises StatementError without
-    CasADi.
-    """
-    program = model.interpreted(quantity).program
-    one_of(symbols, SYMBOLS, "{given} is not a kind of CasADi's symbols: they are {known}.")
-    try:
-        import casadi
-    except ImportError as error:
-        raise missing("as_casadi", "pip install casadi", error) from error
-    name = f"{quantity}_checked" if flag(status, "status") else quantity
-    text = load("casadi").LIBRARY.source(program, quantity, entries(model))
-    return defined(text, name, {})(getattr(casadi, symbols))
-
-
 @dataclass(frozen=True, eq=False)
 class JaxFunction:
     """A quantity as a function of time t, state y (2n,) and parameters p, for jax.jit, jax.grad and jax.vmap.
@@ -73,23 +56,6 @@ class JaxFunction:
     def __call__(self, t: Any, y: Any, p: Any) -> Any:
         """Return the quantity at time t, state y and parameters p; NaN throughout if a mass matrix is singular."""
         return self.function(t, y, p)
-
-
-def jax_function(model: compiled.Model, quantity: str) -> JaxFunction:
-    """Return a quantity for JAX. Raises StatementError without JAX, or if JAX is in single precision."""
-    program = model.interpreted(quantity).program
-    try:
-        import jax
-    except ImportError as error:
-        raise missing("as_jax", "pip install jax", error) from error
-    if not jax.config.jax_enable_x64:
-        raise StatementError(
-            "JAX computes in single precision, which has 7 digits: say jax.config.update('jax_enable_x64', True) "
-            "before arrays are made, then model.as_jax()."
-        )
-    text = load("jax").LIBRARY.source(program, quantity, entries(model))
-    function: Any = defined(text, quantity, {})
-    return JaxFunction(function, function.__globals__[f"{quantity}_checked"], text)
 
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
@@ -197,7 +163,19 @@ class Model(compiled.Model):
         `.source` is the code. Raises StatementError without JAX, and where JAX computes in single precision.
         """
         check_without_contacts(self.statement.contacts, "as_jax()")
-        return jax_function(self, quantity)
+        program = self.interpreted(quantity).program
+        try:
+            import jax
+        except ImportError as error:
+            raise missing("as_jax", "pip install jax", error) from error
+        if not jax.config.jax_enable_x64:
+            raise StatementError(
+                "JAX computes in single precision, which has 7 digits: say jax.config.update('jax_enable_x64', True) "
+                "before arrays are made, then model.as_jax()."
+            )
+        text = load("jax").LIBRARY.source(program, quantity, entries(self))
+        function: Any = defined(text, quantity, {})
+        return JaxFunction(function, function.__globals__[f"{quantity}_checked"], text)
 
     def as_casadi(self, quantity: str = "rhs", symbols: str = "SX", *, status: bool = False) -> Any:
         """Return a quantity as a casadi.Function of (t, y, p), made of "SX" or "MX" symbols.
@@ -207,7 +185,15 @@ class Model(compiled.Model):
         elsewhere. Raises StatementError without CasADi.
         """
         check_without_contacts(self.statement.contacts, "as_casadi()")
-        return casadi_function(self, quantity, symbols, status=status)
+        program = self.interpreted(quantity).program
+        one_of(symbols, SYMBOLS, "{given} is not a kind of CasADi's symbols: they are {known}.")
+        try:
+            import casadi
+        except ImportError as error:
+            raise missing("as_casadi", "pip install casadi", error) from error
+        name = f"{quantity}_checked" if flag(status, "status") else quantity
+        text = load("casadi").LIBRARY.source(program, quantity, entries(self))
+        return defined(text, name, {})(getattr(casadi, symbols))
 
     def as_sympy(self, quantity: str = "rhs") -> SympyForm:
         """Return a quantity in plain SymPy symbols, with its common subexpressions, for SymPy's code printers.

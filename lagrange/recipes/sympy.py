@@ -79,16 +79,12 @@ def sympy_form(model: Model, quantity: str) -> SympyForm:
     program = model.interpreted(quantity).program
     parameters = model.statement.parameters
     t, *state = (sympy.Symbol(name, real=True) for name in ("t", *model.layout.names()))
-    writer = _Writer(program, t, state, parameters, _numbered((t, *state, *parameters)))
+    taken = {symbol.name for symbol in (t, *state, *parameters)}
+    symbols = (sympy.Symbol(f"x{i}", real=True) for i in count() if f"x{i}" not in taken)
+    writer = _Writer(program, t, state, parameters, symbols)
     results = tuple(writer.results())
     q, v = model.layout.split(tuple(state))
     return SympyForm(t, q, v, parameters, tuple(writer.replacements), results, program.shape)
-
-
-def _numbered(taken: Sequence[Any]) -> Iterator[Any]:
-    """Yield real symbols x0, x1, ... whose names are not in `taken`."""
-    names = [symbol.name for symbol in taken]
-    return (sympy.Symbol(f"x{i}", real=True) for i in count() if f"x{i}" not in names)
 
 
 def number(value: float) -> Any:

@@ -25,13 +25,13 @@ from lagrange.mechanics.grading.student_equations import (
     HELD,
     EquationRow,
     StudentEquation,
-    along_motion,
     row_of,
     tape,
     values_at,
 )
 from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, UNNAMED, BudgetSpent, Write, check_size
 from lagrange.mechanics.grading.wrong_term import WrongTerm, wrong_term
+from lagrange.mechanics.plain_form import time_derivative
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name
 from lagrange.statement.display import ShownAsPage
 from lagrange.statement.random_states import SamplePoint, Sampler
@@ -192,6 +192,10 @@ class _Case:
         """Return the indices of the equations that do not hold at all samples."""
         return tuple(i for i, row in enumerate(self.rows) if not row.holds(samples))
 
+    def is_unlikely(self, samples: Sequence[MotionSample]) -> bool:
+        """Return True if multipliers that were typed as forces have a negative sum over all samples."""
+        return self.pulling and bool(sum(sum(sample.multipliers) for sample in samples) < 0)
+
 
 @dataclass(frozen=True, repr=False)
 class EquationsComparison(ShownAsPage):
@@ -321,7 +325,7 @@ def _integrated(row: EquationRow) -> EquationRow | None:
     if holonomic != {False} or row.zero.has(*moving):
         return None
     note = f"{equation.label[0].upper()}{equation.label[1:]} is right up to a constant."
-    rate = replace(equation, zero=along_motion(row.zero, statement), right=sympy.S.Zero, note=note)
+    rate = replace(equation, zero=time_derivative(row.zero, statement.plain), right=sympy.S.Zero, note=note)
     return row_of(rate, statement) if rate.zero != 0 else None
 
 
@@ -332,7 +336,7 @@ def _compared(case: _Case, samples: Sequence[MotionSample], untried: Sequence[Wa
     negated = [replace(sample, multipliers=tuple(-x for x in sample.multipliers)) for sample in samples]
     count, slopes = len(statement.names), [list(row.slopes.values()) for row in rows]
     free = not any(any(line[:count]) and any(line[count:]) for line in slopes)  # no equation determines their sign
-    if statement.constraints and free and not (case.pulling and _is_negative(negated)):
+    if statement.constraints and free and not case.is_unlikely(negated):
         choices.append(negated)
     right = next((chosen for chosen in choices if not case.wrong(chosen)), None)
     if right is None:
@@ -488,15 +492,9 @@ def _blamed(case: _Case, choices: Sequence[Sequence[MotionSample]]) -> tuple[tup
         with suppress(BudgetSpent):
             check_size(*row.sides)
             term = wrong_term(row, case.derivation, chosen, case.write)
-        unlikely = case.pulling and _is_negative(chosen)
-        candidates.append((term.cost + (NEGATIVE if unlikely else 0.0), wrong, term))
+        candidates.append((term.cost + (NEGATIVE if case.is_unlikely(chosen) else 0.0), wrong, term))
     _, wrong, term = min(candidates, key=lambda candidate: candidate[0])
     return wrong, term
-
-
-def _is_negative(samples: Sequence[MotionSample]) -> bool:
-    """Return True if the sum of all multipliers of the samples is negative."""
-    return bool(sum(sum(sample.multipliers) for sample in samples) < 0)
 
 
 def _missing(rows: Sequence[EquationRow], samples: Sequence[MotionSample], *, doubted: bool) -> str:

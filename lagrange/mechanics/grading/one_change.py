@@ -28,7 +28,6 @@ from lagrange.mechanics.grading.student_equations import (
     DIGITS,
     EquationRow,
     abbreviations,
-    along_motion,
     unknowns_of,
 )
 from lagrange.mechanics.grading.term_difference import (
@@ -40,6 +39,7 @@ from lagrange.mechanics.grading.term_difference import (
     expanded,
     scaled_by,
 )
+from lagrange.mechanics.plain_form import time_derivative
 from lagrange.statement.coordinate import constraint_of
 
 MOST_FACTORS = 26  # Largest number of different factors whose powers a change may contain: 6,000 pairs of powers
@@ -216,7 +216,7 @@ class _Search:
         # The typed sums, and the terms that come from a typed d/dt(...)
         typed = (*row.equation.terms, (), ())[:2]
         self.sums = [total for side in (0, 1) for total in _sums(side, row.sides[side], typed[side])]
-        rates = [along_motion(row.in_full(p), row.statement) for p in row.equation.differentiated]
+        rates = [time_derivative(row.in_full(p), row.statement.plain) for p in row.equation.differentiated]
         derived = {term for rate in rates for term in sympy.Add.make_args(rate)}
         self.derived = {sign * term for term in derived for sign in (1, -1)}.difference(*typed)
 
@@ -434,14 +434,14 @@ class _Search:
             return OF_SOLVED
         if opposite == 0:
             return 0.0
-        has_rates = self._has_only_rates(containing)
-        if has_rates != self._has_only_rates(opposite) and has_rates == missing.has(*self.unknowns):
+        # Sides of which each term has an acceleration or a multiplier, or is of a typed derivative.
+        has_rates, other_has = (
+            all(term.has(*self.unknowns) or term in self.derived for term in sympy.Add.make_args(side))
+            for side in (containing, opposite)
+        )
+        if has_rates != other_has and has_rates == missing.has(*self.unknowns):
             return 0.0
         return OF_RATE * (1 + total.side) / 2
-
-    def _has_only_rates(self, side: Any) -> bool:
-        """Return True if each term of a side has an acceleration or a multiplier, or is of a typed derivative."""
-        return all(term.has(*self.unknowns) or term in self.derived for term in sympy.Add.make_args(side))
 
     def has_unlikely_factor(self, row: EquationRow) -> bool:
         """Return True if the equation `row` is a right one times an unlikely factor, such as 3 m.
@@ -457,7 +457,11 @@ class _Search:
             masses = [sample.mass[i] for sample in self.samples]
             if all(mass[i] for mass in masses):
                 factors = [line[i] / mass[i] for line, mass in zip(slopes, masses, strict=True)]
-                if all(map(_is_multiple, slopes, masses, factors)):
+                residuals = [
+                    max(abs(slope - factor * entry) for slope, entry in zip(line, mass, strict=False))
+                    for line, mass, factor in zip(slopes, masses, factors, strict=True)
+                ]
+                if all(x <= CLOSE * max(map(abs, line)) for x, line in zip(residuals, slopes, strict=True)):
                     numbers = sorted((cost, abs(number)) for cost, number, _ in self.multiples(factors))
                     return not numbers or numbers[0][1] != 1
         return False
@@ -482,15 +486,6 @@ def _sums_below(term: Any) -> set[Any]:
     """Return the sums that are factors in the denominator of a product."""
     powers = (factor for factor in sympy.Mul.make_args(term) if factor.is_Pow and factor.base.is_Add)
     return {power.base for power in powers if power.exp.is_negative}
-
-
-def _is_multiple(slopes: Numbers, mass: Numbers, factor: Any) -> bool:
-    """Return True if coefficients of accelerations are `factor` times a row of the mass matrix.
-
-    `slopes` are these coefficients, followed by those of the multipliers.
-    """
-    residuals = [slope - factor * entry for slope, entry in zip(slopes[: len(mass)], mass, strict=True)]
-    return bool(max(map(abs, residuals)) <= CLOSE * max(map(abs, slopes)))
 
 
 def _root(first: Any, second: Any, third: Any) -> Any:

@@ -17,11 +17,11 @@ from lagrange.mechanics.grading.student_equations import (
     EquationRow,
     StudentEquation,
     abbreviations,
-    along_motion,
     row_of,
     unknowns_of,
 )
 from lagrange.mechanics.grading.term_difference import BudgetSpent, Write, check_budget, check_size, is_spent
+from lagrange.mechanics.plain_form import time_derivative
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from lagrange.statement.typed.names import RATES
@@ -188,7 +188,7 @@ def wrong_definition(rows: Sequence[EquationRow], samples: Sequence[MotionSample
                 return ""
             table = {symbol: variant}
             for lower, rate in pairwise((symbol, *rates)):
-                table[rate] = along_motion(table[lower], statement)
+                table[rate] = time_derivative(table[lower], statement.plain)
             at_sample = {changed: x.xreplace(numbers) for changed, x in table.items()}
             if any(abs(sympy.N(residual.xreplace(at_sample))) > CLOSE for residual in residuals):
                 continue

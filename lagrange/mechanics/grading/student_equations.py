@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import accumulate, pairwise
+from itertools import accumulate
 from typing import Any
 
 import sympy
@@ -130,21 +130,15 @@ class _EquationReader:
         words = {canonical(word) for word in WORD.findall(text)}
         reader, letters = TypedReader(self.names, self.others), [letter for letter in self.spellings if letter in words]
         if self.force and not letters:
-            letters = self._letters_of_force(words, reader.unknown(text, what))
+            # Letters that are unknown words come before letters at an end of such words, as in 2T, and these before
+            # other usual letters.
+            unknown, free = reader.unknown(text, what), [x for x in FORCES if x not in map(canonical, self.names)]
+            whole = [letter for letter in free if letter in unknown]
+            parts = [x for x in free if any(word.startswith(x) or word.endswith(x) for word in unknown)]
+            letters = whole or parts or [letter for letter in USUAL if letter in words and letter in free]
             letters = letters if len(letters) == 1 else []
             reader = TypedReader(self.names, self.others | dict.fromkeys(letters, self.force))
         return reader, {self.names[self.spellings.get(letter, self.force)]: sympy.Symbol(letter) for letter in letters}
-
-    def _letters_of_force(self, words: Collection[str], unknown: Collection[str]) -> list[str]:
-        """Return the letters that may denote the force of the only constraint in a text.
-
-        `words` are all words of the text, and `unknown` those that are not symbols of the system. Letters that are
-        unknown words come before letters at an end of such words, as in 2T, and these before other usual letters.
-        """
-        free = [letter for letter in FORCES if letter not in map(canonical, self.names)]
-        whole = [letter for letter in free if letter in unknown]
-        parts = [letter for letter in free if any(word.startswith(letter) or word.endswith(letter) for word in unknown)]
-        return whole or parts or [letter for letter in USUAL if letter in words and letter in free]
 
     def likely(self, answer: str, read: Callable[[_EquationReader], list[StudentEquation]]) -> list[StudentEquation]:
         """Return the equations that `read` reads with this reader, or else with one of `_with_usual_rates`.
@@ -421,13 +415,6 @@ class EquationRow:
                     return False
                 tried = True
         return tried
-
-
-def along_motion(expression: Any, statement: Statement) -> Any:
-    """Return the time derivative along the motion of an expression in coordinates, velocities and time."""
-    plain = list(statement.plain.values())
-    pairs = [(x, rate) for i in range(0, len(plain), 3) for x, rate in pairwise(plain[i : i + 3])]
-    return sympy.Add(sympy.diff(expression, t), *(sympy.diff(expression, x) * rate for x, rate in pairs))
 
 
 def unknowns_of(statement: Statement) -> list[Any]:

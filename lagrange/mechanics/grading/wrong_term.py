@@ -21,7 +21,6 @@ from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample
 from lagrange.mechanics.grading.one_change import Change, evaluated, one_change
 from lagrange.mechanics.grading.student_equations import (
     EquationRow,
-    along_motion,
     rate_symbols,
     tape,
     values_at,
@@ -35,7 +34,7 @@ from lagrange.mechanics.grading.term_difference import (
     same,
     summands,
 )
-from lagrange.mechanics.plain_form import simplest
+from lagrange.mechanics.plain_form import simplest, time_derivative
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name, t
 from lagrange.statement.statement import Statement
 
@@ -233,8 +232,8 @@ def _right_terms(derivation: Derivation) -> list[Any]:
     statement = derivation.statement
     rates = rate_symbols(statement)
     zeros = [constraint.expression.xreplace(statement.plain) for constraint in statement.constraints]
-    zeros += [along_motion(zero, statement) for zero in zeros]
-    zeros += [along_motion(zero, statement) for zero in zeros[len(statement.constraints) :]]
+    zeros += [time_derivative(zero, statement.plain) for zero in zeros]
+    zeros += [time_derivative(zero, statement.plain) for zero in zeros[len(statement.constraints) :]]
     with suppress(StatementError):
         laws = [(law.lhs - law.rhs).xreplace(rates).xreplace(statement.plain) for law in derivation.equations]
         zeros = laws + zeros + [entry.xreplace(statement.plain) for entry in derivation.mass_matrix]
@@ -354,7 +353,7 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
             p /= sympy.Mul(*(q for q in p.args if q in statement.parameters and not typed.has(q)))
         for constant, sign in product(_constants(row.in_full(typed) / p, statement), (1, -1)):
             expected = sympy.Mul(constant, p) if p.is_Mul else constant * p
-            change = sign * along_motion(expected - row.in_full(typed), statement)
+            change = sign * time_derivative(expected - row.in_full(typed), statement.plain)
             if row.with_zero(row.zero + change).holds(samples):
                 sentence = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
                 return f"{_place_of(name, row)} {sentence}"
@@ -382,7 +381,7 @@ def _wrong_term_of_momentum(row: EquationRow, samples: Sequence[MotionSample], w
         terms = sorted(typed.args if typed.is_Add else (), key=lambda term: term.has(*velocities))
         for term, ratio, sign in product(terms, ratios, (1, -1)):
             right = term / sympy.Rational(ratio)
-            change = sign * along_motion(row.in_full(right - term), row.statement)
+            change = sign * time_derivative(row.in_full(right - term), row.statement.plain)
             if row.with_zero(row.zero + change).holds(samples):
                 difference = Difference("scaled", term, right, ratio).told(sympy.S.One, write)
                 return f"{_place_of('', row)}, in d/dt({write(typed)}), {difference}"
