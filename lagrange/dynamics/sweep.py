@@ -105,11 +105,7 @@ def sweep(
     check_room((len(values), len(base), count + dropped, model.layout.size))
     arrays = [with_value(runs, index, value) for value in values.tolist()]
     scale = time_scale(model, base, runs.parameters, statement.run.t_end)
-    if definition is not None:
-        sections = [section_of(definition, model, array) for array in arrays]
-    else:
-        tables = (dict(zip(statement.parameters, array.tolist(), strict=True)) for array in arrays)
-        sections = [driving_period(statement, table) for table in tables]
+    sections = [_section(runs, definition, array) for array in arrays]
     event = sections[0] if isinstance(sections[0], Event) else None
     states = np.full((len(values), len(base), count, model.layout.size), np.nan)
     statuses: list[tuple[Status, ...]] = []
@@ -152,6 +148,13 @@ def with_value(runs: Runs, index: int, value: float) -> FloatArray:
     array = runs.parameters.copy()
     array[index] = value
     return runs.model.parameter_array(array)
+
+
+def _section(runs: Runs, definition: Any, parameters: FloatArray) -> Event | float:
+    if definition is not None:
+        return section_of(definition, runs.model, parameters)
+    values = dict(zip(runs.model.statement.parameters, parameters.tolist(), strict=True))
+    return driving_period(runs.model.statement, values)
 
 
 def _next(orbit: Crossings, start: FloatArray, passed: Event | float, statement: Statement) -> tuple[float, FloatArray]:
