@@ -43,7 +43,7 @@ def test_right_and_wrong_equations(tmp_path: Path, capsys: pytest.CaptureFixture
         (b"PK\x03\x04\0\0theta", "the file is not plain text; it may be a document of a word processor."),
         (b"%PDF-1.4\n\xe2", "the file is not plain text; it may be a document of a word processor."),
         ("theta'' = 0\x1b[2J", "the file is not plain text; it may be a document of a word processor."),
-        ("x" * 1_000_001, "the file has more than 1000000 bytes, the most for equations."),
+        ("x" * 1_000_001, "the file has more than 1000000 bytes, too many for equations: give a shorter file."),
     ],
 )
 def test_what_cannot_be_read_is_a_wrong_request(
@@ -60,7 +60,9 @@ def test_answers_of_any_usual_encoding_are_read(encoding: str, tmp_path: Path) -
 
 def test_a_name_too_long_for_a_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["grade", "pendulum", "x" * 5000]) == 2
-    assert "the file cannot be read (File name too long)." in " ".join(capsys.readouterr().err.split())
+    assert "the file cannot be read (File name too long): check its name and its permissions." in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 def test_a_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
@@ -109,4 +111,6 @@ def test_tables_are_for_folders_that_have_answers(tmp_path: Path, capsys: pytest
     assert main(["grade", "pendulum", str(tmp_path)]) == 2
     assert f"{tmp_path}: the folder has no files." in " ".join(capsys.readouterr().err.split())
     assert graded(tmp_path, RIGHT, "--out", str(tmp_path / "table.csv")) == 2
-    assert "a table is written for a folder of answers only." in " ".join(capsys.readouterr().err.split())
+    assert "a table is written only for a folder of answers: leave --out out, or give a folder." in " ".join(
+        capsys.readouterr().err.split()
+    )

@@ -48,7 +48,9 @@ def grade(request: argparse.Namespace) -> Answer:
     """
     if request.out is not None:
         if not _is_folder(request.file):
-            raise StatementError("--out: a table is written for a folder of answers only.")
+            raise StatementError(
+                "--out: a table is written only for a folder of answers: leave --out out, or give a folder."
+            )
         check_place(Path(request.out))
     system = load_scene(request)
     if _is_folder(request.file):
@@ -125,10 +127,14 @@ def _text(path: Path) -> str:
         if not path.is_file():
             raise StatementError("there is no such file. Give a text file with equations, or a folder of such files.")
         if path.stat().st_size > LARGEST_FILE:
-            raise StatementError(f"the file has more than {LARGEST_FILE} bytes, the most for equations.")
+            raise StatementError(
+                f"the file has more than {LARGEST_FILE} bytes, too many for equations: give a shorter file."
+            )
         data = path.read_bytes()
     except OSError as error:
-        raise StatementError(f"the file cannot be read ({error.strerror}).") from None
+        raise StatementError(
+            f"the file cannot be read ({error.strerror}): check its name and its permissions."
+        ) from None
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     for encoding in ("utf-16",) if wide else ("utf-8-sig", "cp1252"):
         with suppress(UnicodeDecodeError):

@@ -153,7 +153,7 @@ def add_ensemble(commands: Any) -> None:
     command.add_argument("--style", choices=("light", "dark"), default="light", help="colours (default: light)")
     command.add_argument("--workers", metavar="N", help="threads (default: one for each core)")
     command.add_argument(
-        "--progress", action="store_true", help="write progress as lines where standard error is no terminal"
+        "--progress", action="store_true", help="write progress as lines if standard error is not a terminal"
     )
     add_start(command)
     add_method(command)

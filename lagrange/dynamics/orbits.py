@@ -243,7 +243,7 @@ class Separatrix:
 def separatrices_of(
     runs: Runs, window: PlaneWindow, equilibria: Sequence[FixedPoint], number: int, exits: Sequence[Event]
 ) -> list[Separatrix]:
-    """Return the four branches of the saddle `equilibria[number]`; none if it is no saddle, or out of the window.
+    """Return the four branches of the saddle `equilibria[number]`; none if it is not a saddle, or out of the window.
 
     A branch ends at an event of `exits`, at an equilibrium, or after the longest time.
     """

@@ -452,7 +452,7 @@ def _constant(node: Any, prec: int) -> Any:
     if node in _NAMED:
         return _NAMED[node](prec)
     if node.is_number:
-        # A Piecewise ignores it, for example sqrt(-1), in a branch that is not selected.
+        # The exception is returned, not raised: a Piecewise ignores it in a branch that is not selected.
         return OutsideDomain(f"{node} is not a finite real number")
     raise OutsideDomain(
         f"{node} has no value here: it is not a coordinate, velocity, parameter or number of this system"

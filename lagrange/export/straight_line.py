@@ -348,7 +348,7 @@ def checked(program: Program, divisors: Program) -> Program:
     """Return a program with one more result, which is true if a divisor is zero and a result is not finite.
 
     The program `divisors` computes the matrix entries by which formulas of the accelerations divide. A zero divisor
-    alone is no error, because a simplified formula may not contain it.
+    alone is not an error, because a simplified formula may not contain it.
     """
     code: dict[Instruction, int] = {}
     tables: tuple[list[int], list[int]] = ([], [])

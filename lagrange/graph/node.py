@@ -122,7 +122,9 @@ def exact(value: Exact | float) -> Exact:
     if isinstance(value, int):
         return value
     if isinstance(value, float) and not math.isfinite(value):
-        raise StatementError(f"the expression contains {value}, which is not a finite number.")
+        raise StatementError(
+            f"the expression contains {value}, which is not a finite number: look for a division by zero."
+        )
     fraction = Fraction(value)
     return fraction.numerator if fraction.denominator == 1 else fraction
 
@@ -416,9 +418,11 @@ def _square_of(node: Node, name: str) -> Node | None:
 
 def _constant_power(base: Exact, exponent: int) -> Exact:
     if base == 0 and exponent < 0:
-        raise StatementError("the expression divides by zero.")
+        raise StatementError("the expression divides by zero: look for a denominator that is zero.")
     if abs(exponent) > LARGEST_POWER and abs(base) != 1 and base != 0:
-        raise StatementError(f"the constant {base}**{exponent} is out of range of floating-point numbers.")
+        raise StatementError(
+            f"the constant {base}**{exponent} is out of range of floating-point numbers: choose other units."
+        )
     return exact(Fraction(base) ** exponent)
 
 

@@ -149,9 +149,9 @@ class _Problem:
             if i not in self.free:
                 name, steady = statement.names[i], listing(statement.names[k] for k in self.free)
                 raise StatementError(
-                    f"rates gives {name} a steady velocity, but energies or constraints depend on {name}, or a force "
-                    f"acts along it, so its momentum may change: linearize({{{name}.dot: w}}) tells of a rate w "
-                    "whether it is steady" + (f", or give rates of {steady}." if self.free else ".")
+                    f"the argument rates has a steady velocity of {name}, but energies or constraints depend on "
+                    f"{name}, or a force acts along it, so its momentum may change: linearize({{{name}.dot: w}}) tells "
+                    "whether the rate w is steady" + (f", or give rates of {steady}." if self.free else ".")
                 )
         return {form.v[i]: in_fractions(point.q[i]) for i in named}
 
@@ -399,7 +399,7 @@ def _steady_rotations(
     if len(statement.rotations) > 1 or statement.reading is None:
         raise StatementError(
             f"steady rotations are found for one rotation alone: {statement.name} has {listing(statement.rotations)}, "
-            "or an entry of a quaternion in an expression. linearize(at=...) says of one motion whether it is steady."
+            "or an entry of a quaternion in an expression. linearize(at=...) tells whether a motion is steady."
         )
     rotation = rotation_of(statement.rotations[0])
     rates = [(vector, k, x) for vector, row in turning.items() for k, x in enumerate(row) if x is not None]
@@ -407,9 +407,9 @@ def _steady_rotations(
     name = rotation.name
     if len(rates) != 1 or bool(attitudes) != (rates[0][0] == rotation.body):
         raise StatementError(
-            f"rates gives {name} no steady motion: give {{{name}.space[2]: w}} for turns about the axis z of space, or "
-            f"{{{name}: attitude, {name}.body[2]: w}} for the precessions of a body that is symmetric about its axis z."
-            " linearize(at=...) says of one motion whether it is steady."
+            f"the argument rates has no steady motion of {name}: give {{{name}.space[2]: w}} for turns about the axis "
+            f"z of space, or {{{name}: attitude, {name}.body[2]: w}} for the precessions of a body that is symmetric "
+            "about its axis z. linearize(at=...) tells whether a motion is steady."
         )
     ((_, axis, rate),) = rates
     if attitudes:

@@ -82,13 +82,14 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
         if values is None:
             return Verdict(
                 None,
-                "states of first order have no energy; eigenvalues decide, and they need values of the parameters.",
+                "states of first order have no energy, so eigenvalues decide on stability: give values of all "
+                "parameters.",
             )
         rates = numeric(lin.A, values)  # of d/dt x = A x
         if np.iscomplexobj(rates) or not np.isfinite(rates).all():
             return Verdict(None, NO_POINT)
         return _verdict_of_eigenvalues(np.linalg.eigvals(rates)) or Verdict(
-            None, "eigenvalues on the imaginary axis decide nothing."
+            None, "eigenvalues on the imaginary axis do not decide on stability."
         )
     if not has_inertia(lin):
         return Verdict(
@@ -97,7 +98,7 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
     constraints = form.statement.constraints
     carried = any(not constraint.holonomic for constraint in constraints) or (bool(constraints) and any(point.v))
     if values is None and carried:  # K is not the curvature of an energy
-        return Verdict(None, "with these constraints eigenvalues decide, and they need values of the parameters.")
+        return Verdict(None, "with these constraints eigenvalues decide on stability: give values of all parameters.")
     if values is None:
         return _symbolic_verdict(lin, form, gone, axial=axial)
     parts = [numeric(x, values) for x in (lin.M, lin.C, lin.K)]
@@ -134,11 +135,14 @@ def _symbolic_verdict(lin: Linearization, form: PlainForm, ignorable_rows: tuple
     """
     minors = criterion(lin, ignorable_rows, axial=axial)
     if any(minor.is_negative for minor in minors[:-1]):
-        return Verdict(None, "the energy has no minimum there, and eigenvalues need values of the parameters.")
+        return Verdict(
+            None, "the energy has no minimum there, so eigenvalues decide on stability: give values of all parameters."
+        )
     if any(minor.is_nonpositive for minor in minors[:-1]) or (minors and minors[-1].is_zero):
         return Verdict(
             None,
-            "the energy has no strict minimum to second order there, and eigenvalues need values of the parameters.",
+            "the energy has no strict minimum to second order there, so eigenvalues decide on stability: give values "
+            "of all parameters.",
         )
     if minors and _is_definite(lin.M) and all(map(is_zero, lin.K - lin.K.T)):
         if minors[-1].is_negative:
@@ -149,9 +153,9 @@ def _symbolic_verdict(lin: Linearization, form: PlainForm, ignorable_rows: tuple
             drag = lin.C + lin.C.T
             if (drag.is_zero_matrix or _is_definite(drag)) and has_energy(form):
                 return Verdict(stable=True, reason="the energy has a strict minimum there.")
-            return Verdict(None, "the energy has a strict minimum there, but it may be that forces feed energy in.")
+            return Verdict(None, "the energy has a strict minimum there, but forces may feed energy in.")
     return Verdict(
-        None, f"that depends on the parameters: the energy has a minimum if {listing(map(str, minors))} > 0."
+        None, f"stability depends on the parameters: the energy has a minimum if {listing(map(str, minors))} > 0."
     )
 
 
@@ -280,11 +284,12 @@ def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool
         )
     if minimum and symmetric:
         return Verdict(
-            stable=None, reason="eigenvalues on the imaginary axis decide nothing, and forces may feed energy in."
+            stable=None,
+            reason="eigenvalues on the imaginary axis do not decide on stability, and forces may feed energy in.",
         )
     return Verdict(
         stable=None,
-        reason="eigenvalues on the imaginary axis decide nothing, and the energy has no strict minimum "
+        reason="eigenvalues on the imaginary axis do not decide on stability, and the energy has no strict minimum "
         "to second order.",
     )
 

@@ -217,7 +217,7 @@ def _working() -> Iterator[None]:
         if isinstance(error, (BrokenExecutor, CancelledError)) or type(error).__module__.startswith("distributed."):
             raise RunError(
                 f"the executor failed ({str(error) or type(error).__name__}): it was closed, or a process of it was "
-                "ended or ran out of memory, or the program that made its processes does so without "
+                "ended or ran out of memory, or the main program starts processes outside of "
                 f"`if __name__ == '__main__':`. {GOES_ON}"
             ) from error
         raise

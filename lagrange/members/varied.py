@@ -142,7 +142,8 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
     members = whole_number(count, "count, the number of members,", 1, MOST_NUMBERS // len(entries))
     if method == "sobol" and len(entries) > MOST_DIMENSIONS:
         raise StatementError(
-            f'ranges has {len(entries)} entries, and Sobol\'s sequence has {MOST_DIMENSIONS}: give method="latin".'
+            f"ranges has {len(entries)} entries, but Sobol's sequence has at most {MOST_DIMENSIONS}: give "
+            "method='latin'."
         )
     generator = np.random.default_rng(start)
     if method == "sobol":

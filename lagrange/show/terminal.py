@@ -20,7 +20,7 @@ def duration(seconds: float) -> str:
 LEAST_WIDTH = 40
 """Width of a terminal in columns below which lines are not wrapped, because wrapping would not help."""
 
-USUAL_WIDTH = 100  # Width in columns of tables for an output that is no terminal
+USUAL_WIDTH = 100  # Width in columns of tables for an output that is not a terminal
 _FIRST_COLUMN = re.compile(r"\s*\S+(?: \S+)*\s{2,}")  # Matches the first column of a table row
 
 

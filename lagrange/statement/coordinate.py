@@ -95,7 +95,9 @@ def check_symbol(name: str, what: str) -> str:
     if not meaning and keyword.iskeyword(name):
         meaning = "a reserved word of Python"
     if meaning:
-        raise StatementError(f"{name!r} cannot name a {what}, it is {meaning}: choose another name, such as {name}_1.")
+        raise StatementError(
+            f"{name!r} cannot name a {what}, because it is {meaning}: choose another name, such as {name}_1."
+        )
     return name
 
 

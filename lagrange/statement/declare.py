@@ -322,7 +322,7 @@ def _first_order(forces: Any, dissipation: Any) -> Iterator[Any]:
 def _make_one(survey: Survey) -> str:
     """Return a hint for an error message on a missing coordinate: how to declare it.
 
-    If a parameter in `survey` has a name such as `theta_dot`, the hint says that it is no velocity, and how to
+    If a parameter in `survey` has a name such as `theta_dot`, the hint says that it is not a velocity, and how to
     declare `theta`.
     """
     for symbol in survey.parameters:

@@ -76,7 +76,7 @@ _LIMIT: ContextVar[tuple[float, float] | None] = ContextVar("begin and time limi
 def preparation(began: float, seconds: float | None) -> AbstractContextManager[None]:
     """Context that limits the time for deriving and compiling before a run to `seconds` after `began`.
 
-    The limit ends with the block or when `preparation_ends` is called. None is no limit, and less than
+    The limit ends with the block or when `preparation_ends` is called. None sets no limit, and less than
     `COMPILE_SECONDS` counts as that time.
     """
     return _UNLIMITED if seconds is None else _limited(began, seconds)
@@ -110,6 +110,6 @@ def check_time() -> None:
     elapsed = time.perf_counter() - limit[0]
     if elapsed > max(limit[1], COMPILE_SECONDS):
         raise PreparationTooLongError(
-            f"Compiling was ended after {elapsed:.3g} s, more than max_wall = {limit[1]:.6g} s; a part of it is lost. "
+            f"Compiling was stopped after {elapsed:.3g} s, more than max_wall = {limit[1]:.6g} s. "
             "Raise max_wall, state a smaller system, or take a method that compiles less, such as dop853."
         )

@@ -175,7 +175,7 @@ def turn(axis: ArrayLike, angle: float) -> Turn:
     if along.shape != (3,) or not along.any():
         raise StatementError(f"the axis of a turn is {shown(axis)}: give three numbers that are not all zero, or lg.x.")
     half = real_number(angle, "the angle of a turn") / 2
-    # A power of two keeps all bits; the squares of very long and very short axes are no doubles.
+    # A power of two keeps all bits; the squares of very long and very short axes overflow or underflow.
     along = np.ldexp(along, -np.frexp(np.abs(along).max())[1])
     i, j, k = (float(part) for part in np.sin(half) * along / np.linalg.norm(along))
     return Turn((float(np.cos(half)), i, j, k))

@@ -107,7 +107,7 @@ def compiled(system: Stated | Model, example: str, *, progress: bool | str = Fal
     """Return `system` itself if it is a model, else the model compiled from it.
 
     With `progress` a terminal shows a line if compiling takes long. Raises StatementError for a system with functions
-    of time that have no values, and for an object that is no system. The error message then suggests the built-in
+    of time that have no values, and for an object that is not a system. The error message then suggests the built-in
     system with the name `example`.
     """
     statement = stated(system, example)

@@ -98,7 +98,7 @@ def test_main_runs_by_taylor_series(tmp_path: Path) -> None:
 
 
 def test_switching_surfaces_are_refused_by_name(tmp_path: Path) -> None:
-    with pytest.raises(StatementError, match=r"crosses no switching surfaces .*leave out the content taylor"):
+    with pytest.raises(StatementError, match=r"crosses no switching surfaces .*leave 'taylor' out of contents"):
         lg.scene("falling-ball").export("c", tmp_path / "made", ["taylor"])
     assert not (tmp_path / "made").exists()
 

@@ -268,7 +268,7 @@ def test_numbers_that_doubles_do_not_resolve_are_no_rounded_numbers(number: Any)
             "equation 1 contains the exponent 1000000000/3, which is out of bounds: at most",
         ),
         ([nested(lg.coordinate("theta"), 350)], "equation 1 is nested too deeply to be compared: multiply it out"),
-        (["x" * 30_000], "equation 1 has 30000 characters, and 8000 are the most of an equation."),
+        (["x" * 30_000], "equation 1 has 30000 characters, more than the 8000 of an equation: shorten it."),
     ],
 )
 def test_refusals(given: Any, message: str) -> None:

@@ -188,14 +188,15 @@ EDGE: dict[str, Any] = {"constraints": {"edge": y.dot * cos(theta) - x.dot * sin
         (
             hoop,
             {theta: 1},
-            "rates gives theta a steady velocity, but energies or constraints depend on theta, or a force acts",
+            "the argument rates has a steady velocity of theta, but energies or constraints depend on theta, or a "
+            "force acts along it",
         ),
         (lambda: shared_scene("bouncing-ball"), None, "bouncing-ball has no equilibrium: the forces on y at rest"),
         (
             lambda: lg.System(T, forces={x: k}, dissipation=c * x.dot**2 / 2),
             {x.dot: 1},
-            "rates gives x a steady velocity, but energies or constraints depend on x, or a force acts along it, so "
-            "its momentum may change: linearize({x.dot: w}) tells of a rate w whether it is steady.",
+            "the argument rates has a steady velocity of x, but energies or constraints depend on x, or a force acts "
+            "along it, so its momentum may change: linearize({x.dot: w}) tells whether the rate w is steady.",
         ),
         (hoop, {theta: 1, theta.dot: 1}, "rates has theta twice, by its symbol and by its name"),
         (hoop, {phi: 1}, "rates names 'phi', which is not a coordinate"),

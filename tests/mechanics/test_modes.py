@@ -120,12 +120,18 @@ def well(**more: Any) -> lg.System:
 
 def test_reasons_say_what_is_not_known() -> None:
     assert well(dissipation=-c * x.dot**4).modes().reason == (
-        "the energy has a strict minimum there, but it may be that forces feed energy in."
+        "the energy has a strict minimum there, but forces may feed energy in."
     )
     fed = well(forces={x: x.dot**3}, parameters={m: 1, k: 1})
-    assert fed.modes().reason == "eigenvalues on the imaginary axis decide nothing, and forces may feed energy in."
+    assert (
+        fed.modes().reason
+        == "eigenvalues on the imaginary axis do not decide on stability, and forces may feed energy in."
+    )
     hill = plane(-k * (x**2 + y**2) / 2, turn=M)
-    assert hill.modes().reason == "the energy has no minimum there, and eigenvalues need values of the parameters."
+    assert (
+        hill.modes().reason
+        == "the energy has no minimum there, so eigenvalues decide on stability: give values of all parameters."
+    )
 
 
 @pytest.mark.few

@@ -272,5 +272,6 @@ def test_a_sample_of_more_than_a_sequence_has(monkeypatch: pytest.MonkeyPatch) -
     assert qmc.Sobol.MAXDIM == varied.MOST_DIMENSIONS
     monkeypatch.setattr(varied, "MOST_DIMENSIONS", 3)
     refused(
-        lambda: lg.sample({f"p{i}": (0, 1) for i in range(4)}, 2), "ranges has 4 entries, and Sobol's sequence has 3"
+        lambda: lg.sample({f"p{i}": (0, 1) for i in range(4)}, 2),
+        "ranges has 4 entries, but Sobol's sequence has at most 3",
     )

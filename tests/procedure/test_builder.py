@@ -393,5 +393,5 @@ def test_orders_are_chosen_as_our_driver_chooses_them(scene: str) -> None:
 
 def test_surfaces_are_refused_by_name() -> None:
     system = System(kinetic=x.dot**2 / 2, potential=sp.Abs(x), initial={x: 1.0})
-    with pytest.raises(StatementError, match=r"crosses no switching surfaces .*leave out the content taylor"):
+    with pytest.raises(StatementError, match=r"crosses no switching surfaces .*leave 'taylor' out of contents"):
         TaylorProcedures(system.compile().series()[0].program, 0)

@@ -111,7 +111,11 @@ REFUSED_SCENES: dict[str, tuple[str, str, str]] = {
     "another key": ('shape = "box"', 'shape = "box", side = 2', "side.*is not a key of a shape"),
     "no size": ('shape = "box", size = 2', 'shape = "box"', 'has no shape or no size: write shape = "disc" and size'),
     "another kind": ('"box"', '"cube"', "the shape 'cube' is not known"),
-    "another rotation": ('rotation = "R"', 'rotation = "S"', "the rotation of a shape is one of this scene: it has R"),
+    "another rotation": (
+        'rotation = "R"',
+        'rotation = "S"',
+        "the rotation of a shape must be one of this scene: R",
+    ),
     "two sizes": ("size = 2", "size = [1, 2]", "give three values, or one for all"),
     "in the plane": ("[positions]", '[positions]\\ntip = ["x", "y"]', "some positions have two entries and some three"),
 }

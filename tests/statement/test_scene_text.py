@@ -298,9 +298,9 @@ MISTAKES = [
     ('k = "positive"', 'k = "big"', "the sign of k is 'big': write positive, nonnegative, real, or none for a symbol"),
     ('k = "positive"', 'k = "positive negative"', "the sign of k is 'positive negative': write positive"),
     ('k = "positive"', 'q = "positive"', "'q' is not a parameter of this scene; there are m, k and mu."),
-    ("stretch =", "x =", "'x' cannot name a definition, it is taken already: choose another name."),
-    ("stretch =", "u =", "'u' cannot name a definition, it is taken already: choose another name."),
-    ("stretch =", "sin =", "'sin' cannot name a definition, it is a function: choose another name"),
+    ("stretch =", "x =", "'x' cannot name a definition, because it is taken already: choose another name."),
+    ("stretch =", "u =", "'u' cannot name a definition, because it is taken already: choose another name."),
+    ("stretch =", "sin =", "'sin' cannot name a definition, because it is a function: choose another name"),
     ('"sin(far)*far"', '"sin(near)*far"', "definitions.stretch: 'near' is not declared: add it to [parameters]"),
     (
         "values = [0.0,",

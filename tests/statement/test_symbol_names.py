@@ -66,7 +66,7 @@ def test_a_free_name_is_taken_everywhere(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", MEANT)
 def test_a_name_with_a_meaning_is_refused_everywhere(name: str, tmp_path: Path) -> None:
     for what, states in (("coordinate", as_coordinate(name)), ("parameter", as_parameter(name))):
-        sentence = f"{name!r} cannot name a {what}, it is {MEANT[name]}: choose another name, such as {name}_1."
+        sentence = f"{name!r} cannot name a {what}, because it is {MEANT[name]}: choose another name, such as {name}_1."
         for state in states:
             with pytest.raises(StatementError) as refusal:
                 state(tmp_path)

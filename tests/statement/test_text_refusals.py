@@ -43,7 +43,7 @@ REFUSALS = {
     "x!": (2, "write a factorial out as a number"),
     "x[0]": (2, "nothing is indexed here"),
     "{x}": (1, "group with ( and )"),
-    "x'' + 1": (2, "a prime is no derivative here: the velocity of x is x_dot, its acceleration x_ddot."),
+    "x'' + 1": (2, "a prime is not a derivative here: the velocity of x is x_dot, its acceleration x_ddot."),
     "'x'": (1, "write names and numbers without quotation marks"),
     "x; y": (2, "give one expression"),
     "x # y": (3, "comments belong outside the expression"),
@@ -124,7 +124,7 @@ def test_min_and_max_flatten_within_bounds() -> None:
 
 @pytest.mark.parametrize("value", [None, 1, b"x", ["x"], x])
 def test_only_a_text_is_read(value: Any) -> None:
-    with pytest.raises(SceneError, match="an expression is a text such as"):
+    with pytest.raises(SceneError, match="an expression must be a text such as"):
         read_expression(value, NAMES)
 
 

@@ -176,7 +176,7 @@ def test_a_composition_of_ones_own() -> None:
         assert -np.polyfit(np.log([40, 57, 80]), np.log(errors), 1)[0] == pytest.approx(4, abs=0.15)
     with pytest.raises(StatementError, match="suzuki is not of order 6: the coefficient of"):
         composition(sizes, name="suzuki", order=6)
-    with pytest.raises(StatementError, match="first = 'push': a composition starts with a 'drift' or a 'kick'"):
+    with pytest.raises(StatementError, match="first = 'push': give 'drift' or 'kick'"):
         composition(sizes, name="suzuki", order=4, first="push")
     with pytest.raises(StatementError, match="the composition none has no coefficients: give at least one"):
         composition((), name="none", order=2)

@@ -206,7 +206,7 @@ def test_preparation_ends_at_the_limit_wherever_it_is(
                 message = run.message
                 assert run.status is lg.Status.MAX_WALL and run.steps == 0
                 assert run.t.tolist() == [0.0] and run.at(0.0).tolist() == run.y[:, 0].tolist()
-        assert "Compiling was ended after 1e+09 s, more than max_wall = 60 s" in message and len(message) <= 400
+        assert "Compiling was stopped after 1e+09 s, more than max_wall = 60 s" in message and len(message) <= 400
         # What a preparation leaves behind serves the next one.
         again = system.run(1.0, method=method, max_wall=60.0)
         assert again.final == whole.final and again.steps == whole.steps

@@ -358,7 +358,7 @@ def test_a_bound_of_steps_that_is_none_is_refused(name: str, option: str) -> Non
         (lambda: made.methods.Splitting("mine", 1, [(1.0,)]), "give pairs"),
         (lambda: made.methods.tableau([[0]], ["1e999999999"], order=1), "has an entry that is not a number"),
         (lambda: made.methods.tableau([[0]], [True], order=1), "has an entry that is not a number"),
-        (lambda: made.methods.ButcherTableau("mine", 1, [[]], [1]), "b, c and the rows of A are tuples of numbers"),
+        (lambda: made.methods.ButcherTableau("mine", 1, [[]], [1]), "b, c and the rows of A must be tuples of numbers"),
         (lambda: made.methods.RK4().integrate(3), "rk4 cannot run 3: give an lg.Problem"),
         (lambda: made.methods.plot_stability("rk4", left=1, right=0), "give left < right and top > 0"),
         (lambda: made.methods.growth("rk4", ["a"]), "z has entries of type <U1: give numbers"),

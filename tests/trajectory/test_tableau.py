@@ -163,7 +163,7 @@ THIRD: dict[str, Any] = {"name": "third", "order": 3, "A": ((), row("1/2"), row(
         ({"A": ((), row("1/2"))}, "b has 3 weights and A has 2 rows"),
         ({"A": ((), row("1/2"), row("-1 2 1"))}, "row 3 of A has 3 entries, not the 2 of an explicit method"),
         ({"b": (1 / 6, math.nan, 1 / 6)}, "a coefficient is not a finite number"),
-        ({"order": 0}, "a method has at least one stage and an order of at least 1"),
+        ({"order": 0}, "a method needs at least one stage and an order of at least 1"),
         ({"error": ErrorEstimate(row("1 -1"), order=1)}, "its error weights are not one for each of the 3 stages"),
         ({"error": ErrorEstimate(row("1 -1 0"), order=2)}, "order 2, sum e_i c_i = 0, fails by -0.5"),
         ({"dense": DenseOutput((row("1"),), order=1)}, "its dense output has 1 rows of weights for 3 stages"),

@@ -149,7 +149,7 @@ def approach(c: In, slopes: In, count: int, begin: float, end: float, start: flo
         change = size / slope
         ahead = s - change
         is_good = slope > 0.0 and 2.0 * abs(size) < abs(step) * slope and low <= ahead <= high
-        # A branch, which processors predict: the next point does not wait for these comparisons.
+        # A branch, not a selection: processors predict it, so the next point does not wait for these comparisons.
         if unlikely(not is_good):
             change = s - (low + high) * 0.5
         if abs(change) <= EPSILON * s:
@@ -297,5 +297,5 @@ def scaled_far(coefficients: In, count: int, h: float, noise: float, c: Out) -> 
 @inline
 def lowered(x: float, power: int) -> float:
     """Return x * 2**min(power, 0), or 0 for a power below -1000."""
-    # The exponent of zero may exceed that of the largest term.
+    # A coefficient that is zero has no scale: its power may be above 0.
     return 0.0 if power < -1000 else x * two_to(min(max(power, -1000), 0))

@@ -92,7 +92,7 @@ class TaylorProcedures:
         if self.program.sides or (self.program.watched and not self.watches):
             raise StatementError(
                 "an exported Taylor integrator crosses no switching surfaces (abs, sign, Piecewise, min, max): leave "
-                "out the content taylor."
+                "'taylor' out of contents."
             )
         if (self.projection is None) != (self.program.projection is None):
             raise LagrangeError(

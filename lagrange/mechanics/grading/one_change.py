@@ -220,7 +220,8 @@ class _Search:
         derived = {term for rate in rates for term in sympy.Add.make_args(rate)}
         self.derived = {sign * term for term in derived for sign in (1, -1)}.difference(*typed)
 
-        # The right terms. For a constraint, which has no rates, those with rates are no models.
+        # The right terms, and among them the models of a missing term. An equation without rates, such as a constraint,
+        # misses no term with rates.
         self.right = {sympy.Add(*expanded(term)) for term in models}
         self.below = {base for term in models for base in _sums_below(term)}
         moving = [*self.unknowns, *velocities]

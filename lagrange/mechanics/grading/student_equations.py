@@ -180,7 +180,7 @@ class _EquationReader:
         """Yield readers that know the letters which an answer may use for derivatives of coordinates.
 
         They are v and a of the only length, as in m a = -k x - c v, alpha of the only angle, and v1 and a1 of x1. A
-        letter is no acceleration if an equation of the answer has another acceleration, as in x'' = -a x.
+        letter is not an acceleration if an equation of the answer has another acceleration, as in x'' = -a x.
         """
         meanings: dict[str, list[str]] = {}  # of each letter with its index, such as v1
         for name in (name for name in self.names if f"{name}_ddot" in self.names):
@@ -434,7 +434,8 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
     zero = equation.zero.xreplace(dict(equation.meanings)).xreplace(abbreviations(statement))
     if zero.has(sympy.DiracDelta):
         raise StatementError(
-            f"{equation.label} has the derivative of a jump, such as heaviside, which is not a function."
+            f"{equation.label} has the derivative of a jump, such as heaviside, which is not a function: write the "
+            "equation without it."
         )
     unknowns = unknowns_of(statement)
     present = [symbol for symbol in unknowns if zero.has(symbol)]

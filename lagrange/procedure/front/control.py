@@ -257,7 +257,7 @@ class Block:
         self.names = names
         self.outer = self.tracer.handed
         pairs = zip(names, values, strict=True)
-        # A name that is set first and is no variable of an enclosing block needs no value.
+        # A name that is set first, and is not a variable of an enclosing block, needs no value.
         known = [
             Missing(name) if name in anew and (value[0] if is_varied(value) else value) not in self.outer else value
             for name, value in pairs

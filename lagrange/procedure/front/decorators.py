@@ -56,7 +56,7 @@ class _Stored:
         self.count = len(self.codes)
 
     def write(self) -> None:
-        """Write the cache file if there are new functions. A folder without write permission is no error."""
+        """Write the cache file if there are new functions. A folder without write permission is not an error."""
         if len(self.codes) > self.count and not sys.dont_write_bytecode:
             self.count = len(self.codes)
             part = self.path.with_suffix(f".{os.getpid()}")

@@ -283,7 +283,7 @@ def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
 
     `pixels` (p, 2, K) are samples of p curves, in pixels. Where a coordinate turns back, its extreme value is that of
     the parabola through three samples. It is missed if it is over `TOLERANCE` pixels from the middle one. The
-    distance of curves from chords is no sufficient test. Where many oscillations are in one column of pixels, the
+    distance of curves from chords is not a sufficient test. Where many oscillations are in one column of pixels, the
     curve is almost vertical and lies on its chord, however far it continues.
     """
     flags = np.zeros(max(len(t) - 1, 0), dtype=bool)

@@ -200,7 +200,7 @@ def _check_alike(solutions: Sequence[Solution]) -> None:
         if other.names != first.names:
             raise StatementError(
                 f"{first.name} has the coordinates {listing(first.names)} and {other.name} {listing(other.names)}: "
-                "runs in one figure have the same ones. Draw each into its axes with ax=."
+                "runs in one figure must have the same ones. Draw each into its own axes with ax=."
             )
 
 

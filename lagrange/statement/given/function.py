@@ -194,8 +194,8 @@ def require_formulas(statement: Statement) -> None:
     """Raise StatementError if a function of coordinates, such as U(r), has no formula."""
     if statement.unknown:
         raise StatementError(
-            f"{listing(map(str, statement.unknown))} {'is' if len(statement.unknown) == 1 else 'are'} not written out, "
-            "which numbers need: a derivation leaves an undefined function open, a run wants its formula."
+            f"{listing(map(str, statement.unknown))} {'has' if len(statement.unknown) == 1 else 'have'} no formula: a "
+            "derivation leaves such a function open, but numbers need a formula. State the system with one."
         )
 
 

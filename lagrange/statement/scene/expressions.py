@@ -98,7 +98,7 @@ def number_from_text(text: str) -> Any:
     if value == 0.0 and text.lower().partition("e")[0].strip("0."):
         raise RefusalError(f"{text[:40]} is too small for a floating-point number")
     exact = Fraction(value)
-    # the cheap tests first: Fraction(text) writes out as many digits as the exponent of the text says
+    # Cheap tests first: Fraction(text) writes out as many digits as the exponent of the text says
     if exact.denominator <= 16 and exact.numerator < 10**6 and (value == 0.0 or exact == Fraction(text)):
         return sympy.Rational(exact.numerator, exact.denominator)
     return sympy.Float(value)

@@ -72,7 +72,7 @@ def tokens(text: str, *, unevaluated: bool = False) -> list[SceneToken]:
     If `unevaluated` is true, and, or, not, True, False and None are allowed as well.
     """
     if not isinstance(text, str):
-        raise SceneError(f"an expression is a text such as '2*x', not {type(text).__name__}.")
+        raise SceneError(f"an expression must be a text such as '2*x', not {type(text).__name__}.")
     most = LONGEST_UNEVALUATED if unevaluated else LONGEST_EVALUATED
     if len(text) > most:
         refuse(f"the expression has {len(text)} characters, more than {most}: state it in parts.", most)
@@ -143,7 +143,7 @@ def _refuse_character(text: str, offset: int) -> NoReturn:
     if ord(character) > 126 or ord(character) < 32:
         refuse(_unknown_letter(character), offset)
     if character == "'" and offset and _LETTER.match(text[offset - 1]):
-        refuse("a prime is no derivative here: the velocity of x is x_dot, its acceleration x_ddot.", offset)
+        refuse("a prime is not a derivative here: the velocity of x is x_dot, its acceleration x_ddot.", offset)
     refuse(f"{character!r} is not allowed in an expression: {_REMEDIES.get(character, _ALLOWED)}.", offset)
 
 

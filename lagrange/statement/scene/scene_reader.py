@@ -288,7 +288,7 @@ class SceneReader:
             if "name" not in self.data:
                 return "scene"
             self.document.refuse(
-                "a scene's name has 1 to 64 printable characters, with a letter or digit, no dot at its beginning, "
+                "a scene's name must have 1 to 64 printable characters, with a letter or digit, no dot at its start, "
                 "and no space at its ends.",
                 "name",
             )
@@ -421,7 +421,9 @@ class SceneReader:
         elif (base in coordinates and rate in ("dot", "ddot")) or any(q in coordinates for q in rates):
             taken = "taken: x_dot and x_ddot are velocity and acceleration of x"
         if taken:
-            self.document.refuse(f"{name!r} cannot name a {what}, it is {taken}: choose another name.", *path, key=key)
+            self.document.refuse(
+                f"{name!r} cannot name a {what}, because it is {taken}: choose another name.", *path, key=key
+            )
 
     def energies(self, reader: ExpressionReader) -> dict[str, Any]:
         """Return the energies that the scene states by key: "kinetic" and "potential", or "lagrangian"."""
@@ -520,7 +522,7 @@ class SceneReader:
             body = isinstance(entries, Mapping)
             if not body and (not isinstance(entries, list) or len(entries) not in (2, 3)):
                 self.document.refuse(
-                    f"the position of {name} is a list of two or three expressions, such as ['x', 'y'].",
+                    f"the position of {name} must be a list of two or three expressions, such as ['x', 'y'].",
                     "positions",
                     name,
                 )
@@ -551,7 +553,7 @@ class SceneReader:
         turned = {each.name: each for each in rotations}
         if table.get("rotation", None) not in (None, *turned):
             known = listing(turned) or "none"
-            self.document.refuse(f"the rotation of a shape is one of this scene: it has {known}.", *path, "rotation")
+            self.document.refuse(f"the rotation of a shape must be one of this scene: {known}.", *path, "rotation")
         with self.document.located(*path):
             return shape(
                 self.document.text(*path, "shape"),
@@ -571,7 +573,7 @@ class SceneReader:
         for i, link in enumerate(links):
             if not isinstance(link, list) or len(link) not in (2, 3):
                 self.document.refuse(
-                    'a link is a pair of points, such as ["origin", "bob"] or ["origin", "bob", "spring"].', "links", i
+                    'a link must be two points, such as ["origin", "bob"] or ["origin", "bob", "spring"].', "links", i
                 )
             for position, part in enumerate(link):
                 with self.document.located("links", i, position):

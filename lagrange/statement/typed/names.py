@@ -67,7 +67,7 @@ class Names:
         short = [letter for letter in "dp" if letter not in self.exact]
         twice = [letter for letter in "dD" if not {letter, f"{letter}2"} & self.exact.keys()]
         for spelling, name in [*self._usual(defined), *zip(self.bases, self.bases, strict=True), *others.items()]:
-            joined = spelling not in defined  # dV/dx is no quotient of rates
+            joined = spelling not in defined  # dV/dx is not a quotient of rates
             for order in range(len(RATES)):
                 piece = self.derivative(self.exact[name], order) if order else self.exact[name]
                 if piece is not None:

@@ -123,7 +123,7 @@ class TypedReader:
             raise StatementError(self._refusal(text, [fault], what)) from None
         clauses = [replace(clause, tokens=(*row,)) for clause, each in zip(whole, rows, strict=True) for row in each]
         if len(clauses) > MOST_EQUATIONS:
-            raise StatementError(f"the text has {len(clauses)} equations, and {MOST_EQUATIONS} are the most.")
+            raise StatementError(f"the text has {len(clauses)} equations, more than {MOST_EQUATIONS}: give fewer.")
         return self._with_definitions(clauses)
 
     def _spans(self, text: str, what: str) -> tuple[str, list[tuple[int, int]]]:
@@ -142,7 +142,7 @@ class TypedReader:
             if end - begin > LONGEST_TEXT:
                 label = what or f"line {_line(text, begin)}"
                 raise StatementError(
-                    f"{label} has {end - begin} characters, and {LONGEST_TEXT} are the most of an equation."
+                    f"{label} has {end - begin} characters, more than the {LONGEST_TEXT} of an equation: shorten it."
                 )
         return clean, spans
 

@@ -51,7 +51,7 @@ _ALWAYS = r"(?:\b(?:for|fur)\s+)?\b(?:all|any|every|alle)\s+(?:times?|zeiten|t)|
 _PROVEN = re.compile(rf"(?:\bq\.?\s?e\.?\s?d|\bw\.?\s?z\.?\s?b\.?\s?w|{_ALWAYS})[.)\s]*$", re.IGNORECASE)
 _MARK = re.compile(rf"[,;!←]|\.\s|//|<?--|<-|\u2014|\\q?quad(?![A-Za-z])|[ \t]{{2,}}|{_ASIDE.pattern}", re.IGNORECASE)
 _BRACKET = re.compile(r"(?<!\S)[(\[]([^()\[\]{}=]*)[)\]]")
-# Signs that are not prose among symbols and numbers: a hyphen is, and so is "Coriolis + centrifugal"
+# Signs of formulas. A hyphen in a word is not one.
 _SIGNS = re.compile(r"[=^|\\+*/−·]|-(?![^\W\d_])|(?<![^\W\d_])-")
 # A remark such as "dividing both by m"
 _DIVISION = re.compile(r"\s*(?:after\s+)?divid(?:ed|ing)\s(?:\w+\s)?by\s[^=+]*", re.IGNORECASE)

@@ -300,7 +300,7 @@ def _dimension_of(expression: Any, what: str) -> Dimension:
     dimension = DIMENSIONLESS
     for base, power in sympy.Mul(expression, evaluate=True).as_powers_dict().items():
         if not power.is_Rational:
-            raise StatementError(f"{what} is {formula(expression, 60)!r}: powers of dimensions are numbers.")
+            raise StatementError(f"{what} is {formula(expression, 60)!r}: powers of dimensions must be numbers.")
         if base.is_number and base.is_positive:
             factor = Dimension((), float(sympy.log(base)))
         elif isinstance(base, sympy.Symbol) and base.name in known_names():

@@ -100,7 +100,7 @@ def _parts(statement: Statement, known: Mapping[Any, Dimension]) -> list[Checked
     if not read.lagrangian_alone:
         energies = {"the kinetic energy": read.kinetic, "the potential energy": read.potential}
     parts = [CheckedPart(what, expression, "energy") for what, expression in energies.items()]
-    # The equation of a state of first order, such as a current, may be one of voltages: its terms only agree.
+    # The equation of a coordinate of first order may be one of voltages, for example: its terms need only agree.
     held = (read.lagrangian, *(constraint.expression for constraint in read.constraints))
     torqued = {q: getattr(q.func, RATE) for q in read.coordinates if hasattr(q.func, RATE)}
     rates = zip(read.coordinates, read.velocities, strict=True)

@@ -192,7 +192,7 @@ def composition(
     claimed `order`.
     """
     if not isinstance(first, str) or first not in ("drift", "kick"):
-        raise StatementError(f"first = {shown(first)}: a composition starts with a 'drift' or a 'kick'.")
+        raise StatementError(f"first = {shown(first)}: give 'drift' or 'kick'.")
     listed = entries(coefficients, f"the coefficients of {text(name, 'name')}")
     if listed is None:
         raise StatementError(f"the composition {name} has coefficients = {shown(coefficients)}: give a list.")

@@ -225,7 +225,7 @@ class ButcherTableau:
         rows = self.A if isinstance(self.A, tuple) else (None,)
         vectors = (*rows, self.b, self.c)
         if not all(isinstance(v, tuple) and all(isinstance(x, (int, float, Fraction)) for x in v) for v in vectors):
-            raise self._refuse("b, c and the rows of A are tuples of numbers; lg.methods.tableau() takes lists")
+            raise self._refuse("b, c and the rows of A must be tuples of numbers; lg.methods.tableau() takes lists")
         for what, part, kind in (("error", self.error, ErrorEstimate), ("dense", self.dense, DenseOutput)):
             if part is not None and not isinstance(part, kind):
                 raise self._refuse(f"{what} is {shown(part)} and not {kind.__name__}(...)")
@@ -233,7 +233,7 @@ class ButcherTableau:
     def _check_shapes(self) -> None:
         s = len(self.b)
         if s == 0 or self.order < 1:
-            raise self._refuse("a method has at least one stage and an order of at least 1")
+            raise self._refuse("a method needs at least one stage and an order of at least 1")
         if self.order > HIGHEST_CHECKED:
             raise self._refuse(f"orders up to {HIGHEST_CHECKED} can be checked, not {self.order}")
         if len(self.A) != s:
