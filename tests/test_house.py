@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import io
 import re
+import runpy
 import statistics
 import tokenize
 from collections.abc import Callable, Iterator
@@ -233,3 +234,18 @@ SOUND: list[tuple[Rule, str]] = [
 @pytest.mark.parametrize(("rule", "snippet"), [*BROKEN, *SOUND])
 def test_a_rule_tells_broken_from_sound(rule: Rule, snippet: str) -> None:
     assert bool(list(rule("snippet.py", snippet))) == ((rule, snippet) in BROKEN)
+
+
+# --- tables ---------------------------------------------------------------------------------------------------
+# The tables on the pages equal those made from the registries.
+
+
+DOCS = Path(__file__).resolve().parent.parent / "docs"
+SCRIPT = runpy.run_path(str(DOCS / "tables.py"))
+
+
+@pytest.mark.parametrize("marker", ["scenes", "methods"])
+def test_the_page_has_the_table_of_now(marker: str) -> None:
+    name, make = SCRIPT["TABLES"][marker]
+    page = (DOCS / name).read_text("utf-8")
+    assert SCRIPT["filled"](page, marker, make()) == page, f"run docs/tables.py: {name} is out of date"

@@ -1,4 +1,4 @@
-""""""
+"""Random states of systems in any units, and comparisons at them."""
 
 from __future__ import annotations
 

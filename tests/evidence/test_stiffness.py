@@ -315,8 +315,3 @@ def test_a_pole_is_infinite_growth() -> None:
     """Backward Euler's function 1/(1 - z) has a pole. One pole among many rates does not affect the others."""
     result = growth("backward-euler", [1.0, -1.0, 3.0])
     assert result == pytest.approx([math.inf, 1 / 1.99, 1 / 1.97])
-
-
-@pytest.mark.parametrize("name", ["heun", "midpoint", "euler"])
-def test_what_amplifies_from_the_start_is_stable_nowhere(name: str) -> None:
-    assert stability(name).imaginary == 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,13 +9,12 @@ import pytest
 import sympy as sp
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from sympy import sin
 
 from lagrange.compiler import machine, model_of
-from lagrange.evidence.precise import Precise
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinates, t
 from lagrange.statement.declare import declare
-from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.run import trajectory_of
@@ -29,18 +27,13 @@ from tests.laws.mechanisms import (
     close,
     functions_of,
     holonomic,
-    kinds,
-    kinetic_energies,
     mechanisms,
     moving,
-    potentials,
-    put,
+    rate_of,
     rationals,
-    seeds,
     slope,
     some,
 )
-from tests.series import CONTEXT, DIGITS, NUMBER, series
 
 x, y, z = PLACES
 LENGTH = 0.5
@@ -69,19 +62,6 @@ def test_energy_is_conserved_along_a_run(mechanism: Mechanism) -> None:
     result = run(compiled, mechanism.state)
     energy = compiled.energy(result[:3], result[3:])
     assert energy == close(np.full(energy.shape, energy[0]), 1e-9)
-
-
-@pytest.mark.slow
-@some
-@given(kinetic_energies(x, y), potentials(x, y), kinds((x, y)), seeds)
-def test_a_momentum_that_no_constraint_holds_is_conserved(T: Any, V: Any, held: Any, seed: int) -> None:
-    """Neither the energies nor the constraints contain z, and the constraints do not contain its velocity."""
-    free = [item.subs(z.dot, 0).subs(z, 0) for item in held][:1]
-    mechanism = put({"kinetic": T, "potential": V}, free, seed)
-    compiled = mechanism.compile("llvm")
-    result = run(compiled, mechanism.state)
-    momentum = compiled.momenta(result[:3], result[3:])[2]
-    assert momentum == close(np.full(momentum.shape, momentum[0]), 1e-9)
 
 
 @pytest.mark.slow
@@ -115,35 +95,6 @@ def test_friction_takes_its_power_from_the_energy(mechanism: Mechanism, D: Any) 
     other = mechanism.compile(dissipation=D)
     rubbing = sum(mechanism.at(v * sp.diff(D, v)) for v in RATES)
     assert power(mechanism, other) == close(-rubbing, 1e-6)
-
-
-# --- what is compiled -----------------------------------------------------------------------------------------
-
-QUANTITIES = ("accelerations", "multipliers", "constraint_forces", "constraints", "jacobian", "rhs")
-
-
-@pytest.mark.slow
-@some
-@given(mechanisms(forces=True) | moving())
-def test_machine_code_and_numpy_agree(mechanism: Mechanism) -> None:
-    compiled, at = mechanism.compile("llvm"), (mechanism.q, mechanism.v, mechanism.time)
-    for quantity in QUANTITIES:
-        expected = mechanism.model.evaluate(quantity, *at)
-        assert compiled.evaluate(quantity, *at) == close(expected, 1e-11), quantity
-
-
-@pytest.mark.slow
-@some
-@given(mechanisms(forces=True) | moving(), st.sampled_from(["llvm", "numpy"]))
-def test_the_jacobian_is_the_slope_of_the_right_hand_side(mechanism: Mechanism, target: str) -> None:
-    compiled = mechanism.compile(target)
-    result = compiled.jacobian(mechanism.time, mechanism.state)
-    for column, unit in zip(result.T, np.eye(6), strict=True):
-        slopes = [
-            slope(lambda s, i=i, unit=unit: float(compiled.rhs(mechanism.time, mechanism.state + s * unit)[i]))
-            for i in range(6)
-        ]
-        assert column == close(slopes, 1e-6 * max(1.0, float(np.abs(result).max())))
 
 
 # --- other coordinates ----------------------------------------------------------------------------------------
@@ -195,63 +146,114 @@ def nearest(places: Any, symbols: list[Any], q: Vector) -> Vector:
     return result
 
 
-# --- constrained series ---------------------------------------------------------------------------------------
-# Taylor coefficients of random mechanisms, in 200 digits, against what the law of motion leaves of their series.
-
-ORDER = 9
-TIME = NUMBER("0.25")
-
-three = st.tuples(rationals, rationals, rationals)
+# --- forces ---------------------------------------------------------------------------------------------------
+# Laws of constraint forces at one state of random mechanisms.
 
 
-def law(lagrangian: Any) -> list[Any]:
-    """Return the rows of M, then the other terms of d/dt dL/dv - dL/dq, differentiated by SymPy."""
-    momenta = [sp.diff(lagrangian, v) for v in RATES]
-    mass = [sp.diff(p, v) for p in momenta for v in RATES]
-    rest = [
-        sum(sp.diff(p, x) * v for x, v in zip(PLACES, RATES, strict=True)) - sp.diff(lagrangian, q)
-        for p, q in zip(momenta, PLACES, strict=True)
-    ]
-    return mass + rest
+places_only = holonomic(*PLACES).map(lambda phi: [phi])
 
 
-def residuals(judge: Precise, result: Any, h: Any) -> tuple[Any, Any]:
-    """Return the residuals of a polynomial motion at the time h: of M a + rest perpendicular to G, and of phi."""
-    powers = [h**k for k in range(len(result))]
-    q = [sum(c * s for c, s in zip(result[:, i], powers, strict=True)) for i in range(3)]
-    v = [sum(k * result[k, i] * powers[k - 1] for k in range(1, len(result))) for i in range(3)]
-    a = [sum(k * (k - 1) * result[k, i] * powers[k - 2] for k in range(2, len(result))) for i in range(3)]
-    *mass, r1, r2, r3, g1, g2, g3, off = judge(q, v, TIME + h, {})
-    e1, e2, e3 = (
-        sum(c * x for c, x in zip(mass[3 * i : 3 * i + 3], a, strict=True)) + r for i, r in enumerate((r1, r2, r3))
-    )
-    return max(abs(e1 * g2 - e2 * g1), abs(e2 * g3 - e3 * g2), abs(e3 * g1 - e1 * g3)), abs(off)
+def course(mechanism: Mechanism, s: float) -> dict[Any, float]:
+    """Return coordinates, velocities and time a little later, by the accelerations."""
+    a = mechanism.accelerations()
+    q, v = mechanism.q + s * mechanism.v + s**2 / 2 * a, mechanism.v + s * a
+    return {**dict(zip(RATES, v, strict=True)), t: mechanism.time + s, **dict(zip(PLACES, q, strict=True))}
 
 
-def start(statement: Statement, place: Sequence[Any], wish: Sequence[Any]) -> list[Any]:
-    """Return a point and the admissible velocities nearest to given ones, in multiple precision."""
-    phi = statement.constraints[0].expression
-    rows = Precise([*(sp.diff(phi, q) for q in PLACES), sp.diff(phi, t).doit()], statement, DIGITS)
-    q, w = ([NUMBER(first.p) / first.q for first in numbers] for numbers in (place, wish))
-    *G, rate = rows(q, w, TIME, {})
-    size = sum(first**2 for first in G)
-    assume(size > 0.1)
-    return [*q, *(first - rate / size * second for first, second in zip(w, G, strict=True))]
+# --- what the equations say -----------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 @some
-@given(kinetic_energies(*PLACES), potentials(*PLACES), holonomic(*PLACES), functions_of(t, *PLACES), three, three)
-def test_a_series_is_that_of_the_motion(T: Any, V: Any, phi: Any, moving: Any, place: Any, wish: Any) -> None:
-    """For a series of order p, the residual of the equations of motion is of order h^(p-1), that of phi h^(p+1)."""
-    phi = phi + moving / 8
-    phi -= phi.subs(dict(zip(PLACES, place, strict=True))).subs(t, sp.Rational(1, 4))
-    statement = declare(coordinates=list(PLACES), kinetic=T, potential=V, constraints=[phi])
-    result = series(statement, ORDER, TIME, start(statement, place, wish))
-    judge = Precise([*law(T - V), *(sp.diff(phi, q) for q in PLACES), phi], statement, DIGITS)
-    step = NUMBER(10) ** -12
-    both = zip(residuals(judge, result, step), residuals(judge, result, 2 * step), strict=True)
-    for (near, far), expected in zip(both, (ORDER - 1, ORDER + 1), strict=True):
-        assert near < step ** (expected - 1)
-        if near > NUMBER(10) ** (20 - DIGITS):  # a series that ends leaves nothing
-            assert CONTEXT.log(far / near, 2) > expected - 0.1
+@given(mechanisms(forces=True) | moving())
+def test_the_accelerations_keep_the_constraints(mechanism: Mechanism) -> None:
+    """d psi/dt = G a + gamma = 0, by differences of the stated constraints."""
+    kept = sp.lambdify([*RATES, t, *PLACES], [rate_of(item) for item in mechanism.constraints.values()])
+    for i in range(len(mechanism.constraints)):
+        assert slope(lambda s, i=i: kept(*course(mechanism, s).values())[i]) == close(0.0, 1e-7)
+
+
+@some
+@given(mechanisms(forces=True) | moving())
+def test_masses_times_accelerations_are_the_forces_and_the_reactions(mechanism: Mechanism) -> None:
+    """M a = h + G^T lambda, with G by SymPy."""
+    model, at = mechanism.model, (mechanism.q, mechanism.v, mechanism.time)
+    left = model.mass_matrix(mechanism.q, mechanism.time) @ mechanism.accelerations()
+    assert left == close(model.evaluate("bias", *at) + mechanism.reaction())
+
+
+@some
+@given(mechanisms())
+def test_each_constraint_pushes_along_its_own_gradient(mechanism: Mechanism) -> None:
+    rows = mechanism.model.evaluate("constraint_forces", mechanism.q, mechanism.v, mechanism.time)
+    assert rows == close(mechanism.multipliers()[:, None] * mechanism.gradient)
+
+
+# --- what they do not depend on -------------------------------------------------------------------------------
+
+
+@some
+@given(mechanisms(forces=True) | moving())
+def test_a_holonomic_constraint_may_be_stated_as_its_rate(mechanism: Mechanism) -> None:
+    second = mechanism.compile(constraints={name: rate_of(first) for name, first in mechanism.constraints.items()})
+    assert mechanism.accelerations(second) == close(mechanism.accelerations())
+    assert mechanism.multipliers(second) == close(mechanism.multipliers())
+
+
+@some
+@given(mechanisms(), functions_of(*PLACES, t))
+def test_a_total_time_derivative_changes_neither_motion_nor_reactions(mechanism: Mechanism, f: Any) -> None:
+    lagrangian = mechanism.energies["kinetic"] - mechanism.energies["potential"] + sp.diff(f, t).doit()
+    other = mechanism.compile(lagrangian=lagrangian, kinetic=None, potential=None)
+    assert mechanism.accelerations(other) == close(mechanism.accelerations(), 1e-8)
+    assert mechanism.multipliers(other) == close(mechanism.multipliers(), 1e-8)
+
+
+# --- coordinates that are not free ----------------------------------------------------------------------------
+
+
+@some
+@given(mechanisms(holonomic(x, y).map(lambda phi: [z - phi.subs(z, 0)])))
+def test_eliminating_a_coordinate_by_hand_gives_the_motion(mechanism: Mechanism) -> None:
+    place = z - mechanism.constraints["c0"]
+    rate = sp.diff(place, t).doit()
+
+    def inside(expression: Any) -> Any:
+        return expression.subs(z.dot, rate).subs(z, place)
+
+    energies = {name: inside(mechanism.energies[name]) for name in ("kinetic", "potential")}
+    small = model_of(declare(coordinates=[x, y], **energies), machine("numpy"))
+    result = small.accelerations(mechanism.q[:2], mechanism.v[:2])
+    assert result == close(mechanism.accelerations()[:2], 1e-8)
+
+
+@some
+@given(mechanisms(places_only), functions_of(t), rationals)
+def test_a_driven_coordinate_may_be_put_into_the_energies(mechanism: Mechanism, f: Any, c: Any) -> None:
+    """z = f(t): the multiplier is the force of the drive."""
+    time, drive = mechanism.time, f + c * sin(t)
+    held = mechanism.compile(constraints={"drive": z - drive})
+    q = [*mechanism.q[:2], float(drive.subs(t, time))]
+    v = [*mechanism.v[:2], float(sp.diff(drive, t).subs(t, time))]
+
+    def inside(expression: Any) -> Any:
+        return expression.subs(z.dot, sp.diff(drive, t)).subs(z, drive)
+
+    energies = {name: inside(mechanism.energies[name]) for name in ("kinetic", "potential")}
+    small = model_of(declare(coordinates=[x, y], **energies), machine("numpy"))
+    result = held.accelerations(q, v, time)
+    assert result[:2] == close(small.accelerations(q[:2], v[:2], time), 1e-8)
+    assert result[2] == close(float(sp.diff(drive, t, 2).subs(t, time)))
+    needed = held.mass_matrix(q, time) @ result - held.evaluate("bias", q, v, time)
+    assert needed == close([0.0, 0.0, held.multipliers(q, v, time)[0]], 1e-8)
+
+
+@some
+@given(mechanisms())
+def test_a_constraint_that_is_not_linear_pushes_along_its_derivative(mechanism: Mechanism) -> None:
+    """By Chetaev's rule |v|^2 is kept constant by a force along v."""
+    speed = sum(v**2 for v in RATES) - float(mechanism.v @ mechanism.v)
+    held = mechanism.compile(constraints={"speed": speed})
+    a, push = mechanism.accelerations(held), mechanism.multipliers(held)[0]
+    assert 2 * mechanism.v @ a == close(0.0)
+    pull = held.mass_matrix(mechanism.q) @ a - held.evaluate("bias", mechanism.q, mechanism.v)
+    assert pull == close(2 * push * mechanism.v)

@@ -50,15 +50,6 @@ def test_flip_of_a_body_about_its_middle_axis() -> None:
     assert np.abs(run[R.body][:, -1] - [0.01, 1, 0]).max() < 1e-12
 
 
-@pytest.mark.slow
-def test_top_on_its_homoclinic_path() -> None:
-    """With p_phi = p_psi = sqrt(3 m g a J1) the top rises for ever: cos(theta) = 1/(1 + sech(gamma t))."""
-    tilt, p = np.pi / 3, np.sqrt(3)
-    slow = p / 1.5
-    top = body((1, 1, 0.5), (0, slow * np.sin(tilt), p / 0.5), lg.turn((1, 0, 0), tilt), R[2, 2])
-    assert abs(top.run(3.0, rtol=1e-14)[R][-1, 2, 2] - 1 / (1 + 1 / np.cosh(3.0))) < 1e-12
-
-
 @pytest.mark.few(1)
 @pytest.mark.parametrize("weight", [0, 0.8])
 def test_the_length_of_the_quaternion_stays_one(weight: float) -> None:
@@ -129,23 +120,6 @@ def test_stability_of_a_steady_spin(axis: int, growth: float) -> None:
     values = np.linalg.eigvals(np.array(linear.A, dtype=float))
     assert values.real.max() == pytest.approx(growth, abs=1e-6)
     assert linear.note == "About a steady motion."
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-def test_linear_equations_anywhere_agree_with_the_compiled_model(seed: int) -> None:
-    """With a coordinate, torques and an input: `linearize` compares itself with the model, and raises if it differs."""
-    draw = np.random.default_rng(seed)
-    x, u = lg.coordinate("x"), lg.parameters("u")
-    energy = R.body.dot(diag(1.1, 1.3, 1.7) * R.body) / 2 + m * (x.dot**2 + x.dot * R.space[0]) / 2
-    system = lg.System(
-        energy,
-        m * g * x * R[2, 2] + x**2 * R[0, 1],
-        parameters={m: 0.7, g: 2.0, u: 0.3},
-        forces={R.space: (0.1, x, u), R.body: (0, 0, -0.1 * R.body[2])},
-    )
-    place = {R: lg.turn(draw.normal(size=3), 1.1), R.body: tuple(draw.normal(size=3).tolist()), x: 0.4, x.dot: -0.2}
-    assert system.linearize(place, inputs=[u]).note.startswith("Away from equilibrium")
 
 
 def top_on_a_joint() -> tuple[lg.System, lg.System]:
@@ -348,25 +322,6 @@ def test_the_motion_is_that_of_euler_angles(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
-def test_a_derivation_in_turns_agrees_with_the_compiled_model(seed: int) -> None:
-    """Euler's equations as printed give the model's accelerations of the quaternion."""
-    draw = np.random.default_rng(seed)
-    x = lg.coordinate("x")
-    arm = [float(v) for v in draw.uniform(-1, 1, 3)]
-    point = R * arm
-    system = lg.System(
-        lg.kinetic_energy(m, [point[0] + x, point[1], point[2]]) + R.body.dot(diag(1.1, 1.3, 1.7) * R.body) / 2,
-        m * g * point[2] + x**2 * R[0, 1] / 2,
-        parameters={m: 0.7, g: 2.0},
-        forces={R.space: (0.1, R.space[0] * R[0, 2], -0.2), R.body: (0, 0, -0.1 * R.body[2])},
-    )
-    report = system.check(points=2, seed=seed)
-    assert report
-    assert "textbook accelerations" in str(report)
-
-
-@pytest.mark.slow
 def test_a_derivation_too_long_to_be_solved_in_symbols_is_compared_at_each_point() -> None:
     """The equations are solved numerically at each point. A wrong inertia is detected."""
     held, _ = top_on_a_joint()
@@ -377,12 +332,6 @@ def test_a_derivation_too_long_to_be_solved_in_symbols_is_compared_at_each_point
     heavier = held.substitute({lg.parameters("J1"): sympy.Rational(101, 10000)})
     wrong = SolvedTextbook(heavier.derivation(), statement, {})
     assert not check(held.compile("numpy"), textbook=wrong, points=2)
-
-
-@pytest.mark.slow
-def test_the_accelerations_of_a_rattleback_are_compared_with_its_derivation() -> None:
-    report = lg.scene("rattleback").check()
-    assert report and "textbook accelerations" in str(report) and not report.notes
 
 
 def test_a_rolling_ball_has_the_equations_of_chaplygin() -> None:
@@ -424,15 +373,6 @@ def test_constraints_keep_the_length_of_the_quaternion(name: str, method: str, s
     """Projection also restores the length one, which rk4 would change by 1e-4 and taylor by 1e-10."""
     run = shared_scene(name).run(20.0, method=method, step=step)
     assert max(run.card()["lengths"].values()) < 1e-15
-
-
-@pytest.mark.slow
-def test_conserved_momenta_of_a_symmetric_top() -> None:
-    top = body((m, m, a), (0.1, 0.2, 3), lg.turn((1, 0, 0), 0.4), g * R[2, 2], parameters={m: 1.0, g: 1.0, a: 0.5})
-    names = [quantity.name for quantity in top.conserved()]
-    assert names == ["energy", "angular momentum z", "angular momentum z of the body"]
-    for name, values in top.run(5.0, rtol=1e-12).invariants.items():
-        assert np.ptp(values) < 1e-9, name
 
 
 @pytest.mark.slow
@@ -479,14 +419,6 @@ def test_a_heavy_top_nods_between_the_roots_of_its_cubic() -> None:
     low = np.roots([rate, -(p**2), p**2 * start - rate])
     assert abs(run[R][:, 2, 2].min() - low[np.abs(low) < 1][0]) < 2e-4
     assert run[R][:, 2, 2].max() < start + 1e-12
-
-
-@pytest.mark.slow
-def test_a_ring_holds_against_its_spring_while_the_rotor_tilts() -> None:
-    run = example("gyroscope-on-gimbal")
-    ring, tilt = run["psi"], run[R][:, 2, 2]
-    assert np.abs(ring - 0.197).max() < 0.01
-    assert abs(tilt[-1]) > 0.5
 
 
 def test_a_ball_of_chaplygin_keeps_its_momentum_about_the_point_of_contact() -> None:
