@@ -1,4 +1,4 @@
-"""Shared parts of the commands: options, numbers, scenes, folders, and the answer of a command."""
+"""Shared parts of the commands: options, numbers, scenes, folders, the answer of a command and its exit code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line: run, derive, check, race, export, list and start scenes.
+"""The command line: its parser, the commands derive, check, new and scenes, and the template of a new scene.
 
 Only argparse is imported before the arguments are parsed, so that help appears at once.
 """

@@ -1,6 +1,7 @@
-"""`check`: compare every compiled quantity with numerical derivatives of the stated energies.
+"""`check`: compare every compiled quantity with numerical derivatives of the stated energies, at random points.
 
 A stated system is checked on both targets, llvm and numpy, and with accelerations derived as in a textbook.
+The numbers of points are here; the accepted error is in `report`.
 """
 
 from __future__ import annotations

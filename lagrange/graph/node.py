@@ -1,4 +1,4 @@
-"""Interned nodes of expressions: equal expressions are one node.
+"""Interned nodes of expressions, simplified when they are built: equal expressions are one node.
 
 A `Graph` owns its nodes. Constructors simplify locally (fold constants, drop zeros, merge equal terms and factors, take
 out a common factor) and return an existing node wherever one fits. Arguments are always older than the node that uses

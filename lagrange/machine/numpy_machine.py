@@ -1,4 +1,4 @@
-"""The numpy machine: it runs programs without a compiler, with Python and NumPy only.
+"""The numpy machine: programs, Taylor series and dense output without a compiler, with Python and NumPy only.
 
 The interpreted series is the readable reference. With floats it is the series of this machine. With mpmath's numbers it
 gives reference solutions of any precision. Dense output uses the same procedures as machine code, printed as Python.

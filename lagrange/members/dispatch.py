@@ -1,4 +1,4 @@
-"""Runs of members in chunks: submitted to threads or to an executor, and their results collected and stored."""
+"""Runs of members in chunks: sizes of chunks, threads or an executor that run them, collection of their results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The HTML document of a page: data for its scripts, its parts, and the security policy that admits no other script."""
+"""The HTML document of a page: data and settings of its run, parts, and a security policy against other scripts."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Catalogue of the programs that a model offers, by name. Each is lowered from the equations at its first use.
+"""Catalogue of the programs that a model offers, by name, and the programs of constraints, such as the projection.
 
-Programs of constraints: the projection makes the least change in the metric of the mass matrix. One Newton step from
-(q, v): dq minimises dq^T M dq / 2 with phi + (dphi/dq) dq = 0, and dv minimises dv^T M dv / 2 with psi + (dpsi/dq) dq +
-G dv = 0. Both are solved with the matrix of the accelerations, [[M, G^T], [G, 0]], which is factored once. A constraint
-on velocities determines no coordinates: dq is a displacement that it admits.
+Each program is lowered from the equations at its first use. The projection makes the least change in the metric of the
+mass matrix. One Newton step from (q, v): dq minimises dq^T M dq / 2 with phi + (dphi/dq) dq = 0, and dv minimises dv^T
+M dv / 2 with psi + (dpsi/dq) dq + G dv = 0. Both are solved with the matrix of the accelerations, [[M, G^T], [G, 0]],
+which is factored once. A constraint on velocities determines no coordinates: dq is a displacement that it admits.
 Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, section VII.2.
 """
 

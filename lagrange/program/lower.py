@@ -1,4 +1,4 @@
-"""Lowering from graph to program: binary operations in a good order, with operations on parameters alone hoisted.
+"""Lowering from graph to program: sums, products and powers as binary operations, those on parameters alone first.
 
 Sums become chains of fused multiply-adds. Products put parameters first, so that this part is computed once per run. A
 power with an integer or half-integer exponent becomes multiplications and square roots.

@@ -1,4 +1,4 @@
-"""Coordinates, parameters, time and multipliers as SymPy objects, and the order of their declarations."""
+"""Coordinates, parameters, time and multipliers as SymPy objects: names, reserved names, order of declaration."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Packing of a series' values into vectors: values with the same rule at the same depth become one vector.
+"""Packing of a series' values with the same rule into vectors, and the cost of a step, which selects the order.
 
-A chunk is such a vector of 1, 2, 4 or 8 values, or of a multiple of 4 values for code with loops over the values. Its
-last lanes may repeat the last value. An operand is a vector of values that a chunk reads. Unless it is another chunk,
-it is gathered from several chunks.
+A chunk is a vector of values with the same rule at the same depth: 1, 2, 4 or 8 values, or of a multiple of 4 values
+for code with loops over the values. Its last lanes may repeat the last value. An operand is a vector of values that a
+chunk reads. Unless it is another chunk, it is gathered from several chunks.
 
 The cost of a Taylor step, in about nanoseconds, selects the order of a series, and whether code has loops. The formulas
 are fits to the measured steps of nine systems, from a pendulum to 64 masses, at orders 6 to 24 (AMD Zen 4). Only ratios

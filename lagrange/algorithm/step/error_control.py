@@ -1,4 +1,4 @@
-"""Error control: the loops over steps, of equal or chosen length, and whole integrators by explicit methods.
+"""Loops over steps, equal or with error control: rejection, next length; and whole integrators by explicit methods.
 
 The loops have the error norm, rejection, the next length, and the floors, which are the absolute tolerances of the
 entries of the state. Numbers of a method, such as the safety factor, are in `Control`, lagrange/program/step.py.

@@ -1,4 +1,4 @@
-"""Figures of runs: their panels, and the layout of the panels."""
+"""Figures of runs: the quantities that `what` names, their panels, and the layout of the panels."""
 
 from __future__ import annotations
 

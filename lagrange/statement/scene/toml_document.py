@@ -1,4 +1,4 @@
-"""A TOML file as data. Errors name file, line and column, computed from the offsets of keys and values."""
+"""A TOML file of limited size as data. Errors name file, line and column, from the offsets of keys and values."""
 
 from __future__ import annotations
 

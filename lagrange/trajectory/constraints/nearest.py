@@ -1,4 +1,4 @@
-"""The nearest point of a surface, measured by the kinetic energy."""
+"""The nearest point of a constraint surface, measured by the kinetic energy; when a state counts as on it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Tolerances and step sizes of a run: the defaults, and checks of the user's values for a method."""
+"""Tolerances and step sizes of a run: checks of the user's values for a method, and the default number of steps.
+
+The default relative tolerance is in `statement/run_settings.py`, the default absolute one (`FLOOR_SHARE`) in
+`trajectory/integrator.py`.
+"""
 
 from __future__ import annotations
 
