@@ -30,7 +30,7 @@ from lagrange.procedure.lane_values import (
 from lagrange.procedure.visit import Visitor, visits
 
 ACTIVE = "active"
-"""Name of the first argument of an entry: 1 for each member that takes part, else 0."""
+"""Name of the first argument of the procedure that Python calls: 1 for each member that takes part, else 0."""
 
 UNROLLED = 64
 """Largest total number of statements for which the iterations of an `each` are written out."""

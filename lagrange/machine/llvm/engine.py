@@ -193,7 +193,7 @@ def _optimize(module: Any, machine: Any) -> None:
 
 
 def _merge(module: Any, machine: Any) -> None:
-    """Run LLVM's passes that inline marked procedures of a module and keep its local arrays in registers."""
+    """Run LLVM's passes that inline `alwaysinline` procedures of a module and keep its local arrays in registers."""
     passes = llvm.create_new_module_pass_manager()
     passes.add_always_inliner_pass()
     passes.add_sroa_pass()
@@ -326,7 +326,7 @@ def _function_at(code_address: int) -> Any:
 
 
 STEPS = ("budget", "times", "rows")
-"""Names of the last parameters of loops over steps; see `CompiledProcedure.steps`."""
+"""Names of the last parameters of a loop over steps: number of steps, and arrays for their times and states."""
 
 
 class CompiledProcedure(Shared):

@@ -69,7 +69,10 @@ def _coefficients(model: Model, parameters: tuple[float, ...]) -> tuple[list[Any
 
 @lru_cache(maxsize=MODELS_KEPT)
 def _rows(model: Model) -> tuple[list[list[int]], list[int], NDArray[np.intp]]:
-    """Return `rows`, `normals` and `owners` of the contacts of a model: see `Kinematics`."""
+    """Return the rows of each contact of a model, the row of each gap rate, and the contact of each row.
+
+    They are the attributes `rows`, `normals` and `owners` of `Kinematics`.
+    """
     sizes = [1 + len(contact.slip) for contact in model.statement.contacts]
     normals = [sum(sizes[:i]) for i in range(len(sizes))]
     rows = [list(range(row, row + size)) for row, size in zip(normals, sizes, strict=True)]

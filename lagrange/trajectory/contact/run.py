@@ -62,8 +62,10 @@ SHORTEST_REST = 2.0**-36
 """Time until impacts have ended, relative to the time of the run, below which no separate segment is run."""
 
 TYPED, EARLY, EARLY_FALL = 1e-8, 1e-7, 1e-6
-"""An overlap at the start is rounding up to the first number times the terms of gaps; or up to the way of the gap: at
-its rate during the second part of the run, and by its acceleration during the third."""
+"""Largest overlap at the start that is rounding: the first number times the terms of the gaps, or the change of the gap
+early in the run. This is the change at its rate in the second fraction of the run, plus that by its acceleration in
+the third.
+"""
 
 FAILED = (Status.UNRELIABLE, Status.NON_FINITE, Status.SINGULAR, Status.STEP_TOO_SMALL, Status.DIVERGED)
 """Statuses after which a segment is run again, with a check of each impact and each change of the mode."""
