@@ -79,7 +79,7 @@ def add_page(commands: Any) -> None:
         metavar="NAME=LOW:HIGH",
         action="append",
         default=[],
-        help="a slider that stands first, with its bounds, such as l=0.5:2",
+        help="a slider to show first, with its bounds, such as l=0.5:2",
     )
     add_json(page_)
 

@@ -219,7 +219,7 @@ def dependent_rows(names: Sequence[str], singular: Singular) -> str:
         return f"{listing(related)} {have} of first order {'leaves' if len(related) == 1 else 'leave'} velocities open"
     involved = [repr(names[i]) for i, _ in singular.rows]
     if len(involved) == 1:
-        return f"the constraint {involved[0]} restricts no velocity, for all its derivatives by them vanish,"
+        return f"the constraint {involved[0]} restricts no velocity, as all its velocity derivatives vanish,"
     return f"the constraints {listing(involved)} are dependent"
 
 
@@ -273,11 +273,9 @@ def dependent_everywhere(names: tuple[str, ...], singular: Singular, *, allowed:
             f"{dependent_rows(names, singular)} wherever it holds: state it without the square, or leave it out if it "
             "holds always."
         )
-    remedy = "state the system with redundant='allow', and they share their forces."
+    remedy = "state the system with redundant='allow': the constraints then share their forces."
     if allowed:
-        remedy = (
-            "state the system with these parameters: which constraints are redundant is found with those it states."
-        )
+        remedy = "state the system with these parameters: redundant constraints are found for the stated ones."
     return (
         f"{dependent_rows(names, singular)} here: where {listing(involved[:-1])} "
         f"{'holds' if len(involved) == 2 else 'hold'}, {involved[-1]} restricts no further. Drop one of them, or "

@@ -274,8 +274,8 @@ def _refusal(
     ]
     if worst is None:
         return (
-            f"it was not found that this is a symmetry of {model.statement.name}: no proof was found that its quantity "
-            f"{_spelled(model, quantity)} is conserved, and no state at which it changes."
+            f"it could not be proven that this is a symmetry of {model.statement.name}: neither a proof that its "
+            f"quantity {_spelled(model, quantity)} is conserved nor a state at which it changes was found."
         )
     rate = str(stated.show(equation.defect(symmetry)).xreplace(dict(model.statement.plain)))
     formula = "" if across or len(rate) > LONGEST_SHOWN else f" {rate}, which is"

@@ -329,7 +329,7 @@ def _make_one(survey: Survey) -> str:
         name = symbol.name.removesuffix("dot").removesuffix("_")
         if symbol.name.endswith("dot") and NAME.fullmatch(name):
             return (
-                f"{symbol.name} is a plain symbol and no velocity: make {name} = lg.coordinate({name!r}), and write "
+                f"{symbol.name} is a plain symbol, not a velocity: make {name} = lg.coordinate({name!r}), and write "
                 f"{name}.dot for it."
             )
     return "Make one with lg.coordinate('x')."
@@ -594,5 +594,5 @@ def _no_coordinates(what: str, zero: Any) -> str:
         return f"{what} is {formula(zero, 60)} = 0, which never holds: no motion satisfies it."
     return (
         f"{what} contains no coordinate and no velocity ({formula(zero, 60)} = 0): a constraint relates coordinates or "
-        "velocities. A relation of parameters belongs into the values of parameters."
+        "velocities. State a relation of parameters in the values of parameters."
     )

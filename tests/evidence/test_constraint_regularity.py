@@ -68,7 +68,7 @@ def test_constraints_that_are_dependent_where_they_hold() -> None:
 
 def test_a_square_restricts_nothing_where_it_holds() -> None:
     text = refusal(system({"twice": (x - y) ** 2}).run, 1.0, check=False)
-    assert "the constraint 'twice' restricts no velocity, for all its derivatives by them vanish, wherever it" in text
+    assert "the constraint 'twice' restricts no velocity, as all its velocity derivatives vanish, wherever it" in text
     assert "state it without the square" in text
 
 
@@ -89,7 +89,7 @@ def test_one_configuration_where_constraints_are_dependent_is_named() -> None:
     solution = bars.run(1.0, check=False)
     assert solution.status is lg.Status.SINGULAR
     assert (
-        "the constraint 'a' restricts no velocity, for all its derivatives by them vanish, at t = 0, x = 0, y = 0, "
+        "the constraint 'a' restricts no velocity, as all its velocity derivatives vanish, at t = 0, x = 0, y = 0, "
         in (solution.message)
     )
     assert "the multipliers, and with them the accelerations, are not determined there." in solution.message
@@ -118,7 +118,7 @@ def test_an_arm_that_is_pulled_straight_ends_with_the_configuration(method: str)
     )
     solution = arm.run(3.0, arm.consistent().initial, method=method, check=False)
     assert solution.status is lg.Status.SINGULAR and solution.t[-1] == pytest.approx(1.0, abs=1e-5)
-    assert "the constraint 'reach' restricts no velocity, for all its derivatives by them vanish, there, at a = " in (
+    assert "the constraint 'reach' restricts no velocity, as all its velocity derivatives vanish, there, at a = " in (
         solution.message
     )
     assert "these derivatives are" in solution.message and "their least" not in solution.message
@@ -141,6 +141,6 @@ def test_a_square_is_refused_whatever_rounding_leaves_of_it(angle: float, method
     twice = system({"twice": (x**2 + y**2 - l**2) ** 2})
     start = {x: 0.7 * float(cos(angle)), y: -0.7 * float(sin(angle))}
     text = refusal(twice.run, 0.1, start, method=method, check=False)
-    assert "the constraint 'twice' restricts no velocity, for all its derivatives by them vanish, wherever it" in text
+    assert "the constraint 'twice' restricts no velocity, as all its velocity derivatives vanish, wherever it" in text
     flow = lg.flow(twice.compile(check=False), method=method)
     assert "state it without the square" in refusal(flow, [*start.values(), 0.0, 0.0], 0.0, 0.1)

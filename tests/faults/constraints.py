@@ -197,7 +197,7 @@ BEGUN = (
     refused(
         "squared constraint",
         "(x - y)^2 = 0, whose derivative vanishes where it holds",
-        "'a' restricts no velocity, for all its derivatives" + NOT_MADE_FOR,
+        "'a' restricts no velocity, as all its velocity derivatives" + NOT_MADE_FOR,
         held({"a": (x - y) ** 2}),
     ),
     refused(

@@ -178,7 +178,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"kinetic": m * sympy.Symbol("thetadot") ** 2, "potential": 0, "coordinates": None, "initial": {}},
-        "thetadot is a plain symbol and no velocity: make theta = lg.coordinate('theta'), and write theta.dot for it.",
+        "thetadot is a plain symbol, not a velocity: make theta = lg.coordinate('theta'), and write theta.dot for it.",
     ),
     # positions and links
     ({"positions": [1]}, "positions is a list: give a dict from name to point."),

@@ -264,7 +264,7 @@ def options(method: str) -> dict[str, Any]:
 
 
 CORNER = "the constraint 'wire' has a corner where {} = 0: velocities jump there, in a way that is not stated."
-JUMP = "the constraint 'wire' jumps where {} = 0, and no motion leads over that."
+JUMP = "the constraint 'wire' jumps where {} = 0, and no motion continues beyond it."
 ENDED = {
     "jump": (held(y - Piecewise((1, x > 0), (-1000, True)), INWARDS), JUMP.format("x")),
     "small jump": (held(y - Piecewise((1, lg.t < 1), (1 + 1e-5, True)), {y: 1.0}), JUMP.format("t - 1")),
@@ -325,7 +325,7 @@ def test_a_constraint_that_comes_to_restrict_nothing_ends_a_run(method: str) -> 
     brake = held(x.dot**2 + y.dot**2 - (1 - lg.t) ** 2, {x.dot: 1.0})
     run = brake.run(2.0, check=False, **options(method))
     assert run.status is lg.Status.SINGULAR and run.t[-1] <= 1.0 + 1e-9
-    assert "the constraint 'wire' restricts no velocity, for all its derivatives by them vanish," in run.message
+    assert "the constraint 'wire' restricts no velocity, as all its velocity derivatives vanish," in run.message
     assert "does not determine how the motion continues" in run.message
     turning = held(x.dot**2 + y.dot**2 - 1, {x.dot: 1.0}, forces={x: -5 * y.dot, y: 5 * x.dot})
     turned = turning.run(3.0, method="rk4", step=0.3, check=False)

@@ -13,8 +13,8 @@ from lagrange.procedure.front.decorators import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, Readable, WholesOut, Writable, larger, smaller
 
 NEGLIGIBLE = 1e-10
-"""Entries below this fraction of the largest entry of their column are rounding, and no pivots. Ratios of the ratio
-test are equal if they differ by less than this.
+"""Entries below this fraction of the largest entry of their column are rounding, and are not used as pivots. Ratios of
+the ratio test are equal if they differ by less than this.
 """
 
 PIVOTS_PER_ROW = 50

@@ -140,8 +140,8 @@ class Discontinuities:
         where = formula(-zero if zero.could_extract_minus_sign() else zero, LONGEST_SURFACE)
         if which < self.residuals.places:
             return (
-                f"the constraint {name!r} jumps where {where} = 0, and no motion leads over that. End the run before "
-                "it by an event, or state the constraint without the jump."
+                f"the constraint {name!r} jumps where {where} = 0, and no motion continues beyond it. End the run "
+                "before it by an event, or state the constraint without the jump."
             )
         return (
             f"the constraint {name!r} has a corner where {where} = 0: velocities jump there, in a way that is not "
