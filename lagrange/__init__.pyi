@@ -8,8 +8,8 @@ from lagrange.errors import StatementError as StatementError
 from lagrange.evidence.trust import TrustHorizon as TrustHorizon
 from lagrange.evidence.trust import trust_horizon as trust_horizon
 from lagrange.export.target import targets as targets
-from lagrange.members.varied import grid as grid
-from lagrange.members.varied import sample as sample
+from lagrange.members.table import grid as grid
+from lagrange.members.table import sample as sample
 from lagrange.recipes.model import Model as Model
 from lagrange.show import methods as methods
 from lagrange.show.dynamics import bifurcation as bifurcation

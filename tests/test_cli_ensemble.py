@@ -10,7 +10,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.cli.program import main
-from lagrange.members import dispatch, store
+from lagrange.members import jobs, store
 
 VARY = ["--vary", "theta=0.1:2:3", "--vary", "l=0.5:1:2", "--t-end", "1"]
 
@@ -62,8 +62,8 @@ def test_an_interrupted_store_goes_on(
 ) -> None:
     pytest.importorskip("zarr")
     monkeypatch.setattr(store, "LARGEST_BLOCK", 2)
-    monkeypatch.setattr(dispatch, "LARGEST_CHUNK", 2)
-    monkeypatch.setattr(dispatch, "FIRST_CHUNK", 2)
+    monkeypatch.setattr(jobs, "LARGEST_CHUNK", 2)
+    monkeypatch.setattr(jobs, "FIRST_CHUNK", 2)
     command = ["ensemble", "pendulum", *VARY, "--workers", "1", "--out", str(tmp_path / "runs.zarr"), "--progress"]
     with monkeypatch.context() as patch:
         patch.setattr(store.StoredResults, "write", interrupting(store.StoredResults.write, 1))

@@ -11,10 +11,10 @@ from tests.test_layering import ROOT, Modules, imports_of, package
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": ("backend", "parameters", "python_source", "state"),
     "machine entries": ("drivers", "llvm_machine", "llvm_series", "model", "numpy_machine"),
-    "trajectory records": ("integrator", "trajectory"),
+    "trajectory records": ("integrator", "paths", "trajectory"),
     "trajectory runs": ("ending_messages", "endings", "outputs", "plan", "run_loop", "sizes", "slow_runs"),
     "trajectory segments": ("segments",),
-    "trajectory entries": ("flow", "progress", "run", "solution"),
+    "trajectory entries": ("run", "solution"),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
 stand before all rooms of their stage, the entries behind all."""
@@ -24,33 +24,32 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "machine/llvm": ("machine records",),
     "machine/kernel": ("machine records", "machine/llvm"),
     "machine entries": ("machine records", "machine/llvm", "machine/kernel"),
-    "trajectory records": ("machine records", "machine entries"),
     "trajectory/tableaux": (),
+    "trajectory records": ("machine records", "machine entries", "trajectory/tableaux"),
     "trajectory/constraints": ("machine records", "machine/kernel", "machine entries"),
-    "trajectory/paths": ("machine records", "machine entries", "trajectory records", "trajectory/tableaux"),
     "trajectory/events": (
         *("machine records", "machine/kernel", "machine entries", "trajectory/constraints"),
-        *("trajectory records", "trajectory/paths"),
+        "trajectory records",
     ),
     "trajectory runs": (
         *("machine records", "machine/kernel", "machine entries", "trajectory/constraints"),
-        *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory/events"),
+        *("trajectory records", "trajectory/tableaux", "trajectory/events"),
     ),
     "trajectory/methods": (
         *("machine records", "machine entries"),
-        *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory/events", "trajectory runs"),
+        *("trajectory records", "trajectory/tableaux", "trajectory/events", "trajectory runs"),
     ),
     "trajectory/foreign": (
         *("machine records", "machine entries"),
-        *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs", "trajectory/methods"),
+        *("trajectory records", "trajectory/events", "trajectory runs", "trajectory/methods"),
     ),
     "trajectory/measures": (
         *("machine records", "machine entries", "trajectory/constraints"),
-        *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory runs"),
+        *("trajectory records", "trajectory/tableaux", "trajectory runs"),
     ),
     "trajectory segments": (
         *("trajectory/constraints", "trajectory/measures"),
-        *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs"),
+        *("trajectory records", "trajectory/events", "trajectory runs"),
     ),
     "trajectory/contact": (
         *("machine records", "machine/kernel", "machine entries"),

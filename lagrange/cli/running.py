@@ -32,9 +32,9 @@ from lagrange.cli.arguments import (
     start,
 )
 from lagrange.errors import StatementError, listing, suggestion
-from lagrange.members.reductions import REDUCTIONS
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import check_place, write_atomically
+from lagrange.statement.run_settings import REDUCTIONS
 
 if TYPE_CHECKING:
     from lagrange.show.ensemble import Ensemble

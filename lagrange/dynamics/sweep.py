@@ -16,7 +16,7 @@ from lagrange.dynamics.runs import Report, Runs, depends_on_time, driving_period
 from lagrange.dynamics.section import Crosser, Crossings, check_room, drawn_axes, section_of
 from lagrange.errors import StatementError, counted, listing
 from lagrange.machine.backend import FloatArray
-from lagrange.members.varied import axis_values
+from lagrange.members.table import axis_values
 from lagrange.statement.event import Event
 from lagrange.statement.parameters import label_of, parameter_name
 from lagrange.statement.statement import Statement

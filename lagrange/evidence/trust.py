@@ -14,10 +14,9 @@ from lagrange.evidence.precise_run import precise_run
 from lagrange.machine.model import Model, Stated
 from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.expression import flag, positive_number, real_array, real_number
-from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.run import compiled, span_or_end, trajectory_of
+from lagrange.trajectory.run import Flow, compiled, span_or_end, trajectory_of
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 DEFAULT_DIGITS = 22

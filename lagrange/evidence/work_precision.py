@@ -14,10 +14,9 @@ from lagrange.errors import LagrangeError, RunError, StatementError, listing, sh
 from lagrange.evidence.trust import ReferenceSolution, Sensitivity, digits_of, reference_solution, sensitivity
 from lagrange.machine.model import Model
 from lagrange.statement.expression import entries, flag, positive_number, real_number, whole_number
-from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import Integrator, Problem, RunOptions, run_by
 from lagrange.trajectory.methods.registry import find, names
-from lagrange.trajectory.run import trajectory_of
+from lagrange.trajectory.run import Flow, trajectory_of
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))

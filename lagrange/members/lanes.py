@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,7 +23,7 @@ from lagrange.algorithm.dense.polynomials import hermite_polynomial
 from lagrange.algorithm.kernel.body import PreparedLayout
 from lagrange.algorithm.kernel.kernels import kernel, prepare
 from lagrange.algorithm.members.along import MemberDenseOutput, Sampled, table_of_points
-from lagrange.algorithm.members.queue import COUNTED, MemberMethod, Observed, SystemNumbers, energy_and_momenta
+from lagrange.algorithm.members.queue import COUNTED, Observed, SystemNumbers, energy_and_momenta
 from lagrange.algorithm.members.steps import StepEvents, StepMembers
 from lagrange.algorithm.members.taylor import TaylorEvents, TaylorMembers
 from lagrange.algorithm.series.integrator import TaylorProcedures
@@ -35,15 +36,29 @@ from lagrange.machine.backend import MemberRuns
 from lagrange.machine.drivers import EventMemory
 from lagrange.machine.model import Model
 from lagrange.machine.state import Reaction
-from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
-from lagrange.members.kept_results import DRIFT, OUTPUTS, STATE, STATUS, TIME, Reduction, event_states, event_times
+from lagrange.members.results import (
+    DRIFT,
+    OUTPUTS,
+    STATE,
+    STATUS,
+    STATUSES,
+    SUCCESS,
+    TIME,
+    Ends,
+    Reduction,
+    Starts,
+    Stopped,
+    event_states,
+    event_times,
+)
 from lagrange.members.singly import Energies, RunEngine
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.interpreter import run as interpret
 from lagrange.procedure.rewrite import Pruner
-from lagrange.program.step import LAWS
+from lagrange.program.program import Program
+from lagrange.program.step import LAWS, StepProgram
 from lagrange.trajectory.endings import DOMAIN_PROBE, slope_ahead
-from lagrange.trajectory.events.actions import ModelEvent, model_events
+from lagrange.trajectory.events.actions import model_events
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.taylor import TaylorPlan
 from lagrange.trajectory.plan import Plan, StepPlan
@@ -58,54 +73,22 @@ ABOUT = "Write the parameters, and after them what depends on them alone."
 
 
 @dataclass(frozen=True)
-class MemberEvents:
-    """The event functions of members: their `nodes`, and for each the reaction (direction, terminal count, reset).
-
-    The first `events` nodes are events of the user. The others are square roots in the equations of motion. A zero of
-    such a root ends the run of the member, since no Taylor series is valid after it.
-    """
-
-    nodes: tuple[Node, ...]
-    reactions: tuple[Reaction, ...]
-    events: int
-
-    @classmethod
-    def of(cls, events: Sequence[ModelEvent]) -> MemberEvents | None:
-        """Return the event functions of `events` with their reactions, or None if there are none."""
-        if not events:
-            return None
-        reactions = [
-            Reaction(event.direction, event.terminal, root=event.root, smooth=event.smooth) for event in events
-        ]
-        nodes = tuple(event.node for event in events)
-        return cls(nodes, tuple(reactions), sum(not event.root for event in events))
-
-    def arrays_of_steps(self, dimension: int) -> dict[str, Any]:
-        """Return the constant arrays that the search for events on steps reads, by argument name.
-
-        `dimension` is the length 2n of a state.
-        """
-        direction, terminal = np.array(
-            [(reaction.direction, reaction.terminal) for reaction in self.reactions], dtype=np.int64
-        ).T
-        factors = 1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1)
-        whole = {"direction": np.ascontiguousarray(direction), "terminal": np.ascontiguousarray(terminal)}
-        return {"factors": factors, **whole}
-
-
-@dataclass(frozen=True)
 class MemberTasks:
     """Tasks of the machine code of members besides steps: reductions and events.
 
     `reductions` are expressions that are reduced to one number along the steps. `path` is the dense output that
-    reductions and events use, or None. `varying` is True if each member has its own parameters. `watched` has the
-    event functions, or is None.
+    reductions and events use, or None. `varying` is True if each member has its own parameters. `watched` are the event
+    functions, and `reactions` has for each the direction, terminal count and reset. The first `events` functions are
+    events of the user. The others are square roots in the equations of motion. A zero of such a root ends the run of
+    the member, since no Taylor series is valid after it.
     """
 
     reductions: tuple[Reduction, ...]
     path: StepPolynomial | None
     varying: bool
-    watched: MemberEvents | None = None
+    watched: tuple[Node, ...]
+    reactions: tuple[Reaction, ...]
+    events: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,77 +109,118 @@ class Compiled:
     events: int
 
 
+class _Parts(NamedTuple):
+    """The parts from which the procedure of members is generated, for each method.
+
+    `kernels` are procedures by name: the law of the steps, "rhs", "watched". `numbers` are the numbers of the system,
+    `observed` the energy and momenta, and `sampled` the expressions that are reduced, or None.
+    """
+
+    kernels: Mapping[str, Procedure]
+    numbers: SystemNumbers
+    observed: Observed
+    sampled: Sampled | None
+
+
 def compiled_members(model: Model, plan: Plan, tasks: MemberTasks) -> Compiled:
     """Return the compiled code that runs members of a model by the method of a `plan`, with additional `tasks`."""
-    laws = {name: model.law(name).program for name in ("rhs", "energy", "momenta")}
-    step = plan.step if isinstance(plan, StepPlan) else None
-    if step is not None:
-        laws["step"] = model.law(LAWS[step.law].quantity).program
     nodes = tuple(node_of(reduction.expression, model.statement, model.equations) for reduction in tasks.reductions)
-    different = tuple(dict.fromkeys(nodes))
-    if nodes:
-        laws["expressions"] = model.function("expressions", different).program
-    if tasks.watched is not None:
-        along = plan.series.program.values if isinstance(plan, TaylorPlan) else None
-        laws["watched"] = along or model.function("events", tasks.watched.nodes).program
-    prepared = PreparedLayout.of([*laws.values()])
-    kernels = {name: kernel(program, prepared, name, f"The quantity {name}.") for name, program in laws.items()}
+    programs = _programs(model, plan, tasks, tuple(dict.fromkeys(nodes)))
+
+    # All programs share what depends on the parameters alone. A Taylor series adds values of its own.
+    prepared = PreparedLayout.of([*programs.values()])
+    kernels = {name: kernel(program, prepared, name, f"The quantity {name}.") for name, program in programs.items()}
     preparing, size = prepare(prepared, ABOUT), prepared.size
+    generator: Callable[[MemberTasks, _Parts, int], tuple[TaylorMembers | StepMembers, dict[str, Any]]]
+    if isinstance(plan, TaylorPlan):
+        series = TaylorProcedures(plan.series.program, prepared.size, watches=bool(tasks.watched))
+        preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
+        generator = partial(_taylor_members, plan, series)
+    else:
+        assert isinstance(plan, StepPlan)
+        generator = partial(_step_members, plan.step)
+    numbers = SystemNumbers(size, len(model.statement.parameters), preparing if tasks.varying else None)
+
     observing = energy_and_momenta.form(energy=kernels["energy"], momenta=kernels["momenta"])
     observed = Observed(observing, 1 + len(model.layout.rates))
-    sampled = None
-    if nodes:
-        pairs = zip(tasks.reductions, nodes, strict=True)
-        reductions = tuple((reduction.how, different.index(node)) for reduction, node in pairs)
-        instructions = laws["expressions"].instructions
-        entries = dict.fromkeys(instruction.place for instruction in instructions if instruction.op == "state")
-        sampled = Sampled(kernels["expressions"], len(different), tuple(entries), reductions)
-    read: dict[str, Any] = {"points": table_of_points()}
-    parameters = len(model.statement.parameters)
-    members: MemberMethod
-    if isinstance(plan, TaylorPlan):
-        series = TaylorProcedures(plan.series.program, prepared.size, watches=tasks.watched is not None)
-        preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
-        jet: WrittenJet | ByOrderJet
-        if single_operations(series.packing, plan.order) > MOST_WRITTEN_OUT:
-            jet = ByOrderJet(series.single, series.numbers)
-        else:
-            jet = WrittenJet(series.single, series.numbers, plan.order)
-        numbers = SystemNumbers(size, parameters, preparing if tasks.varying else None)
-        events = None if tasks.watched is None else _events(plan, tasks.watched, kernels["watched"])
-        members = TaylorMembers(jet.layout, plan.order, jet.build(), numbers, observed, sampled, events)
-        if tasks.watched is not None:
-            sizes = np.array([getattr(jet.layout, name) for name in SIZES.places], dtype=np.int64)
-            memory = EventMemory(model.layout.size, 0, tasks.watched.reactions)
-            read |= {"sizes": sizes, "settings": memory.settings, "tilts": memory.tilts}
-    else:
-        assert step is not None
-        numbers = SystemNumbers(size, parameters, preparing if tasks.varying else None)
-        dense = None if tasks.path is None else MemberDenseOutput(tasks.path, kernels["rhs"])
-        watch = None
-        if tasks.path is not None:
-            read["table"] = tasks.path.table
-        if tasks.path is not None and tasks.watched is not None:
-            screened = step.control is not None and tasks.path.degree > hermite_polynomial(3).degree
-            watch = StepEvents(kernels["watched"], tasks.watched.events, screened)
-            read |= tasks.watched.arrays_of_steps(model.layout.size)
-        members = StepMembers(step, model.layout.size, kernels["step"], numbers, observed, dense, sampled, watch)
-    preparation = None if tasks.varying else Pruner().pruned(preparing)
+    sampled = _sampled(tasks.reductions, nodes, programs["expressions"], kernels["expressions"]) if nodes else None
+    members, arrays = generator(tasks, _Parts(kernels, numbers, observed, sampled), model.layout.size)
+
     code = model.machine.members(members.build())
     assert code is not None, f"{model.target} runs no members side by side"
-    event_count = 0 if tasks.watched is None else tasks.watched.events
-    return Compiled(code, preparation, size, observed.size, read, event_count)
+    preparation = None if tasks.varying else Pruner().pruned(preparing)
+    return Compiled(code, preparation, size, observed.size, {"points": table_of_points(), **arrays}, tasks.events)
 
 
-def _events(plan: TaylorPlan, watched: MemberEvents, values: Procedure) -> TaylorEvents:
-    """Return the data from which the code of members for the event functions `watched` is generated.
+def _programs(model: Model, plan: Plan, tasks: MemberTasks, expressions: tuple[Node, ...]) -> dict[str, Program]:
+    """Return the programs that the code of members evaluates, by name.
 
-    `values` is the procedure that evaluates the event functions.
+    They are "rhs", "energy", "momenta", and, as far as needed, "step" (the law of a step), "watched" (the event
+    functions) and "expressions", those that are reduced.
     """
-    program = plan.series.program
-    changing = any(reaction.terminal for reaction in watched.reactions)
-    flags = {"hides_growth": program.hides_growth, "steep": program.watched_degree > plan.order}
-    return TaylorEvents(values, len(watched.reactions), watched.events, changing=changing, **flags)
+    programs = {name: model.law(name).program for name in ("rhs", "energy", "momenta")}
+    if isinstance(plan, StepPlan):
+        programs["step"] = model.law(LAWS[plan.step.law].quantity).program
+    if expressions:
+        programs["expressions"] = model.function("expressions", expressions).program
+    if tasks.watched:
+        along = plan.series.program.values if isinstance(plan, TaylorPlan) else None
+        programs["watched"] = along or model.function("events", tasks.watched).program
+    return programs
+
+
+def _sampled(
+    reductions: Sequence[Reduction], nodes: Sequence[Node], program: Program, evaluating: Procedure
+) -> Sampled:
+    """Return the expressions that are reduced along the steps, each of which is evaluated once.
+
+    `nodes` are the expressions of the `reductions`. The procedure `evaluating`, made from `program`, computes the
+    different ones.
+    """
+    different = list(dict.fromkeys(nodes))
+    places = tuple((reduction.how, different.index(node)) for reduction, node in zip(reductions, nodes, strict=True))
+    entries = dict.fromkeys(instruction.place for instruction in program.instructions if instruction.op == "state")
+    return Sampled(evaluating, len(different), tuple(entries), places)
+
+
+def _taylor_members(
+    plan: TaylorPlan, series: TaylorProcedures, tasks: MemberTasks, parts: _Parts, dimension: int
+) -> tuple[TaylorMembers, dict[str, Any]]:
+    """Return the generator of code that runs members by Taylor series, and the arrays that the code reads, by name."""
+    jet: WrittenJet | ByOrderJet
+    if single_operations(series.packing, plan.order) > MOST_WRITTEN_OUT:
+        jet = ByOrderJet(series.single, series.numbers)
+    else:
+        jet = WrittenJet(series.single, series.numbers, plan.order)
+    events, arrays = None, dict[str, Any]()
+    if tasks.watched:
+        program = plan.series.program
+        changing = any(reaction.terminal for reaction in tasks.reactions)
+        flags = {"hides_growth": program.hides_growth, "steep": program.watched_degree > plan.order}
+        events = TaylorEvents(parts.kernels["watched"], len(tasks.watched), tasks.events, changing=changing, **flags)
+        memory = EventMemory(dimension, 0, tasks.reactions)
+        sizes = np.array([getattr(jet.layout, name) for name in SIZES.places], dtype=np.int64)
+        arrays = {"sizes": sizes, "settings": memory.settings, "tilts": memory.tilts}
+    _, numbers, observed, sampled = parts
+    return TaylorMembers(jet.layout, plan.order, jet.build(), numbers, observed, sampled, events), arrays
+
+
+def _step_members(
+    step: StepProgram, tasks: MemberTasks, parts: _Parts, dimension: int
+) -> tuple[StepMembers, dict[str, Any]]:
+    """Return the generator of code that runs members by step programs, and the arrays that the code reads, by name."""
+    kernels, numbers, observed, sampled = parts
+    dense, watch, arrays = None, None, dict[str, Any]()
+    if tasks.path is not None:
+        dense = MemberDenseOutput(tasks.path, kernels["rhs"])
+        arrays["table"] = tasks.path.table
+        if tasks.watched:
+            screened = step.control is not None and tasks.path.degree > hermite_polynomial(3).degree
+            watch = StepEvents(kernels["watched"], tasks.events, screened)
+            for name in ("direction", "terminal"):
+                arrays[name] = np.array([getattr(reaction, name) for reaction in tasks.reactions], dtype=np.int64)
+            arrays["factors"] = 1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1)
+    return StepMembers(step, dimension, kernels["step"], numbers, observed, dense, sampled, watch), arrays
 
 
 _COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()
@@ -259,7 +283,12 @@ class LaneEngine:
         counts = {name: np.zeros(m, dtype=np.int64) for name in COUNTED}
         arrays: dict[str, Any] = {"outputs": outputs, "ends": states, "times": times, "outcomes": outcomes, **counts}
         arrays |= {"first": first, "last": last, "starts": np.ascontiguousarray(starts.states)}
-        arrays |= {"numbers": self.numbers(starts), "output_count": count}
+        if self.compiled.prepare is None:
+            numbers = np.ascontiguousarray(starts.parameters)
+        else:
+            numbers = np.zeros(self.compiled.size + 1)
+            interpret(self.compiled.prepare, starts.parameters[0].tolist(), numbers)
+        arrays |= {"numbers": numbers, "output_count": count}
         reduced = np.zeros((m, len(alone.keep.reductions)))
         arrays |= {"reduced": reduced, "points": np.zeros(1), "table": np.zeros(1), **self.compiled.read}
         events, most = self.compiled.events, max(alone.keep.events, 1)
@@ -334,18 +363,6 @@ class LaneEngine:
             "longest": tolerances.longest,
         }
 
-    def numbers(self, starts: Starts) -> FloatArray:
-        """Return the parameters (m, k) of all members.
-
-        If the members share them, return the array that `Compiled.prepare` computes: the parameters, then all values
-        that depend on them alone.
-        """
-        if self.compiled.prepare is None:
-            return np.ascontiguousarray(starts.parameters)
-        prepared = np.zeros(self.compiled.size + 1)
-        interpret(self.compiled.prepare, starts.parameters[0].tolist(), prepared)
-        return prepared
-
 
 def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool) -> LaneEngine | None:
     """Return the object that runs members in lanes, or None if the model or the method does not allow it.
@@ -360,18 +377,16 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
     path = None
     if isinstance(plan, StepPlan) and (alone.times is not None or alone.keep.reductions or problem.events):
         path = plan.path_of(problem, np.array([problem.t0]), problem.y0[None]).kind
-    watched = MemberEvents.of(events)
-    tasks = MemberTasks(alone.keep.reductions, path, varying, watched)
+    reactions = tuple(Reaction(each.direction, each.terminal, root=each.root, smooth=each.smooth) for each in events)
+    users = sum(not event.root for event in events)
+    nodes = tuple(event.node for event in events)
+    tasks = MemberTasks(alone.keep.reductions, path, varying, nodes, reactions, users)
     cache = _COMPILED.setdefault(alone.model, {})
-    key = _kind(plan), tasks
+    # The code depends on the order of the series, or on the step program.
+    key = plan.order if isinstance(plan, TaylorPlan) else plan.step if isinstance(plan, StepPlan) else None, tasks
     if key not in cache:
         cache[key] = compiled_members(alone.model, plan, tasks)
     return LaneEngine(cache[key], plan, alone)
-
-
-def _kind(plan: Plan) -> Any:
-    """Return the property of a plan on which its compiled code depends: the series order, or the step program."""
-    return plan.order if isinstance(plan, TaylorPlan) else plan.step if isinstance(plan, StepPlan) else None
 
 
 def _runs_in_lanes(alone: RunEngine, plan: Plan, problem: Problem) -> bool:

@@ -11,23 +11,26 @@ from numpy.typing import NDArray
 from lagrange.algorithm.members.queue import COUNTED
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.machine.model import Model
-from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
-from lagrange.members.kept_results import (
+from lagrange.members.results import (
     DRIFT,
     OUTPUTS,
     STATE,
     STATUS,
+    STATUSES,
+    SUCCESS,
     TIME,
     Column,
+    Ends,
     Keep,
     SampledRun,
+    Starts,
+    Stopped,
     event_states,
     event_times,
 )
-from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.measures.conservation import NOTABLE_CHANGE, SMALL_CHANGE
-from lagrange.trajectory.run import trajectory_of
+from lagrange.trajectory.run import Flow, trajectory_of
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 
@@ -185,20 +188,11 @@ class RunEngine:
         statement, names = self.model.statement, self.model.layout.names()
         values = dict(zip(statement.parameters, start.parameters[0].tolist(), strict=True))
         initial = dict(zip(names, start.states[0].tolist(), strict=True))
-        options = self.options._replace(parameters=values, t_eval=self.recorded)
+        # Reductions need all steps; so do the last state and the drift of the energy without output times.
+        keep, times = self.keep, np.array(self.span[1:]) if self.times is None else self.times
+        whole = keep.reductions or (self.times is None and (keep.end or keep.drift))
+        options = self.options._replace(parameters=values, t_eval=None if whole else times)
         return trajectory_of(self.model, self.span, initial, options)[0]
-
-    @property
-    def recorded(self) -> FloatArray | None:
-        """The times at which the run of one member stores its state, or None if it stores all steps.
-
-        All steps are needed for reductions and, if no output times are requested, for the last state and the drift of
-        the energy. Otherwise a run without output times stores its end only.
-        """
-        keep = self.keep
-        if keep.reductions or (self.times is None and (keep.end or keep.drift)):
-            return None
-        return np.array(self.span[1:]) if self.times is None else self.times
 
     def row(self, run: Trajectory, start: Starts) -> dict[str, Any]:
         """Return the results of the run of a member by column name. `start` has the initial values of the member."""

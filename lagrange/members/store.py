@@ -11,9 +11,8 @@ import sys
 import tempfile
 import threading
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -21,9 +20,8 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import RunError, StatementError, shown
-from lagrange.members.chunk import INTERRUPTED, STATUSES, Ends, Results
-from lagrange.members.job import Job
-from lagrange.members.kept_results import OUTPUT_TIME, OUTPUTS, STATE, STATUS
+from lagrange.members.jobs import Job
+from lagrange.members.results import INTERRUPTED, OUTPUT_TIME, OUTPUTS, STATE, STATUS, STATUSES, Ends, Results
 from lagrange.members.store_description import (
     BLOCK,
     CHECKSUM,
@@ -148,85 +146,6 @@ def checksum(rows: Any) -> int:
     return int.from_bytes(digest.digest(), "little") or 1
 
 
-class StoreBlocks:
-    """The blocks of a store, each with the results of `size` successive members, and with checksums.
-
-    `names` are the variables of the store, each an array with a row for each member.
-    """
-
-    def __init__(self, path: Path, group: Any, names: Sequence[str], members: int, size: int) -> None:
-        self.path, self.group, self.names, self.size = path, group, tuple(names), size
-        self.count, self._members = -(-members // size), members
-
-    def bounds(self, k: int) -> tuple[int, int]:
-        """Return the index of the first member of block k, and the index after its last member."""
-        return k * self.size, min((k + 1) * self.size, self._members)
-
-    def left(self) -> list[tuple[int, int]]:
-        """Return the bounds (first, end) of the blocks of members that are not written.
-
-        Damaged blocks are marked as not written, too.
-        """
-        unwritten = []
-        for k in range(self.count):
-            try:
-                sums, (begin, end) = self._sums(k), self.bounds(k)
-                rows = (np.asarray(self.group[name][begin:end]) for name in self.names)
-                whole = sums.all() and all(checksum(part) == sums[i] for i, part in enumerate(rows))
-            except DAMAGE:
-                sums, whole = None, False
-            if not whole:
-                if sums is None or sums.any():
-                    self.group[CHECKSUM][k] = 0
-                unwritten.append(self.bounds(k))
-        return unwritten
-
-    def write(self, k: int, rows: dict[str, Any]) -> None:
-        """Write block k, from the `rows` of each variable by name: the status last, and then the checksums."""
-        begin, end = self.bounds(k)
-        for name in sorted(rows, key=STATUS.__eq__):
-            self.group[name][begin:end] = rows[name]
-        self.group[CHECKSUM][k] = np.array([checksum(rows[name]) for name in self.names], dtype="u8")
-
-    def column(self, name: str, blank: Any) -> Any:
-        """Return the variable `name` of all members, with `blank` in unwritten blocks.
-
-        Raises RunError if a block is damaged.
-        """
-        with reading(self.path):
-            sums, rows = np.asarray(self.group[CHECKSUM][:]), np.asarray(self.group[name][:])
-        for k in range(self.count):
-            begin, end = self.bounds(k)
-            rows[begin:end] = self._checked(name, k, rows[begin:end], sums[k], blank)
-        return rows
-
-    def row(self, name: str, member: int, blank: Any) -> Any:
-        """Return the variable `name` of one member, given by its index; `blank` if its block is not written.
-
-        Raises RunError if the block is damaged.
-        """
-        k = member // self.size
-        begin, end = self.bounds(k)
-        with reading(self.path):
-            sums, rows = self._sums(k), np.asarray(self.group[name][begin:end])
-        return np.broadcast_to(self._checked(name, k, rows, sums, blank), rows.shape)[member - begin]
-
-    def _checked(self, name: str, k: int, rows: Any, sums: Any, blank: Any) -> Any:
-        """Return the `rows` of the variable `name` in block k, or `blank` if the block is not written.
-
-        `sums` are the stored checksums of block k. Raises RunError if the checksum of the rows differs from the
-        stored one.
-        """
-        if not sums.all():
-            return blank
-        if checksum(rows) != sums[self.names.index(name)]:
-            raise damaged(self.path, f"{name} of members {self.bounds(k)[0]} to {self.bounds(k)[1] - 1} has changed")
-        return rows
-
-    def _sums(self, k: int) -> Any:
-        return np.asarray(self.group[CHECKSUM][k])
-
-
 ATTRIBUTES = "lagrange"
 """Name of the attribute of a store that describes its ensemble."""
 
@@ -240,27 +159,6 @@ def folder_of(store: Any) -> Path:
     if "\0" in str(store):
         raise StatementError(f"store is {shown(store)}, which no folder can be called: give a name, such as runs.zarr.")
     return Path(store).expanduser()
-
-
-def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> StoreBlocks:
-    """Return the blocks of an existing store. Partial files of a killed call are removed.
-
-    `made_of` is the description of the ensemble.
-    """
-    with writing(path):
-        for partial in path.rglob("*.partial"):
-            partial.unlink(missing_ok=True)
-    names = tuple(variables_of(job, table, 0, 0, Results.empty(0, job.columns)))
-    try:
-        group = _zarr().open_group(str(path), mode="r+")
-        for name in (*names, CHECKSUM):
-            group[name]
-    except DAMAGE as error:
-        raise RunError(
-            f"{str(path)[:120]} is damaged in a file that describes it ({_reason(error)}): give another store, or "
-            "restore this one."
-        ) from error
-    return StoreBlocks(path, group, names, len(table), made_of["block"])
 
 
 def _zarr() -> Any:
@@ -409,19 +307,50 @@ MOST_BLOCKS = 10**6
 
 
 class StoredResults:
-    """The results of an ensemble in a store on disk. Each access reads from the store. Unwritten blocks are blank.
+    """The results of an ensemble in the store `path`, in blocks of successive members, each with checksums.
 
-    A block is kept in memory until it is complete. A call that was stopped within a block may have written this block
-    in part. `left` are the bounds (first, end) of blocks of members that had no results at the start of the call.
+    Each access reads from the store. Unwritten blocks are blank. A block is kept in memory until it is complete. A call
+    that was stopped within a block may have written this block in part. `left` are the bounds (first, end) of blocks of
+    members that had no results at the start of the call. `made_of` is the description of the ensemble.
     """
 
     messages: Mapping[int, str] = MappingProxyType({})
 
-    def __init__(self, job: Job, table: MemberTable, blocks: StoreBlocks, lock: StoreLock) -> None:
-        self._job, self._table, self._blocks, self._lock = job, table, blocks, lock
-        with reading(blocks.path), writing(blocks.path):
-            self.left = blocks.left()
+    def __init__(self, path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any], lock: StoreLock) -> None:
+        self._path, self._job, self._table, self._lock = path, job, table, lock
+        self._size: int = made_of["block"]
+        self._names = tuple(variables_of(job, table, 0, 0, Results.empty(0, job.columns)))
+        with writing(path):
+            for partial in path.rglob("*.partial"):  # files of a killed call
+                partial.unlink(missing_ok=True)
+        try:
+            self._group = _zarr().open_group(str(path), mode="r+")
+            for name in (*self._names, CHECKSUM):
+                self._group[name]
+        except DAMAGE as error:
+            raise RunError(
+                f"{str(path)[:120]} is damaged in a file that describes it ({_reason(error)}): give another store, or "
+                "restore this one."
+            ) from error
+        with reading(path), writing(path):
+            self.left = [self._bounds(k) for k in range(-(-len(table) // self._size)) if not self._is_written(k)]
         self._open: dict[int, tuple[Results, int]] = {}
+
+    def _bounds(self, k: int) -> tuple[int, int]:
+        """Return the index of the first member of block k, and the index after its last member."""
+        return k * self._size, min((k + 1) * self._size, len(self._table))
+
+    def _is_written(self, k: int) -> bool:
+        """Return True if block k is written and not damaged. A damaged block is marked as not written."""
+        try:
+            sums, (begin, end) = np.asarray(self._group[CHECKSUM][k]), self._bounds(k)
+            rows = (np.asarray(self._group[name][begin:end]) for name in self._names)
+            whole = sums.all() and all(checksum(part) == sums[i] for i, part in enumerate(rows))
+        except DAMAGE:
+            sums, whole = None, False
+        if not whole and (sums is None or sums.any()):
+            self._group[CHECKSUM][k] = 0
+        return bool(whole)
 
     def close(self) -> None:
         """Release the lock of the store."""
@@ -432,40 +361,55 @@ class StoredResults:
 
         `first` is the index of the first member.
         """
-        k = first // self._blocks.size
-        begin, end = self._blocks.bounds(k)
+        k = first // self._size
+        begin, end = self._bounds(k)
         if k not in self._open:
             self._open[k] = Results.empty(end - begin, self._job.columns), end - begin
-        results, missing = self._open[k]
+        results, missing = self._open.pop(k)
         results.take(first - begin, ends)
-        missing -= ends.members
-        self._open[k] = results, missing
-        if not missing:
-            self.write(k, begin, end, results)
-            del self._open[k]
+        if missing > ends.members:
+            self._open[k] = results, missing - ends.members
+        else:
+            self.write(k, results)
 
-    def write(self, k: int, begin: int, end: int, results: Results) -> None:
-        """Write block k of the store: the results of the members from `begin` to before `end`."""
+    def write(self, k: int, results: Results) -> None:
+        """Write the `results` of the members of block k to the store: the status last, and then the checksums."""
+        begin, end = self._bounds(k)
         rows = variables_of(self._job, self._table, begin, end, results)
-        with reading(self._blocks.path), writing(self._blocks.path):
-            self._blocks.write(k, rows)
+        with reading(self._path), writing(self._path):
+            for name in sorted(rows, key=STATUS.__eq__):
+                self._group[name][begin:end] = rows[name]
+            self._group[CHECKSUM][k] = np.array([checksum(rows[name]) for name in self._names], dtype="u8")
 
     def column(self, name: str) -> Any:
         """Return the results `name` of all members, a row for each. Raises RunError if the store cannot be read."""
-        return self._joined(name, self._blocks.column)
+        return self._rows(name, 0, -(-len(self._table) // self._size))
 
     def row(self, name: str, member: int) -> Any:
         """Return the result `name` of one member, given by index. Raises RunError if the store cannot be read."""
-        return self._joined(name, partial(self._blocks.row, member=member))
+        k = member // self._size
+        return self._rows(name, k, k + 1)[member - k * self._size]
 
-    def _joined(self, name: str, read: Callable[..., Any]) -> Any:
-        """Return the results `name` as one array, read by `read(variable, blank=...)`.
+    def _rows(self, name: str, low: int, high: int) -> Any:
+        """Return the results `name` of the members in the blocks from `low` to before `high`, as one array.
 
-        A column of states is stored as one variable for each entry of the state; these are joined.
+        A column of states is stored as one variable for each entry of the state; these are joined. Raises RunError if
+        a block is damaged.
         """
         blank = next(column.blank for column in self._job.columns if column.name == name)
-        parts = stored_names(name, self._job.problem.model.layout.names())
-        variables = [read(part, blank=blank) for part in parts]
+        first, last = low * self._size, self._bounds(high - 1)[1]
+        variables = []
+        for part in stored_names(name, self._job.problem.model.layout.names()):
+            with reading(self._path):
+                sums, rows = np.asarray(self._group[CHECKSUM][low:high]), np.asarray(self._group[part][first:last])
+            for k in range(low, high):
+                begin, end = self._bounds(k)
+                block = rows[begin - first : end - first]
+                if not sums[k - low].all():
+                    block[:] = blank
+                elif checksum(block) != sums[k - low][self._names.index(part)]:
+                    raise damaged(self._path, f"{part} of members {begin} to {end - 1} has changed")
+            variables.append(rows)
         return np.stack(variables, axis=-1) if name in (STATE, OUTPUTS) else variables[0]
 
 
@@ -491,7 +435,7 @@ def results_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]
     _check(zarr, path, made_of)
     lock = StoreLock(path)
     try:
-        return StoredResults(job, table, open_store(path, job, table, made_of), lock)
+        return StoredResults(path, job, table, made_of, lock)
     except BaseException:
         lock.close()
         raise

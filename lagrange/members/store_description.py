@@ -12,8 +12,8 @@ import numpy as np
 import sympy
 
 from lagrange.errors import StatementError, listing, shown
-from lagrange.members.job import Job
-from lagrange.members.kept_results import OUTPUTS, STATE, Column
+from lagrange.members.jobs import Job
+from lagrange.members.results import OUTPUTS, STATE, Column
 from lagrange.members.table import MemberTable
 from lagrange.statement.expression import real_number
 from lagrange.statement.scene.writer import scene_text

@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange.errors import StatementError, UnknownKey, counted, listing, suggestion
 from lagrange.machine.model import Model, Stated
-from lagrange.members.chunk import INTERRUPTED, STATUSES, SUCCESS, MemberResults
-from lagrange.members.dispatch import (
+from lagrange.members.jobs import (
     ExecutorRunner,
+    Job,
     ResultCollector,
     Runner,
     ThreadRunner,
@@ -27,17 +27,20 @@ from lagrange.members.dispatch import (
     run_members,
     threads_of,
 )
-from lagrange.members.job import Job
-from lagrange.members.kept_results import (
+from lagrange.members.results import (
     COUNTS,
     END,
     EVENTS,
+    INTERRUPTED,
     OUTPUT_TIME,
     OUTPUTS,
     STATE,
     STATUS,
+    STATUSES,
+    SUCCESS,
     TIME,
     Column,
+    Results,
     end_row,
     entry_for,
     event_states,
@@ -45,9 +48,9 @@ from lagrange.members.kept_results import (
     keep_of,
     reduction_label,
 )
-from lagrange.members.kept_results import DEFAULT as DEFAULT_KEEP
+from lagrange.members.results import DEFAULT as DEFAULT_KEEP
 from lagrange.members.singly import Explained
-from lagrange.members.store import results_in_store
+from lagrange.members.store import StoredResults, results_in_store
 from lagrange.members.store_description import MEMBER, check_names, start_name
 from lagrange.members.table import MemberTable, member_table
 from lagrange.show.figures.ensemble_figure import COMPLETE, plot_ensemble
@@ -93,7 +96,7 @@ class Ensemble:
     """
 
     table: MemberTable
-    results: MemberResults
+    results: Results | StoredResults
     columns: tuple[Column, ...]
     problem: Problem
     method: str
@@ -460,14 +463,15 @@ def _run(
     check_names(job.columns, problem.model.layout.names(), table.labels, store=store is not None)
     plan = method.plan(problem) if isinstance(method, Planned) else None
     aimed = problem if plan is None else replace(problem, rtol=plan.tolerances.rtol or None)
-    results: MemberResults = results_in_memory(job, table) if store is None else results_in_store(job, table, store)
-    collector = ResultCollector(job, results, len(table))
+    results = results_in_memory(job, table) if store is None else results_in_store(job, table, store)
+    before = len(table) - sum(end - begin for begin, end in results.left)
+    collector = ResultCollector(problem.model.machine.processor, results.take, before)
     try:
         if results.left:
             with announced("compiling", problem.model.statement.name, enabled=bool(progress)):
                 alone = executor is None
                 runner: Runner = ThreadRunner(job.engine(), threads) if alone else ExecutorRunner(executor, job)
-            shown_bar = counter(len(table), "member", enabled=progress, before=collector.before)
+            shown_bar = counter(len(table), "member", enabled=progress, before=before)
             # After Ctrl-C a member that was not run counts as INTERRUPTED.
             with shown_bar as collector.report, suppress(KeyboardInterrupt):
                 run_members(table, results.left, runner, collector)

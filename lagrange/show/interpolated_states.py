@@ -6,7 +6,7 @@ import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.trajectory.measures.times_and_points import divided
-from lagrange.trajectory.paths.step_paths import OutputPath
+from lagrange.trajectory.paths import OutputPath
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 

@@ -31,6 +31,9 @@ On the double pendulum over 20 s, started at 30 degrees each, DOP853 then ends w
 At 1e-6 the difference would be 1e-5; SciPy's default is 1e-3.
 """
 
+REDUCTIONS = ("max", "min", "mean")
+"""Names of the reductions of an expression along the run of a member of an ensemble."""
+
 DESCRIPTIONS = {
     "t_end": f"time at which the run ends (default: that of the scene, or {DEFAULT_T_END:g})",
     "method": f"integrator, such as dop853 or rk4 (default: that of the scene, or {DEFAULT_METHOD})",

@@ -19,7 +19,7 @@ from lagrange.trajectory.constraints.dependence import dependent_passage
 from lagrange.trajectory.constraints.discontinuities import Discontinuity
 from lagrange.trajectory.ending_messages import message, number
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.paths.step_paths import OutputPath
+from lagrange.trajectory.paths import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, run_until
 
 DOMAIN_PROBE = 1e-6

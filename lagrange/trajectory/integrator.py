@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from numpy.typing import ArrayLike
 
@@ -253,3 +253,27 @@ def machine_memory() -> int:
         return ASSUMED_MEMORY
     pages = os.sysconf("SC_PHYS_PAGES")
     return pages * os.sysconf("SC_PAGE_SIZE") if pages > 0 else ASSUMED_MEMORY
+
+
+Maker = TypeVar("Maker", bound=Callable[..., Any])
+
+_ENTERED: dict[str, dict[str, Callable[..., Any]]] = {}
+
+
+def built_in(name: str) -> Callable[[Maker], Maker]:
+    """Return a decorator that makes a function or class a method: `method="name"` calls it without arguments.
+
+    The function or class is public as `lagrange.methods.X` under its own name X. The first line of its docstring is its
+    row in the table of methods. The tests check its claims.
+    """
+
+    def enter(maker: Maker) -> Maker:
+        _ENTERED.setdefault(maker.__module__, {})[name] = maker
+        return maker
+
+    return enter
+
+
+def entered(family: str) -> dict[str, Callable[..., Any]]:
+    """Return the constructors of the methods in the module `family`, by method name, in the order of the file."""
+    return _ENTERED[family]

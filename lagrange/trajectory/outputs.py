@@ -17,7 +17,7 @@ from lagrange.trajectory.constraints.discontinuities import Discontinuities, Dis
 from lagrange.trajectory.events.event_log import Breaks
 from lagrange.trajectory.events.time_switches import TimeSwitches
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.paths.step_paths import StepPath
+from lagrange.trajectory.paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
 
 SPAN_ROUND_OFF = 1e-12
@@ -206,20 +206,13 @@ class FollowedSteps:
                 t, y = np.append(t[:-1], ends[motion]), np.concatenate([y[:-1], whole[motion][None]])
             if len(t) > 1:
                 self._write(t, y, float(times[end]))
-        keep = self._finish(times[begins[-1] :], states[begins[-1] :], last=last)
+        # The present smooth piece goes on: the next call needs its last two rows again.
+        t, y = times[begins[-1] :], states[begins[-1] :]
+        keep = min(1, len(t)) if last else min(2, len(t))
+        if not last and len(t) > 2:
+            self._write(t, y, float(t[-1]))
         kept = times[len(times) - keep :].copy(), states[len(times) - keep :].copy()
         self._known = *kept, first + len(times) - keep, ended + len(break_rows), removed + len(parts)
-
-    def _finish(self, times: FloatArray, states: FloatArray, *, last: bool) -> int:
-        """Evaluate the states at output times on the present smooth piece of motion, and return a number of rows.
-
-        `times` (k,) and `states` (k, 2n) are the accepted rows of this piece. The result is the number of its last
-        rows that the next call needs again. `last` is True if no step follows.
-        """
-        if last or len(times) < 3:
-            return min(1, len(times)) if last else len(times)
-        self._write(times, states, float(times[-1]))
-        return 2
 
     def _write(self, times: FloatArray, states: FloatArray, end: float) -> None:
         """Evaluate and store the states at output times up to the time `end`, by the dense output of steps.

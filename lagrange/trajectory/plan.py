@@ -17,8 +17,7 @@ from lagrange.trajectory.events.compiled_loop import WatchedEvents
 from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Integrator, Problem, Tolerances
-from lagrange.trajectory.outputs import FollowedSteps
-from lagrange.trajectory.paths.step_paths import MotionsPath, StepPath
+from lagrange.trajectory.paths import MotionsPath, StepPath
 from lagrange.trajectory.trajectory import FloatArray
 
 PathFunction = Callable[[FloatArray], FloatArray]
@@ -127,15 +126,6 @@ class StepPlan:
             return None
         fixed = self.step.control is None
         return StepWatch(problem, partial(self.path_of, problem), fixed=fixed, memory=memory)
-
-    def followed(self, problem: Problem, output_times: FloatArray, watch: Any) -> FollowedSteps:
-        """Return the object that evaluates the dense output at `output_times` (K,) during a run.
-
-        `watch` is the watcher of events, which knows the resets, or None.
-        """
-        return FollowedSteps(
-            problem, output_times, partial(self.path_of, problem), None if watch is None else watch.breaks
-        )
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PathFunction:
         """Return the dense output through accepted times (S+1,) and states (S+1, 2n), with jumps at resets.
@@ -246,7 +236,8 @@ def prepared(method: Planned, problem: Problem) -> PreparedPlan:
     if not isinstance(problem, Problem):
         return PreparedPlan(method.plan(problem))
     options = problem.rtol, problem.atol, problem.step
-    if not (_is_key(options[0]) and _is_key(options[1]) and _is_key(options[2])):
+    # Other values cannot be part of the key, since 0.0 and -0.0 would be equal.
+    if not all(option is None or (isinstance(option, float) and option > 0.0) for option in options):
         return PreparedPlan(method.plan(problem))
     watched = (problem.events,) if problem.events else ()
     cache, key, span = problem.model.prepared, (id(method), *options, *watched), (problem.t0, problem.t1)
@@ -258,14 +249,6 @@ def prepared(method: Planned, problem: Problem) -> PreparedPlan:
         cache[key] = kept_plan
         drop_oldest(cache, PLANS_KEPT)
     return kept_plan
-
-
-def _is_key(option: Any) -> bool:
-    """Return True if an option can be part of a dictionary key: None or a positive float.
-
-    Other values are not used, since 0.0 and -0.0 would be the same key.
-    """
-    return option is None or (isinstance(option, float) and option > 0.0)
 
 
 def drop_oldest(cache: dict[Any, Any], most: int) -> None:

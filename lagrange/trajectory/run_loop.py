@@ -42,8 +42,8 @@ from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.events.time_switches import TimeSwitches
 from lagrange.trajectory.integrator import Problem, memory_limit
-from lagrange.trajectory.outputs import AcceptedStates
-from lagrange.trajectory.paths.step_paths import MotionsPath, OutputPath, StepPath
+from lagrange.trajectory.outputs import AcceptedStates, FollowedSteps
+from lagrange.trajectory.paths import MotionsPath, OutputPath, StepPath
 from lagrange.trajectory.plan import IdleDriver, PathFunction, Plan, Planned, PreparedPlan, StepPlan, Watcher, prepared
 from lagrange.trajectory.sizes import raise_to_noise, survey
 from lagrange.trajectory.slow_runs import Pace, compiled_late, limiting_entry
@@ -78,17 +78,12 @@ GOES_ON, PASSED, REACHED = EventResult(), EventResult(jumped=True), EventResult(
 """Results of a driver call without events: continue; continue after a switch of the forces; the end is reached."""
 
 
-def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
-    """Run a problem by a plan and return its trajectory. `name` is the method's name in messages."""
-    return _within_time(problem, name, lambda: PreparedPlan(plan))
-
-
 def drive_by(method: Planned, problem: Problem, name: str) -> Trajectory:
     """Run a problem by the plan of a method and return its trajectory. The model keeps the plan for later runs."""
-    return _within_time(problem, name, lambda: prepared(method, problem))
+    return drive(problem, name, lambda: prepared(method, problem))
 
 
-def _within_time(problem: Problem, name: str, prepare: Callable[[], PreparedPlan]) -> Trajectory:
+def drive(problem: Problem, name: str, prepare: Callable[[], PreparedPlan]) -> Trajectory:
     """Run a problem by the plan that `prepare` returns. `name` is the method's name in messages.
 
     `max_wall` limits the time of the preparation, and separately the time of the steps.
@@ -235,7 +230,9 @@ class _Run:
         if plan.tolerances.rtol:
             rows.switches = TimeSwitches.of(problem, self.state, watch if isinstance(watch, StepWatch) else None)
         if problem.t_eval is not None:
-            rows.followed = plan.followed(problem, problem.t_eval, rows.switches or watch)
+            watcher, path_of = rows.switches or watch, partial(plan.path_of, problem)
+            breaks = None if watcher is None else watcher.breaks
+            rows.followed = FollowedSteps(problem, problem.t_eval, path_of, breaks)
 
     def advance_to_end(self, driver: Driver, per_call: int) -> tuple[Status, str]:
         """Advance the run to its end; return its status and cause. The first driver call takes `per_call` steps."""
@@ -245,10 +242,20 @@ class _Run:
         counts, memory = state.integers, memory_limit(problem)
         try:
             while True:
-                if result.smooth:
-                    result = self.past_points_without_series(result)
-                if (status := result.status) is not None:
-                    return self.end_after(result, status)
+                # At some points the motion has no Taylor series, and continues by short steps of another method.
+                watch = self.watch
+                while result.smooth and isinstance(watch, SeriesWatch) and (past := watch.continue_past(state)):
+                    result = past
+                    if result.jumped:
+                        rows.add(state.t, state.y)
+                if (
+                    result.status is Status.STEP_TOO_SMALL
+                    and result.smooth
+                    and not np.isfinite(self.slope_ahead()).all()
+                ):
+                    return Status.NON_FINITE, ""
+                if result.status is not None:
+                    return result.status, result.detail
                 tries = counts[DriverState.STEPS] + counts[DriverState.REJECTED]
                 is_at_end, left = state.t == problem.t1, problem.max_steps - tries
                 if left <= 0 and not is_at_end:
@@ -281,24 +288,6 @@ class _Run:
             rows.collect(state)
             self.record_events()
             return Status.INTERRUPTED, ""
-
-    def past_points_without_series(self, result: EventResult) -> EventResult:
-        """Return the result of continuing a run by series past points at which the motion has no Taylor series.
-
-        `result` is that of the last driver call. It is returned if the run is at no such point.
-        """
-        while result.smooth and isinstance(self.watch, SeriesWatch) and (past := self.watch.continue_past(self.state)):
-            result = past
-            if result.jumped:
-                self.rows.add(self.state.t, self.state.y)
-        return result
-
-    def end_after(self, result: EventResult, status: Status) -> tuple[Status, str]:
-        """Return the status and cause of a run that ends with `result`, whose status is `status`."""
-        stuck = status is Status.STEP_TOO_SMALL and result.smooth
-        if stuck and not np.isfinite(self.slope_ahead()).all():
-            return Status.NON_FINITE, ""
-        return status, result.detail
 
     def record_events(self) -> None:
         """Record the events on all accepted steps when the loop ends early, for example by Ctrl-C."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from lagrange.trajectory.events.end_messages import EventResult, accumulating, n
 from lagrange.trajectory.events.event_log import MOST_REPEATS, ChangeCounter
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.measures.conservation import energy
-from lagrange.trajectory.paths.step_paths import OutputPath, PiecewisePath
+from lagrange.trajectory.paths import OutputPath, PiecewisePath
 from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory
 
 
@@ -30,62 +30,41 @@ def last_state(part: Trajectory) -> FloatArray:
     return np.ascontiguousarray(part.y[:, -1] if is_output else part.dense(np.array([part.span[1]]))[:, 0])
 
 
-def rest_of(
-    problem: Problem, parts: Sequence[Trajectory], begin: float, y: FloatArray, *, output_at_begin: bool = False
-) -> Problem:
-    """Return the rest of a problem from the time `begin` and the state `y` (2n,) on.
+def rest_of(problem: Problem, part: Trajectory, y: FloatArray) -> Problem:
+    """Return the rest of a problem after its segment `part`, from the state `y` (2n,) on.
 
-    The steps, wall time and events of the `parts` so far are subtracted from its limits. An output time equal to
-    `begin` is kept only if `output_at_begin`.
+    The steps, wall time and events of the segment are subtracted from the limits of the problem.
     """
-    forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+    forward, begin = 1.0 if problem.t1 >= problem.t0 else -1.0, part.span[1]
     outputs = problem.t_eval
     if outputs is not None:
-        ahead = forward * (outputs - begin)
-        outputs = outputs[ahead >= 0 if output_at_begin else ahead > 0]
-    steps = sum(part.steps + part.rejected for part in parts)
-    wall = None if problem.max_wall is None else max(problem.max_wall - sum(part.wall for part in parts), 1e-3)
-    times = [np.concatenate(times) for times in zip(*(part.t_events for part in parts), strict=True)]
-    seen = [int((forward * (event_times - begin) <= 0).sum()) for event_times in times]
+        outputs = outputs[forward * (outputs - begin) >= 0]
+    wall = None if problem.max_wall is None else max(problem.max_wall - part.wall, 1e-3)
+    events = list(problem.events)
+    for i, times in enumerate(part.t_events):
+        # The run ends at occurrence number `terminal`. A plan is used again only for the same event object.
+        count, terminal = int((forward * (times - begin) <= 0).sum()), events[i].terminal
+        if (limit := max(terminal - count, min(terminal, 1))) != terminal:
+            events[i] = replace(events[i], terminal=limit)
     return replace(
         problem,
         t0=begin,
         y0=y,
         t_eval=outputs,
-        max_steps=max(problem.max_steps - steps, 1),
+        max_steps=max(problem.max_steps - part.steps - part.rejected, 1),
         max_wall=wall,
-        events=tuple(_counted(event, count) for event, count in zip(problem.events, seen, strict=True)),
+        events=tuple(events),
         began=time.perf_counter(),
         whole=problem.whole or problem,
     )
 
 
-def _counted(event: Event, count: int) -> Event:
-    """Return the event with its `terminal` count reduced by `count`, the number of its occurrences in earlier parts.
-
-    The run ends at occurrence number `terminal`. If this number does not change, the event itself is returned, since
-    a plan is used again only for the same event object.
-    """
-    limit = max(event.terminal - count, min(event.terminal, 1))
-    return event if limit == event.terminal else replace(event, terminal=limit)
-
-
-def joined(
-    problem: Problem, parts: Sequence[Trajectory], note: str = "", *, both_at_joints: bool = False
-) -> Trajectory:
-    """Return one run that joins the `parts` of a run in order.
-
-    `note` is appended to the message of the last part. The last state of a part and the first state of the next
-    part may have the same time. Then the first state of the next part is dropped, except if `both_at_joints` is
-    True or the problem has output times.
-    """
+def joined(problem: Problem, parts: Sequence[Trajectory], note: str) -> Trajectory:
+    """Return one run that joins the `parts` of a run in order. `note` is appended to the message of the last part."""
     first, last = parts[0], parts[-1]
-    if len(parts) == 1 and problem.t_eval is None and both_at_joints and not note:
+    if len(parts) == 1 and problem.t_eval is None and not note:
         return first
     t, y = np.concatenate([part.t for part in parts]), np.concatenate([part.y for part in parts], axis=1)
-    if problem.t_eval is None and not both_at_joints:
-        new = np.append(True, np.diff(t) != 0)
-        t, y = t[new], y[:, new]
     path = PiecewisePath(
         np.array([part.span[0] for part in parts] + [last.span[1]]), problem.y0, [part.dense for part in parts]
     )
@@ -108,15 +87,6 @@ def joined(
         t_events=tuple(np.concatenate(times) for times in zip(*(part.t_events for part in parts), strict=True)),
         y_events=tuple(np.concatenate(states) for states in zip(*(part.y_events for part in parts), strict=True)),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _AfterEvent:
-    """The state `y` (2n,) and the parameters after an event. `result` ends the run if the reset is impossible."""
-
-    y: FloatArray
-    parameters: Mapping[Any, float]
-    result: EventResult
 
 
 def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> Trajectory:
@@ -154,23 +124,24 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
         if not any(problem.events[i].settings for i in acting):
             break
         before = parts[-1].y_events[acting[0]][-1]
-        after = _after_event(segment, problem, acting, end, before)
-        if after.result.status is None and counter.accumulates(end, acting):
-            after = replace(after, result=accumulating(_name(problem, acting[0])))
-        if after.result.status is not None:
-            text = message(after.result.status, problem, end, before, parts[-1].method, cause=after.result.detail)
-            parts[-1] = replace(parts[-1], status=after.result.status, message=text)
+        y, parameters, result = _after_event(segment, problem, acting, end, before)
+        if result.status is None and counter.accumulates(end, acting):
+            result = accumulating(_name(problem, acting[0]))
+        if result.status is not None:
+            text = message(result.status, problem, end, before, parts[-1].method, cause=result.detail)
+            parts[-1] = replace(parts[-1], status=result.status, message=text)
             break
         last = status_at_end(problem, parts)
         parts[-1] = before_outputs_at_end(problem, parts[-1])
-        remainder = rest_of(segment, parts[-1:], end, after.y, output_at_begin=True)
-        remainder = replace(remainder, parameters=after.parameters, step=parts[0].step)
-        added.append(added[-1] + energy(remainder, after.y) - energy(segment, before))
+        remainder = replace(rest_of(segment, parts[-1], y), parameters=parameters, step=parts[0].step)
+        added.append(added[-1] + energy(remainder, y) - energy(segment, before))
         begins, values, segment = [*begins, end], [*values, remainder.parameter_array], remainder
         if last is not None:
-            parts.append(point_of(problem, parts[-1], after.y, last))
+            parts.append(point_of(problem, parts[-1], y, last))
             break
-    whole_run = joined(problem, parts, _step_note(problem, parts), both_at_joints=True)
+    step, chosen = parts[0].step, problem.step is None and len(parts) > 1
+    note = f"No step was given: equal steps of {number(step)} were taken." if chosen and step is not None else ""
+    whole_run = joined(problem, parts, note)
     return replace(whole_run, history=ParameterHistory(np.array(begins), np.stack(values), np.array(added)))
 
 
@@ -193,9 +164,10 @@ def status_at_end(problem: Problem, parts: Sequence[Trajectory]) -> Status | Non
 
 def _after_event(
     segment: Problem, problem: Problem, acting: Sequence[int], t: float, before: FloatArray
-) -> _AfterEvent:
-    """Return the state and the parameters after the events with indices `acting` at time t.
+) -> tuple[FloatArray, Mapping[Any, float], EventResult]:
+    """Return the state (2n,) and the parameters after the events with indices `acting` at time t, and the result.
 
+    The result ends the run if the reset is impossible.
     `before` (2n,) is the state before the events, and `segment` has the parameters before them. `problem` is the
     whole run, with all events.
     """
@@ -212,23 +184,15 @@ def _after_event(
             free = old == segment.parameters[symbol] or np.isclose(old, value, rtol=ALIKE, atol=0.0)
             parameters[symbol] = value if free else np.nan
     if not (np.isfinite(y).all() and np.isfinite(list(parameters.values())).all()):
-        return _AfterEvent(y, parameters, nowhere(listing(_name(problem, i) for i in acting)))
+        return y, parameters, nowhere(listing(_name(problem, i) for i in acting))
     named = {row for reset in resets for row in reset.rows}
     follows = [row for row in model.equations.following if row not in named]
     y[follows] = 0.0
     try:
         array = model.parameter_array(parameters)
-        return _AfterEvent(consistent_start(model, t, y, array), parameters, EventResult())
+        return consistent_start(model, t, y, array), parameters, EventResult()
     except StatementError as refusal:
-        return _AfterEvent(y, parameters, EventResult(Status.DIVERGED, f"The reset there is impossible: {refusal}"))
-
-
-def _step_note(problem: Problem, parts: Sequence[Trajectory]) -> str:
-    """Return a note on the step size, if the method chose one for all segments of a run; else ""."""
-    step = parts[0].step
-    if problem.step is not None or step is None or len(parts) == 1:
-        return ""
-    return f"No step was given: equal steps of {number(step)} were taken."
+        return y, parameters, EventResult(Status.DIVERGED, f"The reset there is impossible: {refusal}")
 
 
 def _name(problem: Problem, i: int) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,10 +90,16 @@ def entry_sizes(
     A change is the one during this period. `slopes` is the right-hand side f(t, y). `left` is the signed time from t
     to the end of the run. The forces are evaluated at `force_points`, pairs of a time and a state (2n,).
     """
+    known_q, known_v = layout.split(np.abs(y))
+
+    def own_sizes(force: FloatArray, period: float) -> FloatArray:
+        # A velocity has its value, or its change by the acceleration during the period; a coordinate likewise.
+        v = np.maximum(known_v, period * force)
+        return np.concatenate([np.maximum(known_q, period * v), v])
+
     with np.errstate(all="ignore"):
         slope = slopes(t, y)
         response = _Response(lambda state: slopes(t, state), slope, y, layout)
-        own_sizes = partial(_own_sizes, layout, y)
         forces = np.abs([slopes(*point)[layout.v] for point in force_points])
         ahead = np.max(forces, axis=0, initial=0.0, where=np.isfinite(forces))
         # For an entry that moves only the present force counts: forces ahead may be arbitrarily large, near a pole.
@@ -118,17 +123,6 @@ def entry_sizes(
                 break
     q, v = layout.split(coupled)
     return size, np.concatenate([np.maximum(q, period * v), v]), period
-
-
-def _own_sizes(layout: StateLayout, y: FloatArray, force: FloatArray, period: float) -> FloatArray:
-    """Return the sizes (2n,) of the entries of a state y (2n,).
-
-    The size of a velocity is the larger of its value and its change by the accelerations `force` (n,) in the time
-    `period`. The size of a coordinate is the larger of its value and its change by the velocity in this time.
-    """
-    q, v = layout.split(np.abs(y))
-    v = np.maximum(v, period * force)
-    return np.concatenate([np.maximum(q, period * v), v])
 
 
 class _Response:
@@ -166,20 +160,16 @@ class _Response:
         for _ in range(RATE_ITERATIONS):
             # A response is a displacement per time. It is divided by the rate, so that units of time do not matter.
             first = self(displacement)
-            once = _ratio(first, displacement, displaced) or self._from_rest(first, displacement)
+            once = _ratio(first, displacement, displaced)
+            if not once:
+                # At rest: the largest sqrt(change of acceleration / displacement) of the displaced coordinates.
+                position, force = self._layout.split(displacement)[0], self._layout.split(first)[1]
+                both = (position > 0) & np.isfinite(force)
+                once = float(np.sqrt(np.max(force[both] / position[both], initial=0.0)))
             then = self(first / once if once > 0 else first)
             twice = _ratio(then, displacement, displaced)
             fastest, displacement = min(fastest, once * twice), then / twice if twice > 0 else then
         return float(np.sqrt(fastest))
-
-    def _from_rest(self, response: FloatArray, displacement: FloatArray) -> float:
-        """Return a rate: the largest sqrt(change of acceleration / displacement) of the displaced coordinates.
-
-        `response` (2n,) are the changes of the right-hand side due to the `displacement` (2n,).
-        """
-        position, force = self._layout.split(displacement)[0], self._layout.split(response)[1]
-        both = (position > 0) & np.isfinite(force)
-        return float(np.sqrt(np.max(force[both] / position[both], initial=0.0)))
 
 
 def _ratio(response: FloatArray, displacement: FloatArray, mask: NDArray[np.bool_]) -> float:

@@ -21,14 +21,8 @@ from lagrange.statement.coordinate import multiplier, row_label
 from lagrange.statement.expression import ByName
 from lagrange.statement.rotation import Rotation, in_symbols, rotation_of, shorthands
 from lagrange.trajectory.contact.history import ContactResult, ContactRun
-from lagrange.trajectory.measures.constraint_forces import ConstraintForces
-from lagrange.trajectory.measures.energy_drift import (
-    ConstraintDrift,
-    EnergyDrift,
-    constraint_drift,
-    energy_drift,
-    since_start,
-)
+from lagrange.trajectory.measures.conservation import EnergyDrift, energy_drift, since_start
+from lagrange.trajectory.measures.constraints import ConstraintDrift, ConstraintForces, constraint_drift
 from lagrange.trajectory.measures.stiffness import Stiffness, stiffness
 from lagrange.trajectory.measures.times_and_points import reached_times, states_at
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory

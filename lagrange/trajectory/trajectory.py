@@ -172,17 +172,15 @@ class Trajectory:
         times = real_array(times, "times")
         if self.history is None:
             return start
-        return np.ascontiguousarray(self.history.values[self._segments(self.history, times)].T)
+        numbers = segment_numbers(self.history.begins, times, forward=self.span[1] >= self.span[0])
+        return np.ascontiguousarray(self.history.values[numbers].T)
 
     def added_energy(self, times: FloatArray) -> FloatArray:
         """Return the energy (K,) that events added by setting parameters, from the start up to `times` (K,)."""
         times = real_array(times, "times")
-        return (
-            np.zeros(times.shape) if self.history is None else self.history.added[self._segments(self.history, times)]
-        )
-
-    def _segments(self, history: ParameterHistory, times: FloatArray) -> NDArray[np.intp]:
-        return segment_numbers(history.begins, times, forward=self.span[1] >= self.span[0])
+        if self.history is None:
+            return np.zeros(times.shape)
+        return self.history.added[segment_numbers(self.history.begins, times, forward=self.span[1] >= self.span[0])]
 
     def _hold(self, name: str, value: Any) -> None:
         """Replace the field `name` of this frozen object by its checked `value`."""

@@ -16,7 +16,7 @@ from sympy import sqrt
 
 import lagrange as lg
 from lagrange.machine.model import Model
-from lagrange.trajectory.flow import Flow
+from lagrange.trajectory.run import Flow
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import FloatArray
 from tests.models import SCENE_NAMES, build, model, shared_scene, stated_in, x, y

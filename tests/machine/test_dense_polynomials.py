@@ -16,10 +16,10 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.procedure.interpreter import run
 from lagrange.statement.coordinate import t
+from lagrange.trajectory.methods.implicit import collocation_tableau
 from lagrange.trajectory.methods.radau import POINTS
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 from lagrange.trajectory.tableaux.explicit import dop853
-from lagrange.trajectory.tableaux.gauss import collocation_tableau
 from tests.models import TARGETS, build, k, m, model, x, z
 from tests.trajectory.runs import exact
 

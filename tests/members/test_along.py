@@ -14,7 +14,7 @@ import sympy
 import lagrange as lg
 from lagrange.algorithm.members.along import largest_between, lobatto
 from lagrange.machine.python_source import called
-from lagrange.members import job
+from lagrange.members import jobs
 
 METHODS: dict[str, dict[str, Any]] = {
     "taylor": {"rtol": 1e-9},
@@ -43,7 +43,7 @@ def oscillator() -> lg.System:
 def one_after_the_other(monkeypatch: pytest.MonkeyPatch, *args: Any, **options: Any) -> lg.Ensemble:
     """Return the ensemble without lanes: its members run one after the other."""
     with monkeypatch.context() as changed:
-        changed.setattr(job, "lane_engine", lambda *_, **__: None)
+        changed.setattr(jobs, "lane_engine", lambda *_, **__: None)
         return lg.ensemble(*args, workers=1, **options)
 
 

@@ -14,7 +14,7 @@ import sympy as sp
 from scipy.stats import norm, qmc
 
 import lagrange as lg
-from lagrange.members import store, varied
+from lagrange.members import store, table
 
 THREE = [0.1, 0.2, 0.3]
 
@@ -259,7 +259,7 @@ def test_a_store_that_would_never_end(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(store, "MOST_BLOCKS", 2)
     monkeypatch.setattr(store, "LARGEST_BLOCK", 1)
     refused(lambda: run(store=tmp_path / "runs.zarr"), "the results of 3 members take 75 bytes, and a store has room")
-    monkeypatch.setattr(varied, "MOST_MEMBERS", 8)
+    monkeypatch.setattr(table, "MOST_MEMBERS", 8)
     refused(lambda: lg.grid({"theta": THREE, "l": THREE}), "the grid has 9 members: give fewer values")
 
 
@@ -269,8 +269,8 @@ def test_all_digits_of_a_seed_count() -> None:
 
 
 def test_a_sample_of_more_than_a_sequence_has(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert qmc.Sobol.MAXDIM == varied.MOST_DIMENSIONS
-    monkeypatch.setattr(varied, "MOST_DIMENSIONS", 3)
+    assert qmc.Sobol.MAXDIM == table.MOST_DIMENSIONS
+    monkeypatch.setattr(table, "MOST_DIMENSIONS", 3)
     refused(
         lambda: lg.sample({f"p{i}": (0, 1) for i in range(4)}, 2),
         "ranges has 4 entries, but Sobol's sequence has at most 3",

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import lagrange as lg
-from lagrange.members import dispatch, store
+from lagrange.members import jobs, store
 from tests.members.store_files import files
 
 zarr = pytest.importorskip("zarr")
@@ -25,7 +25,7 @@ PAGE = 4096
 @pytest.fixture(autouse=True)
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(store, "LARGEST_BLOCK", 8)
-    monkeypatch.setattr(dispatch, "LARGEST_CHUNK", 8)
+    monkeypatch.setattr(jobs, "LARGEST_CHUNK", 8)
 
 
 @cache

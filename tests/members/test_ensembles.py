@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.members import dispatch
+from lagrange.members import jobs
 from tests.refusals import refusal
 
 METHODS: dict[str, dict[str, Any]] = {
@@ -80,8 +80,8 @@ def test_how_members_are_divided_does_not_change_a_bit_of_events(method: str, mo
     order = np.random.default_rng(1).permutation(len(whole))
     mixed = lg.ensemble(henon, 6.0, {name: whole.given(name)[order] for name in ("x", "y")}, **options)
     for size, workers in ((1, 1), (3, 2), (8, 1), (11, 2), (100, 3)):
-        monkeypatch.setattr(dispatch, "FIRST_CHUNK", size)
-        monkeypatch.setattr(dispatch, "LARGEST_CHUNK", size)
+        monkeypatch.setattr(jobs, "FIRST_CHUNK", size)
+        monkeypatch.setattr(jobs, "LARGEST_CHUNK", size)
         runs = lg.ensemble(henon, 6.0, initial, workers=workers, **options)
         for name in (column.name for column in whole.columns):
             assert runs.results.column(name).tobytes() == whole.results.column(name).tobytes(), name

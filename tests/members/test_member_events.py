@@ -13,7 +13,7 @@ import sympy
 from sympy import cos, sin, sqrt
 
 import lagrange as lg
-from lagrange.members import job, lanes
+from lagrange.members import jobs, lanes
 from lagrange.members.singly import RunEngine
 from lagrange.trajectory.events import compiled_loop
 
@@ -40,7 +40,7 @@ def ball() -> lg.System:
 def without_lanes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Run members one after the other."""
     with monkeypatch.context() as changed:
-        changed.setattr(job, "lane_engine", lambda *_, **__: None)
+        changed.setattr(jobs, "lane_engine", lambda *_, **__: None)
         yield
 
 

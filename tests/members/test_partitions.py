@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.members import dispatch, store
+from lagrange.members import jobs, store
 
 COUNT = 53
 """Members: lanes run out of them at different times, and some leave."""
@@ -116,8 +116,8 @@ METHODS = ("taylor", "dop853", "rk4", "verlet", pytest.param("radau5", marks=pyt
 def same(partition: tuple[int, Callable[..., Columns]], method: str, folder: Path, patch: pytest.MonkeyPatch) -> None:
     size, result = partition
     right = dict(whole(method))
-    patch.setattr(dispatch, "FIRST_CHUNK", min(size, 8))
-    patch.setattr(dispatch, "LARGEST_CHUNK", size)
+    patch.setattr(jobs, "FIRST_CHUNK", min(size, 8))
+    patch.setattr(jobs, "LARGEST_CHUNK", size)
     patch.setattr(store, "LARGEST_BLOCK", size)
     given = result(folder, method=method)
     assert set(given) == set(right)

@@ -14,7 +14,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.members.dispatch import processors, threads_of
+from lagrange.members.jobs import processors, threads_of
 
 STARTS = {"x": np.linspace(-0.3, 0.3, 13)}
 

@@ -18,8 +18,8 @@ import lagrange as lg
 from lagrange.evidence.report import Report
 from lagrange.show.dynamics import Bifurcation, EquilibriumBranches, PhasePortrait, PoincareSection, ShownModes
 from lagrange.statement.scene.library import LIBRARY
-from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.methods.registry import MethodTable
+from lagrange.trajectory.run import Flow
 
 
 @cache

@@ -13,7 +13,7 @@ from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.trajectory.measures.energy_drift import constraint_drift
+from lagrange.trajectory.measures.constraints import constraint_drift
 from tests.models import shared_scene
 
 m, g, l, c = lg.parameters("m g l c")

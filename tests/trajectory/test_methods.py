@@ -15,9 +15,9 @@ from sympy import cos, sin
 
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import t
+from lagrange.trajectory.methods.implicit import BITS, gauss_tableau
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.splitting import KAHAN_LI, YOSHIDA6, Splitting, composition
-from lagrange.trajectory.tableaux.gauss import BITS, gauss_tableau
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, k, m, model, x, y
 from tests.trajectory.runs import ADAPTIVE, EQUAL, MOMENTA, SPLITTINGS, STEPPED, exact, run, stepped

@@ -19,8 +19,7 @@ from lagrange.machine.model import Model
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
-from lagrange.trajectory.paths.sampled import StepInterpolant, StepInterpolants
-from lagrange.trajectory.paths.step_paths import OutputPath, StepPath, step_path
+from lagrange.trajectory.paths import OutputPath, StepInterpolant, StepInterpolants, StepPath, step_path
 from lagrange.trajectory.plan import Planned
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 from tests.models import TARGETS, VALUES, build, c, g, k, l, m, model, x, y

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from lagrange.dynamics.axes import TURN, is_angle, wrapped
 from lagrange.errors import StatementError, listing
-from lagrange.members.chunk import INTERRUPTED, STATUSES
-from lagrange.members.kept_results import DRIFT, OUTPUTS, STATE, STATUS, TIME, end_row, event_times
-from lagrange.members.varied import MemberNumbers
+from lagrange.members.results import DRIFT, INTERRUPTED, OUTPUTS, STATE, STATUS, STATUSES, TIME, end_row, event_times
+from lagrange.members.table import MemberNumbers
 from lagrange.show.figures.panel import colour_bar, label_of_entry, panel_on, say_below
 from lagrange.show.figures.style import FigureStyle, angle_ticks, colours, dress, style_of
 from lagrange.show.notation.text import letter_of

@@ -18,9 +18,8 @@ from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import entries, real_number
 from lagrange.statement.rotation import Rotation, quaternion_rows
 from lagrange.statement.space import SpaceMatrix
-from lagrange.trajectory.constraints.nearest import ON_SURFACE
 from lagrange.trajectory.constraints.projection import Projection
-from lagrange.trajectory.constraints.residuals import residuals_of, units_of
+from lagrange.trajectory.constraints.residuals import ON_SURFACE, residuals_of, units_of
 
 LARGEST_VIOLATION = 1e-2
 """A run is unreliable if a constraint at its end is violated by more than this fraction of its terms. At default

@@ -17,8 +17,7 @@ from lagrange.equations.singular import Singular, dependent_rows
 from lagrange.errors import formula
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.model import Model
-from lagrange.trajectory.constraints.nearest import ON_SURFACE
-from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of
+from lagrange.trajectory.constraints.residuals import ON_SURFACE, ConstraintResiduals, residuals_of
 
 HALVINGS = 50
 """Number of bisections that locate the zero of a surface on the chord of a step, to the spacing of doubles."""

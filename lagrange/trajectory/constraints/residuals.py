@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -14,13 +15,36 @@ from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.model import Model
 from lagrange.program.switching import switch
 from lagrange.statement.statement import Constraint
-from lagrange.trajectory.constraints.nearest import ON_SURFACE, Residuals
+
+ON_SURFACE = 2.0**-40
+"""A residual of at most this fraction of its size is rounding: states of doubles are rarely closer to the surface."""
 
 CORNER_DISTANCE = 1e-7
 """Distance on both sides of a corner at which gradients are compared, relative to the largest coordinate."""
 
 CORNER = 1e-4
 """A gradient that changes by this fraction over that distance jumps. A smooth gradient changes by 1e-7 of its size."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residuals of a surface at a point (k,): m values that are zero on the surface, and their gradients (m, k).
+
+    `terms` (m,) are the sizes of the terms that cancel in each value. `sizes` (m,) are the scales to which rounding
+    is relative. The scale of a value is the larger of its terms and its gradient times the entries of the point.
+    """
+
+    values: FloatArray
+    gradient: FloatArray
+    terms: FloatArray
+    sizes: FloatArray
+
+    @property
+    def largest(self) -> float:
+        """The largest residual relative to its size; infinity if a residual is not finite."""
+        with np.errstate(all="ignore"):
+            shares = np.abs(self.values) / np.where(self.sizes > 0, self.sizes, 1.0)
+        return float(shares.max(initial=0.0)) if np.isfinite(shares).all() else np.inf
 
 
 class ConstraintResiduals:
@@ -127,7 +151,12 @@ class ConstraintResiduals:
         gradient, layout = self.gradient(t, y, parameters), self._layout
         rows, entries = (gradient, y[layout.v]) if part else (gradient[self.holonomic], y[layout.q])
         chosen = slice(self.places, None) if part else slice(0, self.places)
-        return _residuals(values[chosen], rows, terms[chosen], entries, units)
+        # Each entry counts as equally large once it is multiplied by its scale.
+        largest = np.abs(units * entries).max(initial=0.0)
+        # A gradient that is not finite is refused later, in a message with the constraint's name.
+        with np.errstate(all="ignore"):
+            sizes = np.maximum(terms[chosen], np.abs(rows) @ (largest / units))
+        return Residuals(values[chosen], rows, terms[chosen], sizes)
 
     def gradient(self, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return the gradient G (m, n) of the constraints by the velocities, at a state (2n,)."""
@@ -145,7 +174,8 @@ class ConstraintResiduals:
         values, sizes, slopes = corners[:count], corners[count : 2 * count], corners[2 * count :].reshape(count, n)
         for row in np.flatnonzero(np.abs(values) <= ON_SURFACE * np.maximum(sizes, np.abs(slopes) @ np.abs(y[:n]))):
             across = slopes[row] / (np.abs(slopes[row]).max() or 1.0) * CORNER_DISTANCE * (np.abs(y[:n]).max() or 1.0)
-            after, before = (self.gradient(t, _moved(y, sign * across), parameters) for sign in (1, -1))
+            moved = np.append(across, np.zeros(len(y) - n))
+            after, before = (self.gradient(t, y + sign * moved, parameters) for sign in (1, -1))
             jumps = np.abs(after - before).max(axis=1) > CORNER * (np.abs(after) + np.abs(before)).max(axis=1)
             if jumps.any():
                 return int(np.argmax(jumps))
@@ -162,30 +192,10 @@ class ConstraintResiduals:
         return results[:half], results[half:]
 
 
-def _moved(y: FloatArray, displacement: FloatArray) -> FloatArray:
-    return np.concatenate([y[: len(displacement)] + displacement, y[len(displacement) :]])
-
-
 def units_of(metric: FloatArray) -> FloatArray:
     """Return scales (n,) of displacements: the square root of each coordinate's inertia, 1 without inertia."""
     sizes = np.abs(np.diag(metric))
     return np.sqrt(np.where((sizes > 0) & np.isfinite(sizes), sizes, 1.0))
-
-
-def _residuals(
-    values: FloatArray, rows: FloatArray, terms: FloatArray, entries: FloatArray, units: FloatArray
-) -> Residuals:
-    """Return `Residuals` with `values` (m,), gradients `rows` (m, k) and `terms` (m,), and with computed sizes.
-
-    The size of a value is the larger of its terms and the magnitude of its gradient times the size of the state's
-    `entries` (k,). For this product all entries count as equally large once they are multiplied by their scales
-    `units` (k,).
-    """
-    largest = np.abs(units * entries).max(initial=0.0)
-    # A gradient that is not finite is refused later, in a message with the constraint's name.
-    with np.errstate(all="ignore"):
-        sizes = np.maximum(terms, np.abs(rows) @ (largest / units))
-    return Residuals(values, rows, terms, sizes)
 
 
 def _kernel(model: Model, nodes: tuple[Node, ...]) -> Kernel:

@@ -180,79 +180,62 @@ def written_friction(model: Model, which: int) -> WrittenFriction | None:
     terms = [float((x * y).xreplace(values)) for x, y in zip(lines[0], responses[1], strict=True)]
     if abs(math.fsum(terms)) > ORTHOGONAL * sum(map(abs, terms)):
         return None
-    return _Formulas(model, which, lines, responses).written()
+    return _written(model, which, lines, responses)
 
 
-class _Formulas:
-    """Formulas of the friction of the contact with index `which`.
+def _written(model: Model, which: int, lines: list[Any], responses: list[Any]) -> WrittenFriction:
+    """Return the friction of the contact with index `which` as formulas.
 
-    `lines` are W = dgap/dq and D = dslip/dv, and `responses` are M^-1 W and M^-1 D with the mass matrix M. `normal` is
-    the normal force N, and `hold` the force that keeps the slip at zero. `moment` is a parameter, a short time.
+    `lines` are W = dgap/dq and D = dslip/dv, and `responses` are M^-1 W and M^-1 D with the mass matrix M.
     """
+    statement, contact, layout = model.statement, model.statement.contacts[which], model.layout
+    q, rates = statement.coordinates, statement.velocities
+    names = {*statement.names, *(symbol.name for symbol in statement.parameters)}
+    name = contact.name + "_"
+    while name + "way" in names or name + "moment" in names:
+        name += "_"
+    way, moment = coordinate_of(name + "way"), sympy.Symbol(name + "moment", real=True)
 
-    def __init__(self, model: Model, which: int, lines: list[Any], responses: list[Any]) -> None:
-        self.model, self.which, self.lines, self.responses = model, which, lines, responses
-        self.contact, q = model.statement.contacts[which], model.statement.coordinates
-        free = [model.equations.express(node) for node in model.equations.bias]
-        at_rest = self.contact.slip[0].xreplace(dict.fromkeys(model.statement.velocities, sympy.S.Zero))
-        drifts = partial_rate(partial_rate(self.contact.gap, q), q), at_rest.diff(time)
-        self.sizes = [line.dot(response) for line, response in zip(lines, responses, strict=True)]
-        self.normal, self.hold = (
-            -sympy.Add(drift, *(x * y for x, y in zip(response, free, strict=True))) / size
-            for drift, response, size in zip(drifts, responses, self.sizes, strict=True)
-        )
-        names = {*model.statement.names, *(symbol.name for symbol in model.statement.parameters)}
-        name = self.contact.name + "_"
-        while name + "way" in names or name + "moment" in names:
-            name += "_"
-        self.way, self.moment = coordinate_of(name + "way"), sympy.Symbol(name + "moment", real=True)
+    # The normal force N, and the force that keeps the slip at zero.
+    free = [model.equations.express(node) for node in model.equations.bias]
+    at_rest = contact.slip[0].xreplace(dict.fromkeys(rates, sympy.S.Zero))
+    drifts = partial_rate(partial_rate(contact.gap, q), q), at_rest.diff(time)
+    sizes = [line.dot(response) for line, response in zip(lines, responses, strict=True)]
+    normal, hold = (
+        -sympy.Add(drift, *(x * y for x, y in zip(response, free, strict=True))) / size
+        for drift, response, size in zip(drifts, responses, sizes, strict=True)
+    )
+    slides, way_rate = way**2, velocity_of(way)
+    friction = (1 - slides) * hold - contact.friction[1] * way * normal
+    applied = [force + w * normal + d * friction for force, w, d in zip(statement.forces, *lines, strict=True)]
+    stated = replace(
+        statement,
+        coordinates=(*q, way),
+        kinetic=statement.kinetic + way_rate**2 / 2,
+        lagrangian=statement.lagrangian + way_rate**2 / 2,
+        forces=(*applied, sympy.S.Zero),
+        parameters=(*statement.parameters, moment),
+        defaults=MappingProxyType({**statement.defaults, moment: 0.0}),
+        initial=tuple(np.insert(statement.initial, [layout.q.stop, layout.v.stop], 0.0).tolist()),
+        contacts=(),
+    )
 
-    def written(self) -> WrittenFriction:
-        """Return the model with these forces, and the events that change its way."""
-        statement, contact, way, layout = self.model.statement, self.contact, self.way, self.model.layout
-        slides, rate = way**2, velocity_of(way)
-        friction = (1 - slides) * self.hold - contact.friction[1] * way * self.normal
-        applied = [
-            force + w * self.normal + d * friction for force, w, d in zip(statement.forces, *self.lines, strict=True)
-        ]
-        stated = replace(
-            statement,
-            coordinates=(*statement.coordinates, way),
-            kinetic=statement.kinetic + rate**2 / 2,
-            lagrangian=statement.lagrangian + rate**2 / 2,
-            forces=(*applied, sympy.S.Zero),
-            parameters=(*statement.parameters, self.moment),
-            defaults=MappingProxyType({**statement.defaults, self.moment: 0.0}),
-            initial=tuple(np.insert(statement.initial, [layout.q.stop, layout.v.stop], 0.0).tolist()),
-            contacts=(),
-        )
-        cone = (contact.friction[0] * self.normal) ** 2 - self.hold**2
-        slip_direction = -sympy.sign(self.hold)
-        way_after_stop = sympy.Piecewise((0, cone >= 0), (1, True)) * slip_direction
-        slip_along_way = way * contact.slip[0] + 1 - slides
-        events = (
-            Event((1 - slides) * cone + slides, direction=-1, reset=self._reset(slip_direction)),
-            Event(slip_along_way, direction=-1, reset=self._reset(way_after_stop)),
-        )
-        return WrittenFriction(self.which, self.model.on_same_machine(stated), self.moment, self.normal, events)
-
-    def _reset(self, new_way: Any) -> dict[Any, Any]:
-        """Return the reset at a change between sliding and sticking, as a dict from symbols to their new values.
-
-        Gap and gap rate become zero. A `new_way` of 0 makes the slip zero; 1 or -1 makes it small in this direction.
-        """
-        contact, q, rates = self.contact, self.model.statement.coordinates, self.model.statement.velocities
-        small_slip = 2 * SLIGHT * abs(self.hold) * self.sizes[1] * sympy.Max(abs(time), self.moment)
-        rate = partial_rate(contact.gap, q) + self.lines[0].dot(sympy.Matrix(rates))
-        gap_error, rate_error = contact.gap / self.sizes[0], rate / self.sizes[0]
-        slip_error = (contact.slip[0] - new_way * small_slip) / self.sizes[1]
-        reset = {self.way: new_way}
-        for x, v, up, along in zip(q, rates, *self.responses, strict=True):
+    # Events between sliding and sticking. Gap and gap rate become zero; the slip becomes zero, or small.
+    cone = (contact.friction[0] * normal) ** 2 - hold**2
+    slip_direction = -sympy.sign(hold)
+    way_after_stop = sympy.Piecewise((0, cone >= 0), (1, True)) * slip_direction
+    small_slip = 2 * SLIGHT * abs(hold) * sizes[1] * sympy.Max(abs(time), moment)
+    gap_rate = partial_rate(contact.gap, q) + lines[0].dot(sympy.Matrix(rates))
+    zeros, events = ((1 - slides) * cone + slides, way * contact.slip[0] + 1 - slides), []
+    for zero, new_way in zip(zeros, (slip_direction, way_after_stop), strict=True):
+        slip_error, reset = (contact.slip[0] - new_way * small_slip) / sizes[1], {way: new_way}
+        for x, v, up, along in zip(q, rates, *responses, strict=True):
             if up != 0:
-                reset[x] = x - up * gap_error
+                reset[x] = x - up * (contact.gap / sizes[0])
             if up != 0 or along != 0:
-                reset[v] = v - up * rate_error - along * slip_error
-        return reset
+                reset[v] = v - up * (gap_rate / sizes[0]) - along * slip_error
+        events.append(Event(zero, direction=-1, reset=reset))
+    return WrittenFriction(which, model.on_same_machine(stated), moment, normal, tuple(events))
 
 
 def in_order(

@@ -111,7 +111,7 @@ class Transitions:
         ways = self._ways_of_yielding(touch, mode, end.yielding)
 
         # 1. Impact.
-        closing = [i for i in touching if touch.rates[normals[i]] < -touch.noise[normals[i]] and i not in lasting]
+        closing = [i for i in self._approaching(touch, touching, touch.rates) if i not in lasting]
         if closing:
             speed = max(-float(touch.rates[normals[i]]) for i in closing)
             y, impacts = self._impact(touch, touching, plastic)
@@ -132,17 +132,11 @@ class Transitions:
         if turned := [i for i, row, way in slides if way * rates[row] <= noise[row] < abs(touch.rates[row])]:
             stopping = (*end.stopping, *turned)
             y, following, accelerations = self._next(rest._replace(end=end._replace(stopping=stopping)))
-        low_flights = self._low_flights(touch, touching, following, accelerations)
+        # A gap with the rate v and the deceleration a grows to the height v^2 / (2 a), which may be rounding.
+        smallest_gap, v, a = SMALLEST_GAP / TOUCHING * touch.near, touch.rates[normals], -accelerations[normals]
+        opening = (i for i in touching if i not in following.closed)
+        low_flights = frozenset(i for i in opening if 0 < v[i] ** 2 < 2 * a[i] * smallest_gap)
         return Transition(y, before, following, impacts, speed, low_flights)
-
-    def _low_flights(
-        self, touch: Touch, touching: Sequence[int], mode: Mode, accelerations: FloatArray
-    ) -> frozenset[int]:
-        """Return the `touching` contacts that open in `mode`, and close before the gap is above rounding."""
-        normals, smallest_gap = self.kinematics.normals, SMALLEST_GAP / TOUCHING * touch.near
-        # A gap with the rate v and the deceleration a grows to the height v^2 / (2 a).
-        v, a = touch.rates[normals], -accelerations[normals]
-        return frozenset(i for i in touching if i not in mode.closed and 0 < v[i] ** 2 < 2 * a[i] * smallest_gap)
 
     def _ways_of_yielding(self, touch: Touch, mode: Mode, yielding: Collection[int]) -> dict[int, FloatArray]:
         """Return the direction in which each `yielding` contact begins to slide: against the force that held it."""
@@ -162,44 +156,56 @@ class Transitions:
         `touching` contacts have zero gap and may exchange impulses; `plastic` ones have no restitution. By the law
         "newton" all collide at once; by "sequence" the fastest one, again and again until no gap becomes smaller.
         """
-        kin, law, matrix = self.kinematics, self.modes.model.statement.simultaneous, touch.compliance
-        rows_of, normals, owners = kin.rows, kin.normals, kin.owners
-        rows = [row for i in touching for row in rows_of[i]]
-        # The change of each rate by a unit impulse of another contact.
-        coupled = np.abs(matrix)[np.ix_(rows, rows)] * np.not_equal.outer(owners[rows], owners[rows])
-        if not law and coupled.max() > UNCOUPLED * np.abs(matrix).max():
-            arriving = [i for i in touching if touch.rates[normals[i]] < -touch.noise[normals[i]]]
-            names = listing(kin.contacts[i].name for i in arriving)
-            what = f"{names} meet at one instant"
-            if closed := [kin.contacts[i].name for i in touching if i not in arriving]:
-                verb, be = "arrives" if len(arriving) == 1 else "arrive", "is" if len(closed) == 1 else "are"
-                what = f"{names} {verb} while {listing(closed)} {be} closed"
-            raise Undetermined(
-                f"{what}, and the result depends on the law of simultaneous impacts: state "
-                "simultaneous='newton', all at once, or 'sequence', one after the other, on the system."
-            )
+        kin = self.kinematics
+        self._check_law_of_impacts(touch, touching)
+        most = MOST_IN_SEQUENCE if kin.model.statement.simultaneous == SEQUENCE else 0
         rates, impulses, lost = touch.rates, np.zeros(len(touch.rates)), np.zeros(len(touch.rates))
-        rounds = 0
-        while True:
-            approaching = [i for i in touching if rates[normals[i]] < -touch.noise[normals[i]]]
-            if not approaching or rounds > (MOST_IN_SEQUENCE if law == SEQUENCE else 0):
+        # One contact at a time, up to `most` times. Then all at once: without restitution after a sequence.
+        for collision in range(most + 1):
+            approaching = self._approaching(touch, touching, rates)
+            if not approaching:
                 break
-            last = law != SEQUENCE or rounds == MOST_IN_SEQUENCE
-            colliding = list(touching) if last else [min(approaching, key=lambda i: rates[normals[i]])]
-            added = self._impulses(touch, rates, colliding, touching if rounds and last else plastic)
+            if collision < most:
+                colliding, inelastic = [min(approaching, key=lambda i: rates[kin.normals[i]])], plastic
+            else:
+                colliding, inelastic = list(touching), touching if collision else plastic
+            added = self._impulses(touch, rates, colliding, inelastic)
             impulses, before = impulses + added, rates
-            rates = touch.rates + matrix @ impulses
+            rates = touch.rates + touch.compliance @ impulses
             # The work of an impulse is the impulse times the mean of the rates before and after.
             lost -= added * (before + rates) / 2
-            rounds += 1
         after = touch.y.copy()
         after[self._layout.v] += touch.responses @ impulses
         impacts = {}
         for i in touching:
-            push, *friction = impulses[rows_of[i]]
+            push, *friction = impulses[kin.rows[i]]
             if push:
-                impacts[i] = np.array([touch.t, push, lost[rows_of[i]].sum(), *friction])
+                impacts[i] = np.array([touch.t, push, lost[kin.rows[i]].sum(), *friction])
         return after, impacts
+
+    def _approaching(self, touch: Touch, contacts: Sequence[int], rates: FloatArray) -> list[int]:
+        """Return those of some `contacts` (indices) whose gaps become smaller at the `rates` (rows,)."""
+        normals = self.kinematics.normals
+        return [i for i in contacts if rates[normals[i]] < -touch.noise[normals[i]]]
+
+    def _check_law_of_impacts(self, touch: Touch, touching: Sequence[int]) -> None:
+        """Raise `Undetermined` if `touching` contacts collide that affect each other, and no law for this is stated."""
+        kin, matrix = self.kinematics, np.abs(touch.compliance)
+        rows = [row for i in touching for row in kin.rows[i]]
+        # The change of each rate by a unit impulse of another contact.
+        coupled = matrix[np.ix_(rows, rows)] * np.not_equal.outer(kin.owners[rows], kin.owners[rows])
+        if kin.model.statement.simultaneous or not coupled.max() > UNCOUPLED * matrix.max():
+            return
+        arriving = self._approaching(touch, touching, touch.rates)
+        names = listing(kin.contacts[i].name for i in arriving)
+        what = f"{names} meet at one instant"
+        if closed := [kin.contacts[i].name for i in touching if i not in arriving]:
+            verb, be = "arrives" if len(arriving) == 1 else "arrive", "is" if len(closed) == 1 else "are"
+            what = f"{names} {verb} while {listing(closed)} {be} closed"
+        raise Undetermined(
+            f"{what}, and the result depends on the law of simultaneous impacts: state "
+            "simultaneous='newton', all at once, or 'sequence', one after the other, on the system."
+        )
 
     def _impulses(
         self, touch: Touch, rates: FloatArray, colliding: Sequence[int], plastic: Collection[int]

@@ -17,7 +17,7 @@ from lagrange.trajectory.events.array_search import Side
 from lagrange.trajectory.events.event_log import Breaks, EventLog, Occurrences
 from lagrange.trajectory.events.step_batch import PathOf, StepsPath
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.paths.step_paths import StepPath
+from lagrange.trajectory.paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
 
 WORTH_COMPILING = 512

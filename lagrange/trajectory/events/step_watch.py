@@ -53,7 +53,7 @@ from lagrange.trajectory.events.motion_start import (
 )
 from lagrange.trajectory.events.step_batch import PathOf, Sample, StepBatch, StepsPath, Window, state_noise
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.paths.step_paths import StepPath
+from lagrange.trajectory.paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState

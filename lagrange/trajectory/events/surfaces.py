@@ -28,7 +28,7 @@ from lagrange.machine.state import DriverState
 from lagrange.program.series import SeriesProgram
 from lagrange.trajectory.events.series_at_state import leaving
 from lagrange.trajectory.integrator import Integrator, Problem
-from lagrange.trajectory.paths.step_paths import hermite_path
+from lagrange.trajectory.paths import hermite_path
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 MOST_TRIALS = 3**8

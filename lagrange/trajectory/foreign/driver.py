@@ -22,10 +22,10 @@ from lagrange.trajectory.events.compiled_loop import WatchedEvents
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Problem, Tolerances
 from lagrange.trajectory.methods.tolerances import adaptive_settings
-from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants
-from lagrange.trajectory.paths.step_paths import PiecewisePath
+from lagrange.trajectory.paths import PiecewisePath, SampledPath, StepInterpolant, StepInterpolants
+from lagrange.trajectory.plan import PreparedPlan
 from lagrange.trajectory.run_loop import drive
-from lagrange.trajectory.sizes import Slopes, first_floors, noise_floors, slopes_of, some_rounded
+from lagrange.trajectory.sizes import first_floors, noise_floors, slopes_of, some_rounded
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 
@@ -124,15 +124,6 @@ class GuardedRhs:
         if not np.isfinite(slope).all():
             self._remember(Fault(Status.NON_FINITE, t, y.copy(), slope))
         return slope
-
-    def counted(self, slopes: Slopes) -> Slopes:
-        """Return the function `slopes` with its calls counted. Results that are not finite are not recorded."""
-
-        def evaluate(t: float, y: FloatArray) -> FloatArray:
-            self.evaluations += 1
-            return slopes(t, y)
-
-        return evaluate
 
     def jacobian(self, t: float, y: FloatArray) -> FloatArray:
         """Return the Jacobian of the right-hand side by the state, (2n, 2n), at (t, y).
@@ -259,7 +250,8 @@ def drive_stepwise(
     """
     tolerances = adaptive_settings(name, problem, None, None, None)
     with np.errstate(all="ignore"), listening as messages:
-        return drive(problem, SolverPlan(problem, tolerances, package, start, messages, first), name)
+        plan = SolverPlan(problem, tolerances, package, start, messages, first)
+        return drive(problem, name, lambda: PreparedPlan(plan))
 
 
 @dataclass(eq=False)
@@ -308,18 +300,12 @@ class SolverPlan:
         """
         jumps = set() if watch is None else set(watch.breaks.since(0)[0].tolist())
         steps = iter(self.interpolants)
-        interpolants = [_Standing(states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
+        # At a reset, which takes no time, the path is constant.
+        interpolants = [
+            StepInterpolant(times[i], 1.0, states[[i + 1, i + 1]]) if i in jumps else next(steps)
+            for i in range(len(times) - 1)
+        ]
         return PiecewisePath(times, states[0], StepInterpolants(interpolants))
-
-
-@dataclass(frozen=True, eq=False)
-class _Standing:
-    """Constant interpolant for an interval of no duration, at a reset."""
-
-    y: FloatArray
-
-    def __call__(self, times: FloatArray) -> FloatArray:
-        return np.repeat(self.y[:, None], len(times), axis=1)
 
 
 class SolverDriver:
@@ -418,7 +404,12 @@ class SolverDriver:
         if not plan.tolerances.share or has_floors:
             return np.inf
         model, left = plan.problem.model, float(state.reals[S.END]) - t
-        counted = law.counted(slopes_of(model, law.parameters))
+        slopes = slopes_of(model, law.parameters)
+
+        def counted(t: float, y: FloatArray) -> FloatArray:
+            law.evaluations += 1
+            return slopes(t, y)
+
         floors, period = first_floors(counted, model.layout, t, y, left, plan.tolerances.share)
         state.floors[:] = np.maximum(state.floors, floors)
         if some_rounded(model.layout, state.floors):

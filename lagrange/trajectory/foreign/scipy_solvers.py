@@ -17,7 +17,7 @@ from scipy.integrate import OdeSolver
 
 from lagrange.trajectory.foreign.driver import Fault, GuardedRhs, check_bounds, drive_stepwise
 from lagrange.trajectory.integrator import Claims, Problem, Tolerances
-from lagrange.trajectory.paths.sampled import StepInterpolant
+from lagrange.trajectory.paths import StepInterpolant
 from lagrange.trajectory.sizes import slopes_of
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 

@@ -1,16 +1,20 @@
-"""Energy test of a run. A run is unreliable if it does not conserve an energy that the equations conserve."""
+"""Energy along a run: the test of its conservation, and its drift."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from lagrange.errors import RunError
 from lagrange.machine.backend import quickly
+from lagrange.machine.model import Model
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.paths.step_paths import OutputPath
+from lagrange.trajectory.paths import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 LARGEST_LOSS, LOSS_WITH_CONTROL = 1.0, 1e3
@@ -61,42 +65,31 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
     share = LARGEST_LOSS
     if adaptive and trajectory.rtol:
         share = min(share, LOSS_WITH_CONTROL * math.sqrt(trajectory.rtol))
+    change, small = abs(after - before), min(share, SMALL_CHANGE)
     with np.errstate(all="ignore"):
-        if math.isfinite(after) and _kept(problem, trajectory, end, until, before, after, share):
-            return trajectory
+        # Cheap tests come first. The change may be small relative to kinetic energies, or rounding.
+        if math.isfinite(after):
+            momenta = quickly(model.kernel("momenta"), problem.parameter_array, problem.t0, end)
+            if (
+                (momenta is not None and change <= small * abs(float(momenta @ end[model.layout.v])) / 2)
+                or change <= small * float(_kinetic(problem, np.stack([problem.y0, end], axis=1)).max())
+                or change <= share * _mean_kinetic_energy(problem, trajectory, until)
+                or change <= _noise(problem, before)
+            ):
+                return trajectory
     # The proof of conservation may take a second, so it comes last.
     if not model.conservative:
         return trajectory
+    remedy = "Shorten the step, or take an adaptive method such as dop853."
+    if adaptive:
+        method = DEFAULT_METHOD if trajectory.method != DEFAULT_METHOD else "dop853"
+        now = "" if trajectory.rtol is None else f" (now {trajectory.rtol:g})"
+        remedy = f"Lower rtol{now} and atol, or take another method, such as {method}."
     note = (
         f"The energy, which the equations of motion conserve, went from {before:.6g} to {after:.6g}: the run does not "
-        f"follow the motion. {_remedy(trajectory, adaptive)}"
+        f"follow the motion. {remedy}"
     )
     return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {note}")
-
-
-def _kept(
-    problem: Problem,
-    trajectory: Trajectory,
-    end: FloatArray,
-    until: float,
-    before: float,
-    after: float,
-    share: float,
-) -> bool:
-    """Return True if the energy at the end of a run equals that at its start within a tolerance.
-
-    `before` is the energy at the start, and `after` that at the end. `end` is the state (2n,) at the end, and `until`
-    its time. The tolerance is the fraction `share` of the kinetic energy at the mean speed of the run, or the
-    rounding error of the energy if that is larger. Cheap tests come first.
-    """
-    change, model = abs(after - before), problem.model
-    momenta = quickly(model.kernel("momenta"), problem.parameter_array, problem.t0, end)
-    small = min(share, SMALL_CHANGE)
-    if momenta is not None and change <= small * abs(float(momenta @ end[model.layout.v])) / 2:
-        return True
-    if change <= small * float(_kinetic(problem, np.stack([problem.y0, end], axis=1)).max()):
-        return True
-    return change <= share * _mean_kinetic_energy(problem, trajectory, until) or change <= _noise(problem, before)
 
 
 def energy(problem: Problem, y: FloatArray) -> float:
@@ -168,9 +161,89 @@ def _finite(values: FloatArray) -> FloatArray:
     return values[np.isfinite(values)]
 
 
-def _remedy(trajectory: Trajectory, adaptive: bool) -> str:
-    if not adaptive:
-        return "Shorten the step, or take an adaptive method such as dop853."
-    method = DEFAULT_METHOD if trajectory.method != DEFAULT_METHOD else "dop853"
-    now = "" if trajectory.rtol is None else f" (now {trajectory.rtol:g})"
-    return f"Lower rtol{now} and atol, or take another method, such as {method}."
+_NEAR_ZERO = 1e-3
+"""Initial energy, relative to the exchanged kinetic energy, below which it is a small difference and not used as scale.
+"""
+
+
+@dataclass(frozen=True, repr=False)
+class EnergyDrift:
+    """The energy E along a run: `first` is E0 at the start, or at the first output if no start is known.
+
+    `last` is E at the end, `absolute` is max |E - E0|, and `relative` is `absolute` / `scale`. The scale is |E0|. If
+    E0 is close to zero, the scale is the largest |v.p| / 2, for most systems the largest kinetic energy. `against`
+    names the scale in words. `conserved` is True if the equations conserve the energy, and None if that is not known.
+    The drift measures accuracy only if `conserved` is True.
+    """
+
+    conserved: bool | None
+    first: float
+    last: float
+    absolute: float
+    scale: float
+    against: str
+
+    def __repr__(self) -> str:
+        return f"<EnergyDrift: {self.sentence()}>"
+
+    @property
+    def relative(self) -> float:
+        """The largest change of the energy divided by its scale, or the change itself if the scale is zero."""
+        return self.absolute / self.scale if self.scale > 0 else self.absolute
+
+    @property
+    def unkept(self) -> str:
+        """Remark in words that the system does not conserve the energy, or is not known to conserve it."""
+        return "the system does not conserve it" if self.conserved is False else "not found to be conserved"
+
+    def sentence(self) -> str:
+        """Return a sentence with the relative drift of the energy.
+
+        For an energy that is not known to be conserved it has the first and the last energy instead.
+        """
+        if not self.conserved:
+            return f"from {self.first:.6g} to {self.last:.6g} ({self.unkept})"
+        return f"{self.relative:.1e} of {self.against}"
+
+
+def since_start(run: Trajectory) -> tuple[FloatArray, FloatArray, bool]:
+    """Return the times (N,) and states (2n, N) of the run's outputs, and True if they begin with the start.
+
+    The start is put before the outputs if they do not contain it. If its state is not stored and cannot be computed,
+    the outputs alone and False are returned.
+    """
+    first, t, y = run.span[0], run.t, run.y
+    if not len(t) or t[0] == first:
+        return t, y, True
+    try:
+        start = run.dense(np.array([first]))
+    except RunError:
+        return t, y, False
+    return np.append(first, t), np.column_stack([start, y]), True
+
+
+def energy_drift(
+    model: Model,
+    t: FloatArray,
+    y: FloatArray,
+    from_start: bool,
+    start: Mapping[Any, float],
+    run: Trajectory,
+    lost: FloatArray,
+) -> EnergyDrift:
+    """Return the drift of the energy of states y (2n, N) at times t (N,).
+
+    `from_start` is True if the first state is the start of the `run`. `start` has the parameters at the start. Energy
+    that events add by setting parameters is subtracted. The energy `lost` (N,) up to each time at contacts is added.
+    """
+    parameters, (q, v) = run.parameters_at(t, start), model.layout.split(y)
+    with np.errstate(all="ignore"):  # The run reports states that are not finite.
+        energy = np.asarray(model.energy(q, v, t, parameters)) - run.added_energy(t) + lost
+        momenta = np.asarray(model.momenta(q, v, t, parameters))
+        exchanged = 0.5 * float(np.max(np.abs(np.sum(v * momenta, axis=0))))
+        first, absolute = float(energy[0]), float(np.max(np.abs(energy - energy[0])))
+    scale, against = abs(first), "the initial energy" if from_start else "the energy at the first output"
+    if abs(first) < _NEAR_ZERO * exchanged:
+        scale, against = exchanged, "the largest |v.p|/2"
+    kept = False if model.statement.surfaces_move else model.equations.structure.energy_kept
+    return EnergyDrift(kept, first, float(energy[-1]), absolute, scale, against)

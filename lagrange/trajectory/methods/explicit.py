@@ -16,10 +16,9 @@ import sympy
 from lagrange.errors import StatementError, shown
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.expression import MOST_ENTRIES, entries, one_of, text, whole_number
-from lagrange.trajectory.integrator import Claims, Problem, method_repr
-from lagrange.trajectory.methods.built_in import built_in
+from lagrange.trajectory.integrator import Claims, Problem, built_in, method_repr
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options, fixed_settings
-from lagrange.trajectory.paths.step_paths import StepPath, hermite_path, stages_polynomial, step_path
+from lagrange.trajectory.paths import StepPath, hermite_path, stages_polynomial, step_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux import explicit as tableaux

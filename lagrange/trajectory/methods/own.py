@@ -24,7 +24,7 @@ from lagrange.statement.expression import text, whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.splitting import check_separable
 from lagrange.trajectory.methods.tolerances import check_options, fixed_settings
-from lagrange.trajectory.paths.step_paths import hermite_path
+from lagrange.trajectory.paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.tableaux.butcher import CONDITION_TOLERANCE, ButcherTableau, Coefficient
@@ -313,7 +313,11 @@ def _check_consistent(name: str, function: Callable[..., Any], order: int) -> Se
     for argument in tried.arguments:
         _check_whole(name, "a slope is taken at", argument)
     _check_whole(name, "the new state holds", tried.results[0])
-    if not _scales(tried, doubled):
+    # In a Runge-Kutta step coefficients are proportional to h, and times are t + c h. The second call has twice h.
+    pairs = [(2 + 2 * at, later) for at, later in zip(tried.times, doubled.times, strict=False)]
+    for terms, others in zip(tried.combinations, doubled.combinations, strict=False):
+        pairs += [(2 * terms.get(i, 0), others.get(i, 0)) for i in sorted(terms | others) if i]
+    if len(tried.times) != len(doubled.times) or not _agree(pairs):
         for t, _ in TRIAL_POINTS:
             _check_short(name, _tried(name, function, 1, t, SHORT_STEP), t)
         return both
@@ -368,20 +372,6 @@ def _check_short(name: str, tried: _Tried, t: Fraction) -> None:
 def _check_whole(name: str, what: str, terms: dict[int, Coefficient]) -> None:
     if abs(float(terms.get(0, 0)) - 1) > CONDITION_TOLERANCE:
         raise refusal(name, f"{what} {float(terms.get(0, 0)):g} times the old state, which must be there once")
-
-
-def _scales(tried: _Tried, doubled: _Tried) -> bool:
-    """Return True if two trial calls are those of a Runge-Kutta step.
-
-    Its coefficients are proportional to h, and its times are t + c h. The calls are at the two `TRIAL_POINTS`:
-    `tried` has the step h and `doubled` has 2 h.
-    """
-    if len(tried.times) != len(doubled.times):
-        return False
-    pairs = [(2 + 2 * at, later) for at, later in zip(tried.times, doubled.times, strict=True)]
-    for terms, others in zip(tried.combinations, doubled.combinations, strict=True):
-        pairs += [(2 * terms.get(i, 0), others.get(i, 0)) for i in sorted(terms | others) if i]
-    return _agree(pairs)
 
 
 def _check_partitioned(name: str, order: int, tried: _Tried, t: Fraction, h: Fraction) -> None:

@@ -22,11 +22,9 @@ import numpy as np
 
 from lagrange.algorithm.dense.collocation import collocation_polynomial
 from lagrange.program.step import Control
-from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.methods.built_in import built_in
-from lagrange.trajectory.methods.implicit import ImplicitMethod, weighted
-from lagrange.trajectory.paths.step_paths import StepPath, step_path
-from lagrange.trajectory.tableaux.gauss import collocation_tableau, lagrange_basis
+from lagrange.trajectory.integrator import Claims, Problem, built_in
+from lagrange.trajectory.methods.implicit import ImplicitMethod, collocation_tableau, lagrange_basis, weighted
+from lagrange.trajectory.paths import StepPath, step_path
 from lagrange.trajectory.trajectory import FloatArray
 
 POINTS = {2: (1 / 3, 1.0), 3: ((4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0)}
@@ -120,15 +118,13 @@ class RadauPath:
         return step_path(problem.model, problem.parameter_array, collocation_polynomial(A, c), times, states)
 
 
-PATHS = {stages: RadauPath(stages) for stages in POINTS}
-
-
 def _method(
-    name: str, stages: int, function: Callable[..., Any], rtol: float | None, atol: float | None
+    name: str, stages: int, function: Callable[..., Any], rtol: float | None, atol: float | None, law: str = "rhs"
 ) -> ImplicitMethod:
-    claims = Claims(2 * stages - 1, adaptive=True, a_stable=True, explicit=False, dense=stages + 1)
+    path, dense = (RadauPath(stages), stages + 1) if law == "rhs" else (None, 0)
+    claims = Claims(2 * stages - 1, adaptive=True, a_stable=True, explicit=False, dense=dense)
     control = Control(stages + 1, least=0.125, most=8.0, hold=1.2)
-    return ImplicitMethod(name, claims, function, control=control, path=PATHS[stages], rtol=rtol, atol=atol)
+    return ImplicitMethod(name, claims, function, law=law, control=control, path=path, rtol=rtol, atol=atol)
 
 
 @built_in("radau3")
@@ -198,8 +194,4 @@ def predict(ratio: Any, *old: Any) -> list[Any]:
 @built_in("radau5-index2")
 def Radau5Index2(rtol: float | None = None, atol: float | None = None) -> ImplicitMethod:
     """Return Radau's adaptive method of 3 stages with multipliers as unknowns, order 5, for stiff systems."""
-    claims = Claims(2 * STAGES - 1, adaptive=True, a_stable=True, explicit=False)
-    control = Control(STAGES + 1, least=0.125, most=8.0, hold=1.2)
-    return ImplicitMethod(
-        "radau5-index2", claims, radau5_index2, law="constrained", control=control, rtol=rtol, atol=atol
-    )
+    return _method("radau5-index2", STAGES, radau5_index2, rtol, atol, "constrained")

@@ -14,9 +14,8 @@ from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.display import text_table
 from lagrange.statement.expression import flag
 from lagrange.statement.run_settings import DEFAULT_METHOD
-from lagrange.trajectory.integrator import Claims, Integrator
+from lagrange.trajectory.integrator import Claims, Integrator, entered
 from lagrange.trajectory.methods import explicit, implicit, radau, splitting, taylor, variational
-from lagrange.trajectory.methods.built_in import entered
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.own import StepMethod, step_method
 from lagrange.trajectory.methods.splitting import Splitting

@@ -20,11 +20,10 @@ from lagrange.machine.model import Model
 from lagrange.trajectory.events.actions import ModelEvent, model_events
 from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.surfaces import Continuations
-from lagrange.trajectory.integrator import Claims, Problem, Tolerances
-from lagrange.trajectory.methods.built_in import built_in
+from lagrange.trajectory.integrator import Claims, Problem, Tolerances, built_in
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options
-from lagrange.trajectory.paths.step_paths import SeriesPath, hermite_path
+from lagrange.trajectory.paths import SeriesPath, hermite_path
 from lagrange.trajectory.run_loop import drive_by
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -65,8 +64,13 @@ class Taylor:
 
     def plan(self, problem: Problem) -> TaylorPlan:
         """Return the plan of a run: the Taylor series of the system, its order, the tolerances, and the events."""
+
+        def margin(rtol: float) -> float:
+            fraction = STEP_MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
+            return fraction * QUATERNION_MARGIN if problem.model.statement.rotations else fraction
+
         tolerances = adaptive_settings(
-            self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=partial(_margin, problem)
+            self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=margin
         )
         events = model_events(problem.model, problem.events)
         # A square root ends the run: after its zero the series would have the wrong sign.
@@ -144,12 +148,6 @@ QUATERNION_MARGIN = 0.125
 """Further factor on the tolerances of a system with rotations. Errors of steps change the lengths of quaternions. With
 this factor the lengths stay within 1e-13 of 1 over 1e5 steps at the default tolerance.
 """
-
-
-def _margin(problem: Problem, rtol: float) -> float:
-    """Return the fraction of the tolerances at which Taylor steps aim, for a problem and its relative tolerance."""
-    margin = STEP_MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
-    return margin * QUATERNION_MARGIN if problem.model.statement.rotations else margin
 
 
 def _square_roots(model: Model, events: tuple[Node, ...]) -> Mapping[Node, Node]:

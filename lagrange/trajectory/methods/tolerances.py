@@ -31,19 +31,12 @@ LEAST_RTOL = 100 * 2.0**-52
 """Smallest relative tolerance. Below it rounding exceeds the tolerance."""
 
 
-def step_size(value: Any) -> float:
-    """Return the user's step size as a float. Raises StatementError if it is not a positive number."""
-    return positive_number(value, "step", "give a positive size; the direction follows from the time span")
-
-
 def check_options(step: Any = None, rtol: Any = None, atol: Any = None) -> None:
     """Raise StatementError for a step size or a tolerance that no run could use.
 
     Methods call this when they are made.
     """
-    if step is not None:
-        step_size(step)
-    for what, value in (("rtol", rtol), ("atol", atol)):
+    for what, value in (("step", step), ("rtol", rtol), ("atol", atol)):
         if value is not None:
             _number(what, value)
 
@@ -70,7 +63,7 @@ def adaptive_settings(
         raise StatementError(
             f"{name} chooses its steps by itself: give rtol and atol, or a fixed-step method such as rk4."
         )
-    requested, absolute = _tolerance(name, "rtol", problem.rtol, rtol), _tolerance(name, "atol", problem.atol, atol)
+    requested, absolute = _option(name, "rtol", problem.rtol, rtol), _option(name, "atol", problem.atol, atol)
     relative = DEFAULT_RTOL if requested is None else requested
     notes: tuple[str, ...] = ()
     if relative < least:
@@ -98,15 +91,10 @@ def fixed_settings(
             "adaptive method such as dop853."
         )
     span = abs(problem.t1 - problem.t0)
-    sizes = [step_size(size) for size in (problem.step, step) if size is not None]
-    if len(sizes) == 2 and sizes[0] != sizes[1]:
-        raise StatementError(
-            f"step is given twice, {sizes[0]:g} for the run and {sizes[1]:g} for {name} itself: leave one of them out."
-        )
-    if not sizes:
+    size = _option(name, "step", problem.step, step)
+    if size is None:
         note = f"No step was given: {EQUAL_STEPS} equal steps of {span / EQUAL_STEPS:.6g} were taken."
         return Tolerances(step=span / EQUAL_STEPS, notes=(note,))
-    size = sizes[0]
     if span / size > 1e15 or problem.t0 + size == problem.t0:
         raise StatementError(
             f"step = {size:g} is below the spacing of floating-point times near t = {problem.t0:g}: give a longer step."
@@ -160,8 +148,8 @@ def check_unconstrained(name: str, model: Model) -> None:
         )
 
 
-def _tolerance(name: str, what: str, run_value: Any, method_value: Any) -> float | None:
-    """Return the tolerance `what`, "rtol" or "atol": the value of the run, else that of method `name`, else None.
+def _option(name: str, what: str, run_value: Any, method_value: Any) -> float | None:
+    """Return the option `what`, "step", "rtol" or "atol": that of the run, else that of method `name`, else None.
 
     Raises StatementError if the run and the method state different values.
     """
@@ -174,7 +162,9 @@ def _tolerance(name: str, what: str, run_value: Any, method_value: Any) -> float
 
 
 def _number(what: str, value: Any) -> float:
-    """Return the tolerance `what`, "rtol" or "atol", as a float. Raises StatementError if it is not a number."""
+    """Return the option `what`, "step", "rtol" or "atol", as a float. Raises StatementError if it is not a number."""
+    if what == "step":
+        return positive_number(value, "step", "give a positive size; the direction follows from the time span")
     if type(value) is float and 0 < value < 1:
         return value
     single = isinstance(value, (str, bytes)) or (isinstance(value, np.ndarray) and value.ndim == 0)

@@ -20,10 +20,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.trajectory.integrator import Claims
-from lagrange.trajectory.methods.built_in import built_in
-from lagrange.trajectory.methods.implicit import ImplicitMethod, weighted
-from lagrange.trajectory.tableaux.gauss import Abscissa, gauss_tableau, lobatto_pair
+from lagrange.trajectory.integrator import Claims, built_in
+from lagrange.trajectory.methods.implicit import Abscissa, ImplicitMethod, gauss_tableau, lobatto_pair, weighted
 
 Momenta = Callable[..., tuple[Any, Any]]
 """The law p, f = g(t, q, v)."""
@@ -98,25 +96,25 @@ class Galerkin:
         return q + weighted(b, inner) * h, end
 
 
-def mean_value_gradient(points: int) -> Galerkin:
-    """Return the step function that moves (q, p) by the mean gradient of the energy on the straight line of the step.
-
-    The mean is computed by Gauss's quadrature with `points` points. The energy changes by the product of mean
-    gradient and step, which are perpendicular. So the energy is conserved, up to the error of the quadrature. Source:
-    R. I. McLachlan, G. R. W. Quispel, N. Robidoux, Phil. Trans. R. Soc. A 357, 1999, eq. 2.4; E. Hairer, C. Lubich,
-    G. Wanner, Geometric Numerical Integration, V.5.
-    """
-    _, b, c = gauss_tableau(points)
-    return Galerkin(tuple(tuple(ci * weight for weight in b) for ci in c), b, c)
-
-
 GALERKIN4, GALERKIN6 = (Galerkin(*gauss_tableau(stages)) for stages in (2, 3))
-DISCRETE_GRADIENT = mean_value_gradient(5)
+
+_, WEIGHTS, NODES = gauss_tableau(5)
+DISCRETE_GRADIENT = Galerkin(tuple(tuple(node * weight for weight in WEIGHTS) for node in NODES), WEIGHTS, NODES)
+"""Step function that moves (q, p) by the mean gradient of the energy on the straight line of the step.
+
+The mean is computed by Gauss's quadrature. The energy changes by the product of mean gradient and step, which are
+perpendicular. So the energy is conserved, up to the error of the quadrature. Source: R. I. McLachlan, G. R. W. Quispel,
+N. Robidoux, Phil. Trans. R. Soc. A 357, 1999, eq. 2.4; E. Hairer, C. Lubich, G. Wanner, Geometric Numerical
+Integration, V.5.
+"""
 
 
-def _method(name: str, order: int, function: Callable[..., Any], step: float | None, **claims: bool) -> ImplicitMethod:
+def _method(
+    name: str, order: int, function: Callable[..., Any], step: float | None, law: str = "momentum", **claims: bool
+) -> ImplicitMethod:
+    """Return a method with equal steps. It ends on the constraints if its `law` is "constrained"."""
     promised = Claims(order, symmetric=True, explicit=False, **claims)
-    return ImplicitMethod(name, promised, function, law="momentum", step=step)
+    return ImplicitMethod(name, promised, function, law=law, step=step, holonomic=law == "constrained")
 
 
 @built_in("variational-midpoint")
@@ -234,26 +232,19 @@ def constrained_midpoint(g: Constrained, t: Any, q: Any, v: Any, h: Any, solve: 
     return q + mean * h, end
 
 
-def _with_multipliers(
-    name: str, order: int, function: Callable[..., Any], step: float | None, **claims: bool
-) -> ImplicitMethod:
-    promised = Claims(order, symplectic=True, symmetric=True, explicit=False, **claims)
-    return ImplicitMethod(name, promised, function, law="constrained", step=step, holonomic=True)
-
-
 @built_in("rattle")
 def Rattle(step: float | None = None) -> ImplicitMethod:
     """Return RATTLE, order 2, symplectic with holonomic constraints and for any mass matrix."""
-    return _with_multipliers("rattle", 2, RATTLE, step)
+    return _method("rattle", 2, RATTLE, step, "constrained", symplectic=True)
 
 
 @built_in("constrained-midpoint")
 def ConstrainedMidpoint(step: float | None = None) -> ImplicitMethod:
     """Return the variational midpoint rule with holonomic constraints, order 2, symplectic for any mass matrix."""
-    return _with_multipliers("constrained-midpoint", 2, constrained_midpoint, step, a_stable=True)
+    return _method("constrained-midpoint", 2, constrained_midpoint, step, "constrained", symplectic=True, a_stable=True)
 
 
 @built_in("lobatto4")
 def Lobatto4(step: float | None = None) -> ImplicitMethod:
     """Return Lobatto's pair IIIA-IIIB of 3 stages, order 4, symplectic with holonomic constraints."""
-    return _with_multipliers("lobatto4", 4, LOBATTO4, step)
+    return _method("lobatto4", 4, LOBATTO4, step, "constrained", symplectic=True)

@@ -1,25 +1,137 @@
-"""Runs of members in chunks: sizes of chunks, threads or an executor that run them, collection of their results."""
+"""Jobs: what the members of an ensemble share, and their chunks: sizes, threads or an executor, collected results."""
 
 from __future__ import annotations
 
+import hashlib
 import os
+import pickle
 import threading
+import time
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from queue import SimpleQueue
+from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from lagrange.errors import RunError, StatementError, counted, listing, shown
-from lagrange.members.chunk import MemberResults, Results, Starts
-from lagrange.members.job import ChunkResult, Engine, Job, run_chunk, timed
-from lagrange.members.singly import BY_NUMPY
+from lagrange.members.lanes import LaneEngine, lane_engine
+from lagrange.members.results import INTERRUPTED, Column, Ends, Keep, Results, Starts, Stopped
+from lagrange.members.singly import BY_FLOW, BY_NUMPY, Explained, FlowEngine, RunEngine
 from lagrange.members.table import MemberTable
 from lagrange.statement.expression import whole_number
-from lagrange.trajectory.integrator import MEMORY_DIVISOR, machine_memory
+from lagrange.trajectory.integrator import MEMORY_DIVISOR, Problem, RunOptions, machine_memory
+from lagrange.trajectory.plan import Planned
+from lagrange.trajectory.run import Flow
+
+Engine = RunEngine | FlowEngine | LaneEngine
+"""Object that runs members, `side_by_side` at the same time. A member's result depends only on its initial values."""
+
+ENGINES_KEPT = 4
+"""Largest number of jobs that a worker keeps compiled. The oldest is dropped."""
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """The data that all members of an ensemble share: problem, options, and the selection of results to store.
+
+    `problem` is the problem of the first member; others differ in initial state and parameters. `keep` is the
+    selection. `varying` is True if each member has its own parameters.
+    """
+
+    problem: Problem
+    options: RunOptions
+    keep: Keep
+    varying: bool
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """The descriptions of the result columns that are stored for the members."""
+        problem = self.problem
+        outputs = None if problem.t_eval is None else len(problem.t_eval)
+        return self.keep.columns(problem.model.layout.size, outputs, len(problem.events), INTERRUPTED)
+
+    def engine(self) -> Engine:
+        """Return the object that runs members: in vector lanes if possible, else by a `Flow`, else one by one."""
+        problem, method, alone = self.problem, self.options.method, self.alone
+        if not isinstance(method, Planned) or problem.t0 == problem.t1:
+            return alone
+        lanes = lane_engine(alone, method.plan(problem), problem, varying=self.varying)
+        # Events may end a run, or change its state and parameters; a flow has none.
+        flows = alone.options.events is None and BY_FLOW.issuperset(column.name for column in alone.columns)
+        return lanes or (FlowEngine(alone, Flow(alone.model, alone.options)) if flows else alone)
+
+    @property
+    def alone(self) -> RunEngine:
+        """The object that runs members one by one, each as a separate run."""
+        problem = self.problem
+        span = problem.t0, problem.t1
+        return RunEngine(problem.model, span, self.options, problem.t_eval, self.keep, self.columns)
+
+    def explained(self, table: MemberTable, member: int) -> Explained:
+        """Run the member with index `member` again, and return the status, time and message of its end.
+
+        Raises StatementError for an index outside the table.
+        """
+        chosen = whole_number(member, "member", 0, len(table) - 1)
+        return self.alone.explained(table.starts(np.array([chosen])))
+
+    def packed(self) -> bytes:
+        """Return the pickled job for another process. Raises StatementError for a function that cannot be pickled."""
+        try:
+            return pickle.dumps(replace(self, problem=replace(self.problem, progress=None)))
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise StatementError(
+                f"the ensemble cannot be sent to other processes: {error}. Define the functions of methods and "
+                "events at the top level of a module: lambdas and nested functions cannot be pickled."
+            ) from error
+
+
+@dataclass(frozen=True, eq=False)
+class ChunkResult:
+    """The results of a chunk, the seconds that it took, and how its members were run.
+
+    `side_by_side` is the number of members that run at the same time. `processor` names the processor for which
+    another process compiled the code. It is "" for chunks of this process, and for runs without compiled code.
+    """
+
+    ends: Ends
+    seconds: float
+    form: str
+    side_by_side: int
+    processor: str = ""
+
+
+_ENGINES: OrderedDict[bytes, tuple[Engine, str]] = OrderedDict()
+_LOCK = Lock()
+
+
+def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
+    """Run a chunk of members in a worker process, for a pickled `job`. The process compiles each job once."""
+    key = hashlib.sha256(job).digest()
+    with _LOCK:
+        if key not in _ENGINES:
+            loaded: Job = pickle.loads(job)
+            _ENGINES[key] = loaded.engine(), loaded.problem.model.machine.processor
+            while len(_ENGINES) > ENGINES_KEPT:
+                _ENGINES.popitem(last=False)
+        engine, processor = _ENGINES[key]
+    return replace(timed(engine, starts, lambda: False), processor=processor)
+
+
+def timed(engine: Engine, starts: Starts, stopped: Stopped) -> ChunkResult:
+    """Run a chunk of members from their initial values `starts`. Return their results and the time that it took.
+
+    `stopped` is a function without arguments; when it returns True, no further member may begin.
+    """
+    began = time.perf_counter()
+    ends = engine.run(starts, stopped)
+    return ChunkResult(ends, time.perf_counter() - began, engine.form, engine.side_by_side)
+
 
 MOST_WORKERS = 1024
 """Largest accepted number of threads. No machine has more processors."""
@@ -116,22 +228,6 @@ Take = Callable[[int, ChunkResult], None]
 """Callback for the results of a chunk: number of its first member, and the results."""
 
 
-@dataclass
-class ChunkSize:
-    """The number of members in the next chunk, adapted so that a chunk takes about `fitting` seconds."""
-
-    size: int
-    fitting: float
-
-    def note(self, members: int, seconds: float, side_by_side: int) -> None:
-        """Adapt the size of the next chunk to the seconds that a chunk of `members` members took.
-
-        The size is at least `side_by_side`, the number of members that run at the same time.
-        """
-        fitting = int(members * self.fitting / max(seconds, 1e-9))
-        self.size = min(max(fitting, side_by_side), 4 * self.size, LARGEST_CHUNK)
-
-
 def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
     """Run the members of `blocks`, pairs (first, end) with end excluded, in chunks, in order of their index.
 
@@ -139,25 +235,30 @@ def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: R
     chunk, in the order in which chunks finish. After an error or Ctrl-C, running chunks are awaited and their results
     are taken, too.
     """
-    chunk_size = ChunkSize(FIRST_CHUNK, runner.chunk_seconds)
-    chunks = _chunks(blocks, chunk_size)
+    size = FIRST_CHUNK
     done: SimpleQueue[tuple[int, int, Any]] = SimpleQueue()
     under_way: dict[int, Any] = {}
 
     def collect() -> None:
+        nonlocal size
         first, count, future = done.get()
         del under_way[first]
         result = _result(future)
-        chunk_size.note(count, result.seconds, result.side_by_side)
+        # The next chunks take about `chunk_seconds`, and have at least the members that run at the same time.
+        fitting = int(count * runner.chunk_seconds / max(result.seconds, 1e-9))
+        size = min(max(fitting, result.side_by_side), 4 * size, LARGEST_CHUNK)
         take(first, result)
 
     try:
-        for first, count in chunks:
-            future = _submitted(runner, table.starts(np.arange(first, first + count)))
-            future.add_done_callback(lambda finished, key=(first, count): done.put((*key, finished)))
-            under_way[first] = future
-            while len(under_way) >= runner.places:
-                collect()
+        for first, end in blocks:
+            while first < end:
+                count = min(size, end - first)
+                future = _submitted(runner, table.starts(np.arange(first, first + count)))
+                future.add_done_callback(lambda finished, key=(first, count): done.put((*key, finished)))
+                under_way[first] = future
+                first += count
+                while len(under_way) >= runner.places:
+                    collect()
         while under_way:
             collect()
     except BaseException:
@@ -223,42 +324,31 @@ def _working() -> Iterator[None]:
         raise
 
 
-def _chunks(blocks: Iterable[tuple[int, int]], chunk_size: ChunkSize) -> Iterator[tuple[int, int]]:
-    """Yield chunks of the `blocks` of members: the index of the first member, and the number of members.
-
-    The number is the value of `chunk_size` when the chunk is yielded, or less at the end of a block.
-    """
-    for begin, end in blocks:
-        first = begin
-        while first < end:
-            count = min(chunk_size.size, end - first)
-            yield first, count
-            first += count
-
-
+@dataclass
 class ResultCollector:
     """Stores the results of chunks as they are finished, and reports the number of members that have results.
 
-    `members` is the number of all members. `before` is the number of those that had results at the start of the call,
-    and `ran` the number of those that were run since then. `report` is called with the sum of the two numbers, or is
-    None.
+    `processor` names the processor for which this process compiles, or is "". `store` is called with the index of the
+    first member of a chunk and the chunk's results. `before` is the number of members that had results at the start of
+    the call, and `ran` the number of those that were run since then. `report` is called with the sum of the two
+    numbers, or is None. `forms` are the ways in which members were run, and `processors` those for which other
+    processes compiled, in order.
     """
 
+    processor: str
+    store: Callable[[int, Ends], None]
+    before: int
+    ran: int = 0
     report: Callable[[float], None] | None = None
-
-    def __init__(self, job: Job, results: MemberResults, members: int) -> None:
-        self._job, self._results = job, results
-        self.before = members - sum(end - begin for begin, end in results.left)
-        self._forms: dict[str, None] = {}
-        self._processors: dict[str, None] = {}
-        self.ran = 0
+    forms: dict[str, None] = field(default_factory=dict)
+    processors: dict[str, None] = field(default_factory=dict)
 
     def __call__(self, first: int, result: ChunkResult) -> None:
         """Store the `result` of a chunk of members. `first` is the index of its first member."""
-        self._forms[result.form] = None
+        self.forms[result.form] = None
         if result.processor:
-            self._processors[result.processor] = None
-        self._results.take(first, result.ends)
+            self.processors[result.processor] = None
+        self.store(first, result.ends)
         self.ran += result.ends.members
         if self.report is not None:
             self.report(self.before + self.ran)
@@ -266,12 +356,11 @@ class ResultCollector:
     @property
     def form(self) -> str:
         """Text on how members were run, with a note if their last digits may differ from those of this machine."""
-        notes = ["; ".join(self._forms) or "all members were stored"]
-        machine = self._job.problem.model.machine
-        if machine.processor and any(form.endswith(BY_NUMPY) for form in self._forms):
+        notes = ["; ".join(self.forms) or "all members were stored"]
+        if self.processor and any(form.endswith(BY_NUMPY) for form in self.forms):
             notes.append("a worker has no llvmlite")
-        if others := [processor for processor in self._processors if processor != machine.processor]:
-            notes.append(f"workers compiled for {listing(others)}, not for {machine.processor}")
+        if others := [processor for processor in self.processors if processor != self.processor]:
+            notes.append(f"workers compiled for {listing(others)}, not for {self.processor}")
         return "; ".join(notes) + (": the last digits may differ from those of this machine" if notes[1:] else "")
 
 

@@ -1,9 +1,9 @@
-"""The stored results of each member of an ensemble: columns, and reductions of expressions along its run."""
+"""The stored results of the members of an ensemble: columns, arrays in memory, and reductions along a run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, count
 from typing import Any, NamedTuple
@@ -16,9 +16,9 @@ from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
 from lagrange.machine.python_source import called
-from lagrange.members.reductions import REDUCTIONS
 from lagrange.statement.expression import entries, one_of, whole_number
-from lagrange.trajectory.trajectory import FloatArray, Trajectory
+from lagrange.statement.run_settings import REDUCTIONS
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 END, COUNTS, DRIFT, EVENTS = "end", "counts", "drift", "events"
 DEFAULT = (END,)
@@ -142,8 +142,10 @@ def keep_of(keep: Any, model: Model, events: Sequence[Any]) -> Keep:
         else:
             keywords = [END, COUNTS, DRIFT, EVENTS]
             hint = suggestion(entry, keywords) if isinstance(entry, str) else ""
+            has_formula = _is_pair(entry) and hasattr(entry[1], "xreplace")
+            quoted = f"({shown(entry[0])}, {_written(entry[1], model)})" if has_formula else shown(entry)
             raise StatementError(
-                f"keep has {_quoted(entry, model)}, which is none of {listing(keywords)}, nor a pair such as "
+                f"keep has {quoted}, which is none of {listing(keywords)}, nor a pair such as "
                 f"('max', theta), ('min', theta), ('mean', theta) or ('events', 3).{hint}"
             )
     return Keep(END in names, COUNTS in names, DRIFT in names, occurrences, tuple(reductions))
@@ -214,12 +216,6 @@ def _reduction(how: str, quantity: Any, model: Model) -> Reduction:
     return Reduction(f"{how}({_written(expression, model)})", how, expression)
 
 
-def _quoted(entry: Any, model: Model) -> str:
-    """Return an entry of `keep` as text for a message, with the names of coordinates in its expression."""
-    formula = _is_pair(entry) and hasattr(entry[1], "xreplace")
-    return f"({shown(entry[0])}, {_written(entry[1], model)})" if formula else shown(entry)
-
-
 def _written(expression: Any, model: Model) -> str:
     """Return an expression as text with the names of coordinates."""
     plain = dict(model.statement.plain)
@@ -252,18 +248,46 @@ class SampledRun:
         """Return the results of the reductions along the run, numbers by the name of their column."""
         if not reductions:
             return {}
-        accumulators = [self._reduction(reduction) for reduction in reductions]
-        for steps in self._steps():
-            for accumulator in accumulators:
-                accumulator.add(steps)
-        return {reduction.name: result.value for reduction, result in zip(reductions, accumulators, strict=True)}
+        t, results = self.run.t, dict[str, float]()
+        firsts = [float(self._values(each.expression, t[:1], self.run.y[:, :1])[0]) for each in reductions]
+        signs = [SIGNS.get(each.how) for each in reductions]  # None for a mean
+        # Integrals, and largest values of sign * expression, up to the steps so far.
+        totals = [
+            0.0 if sign is None else sign * first if first == first else -np.inf
+            for sign, first in zip(signs, firsts, strict=True)
+        ]
+        for times, states, parameters in self._steps():
+            for k, (reduction, sign) in enumerate(zip(reductions, signs, strict=True)):
+                values = self._values(reduction.expression, times.ravel(), states, parameters).reshape(times.shape)
+                if sign is None:
+                    totals[k] += float(np.sum(values @ lobatto()[1] * (times[:, -1] - times[:, 0])))
+                else:
+                    totals[k] = self._largest(reduction.expression, sign, times, values, totals[k])
+        duration = float(t[-1] - t[0])
+        for reduction, sign, first, total in zip(reductions, signs, firsts, totals, strict=True):
+            mean = total / duration if duration else first
+            results[reduction.name] = mean if sign is None else float("nan") if total == -np.inf else sign * total
+        return results
 
-    def _reduction(self, reduction: Reduction) -> _Mean | _Extremum:
-        first = float(self._values(reduction.expression, self.run.t[:1], self.run.y[:, :1])[0])
-        t = self.run.t
-        if reduction.how == "mean":
-            return _Mean(self, reduction, first, float(t[-1] - t[0]))
-        return _Extremum(self, reduction, SIGNS[reduction.how] * first if first == first else -np.inf)
+    def _largest(self, expression: Any, sign: float, times: FloatArray, values: FloatArray, best: float) -> float:
+        """Return the largest of sign * expression on some steps and of `best`, the largest value before them.
+
+        `times` and `values` (k, SAMPLE_POINTS) are the sample points of the k steps, and the expression there.
+        """
+        signed = values * sign
+        best = max(best, float(np.max(signed, where=signed == signed, initial=-np.inf)))
+        with np.errstate(all="ignore"):
+            reach = np.fmax.reduce(signed, axis=1) + OVERSHOOT * np.fmax.reduce(np.abs(np.diff(signed)), axis=1)
+        search, points = called(raised.form()), lobatto()[0]
+        for k in np.flatnonzero(reach > best).tolist():
+            value = partial(self._inside, expression, times[k, 0], times[k, -1] - times[k, 0])
+            best = float(search(value, 0.0, 0.0, 0.0, 0, NONE, NONE, 0, sign, best, values[k], points))
+        return best
+
+    def _inside(self, expression: Any, begin: float, length: float, fraction: float, *_: Any) -> float:
+        """Return an expression at a fraction of the step from the time `begin`. Further arguments are not used."""
+        times = np.array([begin + fraction * length])
+        return float(self._values(expression, times, self.run.dense(times))[0])
 
     def _values(
         self, expression: Any, times: FloatArray, states: FloatArray, parameters: Parameters = None
@@ -291,8 +315,12 @@ class SampledRun:
         points[:, resets - low, -1] = begin[:, resets + 1]
         return points.reshape(len(begin), -1)
 
-    def _steps(self) -> Iterator[_Steps]:
-        """Yield the samples of the run in groups of successive steps. A reset counts as a step of length zero."""
+    def _steps(self) -> Iterator[tuple[FloatArray, FloatArray, Parameters]]:
+        """Yield samples of the run in groups of k successive steps, at K = `SAMPLE_POINTS` points of each step.
+
+        A group has the times (k, K), the states (2n, k * K), and the parameters, (p, k * K), or (p,) if they do not
+        change. A reset counts as a step of length zero.
+        """
         t, y, points = self.run.t, self.run.y, lobatto()[0][1:-1]
         for low in range(0, len(t) - 1, STEPS_AT_ONCE):
             high = min(low + STEPS_AT_ONCE, len(t) - 1)
@@ -301,92 +329,83 @@ class SampledRun:
             inner = self.run.dense(times.ravel()).reshape(len(y), *times.shape)
             times = np.concatenate([begins[:, None], times, t[low + 1 : high + 1, None]], axis=1)
             ends = y[:, low:high, None], inner, y[:, low + 1 : high + 1, None]
-            yield _Steps(self, times, np.concatenate(ends, axis=2), self._parameters(low, high))
+            yield times, np.concatenate(ends, axis=2).reshape(len(y), -1), self._parameters(low, high)
+
+
+STATUSES = tuple(Status)
+"""Statuses by code, the index in this tuple."""
+
+SUCCESS, INTERRUPTED = STATUSES.index(Status.SUCCESS), STATUSES.index(Status.INTERRUPTED)
+"""Codes of two statuses. A member that was not run because the ensemble was interrupted is INTERRUPTED."""
 
 
 @dataclass(frozen=True, eq=False)
-class _Steps:
-    """Samples of k steps of a run at K = `SAMPLE_POINTS` points of each step: times (k, K) and states (2n, k, K).
+class Starts:
+    """Initial values of m members: states (m, 2n) and parameters (m, k), or (1, k) if all members share them."""
 
-    `parameters` are those at the points, (p, k * K), or (p,) if they do not change. `of` is the `SampledRun`.
-    """
-
-    of: SampledRun
-    times: FloatArray
     states: FloatArray
-    parameters: Parameters
+    parameters: FloatArray
 
-    @property
-    def lengths(self) -> FloatArray:
-        """The lengths of the steps, (k,)."""
-        return np.asarray(self.times[:, -1] - self.times[:, 0])
+    def __len__(self) -> int:
+        return len(self.states)
 
-    def values(self, expression: Any) -> FloatArray:
-        """Return the values of an expression at the points of all steps, (k, SAMPLE_POINTS)."""
-        states = self.states.reshape(len(self.states), -1)
-        values = self.of._values(expression, self.times.ravel(), states, self.parameters)
-        return values.reshape(self.times.shape)
-
-    def inside(self, expression: Any, which: Any, fractions: FloatArray) -> FloatArray:
-        """Return the values (m,) of an expression inside the steps with indices `which` (m,).
-
-        `fractions` (m,) are the places, one in each step, as fractions of the step.
-        """
-        times = self.times[which, 0] + fractions * self.lengths[which]
-        return self.of._values(expression, times, self.of.run.dense(times))
+    def of(self, which: Any) -> Starts:
+        """Return the initial values of the members `which`, a slice or indices."""
+        shared = len(self.parameters) == 1
+        return Starts(self.states[which], self.parameters if shared else self.parameters[which])
 
 
-@dataclass
-class _Mean:
-    """Accumulator of the time average of an expression along a run; `first` is the value at the start.
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """The results of m members: `columns` by name, each with m rows. `Keep.columns` defines them.
 
-    `duration` is the duration of the run.
+    `messages` maps the index of each member that did not succeed, counted in this chunk, to the message of its run.
     """
 
-    of: SampledRun
-    reduction: Reduction
-    first: float
-    duration: float
-    total: float = 0.0
-
-    def add(self, steps: _Steps) -> None:
-        values = steps.values(self.reduction.expression)
-        self.total += float(np.sum(values @ lobatto()[1] * steps.lengths))
+    columns: Mapping[str, Any]
+    messages: dict[int, str] = field(default_factory=dict)
 
     @property
-    def value(self) -> float:
-        return self.total / self.duration if self.duration else self.first
+    def members(self) -> int:
+        """The number m of members."""
+        return len(next(iter(self.columns.values())))
 
 
-@dataclass
-class _Extremum:
-    """Accumulator of the largest value of sign * expression along a run; the sign is -1 for a minimum, else 1.
+Stopped = Callable[[], bool]
+"""Callback that returns True if no further member may begin."""
 
-    `best` is the largest value so far. `of` is the `SampledRun`.
-    """
 
-    of: SampledRun
-    reduction: Reduction
-    best: float
+@dataclass(frozen=True, eq=False)
+class Results:
+    """The results of all members of an ensemble in memory: arrays by column name, and messages by member index."""
+
+    columns: dict[str, Any]
+    messages: dict[int, str] = field(default_factory=dict)
+
+    @classmethod
+    def empty(cls, members: int, columns: Sequence[Column]) -> Results:
+        """Return results in which no member has a result yet: every row has the blank value of its column."""
+        return cls({column.name: column.empty(members) for column in columns})
+
+    def column(self, name: str) -> Any:
+        """Return the results `name` of all members, an array with a row for each member."""
+        return self.columns[name]
+
+    def row(self, name: str, member: int) -> Any:
+        """Return the result `name` of one member, given by its index."""
+        return self.columns[name][member]
 
     @property
-    def value(self) -> float:
-        return float("nan") if self.best == -np.inf else SIGNS[self.reduction.how] * self.best
+    def left(self) -> Sequence[tuple[int, int]]:
+        """The bounds (first, end) of all members as one block, since no member has results at the start."""
+        return [(0, len(next(iter(self.columns.values()))))]
 
-    def add(self, steps: _Steps) -> None:
-        values, sign = steps.values(self.reduction.expression), SIGNS[self.reduction.how]
-        signed = values * sign
-        self.best = max(self.best, float(np.max(signed, where=signed == signed, initial=-np.inf)))
-        with np.errstate(all="ignore"):
-            reach = np.fmax.reduce(signed, axis=1) + OVERSHOOT * np.fmax.reduce(np.abs(np.diff(signed)), axis=1)
-        search, points = called(raised.form()), lobatto()[0]
-        for k in np.flatnonzero(reach > self.best).tolist():
-            step = partial(self._value, steps, np.array([k])), 0.0, 0.0, 0.0, 0, NONE, NONE, 0
-            self.best = float(search(*step, sign, self.best, values[k], points))
+    def close(self) -> None:
+        """Do nothing: arrays need no closing."""
 
-    def _value(self, steps: _Steps, which: Any, fraction: float, *_: Any) -> float:
-        """Return the value of the expression on one step, at a fraction of the step.
-
-        `which` (1,) is the index of the step in `steps`. Further arguments are not used.
-        """
-        return float(steps.inside(self.reduction.expression, which, np.array([fraction]))[0])
+    def take(self, first: int, ends: Ends) -> None:
+        """Copy the results `ends` of a chunk of members to the rows from `first` on."""
+        for name in sorted(ends.columns, key=STATUS.__eq__):
+            rows = ends.columns[name]
+            self.columns[name][first : first + len(rows)] = rows
+        self.messages.update({first + row: text for row, text in ends.messages.items()})

@@ -1,8 +1,8 @@
-"""Multipliers and constraint forces along a run, by name: as generalized forces, and as vectors on named points."""
+"""Constraints along a run: violations; multipliers; forces, as generalized forces and as vectors on named points."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -16,6 +16,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters, some_of
 from lagrange.statement.expression import ByName, one_of
 from lagrange.statement.statement import corners
+from lagrange.trajectory.constraints.residuals import residuals_of, units_of
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_RELATED_POINTS = 3
@@ -146,7 +147,10 @@ class ConstraintForces:
             candidates = [
                 chosen
                 for chosen in combinations(moving, count)
-                if all(_unique(slopes, rows[:, k]) for k, slopes in self._at(chosen, samples))
+                if all(
+                    _unique(np.concatenate([self._slopes[label][:, :, k] for label in chosen]), rows[:, k])
+                    for k in samples.tolist()
+                )
             ]
             if len(candidates) == 1:
                 return candidates[0]
@@ -162,10 +166,6 @@ class ConstraintForces:
             "there were no constraints, or take the generalized forces, constraint_force(name)."
         )
 
-    def _at(self, chosen: Sequence[str], samples: Any) -> Iterator[tuple[int, FloatArray]]:
-        for k in samples.tolist():
-            yield k, np.concatenate([self._slopes[label][:, :, k] for label in chosen])
-
 
 def _unique(slopes: FloatArray, row: FloatArray) -> bool:
     """Return True if row = slopes^T F has exactly one solution F, the force on the points per unit multiplier.
@@ -178,3 +178,95 @@ def _unique(slopes: FloatArray, row: FloatArray) -> bool:
     force, _, rank, _ = np.linalg.lstsq(slopes.T, row, rcond=ROW_RESIDUAL)
     left = np.abs(slopes.T @ force - row).max()
     return int(rank) == len(slopes) and bool(left <= ROW_RESIDUAL * np.abs(row).max())
+
+
+CANCELS = 0.5
+"""Value of a constraint, relative to the sizes of its terms, below which its terms cancel."""
+
+DRIFT_SAMPLES = 9
+"""Number of states along the run from which the largest entries are taken."""
+
+
+@dataclass(frozen=True, repr=False)
+class ConstraintDrift:
+    """The violations (m, N) of the constraints along a run, each relative to the scale of its constraint.
+
+    The scale is the largest size of the constraint's terms along the run. If no terms cancel, as in y = 0, it is the
+    gradient times the sizes of the entries of the state. `positions` are the violations of phi, and zero for
+    constraints stated in velocities. `velocities` are the violations of dphi/dt, or of the constraint that is stated
+    in velocities.
+    """
+
+    positions: FloatArray
+    velocities: FloatArray
+    holonomic: bool
+
+    def __repr__(self) -> str:
+        return f"<ConstraintDrift: {self.sentence()}>"
+
+    @property
+    def error(self) -> FloatArray:
+        """The largest relative violation of any constraint at each time, (N,)."""
+        largest: FloatArray = np.max(np.concatenate([self.positions, self.velocities]), axis=0)
+        return largest
+
+    @property
+    def card(self) -> dict[str, float | None]:
+        """The largest violations of the run in "positions" and "velocities"; None if one is not finite."""
+        return {name: value if math.isfinite(value) else None for name, value in self._largest.items()}
+
+    def sentence(self) -> str:
+        """Return a sentence with the largest violations of the constraints in the run."""
+        return (
+            ", ".join(f"{value:.1e} in {name}" for name, value in self._largest.items()) + ", relative to their terms"
+        )
+
+    @property
+    def _largest(self) -> dict[str, float]:
+        parts = {"positions": self.positions} if self.holonomic else {}
+        return {name: float(np.max(part)) for name, part in {**parts, "velocities": self.velocities}.items()}
+
+
+def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> ConstraintDrift | None:
+    """Return the violations of the constraints in states y (2n, N) at times t (N,).
+
+    Return None without constraints or without states.
+    """
+    values, constraints = model.parameter_array(parameters), model.equations.stated
+    if not len(constraints) or not len(t):
+        return None
+    with np.errstate(all="ignore"):  # The run reports states that are not finite.
+        size = np.abs(model.called(model.kernel("constraints"), t, y, values))
+        terms = model.called(model.kernel("constraint_sizes"), t, y, values)
+        alone = (size >= CANCELS * terms).all(axis=1)
+        entries = _sizes_of_entries(model, t, y, values) if alone.any() else 0.0
+        scale = np.maximum(terms.max(axis=1), np.where(alone, entries, 0.0))[:, None]
+        relative = np.divide(size, scale, out=size.copy(), where=scale != 0)
+    m = len(constraints)
+    return ConstraintDrift(relative[:m], relative[m:], any(phi is not None for phi in constraints.positions))
+
+
+def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
+    """Return the scales (2m,) for violations of constraints whose terms do not cancel, such as y = 0.
+
+    First come the scales of the m constraints phi on positions, then those of their rates dphi/dt. A scale is the
+    gradient times the sizes of the state's entries, the largest over some sample states. `t` (N,) and `y` (2n, N) are
+    those of the run.
+    """
+    residuals, mass = residuals_of(model), model.interpreted("mass_matrix")
+    m = len(model.equations.stated)
+    largest = np.zeros(2 * m)
+    positions, velocities = np.flatnonzero(residuals.holonomic[:m]), np.arange(m, 2 * m)
+    for i in dict.fromkeys(np.linspace(0, len(t) - 1, DRIFT_SAMPLES).astype(int).tolist()):
+        point = (
+            float(t[i]),
+            np.ascontiguousarray(y[:, i]),
+            parameters[:, i].copy() if parameters.ndim == 2 else parameters,
+        )
+        if not np.isfinite(point[1]).all():
+            continue
+        units = units_of(mass(*point))
+        for part, rows in enumerate((positions, velocities)):
+            sizes = residuals.of_part(part, *point, units).sizes[: len(rows)]
+            largest[rows] = np.maximum(largest[rows], np.where(np.isfinite(sizes), sizes, 0.0))
+    return largest
