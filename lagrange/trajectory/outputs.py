@@ -119,21 +119,16 @@ class AcceptedStates:
         The states at output times on new steps are evaluated first. If no memory is left and `outputs_alone` is True,
         the stored states are dropped.
         """
-        if self.followed is not None:
-            self.follow()
+        self.follow()
         room = int(limit - self.bytes) // self._each
-        if room <= 0 and self.outputs_alone:
-            self.drop()
-            room = int(limit) // self._each
-        return room
-
-    def drop(self) -> None:
-        """Drop all accepted states but the last, to free memory. The largest size of each entry is remembered."""
-        self._sizes = self._largest()
-        last = self.parts[-1]
-        end = last._replace(times=last.times[-1:].copy(), states=last.states[-1:].copy())
+        if room > 0 or not self.outputs_alone:
+            return room
+        # The largest size of each entry is remembered, and the last state.
+        self._sizes, last = self._largest(), self.parts[-1]
         self.removed += len(self.parts) - 1
-        self.parts, self.bytes = [end], 0
+        self.parts = [last._replace(times=last.times[-1:].copy(), states=last.states[-1:].copy())]
+        self.bytes = 0
+        return int(limit) // self._each
 
     def joined(self) -> tuple[FloatArray, FloatArray]:
         """Return the accepted times (S+1,) and states (S+1, 2n).

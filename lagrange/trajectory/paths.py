@@ -15,11 +15,10 @@ from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.dense.polynomials import hermite_polynomial, runge_kutta_polynomial
 from lagrange.algorithm.events.samples import nodes
 from lagrange.errors import RunError
-from lagrange.machine.backend import DensePath, Places, Series
+from lagrange.machine.backend import DensePath, FloatArray, Places, Series
 from lagrange.machine.model import Model
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
-from lagrange.trajectory.trajectory import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
-from lagrange.machine.backend import Driver
+from lagrange.machine.backend import Driver, FloatArray
 from lagrange.machine.drivers import StepDriver
 from lagrange.machine.model import Model
 from lagrange.machine.state import NO_OUTPUTS, DriverState
@@ -18,7 +18,6 @@ from lagrange.trajectory.events.series_watch import SeriesWatch
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Integrator, Problem, Tolerances
 from lagrange.trajectory.paths import MotionsPath, StepPath
-from lagrange.trajectory.trajectory import FloatArray
 
 PathFunction = Callable[[FloatArray], FloatArray]
 """Dense output: from times (K,) to states (2n, K)."""

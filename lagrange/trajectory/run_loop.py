@@ -230,8 +230,8 @@ class _Run:
         if plan.tolerances.rtol:
             rows.switches = TimeSwitches.of(problem, self.state, watch if isinstance(watch, StepWatch) else None)
         if problem.t_eval is not None:
-            watcher, path_of = rows.switches or watch, partial(plan.path_of, problem)
-            breaks = None if watcher is None else watcher.breaks
+            watcher: Any = rows.switches or watch
+            breaks, path_of = None if watcher is None else watcher.breaks, partial(plan.path_of, problem)
             rows.followed = FollowedSteps(problem, problem.t_eval, path_of, breaks)
 
     def advance_to_end(self, driver: Driver, per_call: int) -> tuple[Status, str]:

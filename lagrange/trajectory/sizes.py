@@ -17,11 +17,10 @@ from lagrange.algorithm.constants import (
     perturbation_factors,
 )
 from lagrange.equations.euler_lagrange import StateLayout
-from lagrange.machine.backend import SingularMassMatrix, one_state
+from lagrange.machine.backend import FloatArray, SingularMassMatrix, one_state
 from lagrange.machine.kernel.interpreted import UNIT, rounding_noise
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.trajectory.trajectory import FloatArray
 
 DISPLACEMENT, WIDER = 2.0**-26, 2.0**8
 """Relative displacements of the state: the square root of the unit of rounding, and a multiple of it. If both change a

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.algorithm.linear.complementarity import lemke
-from lagrange.machine.backend import Machine
-from lagrange.trajectory.trajectory import FloatArray
+from lagrange.machine.backend import FloatArray, Machine
 
 OPEN, CLOSED, SLIDING, STICKING = "open", "closed", "sliding", "sticking"
 """States of a contact. A closed contact without friction is "closed"; with friction it slides or sticks."""
