@@ -1,5 +1,8 @@
 """The equations of motion as graph nodes: p = dL/dv, f = dL/dq + Q - dD/dv, M a = h + G^T lambda, G a + gamma = 0.
 
+p are the momenta, Q the stated forces, D the dissipation function, M the mass matrix, and h the terms of the equations
+without accelerations a and multipliers lambda. G and gamma are explained in `constraints`.
+
 Also here: the layout of a state, a user's expressions as nodes of the equations, and the inputs that equations contain.
 """
 

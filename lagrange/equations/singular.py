@@ -1,8 +1,9 @@
 """Diagnosis of a state without accelerations: dependent constraints, or a motion without inertia.
 
-M a = h + G^T lambda and G a + gamma = 0 have one solution if the rows of G are independent and M is definite on the
-motions that the constraints allow, the kernel of G. Matrices are scaled before each test, so that units do not matter.
-Source: J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., 2006, lemma 16.1.
+The equations M a = h + G^T lambda and G a + gamma = 0 (see `euler_lagrange`) have one solution if the rows of G are
+independent and M is definite on the motions that the constraints allow, the kernel of G. Matrices are scaled before
+each test, so that units do not matter. Source: J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., 2006, lemma
+16.1.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """Catalogue of the programs that a model offers, by name, and the programs of constraints, such as the projection.
 
-Each program is lowered from the equations at its first use. The projection makes the least change in the metric of the
-mass matrix. One Newton step from (q, v): dq minimises dq^T M dq / 2 with phi + (dphi/dq) dq = 0, and dv minimises dv^T
-M dv / 2 with psi + (dpsi/dq) dq + G dv = 0. Both are solved with the matrix of the accelerations, [[M, G^T], [G, 0]],
-which is factored once. A constraint on velocities determines no coordinates: dq is a displacement that it admits.
-Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, section VII.2.
+Each program is lowered from the equations at its first use. In the programs of constraints phi(q, t) = 0 are
+constraints on positions, psi = 0 are those on velocities, and G = dpsi/dv. The projection makes the least change in the
+metric of the mass matrix. One Newton step from (q, v): dq minimises dq^T M dq / 2 with phi + (dphi/dq) dq = 0, and dv
+minimises dv^T M dv / 2 with psi + (dpsi/dq) dq + G dv = 0. Both are solved with the matrix of the accelerations, [[M,
+G^T], [G, 0]], which is factored once. A constraint on velocities determines no coordinates: dq is a displacement that
+it admits. Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, section VII.2.
 """
 
 from __future__ import annotations

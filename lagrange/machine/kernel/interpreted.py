@@ -1,9 +1,9 @@
-"""Evaluation of a program instruction by instruction, in any number type: the readable reference of all kernels.
+"""Evaluation of a program instruction by instruction, the reference of all kernels, and its rounding noise.
 
-Two number types are doubles, and doubles with a bound of their rounding error, the noise. The error of a result is its
-own rounding plus its change when its arguments change by their errors. A linear system carries the noise of its
-right-hand side through the inverse of its matrix.
-Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, 3.3 and 7.2.
+The numbers may be of any type. Two types are doubles, and doubles with a bound of their rounding error, the noise. The
+error of a result is its own rounding plus its change when its arguments change by their errors. A linear system carries
+the noise of its right-hand side through the inverse of its matrix. Source: N. J. Higham, Accuracy and Stability of
+Numerical Algorithms, 2nd ed., 2002, 3.3 and 7.2.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Decorators that declare a plain Python function as a procedure, or as a function to be inlined into its callers.
+"""Decorators that declare a plain Python function as a procedure or to be inlined, and their cache on disk.
 
 Parsing and rewriting a function takes 0.9 ms, and an integration method has up to a hundred functions. Rewritten
 functions of this package are therefore stored beside the byte code of their modules. A stored file is used only if its
