@@ -39,7 +39,7 @@ _VALUE = sympy.Dummy("value", real=True)  # A name that is defined, or its squar
 _OF_SENTENCES = re.compile(r"[^\W\d_]+['’]s\b|[^\W\d_]*[äöüÄÖÜ][^\W\d_]*")
 # A name that is not a symbol and may be a factor of both sides of an equation
 _FREE = re.compile(rf"[A-Za-z](?:_?[0-9A-Z]|_[a-z])?|{'|'.join(GREEK.values())}")
-MOST_FREE = 3  # Most such names in one equation
+MOST_FREE = 3  # Largest number of names in one equation that may be factors of both sides
 EQUAL = 1e-20  # Largest difference of equal numbers of 30 digits, relative to these or to 1
 
 # Words and signs on a line with an equation for small motions
