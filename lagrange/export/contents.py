@@ -98,7 +98,7 @@ def contents_of(
 
 
 def _adaptive(name: str) -> bool:
-    return registry.find(name).claims.adaptive if name in registry.names() else False
+    return name in registry.names() and registry.find(name).claims.adaptive
 
 
 def _refuse(
@@ -236,7 +236,7 @@ def module_of(
         series = TaylorProcedures(program, prepared.size, least, projection, relations=relations)
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
         taylor = prune(series.taylor())
-        integrators = (*integrators, ExportedIntegrator(TAYLOR, taylor.about, taylor, adaptive=True))
+        integrators = (*integrators, ExportedIntegrator(TAYLOR, taylor, adaptive=True))
     preparing = prune(preparing)
     p = prepared_numbers(preparing, size, statement, values)
     procedures |= {name: prune(procedures[name]) for name in programs}
@@ -324,9 +324,12 @@ def _integrator(
     else:
         unlimited = tuple(model.equations.following) if model.equations.settled else ()
         form = adaptive_run.form(layout=layout, control=control, relations=relations, unlimited=unlimited)
-    about = f"{form.about} The method is {step.name}."
-    procedure = replace(bound(form, laws, prefix=f"{identifier}_"), name=identifier, about=about)
-    return ExportedIntegrator(identifier, about, prune(procedure), control is not None)
+    procedure = replace(
+        bound(form, laws, prefix=f"{identifier}_"),
+        name=identifier,
+        about=f"{form.about} The method is {step.name}.",
+    )
+    return ExportedIntegrator(identifier, prune(procedure), control is not None)
 
 
 ABOUT = {
@@ -349,14 +352,12 @@ ABOUT = {
 def _quantities(
     model: Model, programs: Mapping[str, Program], procedures: Mapping[str, Procedure]
 ) -> tuple[ExportedQuantity, ...]:
-    unit = {
-        **dict.fromkeys(("energy", "energies"), energy_unit(model.statement)),
-        "positions": length_unit(model.statement),
-    }
+    energy = energy_unit(model.statement)
+    units = {"energy": energy, "energies": energy, "positions": length_unit(model.statement)}
     return tuple(
         ExportedQuantity(
             *(name, ABOUT[name], program, procedures[name], _results(name, model, program), program.shape),
-            unit=unit.get(name, ""),
+            unit=units.get(name, ""),
         )
         for name, program in programs.items()
     )
@@ -431,9 +432,6 @@ class Exported:
     run_commands: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return str(self)
-
-    def __str__(self) -> str:
         lines = [f"wrote {path}" for path in self.files]
         return "\n".join(
             [*lines, f"to test them, in {self.files[0].parent}:", *(f"  {command}" for command in self.commands)]

@@ -161,12 +161,19 @@ class Statements:
         return self.store.format(name=name, value=value)
 
 
-def body(function: Callable[..., Any], statements: Statements) -> list[str]:
-    """Return the body of `factored` or `solved` as lines in the language of `statements`, indented by one level."""
-    statements_of_function = _statements(function)
-    return [
-        f"    {line}" for line in _Printer(statements, _changed(statements_of_function)).block(statements_of_function)
+def body(function: Callable[..., Any], style: Statements) -> list[str]:
+    """Return the body of `factored` or `solved` as lines in the language of `style`, indented by one level."""
+    statements = _statements(function)
+    names = [
+        target.id
+        for statement in statements
+        for part in ast.walk(statement)
+        if isinstance(part, ast.Assign)
+        for target in part.targets
+        if isinstance(target, ast.Name)
     ]
+    changed = {name: names.count(name) > 1 for name in names}
+    return [f"    {line}" for line in _Printer(style, changed).block(statements)]
 
 
 def _statements(function: Callable[..., Any]) -> list[ast.stmt]:
@@ -177,21 +184,11 @@ def _statements(function: Callable[..., Any]) -> list[ast.stmt]:
     return [*(_statements(scaled) if isinstance(first, ast.Expr) else [first]), *rest]
 
 
-def _changed(statements: Sequence[ast.stmt]) -> dict[str, bool]:
-    """Return the names of local variables, each with True if it is assigned more than once."""
-    names = [
-        target.id
-        for statement in statements
-        for part in ast.walk(statement)
-        if isinstance(part, ast.Assign)
-        for target in part.targets
-        if isinstance(target, ast.Name)
-    ]
-    return {name: names.count(name) > 1 for name in names}
-
-
 class _Printer:
-    """Prints syntax trees of Python in another language; loop indices count from that language's first index."""
+    """Prints syntax trees of Python in another language; loop indices count from that language's first index.
+
+    `changed` has the names of local variables, each with True if it is assigned more than once.
+    """
 
     def __init__(self, statements: Statements, changed: Mapping[str, bool]) -> None:
         self.statements, self.changed = statements, changed
@@ -206,7 +203,8 @@ class _Printer:
                 case ast.For(target=ast.Name(id=index), iter=ast.Call(func=ast.Name(id=kind), args=args)):
                     self.indices[index] = None
                     inner = args[0].args if kind == "reversed" and isinstance(args[0], ast.Call) else args
-                    start, stop = self._range(inner)
+                    start, stop = self.text(inner[0]) if len(inner) > 1 else str(style.first), self.text(inner[-1])
+                    stop = f"{stop} - 1" if style.first and stop != "n" else stop
                     yield (style.back if kind == "reversed" else style.loop).format(index, start, stop)
                     yield from (f"    {line}" for line in self.block(statement.body))
                     yield style.end_loop
@@ -224,11 +222,6 @@ class _Printer:
                     yield style.stored(self.text(target), self.text(statement.value))
                 case ast.Return(value=ast.expr() as value):
                     yield style.leave.format(self.text(value))
-
-    def _range(self, args: Sequence[ast.expr]) -> tuple[str, str]:
-        start = self.text(args[0]) if len(args) > 1 else str(self.statements.first)
-        stop = self.text(args[-1])
-        return start, f"{stop} - 1" if self.statements.first and stop != "n" else stop
 
     def _assigned(self, name: str, value: ast.expr) -> str:
         if isinstance(value, ast.Name) and value.id in self.indices:

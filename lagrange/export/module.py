@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import chain
 
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Instruction, Program
@@ -35,7 +34,6 @@ class ExportedIntegrator:
     """
 
     name: str
-    about: str
     procedure: Procedure
     adaptive: bool
 
@@ -92,11 +90,6 @@ class Check:
     states: tuple[tuple[float, ...], ...]
     results: tuple[tuple[float, ...], ...]
     allowed: tuple[tuple[float, ...], ...]
-
-    @property
-    def flat(self) -> list[tuple[float, ...]]:
-        """Times, states, results and allowed errors, each as one flat list, row by row."""
-        return [self.times, *(tuple(chain(*rows)) for rows in (self.states, self.results, self.allowed))]
 
 
 @dataclass(frozen=True)

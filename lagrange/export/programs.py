@@ -5,8 +5,9 @@ The same code fills in both programs for all languages, from templates in the fo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from lagrange.algorithm.constants import Outcome
 from lagrange.export.descriptions import OUTCOMES, TEST, columns, commented, number_lines, run_of
@@ -62,7 +63,8 @@ def test_text(module: SourceModule, script: Script, **extra_fields: object) -> s
     text = ["\n".join([*script.comment(f"Self-test of {module.name}. {TEST} Exit status 0 if all are right."), "", ""])]
     text.append(script.filled("head", fields))
     for check in module.checks:
-        lists = dict(zip(("times", "states", "expected", "allowed"), check.flat, strict=True))
+        rows = {"states": check.states, "expected": check.results, "allowed": check.allowed}
+        lists = {"times": check.times} | {name: tuple(chain(*values)) for name, values in rows.items()}
         sizes = {"results": len(check.results[0]), "samples": len(check.times)}
         text.append(script.filled("quantity", fields, **sizes, **_named(check.name, script, lists)))
     for step in module.step_checks:
@@ -84,17 +86,15 @@ def fields_of(module: SourceModule) -> dict[str, object]:
 
 
 def _named(name: str, script: Script, lists: Mapping[str, Sequence[float]]) -> dict[str, str]:
-    return {"name": name, "quoted": script.quoted(name), "tables": "".join(_tables(script, lists))}
-
-
-def _tables(script: Script, lists: Mapping[str, Sequence[float]]) -> Iterator[str]:
-    """Yield the text of each list of numbers of a test; `lists` has the numbers by the name of the list."""
+    """Return the fields of a test: its name, and the text of its lists of numbers, `lists` by name."""
+    tables = ""
     for table, values in lists.items():
         for begin in range(0, len(values), script.chunk or len(values) or 1):
             part = values[begin : begin + script.chunk] if script.chunk else values
             numbers = number_lines(map(script.literals.real, part), " " * 12)
             fields = {"table": table, "first": begin + 1, "last": begin + len(part), "size": len(values)}
-            yield script.filled("table", fields, numbers=f"{script.more}\n".join(numbers).removesuffix(","))
+            tables += script.filled("table", fields, numbers=f"{script.more}\n".join(numbers).removesuffix(","))
+    return {"name": name, "quoted": script.quoted(name), "tables": tables}
 
 
 def _arguments(module: SourceModule, check: StepCheck, script: Script) -> str:

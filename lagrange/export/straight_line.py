@@ -88,7 +88,7 @@ class StraightLinePrinter:
     `names` maps the index of an instruction to the name of its value. Entries of the state and parameters without a
     name are called y0 and p0; the surrounding text defines these names. `kept` maps an instruction whose value
     depends on parameters alone to the index of that value in the array p. `parameters` is the name of the array of
-    parameters.
+    parameters. Raises StatementError for a function that the language lacks.
     """
 
     def __init__(
@@ -113,15 +113,11 @@ class StraightLinePrinter:
         self.uses, self.parameters = uses_of(program), parameters
         self.unused = dict.fromkeys(("t", "y", parameters))
         """Arguments that no line reads."""
-        self._refuse()
-
-    def _refuse(self) -> None:
-        """Raise StatementError for a function that the language lacks; the message names the function."""
-        for instruction in self.program.instructions:
-            if instruction.op not in STRUCTURE and instruction.op not in self.language.operations:
+        for instruction in program.instructions:
+            if instruction.op not in STRUCTURE and instruction.op not in language.operations:
                 raise StatementError(
-                    f"{self.program.name} contains {instruction.op}, which {self.language.name} does not have: state "
-                    "the system without it, or choose another target."
+                    f"{program.name} contains {instruction.op}, which {language.name} does not have: state the system "
+                    "without it, or choose another target."
                 )
 
     def values(self) -> list[str]:
@@ -406,7 +402,11 @@ class PrintedFunctions:
         self.needed: dict[str, None] = {}
         """Operations that the printed functions use; "factor" if they solve linear systems."""
         self.divisors = module.divisors if statuses else None
-        self.programs = {instruction.name: self._checked(instruction) for instruction in module.quantities}
+        self.programs = {quantity.name: quantity.program for quantity in module.quantities}
+        if self.divisors is not None:
+            self.programs |= {
+                name: checked(program, self.divisors) for name, program in self.programs.items() if name in SOLVED
+            }
         listed = [*self.programs.values(), *([self.divisors] if self.divisors else [])]
         self.hoisted = Hoisted(listed, len(module.parameters))
         stated = (*module.state, *module.parameters, *module.names.entries)
@@ -418,11 +418,6 @@ class PrintedFunctions:
         names, first = distinct(stated, taken, key=language.key), len(module.state)
         last = first + len(module.parameters)
         self.names = replace(module.names, state=names[:first], parameters=names[first:last], entries=names[last:])
-
-    def _checked(self, quantity: ExportedQuantity) -> Program:
-        return (
-            checked(quantity.program, self.divisors) if self.divisors and quantity.name in SOLVED else quantity.program
-        )
 
     def quantity(self, quantity: ExportedQuantity) -> PrintedFunction:
         """Return the printed function that computes an exported quantity, and writes its values into `out`."""

@@ -108,11 +108,8 @@ def register(target: type[Target]) -> type[Target]:
 class TargetTable(dict[str, str]):
     """Dict from the name of each target to a line about it; prints as a table."""
 
-    def __str__(self) -> str:
-        return text_table(("", ""), list(self.items()))
-
     def __repr__(self) -> str:
-        return str(self)
+        return text_table(("", ""), list(self.items()))
 
     def __missing__(self, name: Any) -> str:
         raise UnknownKey(f"there is no target {shown(name)}; the targets are {listing(self)}.")

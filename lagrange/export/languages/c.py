@@ -15,7 +15,7 @@ from lagrange.export.descriptions import (
     sizes,
     statuses,
 )
-from lagrange.export.languages.c_printer import KINDS, LITERALS, CNames, comment, function
+from lagrange.export.languages.c_printer import HELPERS, KINDS, LITERALS, CNames, comment, function
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, test_text
 from lagrange.export.target import Target, register
@@ -100,11 +100,11 @@ def source(module: SourceModule) -> str:
         f'#include "{module.name}.h"',
         "",
         "#include <math.h>",
-        *(["#include <string.h>"] if c_names.copies_bits else []),
+        *(["#include <string.h>"] if any("memcpy" in HELPERS[op][1] for op in c_names.needed) else []),
         "",
         *c_names.definitions(),
         *records(module.procedures, c_names),
-        *continued(f"const double {c_names.defaults}[] = {{{values}}};"),
+        *continued(f"const double {module.name}_default_parameters[] = {{{values}}};"),
         "",
         *functions,
     ]
@@ -113,19 +113,15 @@ def source(module: SourceModule) -> str:
 
 def records(procedures: Sequence[Procedure], c_names: CNames) -> Iterator[str]:
     """Yield definitions of C structs: for records, and for results of functions that return several numbers."""
-    for record in records_of(procedures):
-        yield structure(c_names.record(record), record.fields)
+    structures: dict[str, Sequence[tuple[str, Kind]]] = {
+        c_names.record(record): record.fields for record in records_of(procedures)
+    }
     for procedure in procedures:
         if len(procedure.results) > 1:
-            results = [(f"r{k}", kind) for k, kind in enumerate(procedure.numbers)]
-            yield structure(c_names.result(procedure), results)
-
-
-def structure(name: str, fields: Sequence[tuple[str, Kind]]) -> str:
-    """Return the C declaration of a struct with a name and these fields, each a number."""
-    return "\n".join(
-        ["typedef struct {", *(f"    {KINDS[kind]} {field};" for field, kind in fields), f"}} {name};", ""]
-    )
+            structures[c_names.result(procedure)] = [(f"r{k}", kind) for k, kind in enumerate(procedure.numbers)]
+    for name, fields in structures.items():
+        declarations = (f"    {KINDS[kind]} {field};" for field, kind in fields)
+        yield "\n".join(["typedef struct {", *declarations, f"}} {name};", ""])
 
 
 # --- the programs

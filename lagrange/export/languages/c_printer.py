@@ -163,11 +163,6 @@ class CNames:
     prefix: str
     needed: dict[str, None] = field(default_factory=dict)
 
-    @property
-    def copies_bits(self) -> bool:
-        """True if the file needs a helper that copies the bits of numbers, and so the header string.h."""
-        return any("memcpy" in HELPERS[op][1] for op in self.needed)
-
     def definitions(self) -> list[str]:
         """Return the definitions of the helper functions that the file needs."""
         return [f"static {HELPERS[op][1]}\n" for op in sorted(self.needed)]
@@ -176,11 +171,6 @@ class CNames:
         """Return the C name of the function `name` of the module."""
         spelled = f"{self.prefix}{name}"
         return f"{spelled}_" if spelled in RESERVED else spelled
-
-    @property
-    def defaults(self) -> str:
-        """The name of the array of default parameters."""
-        return f"{self.prefix}default_parameters"
 
     def record(self, record: Record) -> str:
         """Return the name of the C type of a record."""

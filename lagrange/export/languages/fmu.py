@@ -275,14 +275,6 @@ def fmi3_description(module: SourceModule, token: str) -> str:
     return _description(module, "3.0", ("instantiationToken", token), interfaces, parts)
 
 
-def build_description(module: SourceModule) -> str:
-    """Return the text of sources/buildDescription.xml for FMI 3.0: how the sources are compiled."""
-    files = element("SourceFileSet", {"language": "C99"}, elements("SourceFile", _source_names(module)))
-    inside = [*files, *element("Library", {"name": "m"})]
-    configuration = element("BuildConfiguration", {"modelIdentifier": module.name}, inside)
-    return document(element("fmiBuildDescription", {"fmiVersion": "3.0"}, configuration))
-
-
 def model_header(module: SourceModule, token: str, version: int) -> str:
     """Return the C header of an FMU for the major `version` of FMI: sizes, functions and the initial state.
 
@@ -366,7 +358,11 @@ def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
     contained: dict[str, str | bytes] = {"modelDescription.xml": described}
     contained |= {f"sources/{name}": text for name, text in (sources | programs(module)).items()}
     if major == 3:
-        contained["sources/buildDescription.xml"] = build_description(module)
+        files = element("SourceFileSet", {"language": "C99"}, elements("SourceFile", _source_names(module)))
+        compiled = [*files, *element("Library", {"name": "m"})]
+        configuration = element("BuildConfiguration", {"modelIdentifier": module.name}, compiled)
+        built = document(element("fmiBuildDescription", {"fmiVersion": "3.0"}, configuration))
+        contained["sources/buildDescription.xml"] = built
     where = binary_path(module.name, major)
     if where and shutil.which(COMPILER[0]):
         contained[where] = library(module.name, sources)
