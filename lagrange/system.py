@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from lagrange.equations.regularity import equations_of, known_statement
 from lagrange.errors import StatementError, abridged, shown
+from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.notation.sections import ShownQuantity
 from lagrange.show.notebook.page_writer import EquationList, ExpressionDict
 from lagrange.show.notebook.shown_derivation import ShownDerivation, system_page, written_derivation
@@ -344,12 +345,13 @@ class System:
         `sliders` has bounds of the first sliders, {l: (0.5, 2), theta.dot: (-3, 3)}. With contacts the page plays one
         run, without sliders. Raises StatementError for unknown names, functions that JavaScript lacks, and bad paths.
         """
-        from lagrange.page.web_page import write_page, write_recorded_page
+        from lagrange.page.web_page import page_of, write_recorded_page
 
         require_values(self.statement)
         if self.statement.contacts:
             return write_recorded_page(lambda: self.run(parameters=parameters, initial=initial), path, sliders)
-        return write_page(self._model, self.derivation(), path, parameters, initial, sliders)
+        page = partial(page_of, self._model, self.derivation(), parameters, initial, sliders)
+        return write_atomically(path, lambda file: file.write(page().encode()))
 
     def to_scene(self, path: str | os.PathLike[str]) -> Path:
         """Write the statement as a scene file, which `System.from_scene` reads back. Returns its path.
@@ -357,8 +359,6 @@ class System:
         The scene says `evaluate = false`, so that SymPy rearranges nothing. Raises StatementError for a path that
         is not writable, and for parts that a scene cannot state, such as derivatives of functions without a formula.
         """
-        from lagrange.show.files.atomic_file import write_atomically
-
         return write_atomically(path, lambda file: file.write(scene_text(self.statement).encode()))
 
     def explore(

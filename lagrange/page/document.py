@@ -8,7 +8,6 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from html import escape
 from pathlib import Path
@@ -42,38 +41,18 @@ TOLERANCE = 1e-13
 PAGE_STEPS = 5000  # Largest number of steps between two recorded states; a pendulum takes one
 
 
-@dataclass(frozen=True)
-class MotionSource:
-    """The exported JavaScript module of a system, its parameter values, and the names of its quantities, `contents`.
-
-    `constrained` is true if the module also exports the projection onto the constraints.
-    """
-
-    text: str
-    parameters: tuple[float, ...]
-    contents: tuple[str, ...]
-    constrained: bool
-
-    @property
-    def script(self) -> str:
-        """The text of the module, followed by the call that passes its functions to the page.
-
-        The call is part of the module, because no other script can import an inline module.
-        """
-        names = ["prepare", "STATE", "PREPARED", *self.contents]
-        if self.constrained:
-            names.append("projection")
-        return f"{self.text}\nstartPage({{ {', '.join(names)} }});\n"
-
-
 def contents(statement: Statement) -> tuple[str, ...]:
     """Return the names of the quantities that the exported module of a system computes."""
     optional = {"energies": not statement.lagrangian_alone, "positions": bool(statement.positions)}
     return (*ALWAYS, *(name for name, present in optional.items() if present))
 
 
-def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionSource:
-    """Return the exported JavaScript module of a model. Raises StatementError for functions that JavaScript lacks."""
+def motion_script(model: Model, parameters: Mapping[Any, Any] | None) -> tuple[str, tuple[float, ...]]:
+    """Return a script, the exported JavaScript module of a model, and the values of its parameters.
+
+    The script ends with the call that passes its functions to the page, because no other script can import an inline
+    module. Raises StatementError for functions that JavaScript lacks.
+    """
     target, quantities = find(TARGET), contents(model.statement)
     module = module_of(model, contents_of(target, model, quantities, (), parameters), (), parameters)
     missing = missing_operation(target, module)
@@ -83,8 +62,9 @@ def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionS
             f"a page of {model.statement.name} cannot be made: its {quantity} contains {function}, which JavaScript "
             f"does not have. State the system without {function}."
         )
+    names = ["prepare", "STATE", "PREPARED", *quantities, *(["projection"] if model.equations.constraints else [])]
     text = target.files(module)[f"{module.name}.mjs"]
-    return MotionSource(str(text), module.values, quantities, len(model.equations.constraints) > 0)
+    return in_script(f"{text!s}\nstartPage({{ {', '.join(names)} }});\n"), module.values
 
 
 LONGEST_RUN, SHORTEST_RUN = 60.0, 1.0
@@ -176,9 +156,6 @@ def rate_of(t_end: float) -> float:
     return math.copysign(shown, t_end)
 
 
-SPACE = 3  # Dimension of space: positions with this number of entries can be turned
-
-
 def legend(statement: Statement) -> str:
     """Return an HTML list of the names of the moving points in their colours; empty for a single point or for many."""
     names = moving_points(statement)
@@ -190,7 +167,7 @@ def legend(statement: Statement) -> str:
 
 def hint(statement: Statement) -> str:
     """Return HTML with instructions for turning the picture, empty for a system that does not move in space."""
-    in_space = any(len(point) == SPACE for point in statement.positions.values())
+    in_space = any(len(point) == 3 for point in statement.positions.values())
     return '<p class="hint">Drag to turn</p>' if in_space else ""
 
 

@@ -196,7 +196,8 @@ class Animation:
     def frame_size(self) -> tuple[int, int]:
         """Width and height in pixels of the frame of a page in which the player fits."""
         width, height = self.film.size
-        return max(width, 480), round(self.film.scene_share * height) + BESIDES
+        share = 0.7 if self.film.scene is None else self.film.plan.scene[3]  # part of the height that the picture has
+        return max(width, 480), round(share * height) + BESIDES
 
     def frame(self, number: int) -> Pixels:
         """Return a frame by its number as pixels, (height, width, 4): red, green, blue and 255."""

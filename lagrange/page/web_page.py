@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import sympy
 
 from lagrange.dynamics.axes import TURN, angles
 from lagrange.equations.derivation import Derivation
@@ -29,10 +29,9 @@ from lagrange.page.document import (
     hint,
     html,
     in_frame,
-    in_script,
     joined,
     legend,
-    motion_source,
+    motion_script,
     phase_choices,
     rate_of,
     template,
@@ -79,8 +78,8 @@ class Slider:
     value: float
     low: float
     high: float
-    unit: str
-    chosen: bool
+    unit: str = ""
+    chosen: bool = False
     angle: bool = False
 
 
@@ -167,22 +166,24 @@ def sliders(
     """Return a slider for each parameter and each entry of the initial state, those in `slider_bounds` first.
 
     `slider_bounds` maps symbols or names to bounds (low, high). For a body the sliders change its rates about its axes,
-    not its quaternion, unless `slider_bounds` names entries of the quaternion. Raises StatementError for unknown names,
-    and for bounds that do not contain the present value.
+    not its quaternion. Raises StatementError for unknown names, and for bounds that do not contain the present value.
     """
     statement = model.statement
-    bounds = chosen_bounds(statement, slider_bounds)
+    bounds, adjustable = chosen_bounds(statement, slider_bounds), places(statement)
+    rates = rates_at(statement, initial)
+    most = nice(2 * max(map(abs, rates), default=0.0) or 1.0)
     every = [
-        *_parameters(statement, parameters),
+        *(
+            Slider(symbol.name, PARAMETER, index, value, *parameter_bounds(value), unit_of(statement, symbol.name))
+            for index, (symbol, value) in enumerate(zip(statement.parameters, parameters, strict=True))
+        ),
         *_states(model, parameters, initial),
-        *_body_rates(statement, initial),
+        *(
+            Slider(name_of(rate), RATE, index, value, -most, most)
+            for index, (rate, value) in enumerate(zip(_rates_of(statement), rates, strict=True))
+        ),
     ]
-    inner = {row for _, rows, moving in quaternion_rows(statement.coordinates) for row in (*rows, *moving)}
-    by_name = {
-        slider.name: slider
-        for slider in every
-        if slider.name in bounds or slider.kind != STATE or slider.place not in inner
-    }
+    by_name = {slider.name: slider for slider in every if slider.name in adjustable}
     for name, (low, high) in bounds.items():
         slider = by_name[name]
         if not low <= slider.value <= high:
@@ -194,30 +195,11 @@ def sliders(
     return (*(by_name[name] for name in bounds), *(slider for slider in by_name.values() if not slider.chosen))
 
 
-def _body_rates(statement: Statement, initial: tuple[float, ...]) -> Iterator[Slider]:
-    values = rates_at(statement, initial)
-    most = nice(2 * max(map(abs, values), default=0.0) or 1.0)
-    for index, (rate, value) in enumerate(zip(_rates_of(statement), values, strict=True)):
-        yield Slider(name_of(rate), RATE, index, value, -most, most, "", chosen=False)
-
-
-def _parameters(statement: Statement, values: tuple[float, ...]) -> Iterator[Slider]:
-    for index, (symbol, value) in enumerate(zip(statement.parameters, values, strict=True)):
-        low, high = parameter_bounds(value)
-        unit = unit_of(statement, symbol.name)
-        yield Slider(symbol.name, PARAMETER, index, value, low, high, unit, chosen=False, angle=False)
-
-
 def parameter_bounds(value: float) -> tuple[float, float]:
     """Return the bounds of a parameter: a tenth to three times its value, or 0 to 1 for the value zero."""
     if value == 0:
         return 0.0, 1.0
-    low, high = sorted(
-        (
-            math.copysign(nice(LOWEST * abs(value)), value),
-            math.copysign(nice(HIGHEST * abs(value)), value),
-        )
-    )
+    low, high = sorted(math.copysign(nice(multiple * abs(value)), value) for multiple in (LOWEST, HIGHEST))
     return low, high
 
 
@@ -231,36 +213,29 @@ def nice(size: float) -> float:
 
 
 def _states(model: Model, parameters: tuple[float, ...], initial: tuple[float, ...]) -> Iterator[Slider]:
+    """Yield the sliders of the initial coordinates and velocities.
+
+    Accelerations set the bounds of velocities that start at zero. If they cannot be computed they count as zero,
+    because the page itself reports that.
+    """
     statement = model.statement
     n = len(statement.names)
     circular = angles(statement)
-    rates = _rates(model, parameters, initial)
+    values = dict(zip(statement.parameters, parameters, strict=True))
+    accelerations = np.zeros(n)
+    with suppress(RunError):
+        accelerations = np.nan_to_num(model.rhs(0.0, np.array(initial), values)[model.layout.v], posinf=0.0, neginf=0.0)
     free = [abs(value) for angle, value in zip(circular, initial, strict=False) if not angle]
     usual = max(free, default=0.0) or 1.0
     for index, (angle, name) in enumerate(zip(circular, statement.names, strict=True)):
         value = initial[index]
         half = TURN / 2 if angle else nice(usual) if value == 0 else COORDINATE_RANGE * abs(value)
         middle = TURN * round(value / TURN) if angle else value
-        unit = unit_of(statement, name)
-        yield Slider(name, STATE, index, value, middle - half, middle + half, unit, chosen=False, angle=angle)
+        yield Slider(name, STATE, index, value, middle - half, middle + half, unit_of(statement, name), angle=angle)
         speed, name = initial[n + index], f"{name}_dot"
         length = 1.0 if angle else usual
-        most = nice(2 * abs(speed) or math.sqrt(abs(rates[index]) * length) or usual)
-        unit = unit_of(statement, name)
-        yield Slider(name, STATE, n + index, speed, -most, most, unit, chosen=False, angle=False)
-
-
-def _rates(model: Model, parameters: tuple[float, ...], initial: tuple[float, ...]) -> list[float]:
-    """Return the initial accelerations, (n,), which set the bounds of velocities that start at zero.
-
-    They are all zero if the model cannot compute them, because the page itself reports that.
-    """
-    values = dict(zip(model.statement.parameters, parameters, strict=True))
-    try:
-        rates = model.rhs(0.0, np.array(initial), values)[model.layout.v]
-    except RunError:
-        return [0.0] * len(model.layout.rates)
-    return [float(rate) if math.isfinite(rate) else 0.0 for rate in rates]
+        most = nice(2 * abs(speed) or math.sqrt(abs(float(accelerations[index])) * length) or usual)
+        yield Slider(name, STATE, n + index, speed, -most, most, unit_of(statement, name))
 
 
 OPEN = ("Stated", "Equations of motion")  # Sections that are open when the page loads
@@ -279,8 +254,7 @@ class FoldedFormulas(HtmlPage):
 
     def section(self, section: Section) -> str:
         """Return a section as HTML; if it is too long, a sentence replaces its formulas."""
-        sides = [side for row in section.rows if isinstance(row, Formula) for side in row.sides]
-        operations = sum(int(side.count_ops()) for side in sides if isinstance(side, sympy.Basic))
+        operations = sum(row.operations for row in section.rows if isinstance(row, Formula))
         inside = ""
         if operations * SHORTEST_OPERATION <= LONGEST_SECTION:
             inside = "\n".join(map(self.row, section.rows))
@@ -341,31 +315,10 @@ def _slider(index: int, slider: Slider, page: FoldedFormulas, *, units: bool) ->
     )
 
 
-def note(statement: Statement) -> str:
-    """Return an HTML note that the picture shows coordinates over time; empty if positions are stated."""
-    if statement.positions:
-        return ""
-    sentence = "No positions are stated for this system: the picture shows its coordinates over time."
-    return f'<p class="note">{sentence}</p>\n'
-
-
-def write_page(
-    model: Model,
-    derivation: Derivation,
-    path: str | os.PathLike[str],
-    parameters: Mapping[Any, Any] | None,
-    initial: Mapping[Any, Any] | None,
-    slider_bounds: Mapping[Any, Any] | None,
-) -> Path:
-    """Write the page of a model, whole or not at all, and return its path.
-
-    `parameters` and `initial` are values that replace the stated ones. `slider_bounds` maps symbols or names of sliders
-    to bounds (low, high).
-    """
-    return write_atomically(
-        path, lambda file: file.write(page_of(model, derivation, parameters, initial, slider_bounds).encode())
-    )
-
+NO_POSITIONS = (
+    '<p class="note">No positions are stated for this system: the picture shows its coordinates over time.</p>\n'
+)
+"""Note on the page of a system without positions."""
 
 NO_SLIDERS = "{} does not compute the motion of a system with contacts: {} with the given parameters and initial state."
 
@@ -406,11 +359,11 @@ def page_of(
     values = tuple(float(value) for value in model.parameter_array(parameters))
     start = complete_start(model, 0.0, state, np.array(values))
     page_sliders = sliders(model, values, tuple(start.tolist()), slider_bounds)
-    motion = motion_source(model, parameters)
+    script, page_parameters = motion_script(model, parameters)
     energies = ENERGIES[: 1 if statement.lagrangian_alone else 3]
     data = description(statement, rate_of(end), energies, energy_letter(model.equations))
     data |= {
-        "parameters": list(motion.parameters),
+        "parameters": list(page_parameters),
         "initial": start.tolist(),
         "sliders": [
             {key: getattr(slider, key) for key in ("kind", "place", "value", "angle")} for slider in page_sliders
@@ -430,7 +383,7 @@ def page_of(
         "title": escape(plain_text(statement.name)),
         "about": escape(plain_text(statement.about)),
         "legend": legend(statement),
-        "note": note(statement),
+        "note": "" if statement.positions else NO_POSITIONS,
         "hint": hint(statement),
         "sliders": slider_groups(page_sliders, FoldedFormulas(statement)),
         "choices": phase_choices(statement),
@@ -438,7 +391,7 @@ def page_of(
         "look": f' data-style="{style}"' if style else "",
     }
     parts |= {"data": as_json(data), "style": colour_rules(statement) + template("page.css") + template("system.css")}
-    scripts = {"shared": joined(*PICTURES, *COMPUTED), "module": in_script(motion.script)}
+    scripts = {"shared": joined(*PICTURES, *COMPUTED), "module": script}
     return html("page.html", parts, scripts, trusted=True)
 
 

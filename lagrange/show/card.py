@@ -24,6 +24,8 @@ MOST_CHANGES = 3  # Number of parameter changes on the card; `solution.parameter
 
 def card_of(solution: Solution) -> dict[str, Any]:
     """Return the data of the status card of a run, as a dict for JSON; numbers that are not finite are None."""
+    drift = {**asdict(solution.drift), "relative": solution.drift.relative} if solution.has_energy else {}
+    energy = {key: finite(value) if isinstance(value, float) else value for key, value in drift.items()}
     card: dict[str, Any] = {
         "system": solution.model.statement.name,
         "target": solution.model.target,
@@ -43,7 +45,7 @@ def card_of(solution: Solution) -> dict[str, Any]:
         "outputs": len(solution.t),
         "t_start": finite(solution.trajectory.span[0]),
         "t_end": finite(solution.trajectory.span[1]),
-        "energy": _energy(solution),
+        "energy": energy or None,  # the energy may have no value
         "constraints": solution.constraint_drift.card if solution.constraint_drift else None,
         "lengths": {name: finite(error) for name, error in _lengths(solution).items()},
         "stiff": solution.stiff.sentence() if solution.stiff else None,
@@ -64,14 +66,6 @@ def card_of(solution: Solution) -> dict[str, Any]:
             name: finite(row[column]) for name, row in zip(solution.names, solution.y, strict=True) if len(row)
         }
     return card
-
-
-def _energy(solution: Solution) -> dict[str, Any] | None:
-    """Return the data of the energy for the card, or None if the energy has no value."""
-    if not solution.has_energy:
-        return None
-    drift = {**asdict(solution.drift), "relative": solution.drift.relative}
-    return {key: finite(value) if isinstance(value, float) else value for key, value in drift.items()}
 
 
 def _lengths(solution: Solution) -> dict[str, float]:

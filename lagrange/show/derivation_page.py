@@ -159,14 +159,12 @@ class LatexPage(Page):
         rows = [start + line.right for start, line in zip(starts, lines, strict=True)]
         return f"\\begin{{{environment}}} " + " \\\\ ".join(rows) + f" \\end{{{environment}}}"
 
-    def formula(self, row: Formula) -> str:
-        """Return a row of a section as LaTeX without dollar signs."""
-        lines = self.lines.formula(row)
-        return self.in_one_line(lines[0]) if len(lines) == 1 else self.aligned(lines, "aligned")
-
-    def in_one_line(self, line: FormulaLine) -> str:
-        """Return the LaTeX of a formula that consists of one line."""
-        return f"{line.left} = {line.right}" if line.left else line.right
+    def formula(self, *rows: Formula) -> str:
+        """Return formulas as LaTeX without dollar signs; several lines are aligned."""
+        lines = [line for row in rows for line in self.lines.formula(row)]
+        if len(lines) > 1:
+            return self.aligned(lines, "aligned")
+        return f"{lines[0].left} = {lines[0].right}" if lines[0].left else lines[0].right
 
     def write(self, sections: Sequence[Section]) -> str:
         """Return a derivation as a complete LaTeX document."""

@@ -172,7 +172,10 @@ class EquilibriumBranches(Drawn, BranchesData):
         for branch in self.branches[:_MOST_PLACES]:
             stated = zip(self.statement.names, branch.formula.values(), strict=True)
             where = listing(f"{name} = {x}" for name, x in stated) if branch.formula else "by number"
-            lines.append(("branch", f"{where}; {_stability(branch.values, branch.stable)}"))
+            # `stable` is 1 for values at which no eigenvalue has a positive real part.
+            within, alone = branch.values[branch.stable == 1], "" if (branch.stable != 0).all() else " alone"
+            stability = f"no growing motion from {within.min():.4g} to {within.max():.4g}{alone}" if len(within) else ""
+            lines.append(("branch", f"{where}; {stability or 'unstable'}"))
         return lines
 
 
@@ -212,18 +215,6 @@ _Record = TypeVar("_Record")
 def shown_as(kind: type[_Record], data: Any) -> _Record:
     """Return `data` as an instance of `kind`, a subclass of its class that adds a picture."""
     return kind(**{field.name: getattr(data, field.name) for field in fields(data)})
-
-
-def _stability(values: np.ndarray, stable: np.ndarray) -> str:
-    """Return a text with the range of the parameter in which a branch is stable.
-
-    `stable` is 1 for values at which no eigenvalue has a positive real part.
-    """
-    within = values[stable == 1]
-    if not len(within):
-        return "unstable"
-    alone = "" if (stable != 0).all() else " alone"
-    return f"no growing motion from {within.min():.4g} to {within.max():.4g}{alone}"
 
 
 def _range(values: np.ndarray) -> str:

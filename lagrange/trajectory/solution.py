@@ -314,18 +314,20 @@ class Solution:
         contact_modes (JSON), and contact_impacts_0 (k, 3 + slips): t, impulse, energy lost, friction. `lagrange.load`
         reads the file. Raises StatementError for a path that cannot be written, RunError if the disk is full.
         """
-        from lagrange.show.files.run_files import write_npz
+        from lagrange.show.files.atomic_file import write_atomically
+        from lagrange.show.files.run_files import arrays_of_run
 
-        return write_npz(self, path)
+        return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, **arrays_of_run(self)))
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int | None = None) -> Path:
         """Write the picture of `plot()` with `dpi` dots per inch, 150 by default.
 
         Raises StatementError for a path that cannot be written, RunError if the disk is full.
         """
-        from lagrange.show.files.run_files import write_png
+        from lagrange.show.files.atomic_file import write_atomically
+        from lagrange.show.files.picture import picture
 
-        return write_png(self, path, dpi)
+        return write_atomically(path, picture(lambda: self.plot(dpi=dpi), dpi))
 
     def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write trajectory.csv, trajectory.png and, last, card.json, which marks a complete folder; return their paths.

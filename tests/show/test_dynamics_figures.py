@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from sympy import cos, sin
@@ -22,8 +21,8 @@ from lagrange.dynamics.axes import TURN
 from lagrange.errors import StatementError
 from lagrange.show.dynamics import Drawn
 from lagrange.show.figures.dynamics_figures import MOST_MODES, PANEL_HEIGHT, PANEL_WIDTH
-from lagrange.show.figures.panel import colour_bar, turned_lines
-from lagrange.show.figures.style import DARK, log_ticks, style_of
+from lagrange.show.figures.panel import turned_lines
+from lagrange.show.figures.style import DARK
 from tests.dynamics.planar import damped_pendulum, duffing, hoop, pendulum, star, theta, x, y
 from tests.models import shared_scene
 
@@ -211,26 +210,3 @@ def test_positions_in_space_are_seen_from_a_side() -> None:
     bars, picture = system.modes().plot().axes[:2]
     assert bars.patches
     assert len(picture.get_lines()) >= 4
-
-
-@pytest.mark.parametrize(
-    ("ends", "ticks"),
-    [
-        ((0.3, 30.0), [0.5, 1, 2, 5, 10, 20]),
-        ((1e-3, 1e3), [0.001, 0.01, 0.1, 1, 10, 100, 1000]),
-        ((2.1, 2.9), [2.2, 2.4, 2.6, 2.8]),
-        ((1.0, 1.001), [1, 1.0002, 1.0004, 1.0006, 1.0008, 1.001]),
-    ],
-)
-def test_numbers_beside_a_logarithmic_scale_are_round(ends: tuple[float, float], ticks: list[float]) -> None:
-    assert log_ticks(*ends) == pytest.approx(ticks)
-
-
-def test_numbers_of_a_colour_bar_are_plain() -> None:
-    axis = lg.figure().axes[0]
-    colour_bar(axis, axis.imshow([[0.3, 30.0]], norm=LogNorm(0.3, 30.0)), "time", style_of("light"))
-    bar = axis.figure.axes[1]
-    labels = [text.get_text() for text in bar.get_yticklabels()]
-    assert len(labels) >= 3 and not any("$" in item for item in labels)
-    assert [float(item) for item in labels] == pytest.approx(bar.get_yticks())
-    assert not bar.get_yticks(minor=True).size

@@ -124,7 +124,7 @@ def test_it_draws_into_the_axes_of_a_user_and_returns_their_figure() -> None:
     left, right = figure.subplots(1, 2)
     assert free(3).plot("coordinates", ax=left) is figure
     assert len(left.lines) == 3 and not right.lines
-    assert [text.get_text() for text in left.get_legend().get_texts()] == ["$x_{1}$", "$x_{2}$", "$x_{3}$"]
+    assert [text.get_text() for text in left.get_legend().get_texts()] == ["$x_1$", "$x_2$", "$x_3$"]
     free(3).plot(["coordinates", "velocities"], of="x3", ax=[left, right])
     assert len(left.lines) == 4 and len(right.lines) == 1
 

@@ -150,14 +150,6 @@ class Film:
         """Width and height of the picture in pixels."""
         return self.plan.size
 
-    @property
-    def scene_share(self) -> float:
-        """Height of the panel with the moving points, as a fraction of the height of the picture.
-
-        Without points it is the height of the panel with the coordinates.
-        """
-        return self.plan.scene[3] if self.scene is not None else 0.7
-
     @cached_property
     def _drawn(self) -> _FilmFigure:
         return _FilmFigure(self)
@@ -214,6 +206,7 @@ class _FilmFigure:
 
         Each frame copies from these pixels the part of each curve up to its time.
         """
+        self.pixels[...] = self.still
         for chart in self.charts:
             for line in chart.clear:
                 line.draw(self.renderer)
@@ -238,7 +231,6 @@ class _FilmFigure:
 
     def at(self, k: int, clock: str) -> Pixels:
         """Draw the picture at sample number `k` with the text `clock`, and return its pixels."""
-        self.pixels[...] = self.still
         clear = self.clear if k else self.still
         self.pixels[...] = self.still
         for chart in self.charts:

@@ -52,7 +52,7 @@ def write_gif(file: BinaryIO, film: Film, interval: float, tell: Callable[[int],
         left, right = _ends(changed[top:bottom].any(axis=0))
         part = slice(top, bottom), slice(left, right)
         numbered = np.full(changed[part].shape, _CLEAR, dtype=np.uint8)
-        numbered[changed[part]] = colours.numbers(frame[part][changed[part]])
+        numbered[changed[part]] = colours.nearest[_cells(frame[part][changed[part]])]
         image = fromarray(numbered)
         image.putpalette(colours.table.tobytes())
         for block in GifImagePlugin.getdata(
@@ -74,7 +74,10 @@ def _ends(changed: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 class _Colours:
-    """Maps each pixel to the nearest of at most 255 colours: a film's colours and their blends with the background."""
+    """At most 255 colours, `table` (256, 3): those of a film and their blends with the background.
+
+    `nearest` has the number of the nearest colour for each of the cells that `_cells` returns.
+    """
 
     def __init__(self, film_colours: tuple[str, ...]) -> None:
         base = np.rint(255.0 * np.array([parts_of(colour) for colour in film_colours]))
@@ -88,13 +91,9 @@ class _Colours:
         grid = np.indices((32, 32, 32), dtype=np.float32).reshape(3, -1).T * (255 / 31)
         entries = colours.astype(np.float32)
         far = (entries**2).sum(axis=1)
-        self._nearest: Pixels = (far - 2 * grid @ entries.T).argmin(axis=1).astype(np.uint8)
+        self.nearest: Pixels = (far - 2 * grid @ entries.T).argmin(axis=1).astype(np.uint8)
         whole = np.rint(base).astype(np.uint8)  # large areas have these colours, which stay exact
-        self._nearest[_cells(whole)] = [int((colours == colour).all(axis=1).argmax()) for colour in whole]
-
-    def numbers(self, pixels: Pixels) -> NDArray[np.uint8]:
-        """Return the colour indices (K,) of pixels (K, 4)."""
-        return self._nearest[_cells(pixels)]
+        self.nearest[_cells(whole)] = [int((colours == colour).all(axis=1).argmax()) for colour in whole]
 
 
 def _cells(pixels: NDArray[np.uint8]) -> NDArray[np.uint16]:

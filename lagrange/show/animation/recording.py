@@ -82,21 +82,14 @@ def timing(span: tuple[float, float], fps: float, speed: float | None = None) ->
         note = f"The run lasts {whole:.6g} units of time: {how} are shown in a second. speed = 1 is real time."
         notes = () if speed is not None or pace == 1.0 else (note,)
         return Timing(np.linspace(span[0], span[1], frames + 1), seconds / frames, pace, notes)
-    return _cut(span, fps, pace)
-
-
-def _cut(span: tuple[float, float], fps: float, speed: float) -> Timing:
-    """Return the timing of a run with too many frames: its first `MOST_FRAMES` frames, and a note that says so."""
-    direction = math.copysign(speed / fps, span[1] - span[0])
-    t: FloatArray = span[0] + direction * np.arange(float(MOST_FRAMES))
-    needed = abs(span[1] - span[0]) / speed * fps
-    whole = _rounded_up(speed * needed / (MOST_FRAMES - 1))
-    frames = f"{needed + 1:,.0f}" if needed < 1e12 else f"{needed:.3g}"
+    t: FloatArray = span[0] + math.copysign(pace / fps, span[1] - span[0]) * np.arange(float(MOST_FRAMES))
+    fitting = _rounded_up(pace * frame_count / (MOST_FRAMES - 1))
+    count = f"{frame_count + 1:,.0f}" if frame_count < 1e12 else f"{frame_count:.3g}"
     note = (
-        f"The first {MOST_FRAMES:,} of {frames} frames are shown, to t = {t[-1]:.6g}: more are too many. "
-        f"speed = {whole:g} shows the whole run."
+        f"The first {MOST_FRAMES:,} of {count} frames are shown, to t = {t[-1]:.6g}: more are too many. "
+        f"speed = {fitting:g} shows the whole run."
     )
-    return Timing(t, 1.0 / fps, speed, (note,))
+    return Timing(t, 1.0 / fps, pace, (note,))
 
 
 def _fitting(duration: float, fps: float) -> float:

@@ -208,10 +208,8 @@ def over_time(values: Rows, t: FloatArray, pixels: Pixels, *, rounds: int = MOST
     """
     rows = values(t)
     span = abs(float(t[-1] - t[0])) if len(t) else 0.0
-    scale = _pixels_in(np.array([pixels.width, pixels.height]), np.array([span, _extents(rows, axis=(0, 1))]))
-    times, points = _refined(
-        lambda times: _over(times, values(times)), t, _over(t, rows), np.broadcast_to(scale, (len(rows), 2)), rounds
-    )
+    scale = _scale(pixels, np.array([span, _extents(rows, axis=(0, 1))]), len(rows))
+    times, points = _refined(lambda times: _over(times, values(times)), t, _over(t, rows), scale, rounds)
     return [thinned(times, row, pixels) for row in points[:, 1]]
 
 
@@ -221,16 +219,7 @@ def in_plane(points: Points, t: FloatArray, pixels: Pixels) -> tuple[FloatArray,
     `points(t)` returns the points at times (K,). They fill a panel of the size `pixels`.
     """
     coordinates = points(t)
-    scale = _pixels_in(np.array([pixels.width, pixels.height]), _extents(coordinates, axis=(0, 2)))
-    return _refined(points, t, coordinates, np.broadcast_to(scale, (len(coordinates), 2)))
-
-
-def lengths(points: FloatArray) -> FloatArray:
-    """Return the arc length up to each corner of polylines (p, 2, K), (K,): the largest among the p polylines."""
-    steps = np.nan_to_num(np.hypot(*np.moveaxis(np.diff(points, axis=2), 1, 0)))
-    gone = np.concatenate([np.zeros((len(points), 1)), np.cumsum(steps, axis=1)], axis=1)
-    longest: FloatArray = gone[np.argmax(gone[:, -1])] if len(gone) else np.zeros(points.shape[2])
-    return longest
+    return _refined(points, t, coordinates, _scale(pixels, _extents(coordinates, axis=(0, 2)), len(coordinates)))
 
 
 def _extents(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
@@ -241,10 +230,13 @@ def _extents(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
     return np.where(high - low > LEVEL_RANGE * np.maximum(np.abs(low), np.abs(high)), high - low, 0.0)
 
 
-def _pixels_in(pixels: float | FloatArray, extent: float | FloatArray) -> FloatArray:
-    """Return the pixels per unit on an axis of length `pixels` for values with the range `extent`; 0 if that is 0."""
-    some = np.asarray(extent) > 0
-    return np.where(some, pixels / np.where(some, extent, 1.0), 0.0)
+def _scale(pixels: Pixels, extents: FloatArray, count: int) -> FloatArray:
+    """Return the pixels per unit to the right and up for each of `count` curves with the ranges `extents` (2,).
+
+    They are 0 in a direction without extent.
+    """
+    size = np.array([pixels.width, pixels.height])
+    return np.broadcast_to(np.divide(size, extents, out=np.zeros(2), where=extents > 0), (count, 2))
 
 
 def _over(t: FloatArray, values: FloatArray) -> FloatArray:

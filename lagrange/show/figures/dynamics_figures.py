@@ -7,7 +7,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lagrange.dynamics.axes import is_angle, row_of, wrapped
 from lagrange.dynamics.equilibrium_branches import BranchesData
@@ -23,14 +22,13 @@ from lagrange.show.figures.curve import Pixels, first_times, in_plane, with_neig
 from lagrange.show.figures.panel import (
     entry,
     label_of_entry,
-    legend_beside,
     panel_on,
     say_below,
     turned_lines,
 )
 from lagrange.show.figures.paths import spring, view_of
 from lagrange.show.figures.style import FigureStyle, angle_ticks, colours, dress, mixed, new_figure, on_paper, style_of
-from lagrange.show.notation.text import letters
+from lagrange.show.notation.latex_mathml import LatexNotation
 from lagrange.show.units import unit_of, with_unit
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.expression import real_number
@@ -173,9 +171,13 @@ def _frame(axis: Axes, ax: Any, portrait: PortraitData, look: FigureStyle) -> No
     axis.set_ylabel(label_of_entry(statement, second.name))
     if portrait.turns:
         angle_ticks(axis.xaxis, first.low, first.high)
-    handles, _ = axis.get_legend_handles_labels()
-    if handles:
-        legend_beside(axis, ax, look, handlelength=3.0)
+    if not axis.get_legend_handles_labels()[0]:
+        return
+    frame = {"facecolor": look.paper, "edgecolor": look.grid, "framealpha": 0.85}
+    place: dict[str, Any] = {"fontsize": 7, "loc": "upper right", **frame}
+    if ax is None:  # the width of a user's axes must not change
+        place = {"fontsize": 8, "loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "frameon": False}
+    axis.legend(labelcolor=look.ink, handlelength=3.0, **place)
 
 
 LARGEST_POINT, SMALLEST_POINT = 6.0, 0.5
@@ -257,7 +259,7 @@ def plot_sweep(sweep: SweepData, entry: Any, ax: Any, style: Any) -> Figure:
 
 
 def _parameter_axis(axis: Axes, statement: Statement, parameter: str, values: FloatArray) -> None:
-    axis.set_xlabel(with_unit(f"${letters([parameter])[parameter]}$", unit_of(statement, parameter)))
+    axis.set_xlabel(with_unit(f"${LatexNotation().letter(parameter)}$", unit_of(statement, parameter)))
     low, high = float(values.min()), float(values.max())
     if low < high:
         axis.set_xlim(low, high)
@@ -344,17 +346,19 @@ def _bars(axis: Axes, shapes: ModeShapes, k: int, look: FigureStyle) -> None:
     values = shapes.components[k]
     positions = np.arange(len(values))
     axis.bar(positions, values, width=0.6, color=[look.colours[0] if v >= 0 else look.colours[1] for v in values])
-    axis.axhline(0.0, color=look.quiet, linewidth=0.8)
-    dress(axis, look, _title(shapes, k))
-    axis.grid(visible=False, axis="x")
+    _frame_bars(axis, shapes, _title(shapes, k), look)
     axis.set(ylim=(-1.15, 1.15), yticks=[-1, 0, 1])
-    _name_coordinates(axis, shapes, positions)
 
 
-def _name_coordinates(axis: Axes, shapes: ModeShapes, ticks: NDArray[Any]) -> None:
-    symbols = letters(shapes.names)
+def _frame_bars(axis: Axes, shapes: ModeShapes, title: str, look: FigureStyle) -> None:
+    """Draw the title of a panel of bars, its line at zero, and the names of the coordinates below the bars."""
+    axis.axhline(0.0, color=look.quiet, linewidth=0.8)
+    dress(axis, look, title)
+    axis.grid(visible=False, axis="x")
+    ticks = np.arange(len(shapes.names))
+    letter = LatexNotation(shapes.names).letter
     step = 1 + (len(ticks) - 1) // 12
-    axis.set_xticks(ticks[::step], [f"${symbols[name]}$" for name in shapes.names][::step])
+    axis.set_xticks(ticks[::step], [f"${letter(name)}$" for name in shapes.names][::step])
 
 
 def _all_bars(axis: Axes, shapes: ModeShapes, look: FigureStyle) -> None:
@@ -363,10 +367,7 @@ def _all_bars(axis: Axes, shapes: ModeShapes, look: FigureStyle) -> None:
     for k, colour in enumerate(colours(count, look.colours)):
         shift = (k - (count - 1) / 2) * width
         axis.bar(positions + shift, shapes.components[k], width=0.9 * width, color=colour, label=_title(shapes, k))
-    axis.axhline(0.0, color=look.quiet, linewidth=0.8)
-    dress(axis, look, f"{shapes.statement.name}: shapes of modes")
-    axis.grid(visible=False, axis="x")
-    _name_coordinates(axis, shapes, positions)
+    _frame_bars(axis, shapes, f"{shapes.statement.name}: shapes of modes", look)
     axis.legend(fontsize=8, frameon=False, labelcolor=look.ink)
 
 

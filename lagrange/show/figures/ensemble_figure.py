@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +14,9 @@ from lagrange.dynamics.axes import TURN, is_angle, wrapped
 from lagrange.errors import StatementError, listing
 from lagrange.members.results import DRIFT, INTERRUPTED, OUTPUTS, STATE, STATUS, STATUSES, TIME, end_row, event_times
 from lagrange.members.table import MemberNumbers
-from lagrange.show.figures.panel import colour_bar, label_of_entry, panel_on, say_below
-from lagrange.show.figures.style import FigureStyle, angle_ticks, colours, dress, style_of
-from lagrange.show.notation.text import letter_of
+from lagrange.show.figures.panel import label_of_entry, panel_on, say_below
+from lagrange.show.figures.style import FigureStyle, angle_ticks, colours, dress, of_figure, style_of
+from lagrange.show.notation.latex_mathml import LatexNotation
 from lagrange.show.units import unit_of, with_unit
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -107,7 +108,7 @@ def label_of(runs: Ensemble, name: str) -> str:
         written = statement.quote(event.expression, 40)
         return with_unit(f"first time of {written} = 0", unit_of(statement, "t"))
     is_parameter = any(parameter.name == name for parameter in statement.parameters)
-    return with_unit(f"${letter_of(name)}$" if is_parameter else name, unit_of(statement, name))
+    return with_unit(f"${LatexNotation().letter(name)}$" if is_parameter else name, unit_of(statement, name))
 
 
 def first_drawn(runs: Ensemble) -> str:
@@ -159,9 +160,9 @@ def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
     if over_time:
         _fan(axis, runs, label, look)
     elif len(axes) == 2:
-        remark = _map(axis, runs, drawn, look)
+        remark = _map(axis, runs, axes, drawn, look)
     elif len(axes) == 1 and "member" not in axes:
-        _curve(axis, runs, drawn, look)
+        _curve(axis, runs, axes, drawn, look)
     else:
         _histogram(axis, runs, drawn, look)
     say_below(figure, ax, look, f"{remark}." if remark else "")
@@ -172,14 +173,14 @@ def _title(runs: Ensemble, subject: str) -> str:
     return f"{runs.model.statement.name}: {subject}"
 
 
-def _map(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureStyle) -> str:
-    """Draw a map of a quantity over the two varied quantities, and return the remark below it.
+def _map(axis: Axes, runs: Ensemble, axes: Mapping[str, Values], quantity: MemberQuantity, look: FigureStyle) -> str:
+    """Draw a map of a quantity over the two varied quantities `axes`, and return the remark below it.
 
     The first varied quantity is on the horizontal axis.
     """
     from matplotlib.colors import ListedColormap
 
-    across, up = ((name, values) for name, values in runs.table.varied.axes.items() if len(values) > 1)
+    across, up = axes.items()
     shape = len(across[1]), len(up[1])
     # Angles have cyclic colours; failures have a colour that is not in the scale.
     name, mark, colour = "viridis", look.colours[1], "red"
@@ -194,9 +195,12 @@ def _map(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureStyle
     if 0 < failed.sum() <= MOST_CROSSES:
         rows, columns = np.nonzero(failed)
         axis.plot(across[1][columns], up[1][rows], "x", color=look.ink, markersize=4, markeredgewidth=0.9)
-    colour_bar(axis, image, quantity.label, look)
+    bar = of_figure(axis).colorbar(image, ax=axis, pad=0.02, aspect=30)
+    bar.set_label(quantity.label, color=look.ink, fontsize=9)
+    bar.ax.tick_params(which="both", color=look.quiet, labelcolor=look.ink, labelsize=8)
+    bar.outline.set(edgecolor=look.quiet)
     if quantity.angle:
-        angle_ticks(axis.figure.axes[-1].yaxis, -np.pi, np.pi)
+        angle_ticks(bar.ax.yaxis, -np.pi, np.pi)
     dress(axis, look, _title(runs, f"{len(runs):,} runs"))
     axis.grid(visible=False)
     for side, (key, values) in ((axis.xaxis, across), (axis.yaxis, up)):
@@ -221,11 +225,9 @@ def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> Scalar
     return axis.pcolormesh(x, y, values, shading="nearest", rasterized=True, **look)
 
 
-def _curve(axis: Axes, runs: Ensemble, quantity: MemberQuantity, look: FigureStyle) -> None:
-    """Draw a quantity of the members against the only varied one; a cross at the bottom marks each failed member."""
-    (varied, values), *_ = (
-        (name, axis_values) for name, axis_values in runs.table.varied.axes.items() if len(axis_values) > 1
-    )
+def _curve(axis: Axes, runs: Ensemble, axes: Mapping[str, Values], quantity: MemberQuantity, look: FigureStyle) -> None:
+    """Draw a quantity of the members against `axes`, the only varied one; a cross marks each failed member."""
+    ((varied, values),) = axes.items()
     axis.plot(values, quantity.values, color=look.colours[0], linewidth=1.3, marker="." if len(values) <= 100 else "")
     bottom = axis.get_xaxis_transform()
     if quantity.failed.any():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -36,15 +37,13 @@ from lagrange.show.figures.style import (
     dress,
     few_ticks,
     legend,
-    log_ticks,
     new_figure,
-    number_labels,
     of_figure,
     on_paper,
 )
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex_mathml import LatexNotation
-from lagrange.show.notation.text import Notation, letter_of, letters
+from lagrange.show.notation.text import Notation, upright
 from lagrange.show.units import energy_letter, energy_unit, unit_of, with_unit
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.expression import as_typed
@@ -55,7 +54,6 @@ from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
 
@@ -151,7 +149,7 @@ def momenta(solution: Solution) -> PanelQuantity | None:
         return None
     return PanelQuantity(
         f"drift of {listing(names)} relative to the largest term",
-        tuple(f"${letter_of(name)}$" for name in names),
+        tuple(f"${LatexNotation().letter(name)}$" for name in names),
         lambda run: np.array([run.momentum_drift[name] for name in names]),
         drift=True,
     )
@@ -190,7 +188,7 @@ def multipliers(solution: Solution) -> list[PanelQuantity]:
     return [
         PanelQuantity(
             "" if len(name) <= _SHORT else f"multiplier of {name}",
-            (rf"$\lambda_{{{letter_of(name, literal=True)}}}$",),
+            (rf"$\lambda_{{{upright(name)}}}$",),
             partial(lambda name, run: run.multipliers[name][None], name),
         )
         for name in solution.multipliers
@@ -241,39 +239,11 @@ def figure_of(ax: Any) -> Figure:
     return of_figure(ax)
 
 
-def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: FigureStyle) -> None:
-    """Add the colour scale of the map `image`, with the text `label`, beside the panel `axis`."""
-    from matplotlib.colors import LogNorm
-
-    bar = of_figure(axis).colorbar(image, ax=axis, pad=0.02, aspect=30)
-    bar.set_label(label, color=style.ink, fontsize=9)
-    if isinstance(image.norm, LogNorm):
-        ticks = log_ticks(*image.get_clim())
-        bar.set_ticks(ticks, labels=[number_labels([tick])[0] for tick in ticks])
-        bar.minorticks_off()
-    bar.ax.tick_params(which="both", color=style.quiet, labelcolor=style.ink, labelsize=8)
-    bar.outline.set(edgecolor=style.quiet)
-
-
 def say_below(figure: Figure, ax: Any, style: FigureStyle, message: str) -> None:
     """Write a sentence below a figure, unless `ax` are axes of the user."""
     if ax is None and message:
         lines = "\n".join(textwrap.wrap(message, round(13 * figure.get_size_inches()[0])))
         figure.supxlabel(lines, x=0.01, ha="left", fontsize=8, color=style.quiet)
-
-
-def legend_beside(axis: Axes, ax: Any, style: FigureStyle, **more: Any) -> None:
-    """Add a legend: beside the panel, or inside the axes `ax` of a user, whose width must not change.
-
-    `more` are further options of Matplotlib's legend.
-    """
-    if ax is None:
-        axis.legend(
-            fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, labelcolor=style.ink, **more
-        )
-        return
-    frame = {"facecolor": style.paper, "edgecolor": style.grid, "framealpha": 0.85}
-    axis.legend(fontsize=7, loc="upper right", labelcolor=style.ink, **frame, **more)
 
 
 def label_of_entry(statement: Statement, name: str) -> str:
@@ -283,10 +253,9 @@ def label_of_entry(statement: Statement, name: str) -> str:
 
 def entry(statement: Statement, name: str, *, rate: bool = False) -> str:
     """Return the symbol of an entry of the state, or of its rate, as mathematics without a unit."""
-    symbols = letters(statement.names)
-    dots = int(name not in symbols) + int(rate)
-    letter = symbols[name] if name in symbols else symbols[name.removesuffix("_dot")]
-    return letter.dotted(dots) if dots else str(letter)
+    velocity = name not in statement.names
+    symbol = LatexNotation(statement.names).letter(name.removesuffix("_dot") if velocity else name, velocity + rate)
+    return re.sub(r"ot(\\[A-Za-z]+)", r"ot{\1}", symbol)  # Matplotlib centres dots above a group
 
 
 def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[tuple[FloatArray, FloatArray]]:
@@ -342,11 +311,6 @@ class TimePanel:
     solutions: tuple[Solution, ...]
     labels: tuple[str, ...]
     wide: bool = False
-
-    @property
-    def height(self) -> float:
-        """Height of the panel relative to the height of a panel of a coordinate."""
-        return 1.3 if self.wide else 1.0
 
     def draw(self, axis: Axes, pixels: Pixels, style: FigureStyle) -> None:
         """Draw the quantity of all runs into the panel `axis`, with a legend if there are several curves."""

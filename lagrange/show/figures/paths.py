@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,6 @@ from lagrange.show.figures.curve import (
     Pixels,
     around,
     in_plane,
-    lengths,
     outputs_alone,
     times_in_sight,
 )
@@ -93,8 +93,8 @@ def view_of(points: Mapping[str, FloatArray]) -> View:
     dimension = max(len(point) for point in points.values())
     full = [np.vstack([point, np.zeros((dimension - len(point), point.shape[1]))]) for point in points.values()]
     together = np.concatenate(full, axis=1)
-    good = together[:, np.isfinite(together).all(axis=0)]
-    extents = np.ptp(good, axis=1) if good.shape[1] else np.zeros(len(together))
+    low, high = limits(together)
+    extents = high - low
     still = extents <= _STILL * max(float(extents.max()), 1e-300)
     if dimension == 2 or still.any():
         kept = np.array([0, 1]) if dimension == 2 else np.sort(np.argsort(-extents, kind="stable")[:2])
@@ -156,8 +156,7 @@ class Box:
         Its lowest z is exactly that of the lowest point. So the picture of a body that rolls on a plane z = 0 touches
         the floor.
         """
-        good = points[:, np.isfinite(points).all(axis=0)]
-        low, high = (good.min(axis=1), good.max(axis=1)) if good.shape[1] else (np.zeros(3), np.zeros(3))
+        low, high = limits(points)
         largest = float((high - low).max()) or 1.0
         grown = np.maximum(high - low, _LEAST_SIDE * largest) / 2 + AXIS_MARGIN * largest
         middle = (low + high) / 2
@@ -167,8 +166,7 @@ class Box:
     @property
     def corners(self) -> FloatArray:
         """All corners of the box, (3, 8)."""
-        ends = np.array([self.low, self.high])
-        return np.array([ends[list(np.unravel_index(k, (2, 2, 2))), range(3)] for k in range(8)]).T
+        return np.array([*product(*zip(self.low, self.high, strict=True))]).T
 
     @property
     def drawn(self) -> FloatArray:
@@ -377,7 +375,9 @@ def _last_part(t: FloatArray, points: FloatArray) -> FloatArray:
     `points` (p, 2, K) are the positions at these times.
     """
     low, high = limits(np.concatenate([*points], axis=1))
-    gone, size = lengths(points), float(np.max(high - low))
+    steps = np.nan_to_num(np.hypot(*np.moveaxis(np.diff(points, axis=2), 1, 0)))
+    lengths = np.concatenate([np.zeros((len(points), 1)), np.cumsum(steps, axis=1)], axis=1)
+    gone, size = lengths[np.argmax(lengths[:, -1])], float(np.max(high - low))
     if size <= 0 or gone[-1] <= _LONGEST * size:
         return t
     return t[np.searchsorted(gone, gone[-1] - _LONGEST * size) :]

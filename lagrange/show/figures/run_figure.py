@@ -32,19 +32,23 @@ _MOST_PHASES = 9  # Largest number of phase planes in one figure
 
 
 class Contents:
-    """Chooses the panels of a figure of runs: `chosen` are the names of the coordinates in it.
+    """Chooses the panels of a figure of runs: `of` are coordinates in it, by symbol or name, or None for all.
 
-    With `merged` all coordinates share one panel, and so do all velocities.
+    With `merged` all coordinates share one panel, and so do all velocities. Raises StatementError for anything in `of`
+    that is not a coordinate.
     """
 
-    def __init__(
-        self, solutions: Sequence[Solution], labels: Sequence[str], chosen: Sequence[str] | None, *, merged: bool
-    ) -> None:
-        self.solutions, self.labels = tuple(solutions), tuple(labels)
+    def __init__(self, solutions: Sequence[Solution], labels: Sequence[str], of: Any, *, merged: bool) -> None:
+        self.solutions, self.labels, self.merged = tuple(solutions), tuple(labels), merged
         statement = solutions[0].model.statement
-        self.chosen = list(statement.names if chosen is None else chosen)
-        self.turned = list(map(rotation_of, statement.rotations if chosen is None else ()))
-        self.merged = merged
+        keys = [*(of if isinstance(of, (list, tuple)) else [of])]
+        if not keys:
+            raise StatementError(f"of = [] chooses no coordinate; they are {listing(statement.names)}.")
+        refusal = "of = {given} is not a coordinate of this system; they are {known}."
+        self.chosen = (
+            [*statement.names] if of is None else [one_of(row_label(key), statement.names, refusal) for key in keys]
+        )
+        self.turned = list(map(rotation_of, statement.rotations if of is None else ()))
 
     def overview(self) -> list[Panel]:
         """Return the panels of the coordinates, of conserved quantities, and of paths if points are named.
@@ -90,10 +94,8 @@ class Contents:
                 )
             case "phase":
                 return [PhasePanel(name, self.solutions, self.labels) for name in self.chosen]
-            case "invariants":
-                return self._each(quantities.invariants)
-            case "multipliers":
-                return self._each(quantities.multipliers)
+            case "invariants" | "multipliers":
+                return self._each(quantities.invariants if name == "invariants" else quantities.multipliers)
             case "path":
                 if paths := self._paths():
                     return paths
@@ -135,20 +137,6 @@ WHAT = (
 
 OTHER_NAMES = {"phase plane": "phase", "phase planes": "phase", "energy": "energies", "paths": "path"}
 """Synonyms of these names, unless a coordinate has the same name."""
-
-
-def chosen_coordinates(of: Any, names: Sequence[str]) -> list[str] | None:
-    """Return the names of the coordinates `of`, given by symbol or name, or None if `of` is None.
-
-    Raises StatementError for anything else.
-    """
-    if of is None:
-        return None
-    refusal = "of = {given} is not a coordinate of this system; they are {known}."
-    keys = list(of) if isinstance(of, (list, tuple)) else [of]
-    if not keys:
-        raise StatementError(f"of = [] chooses no coordinate; they are {listing(names)}.")
-    return [one_of(row_label(key), names, refusal) for key in keys]
 
 
 DPI = 200  # Least resolution for which curves are computed, in dots per inch: files have 150, notebooks 160
@@ -277,7 +265,7 @@ class _Left:
     @property
     def ratios(self) -> list[float]:
         """Heights of the rows of panels, relative to the height of a panel of a coordinate."""
-        return [1.0] * self.down + [panel.height for panel in self.wide] + [0.55] * len(self.rows)
+        return [1.0] * self.down + [1.3 if panel.wide else 1.0 for panel in self.wide] + [0.55] * len(self.rows)
 
     @property
     def height(self) -> float:
@@ -351,8 +339,7 @@ def plot(
     _check_alike(runs)
     names = labels_of(runs, labels)
     items = [*what] if isinstance(what, (list, tuple)) else [what]
-    chosen = chosen_coordinates(of, runs[0].model.statement.names)
-    contents = Contents(runs, names, chosen, merged=ax is not None)
+    contents = Contents(runs, names, of, merged=ax is not None)
     if not items:
         raise StatementError("what = [] contains no quantity to plot: give a name, an expression, or a list of them.")
     if len(items) > MOST_QUANTITIES:

@@ -183,20 +183,16 @@ def number_labels(values: Sequence[float]) -> list[str]:
     size = max(map(abs, finite), default=0.0)
     if size == 0.0:
         return ["0" if isfinite(value) else "" for value in values]
-    gaps = [b - a for a, b in pairwise(finite)]
-    digits = _digits(min(gaps, default=size))
+    gap = min((b - a for a, b in pairwise(finite)), default=size)
+    # Number of decimals of multiples of the gap, which is 1, 2, 2.5 or 5 times a power of ten.
+    digits = -floor(log10(gap) + 1e-9)
+    digits += abs(gap * 10.0**digits - round(gap * 10.0**digits)) > 1e-3
     power = floor(log10(size) + 1e-9)
     # A few large numbers that are almost alike are shorter without a power of ten.
     if _SMALLEST < power < _LARGEST or (power > 0 and digits + power >= _LARGEST):
         return [_decimal(value, digits) for value in values]
     suffix = "·10" + str(power).translate(_RAISED)
     return [_decimal(value / 10.0**power, digits + power) + (suffix if value else "") for value in values]
-
-
-def _digits(gap: float) -> int:
-    """Return the number of decimals of multiples of `gap`, which is 1, 2, 2.5 or 5 times a power of ten."""
-    digits = -floor(log10(gap) + 1e-9)
-    return digits + (abs(gap * 10.0**digits - round(gap * 10.0**digits)) > 1e-3)
 
 
 def _decimal(value: float, digits: int) -> str:
@@ -262,7 +258,6 @@ def new_figure(**options: Any) -> Figure:
 
 
 _MOST_NUMBERS = 7  # Largest number of numbers at the ticks of a horizontal axis
-FEWEST_TICKS, MOST_TICKS = 3, 10  # Least and largest number of tick labels on a logarithmic scale
 
 
 def few_ticks(axis: Axes) -> None:
@@ -275,20 +270,6 @@ def few_ticks(axis: Axes) -> None:
         letters = max((len(text) for text in number_labels(positions)), default=0)
         if len(positions) * (letters + 1) * POINTS_OF_A_LETTER * 1.1 <= width:
             return
-
-
-def log_ticks(low: float, high: float) -> list[float]:
-    """Return round values between `low` and `high` for a logarithmic scale: 1, 2 and 5 times powers of ten.
-
-    On a short scale they are finer.
-    """
-    powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
-    values = [first * 10.0**power for power in powers for first in (1, 2, 5) if low <= first * 10.0**power <= high]
-    if len(values) >= FEWEST_TICKS:
-        return values if len(values) <= MOST_TICKS else [tick for tick in values if math.log10(tick) % 1 < 0.1]
-    from matplotlib.ticker import MaxNLocator
-
-    return [float(tick) for tick in MaxNLocator(nbins=MOST_TICKS // 2).tick_values(low, high) if low <= tick <= high]
 
 
 def angle_ticks(axis: Any, low: float, high: float) -> None:

@@ -79,16 +79,6 @@ def write_csv(solution: Solution, path: str | os.PathLike[str], rate: float | No
     return write_atomically(path, partial(_csv, solution if times is None else solution.sampled(times)))
 
 
-def write_npz(solution: Solution, path: str | os.PathLike[str]) -> Path:
-    """Write a run as an npz archive of NumPy arrays, which `lagrange.load` reads."""
-    return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, **arrays_of_run(solution)))
-
-
-def write_png(solution: Solution, path: str | os.PathLike[str], dpi: int | None) -> Path:
-    """Write the figure of a run, as `Solution.plot` draws it, as a PNG file with `dpi` dots per inch."""
-    return write_atomically(path, picture(lambda: solution.plot(dpi=dpi), dpi))
-
-
 def write_folder(solution: Solution, folder: str | os.PathLike[str]) -> list[Path]:
     """Write the table, the picture and, last, the card of a run into a folder, and return their paths.
 

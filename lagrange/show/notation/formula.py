@@ -176,14 +176,10 @@ class Typesetter:
             return self.function(base, written)
         shown = self.piece(base)
         inside = shown.closed or self.notation.grouped(shown, ATOM)
-        return self.notation.raised(inside, written if exponent.is_Integer else self.exponent(exponent))
-
-    def exponent(self, exponent: Any) -> str:
-        """Return the text of an exponent; a fraction is written on one line."""
-        if exponent.is_Rational:
+        if exponent.is_Rational and not exponent.is_Integer:  # a fraction in an exponent is written on one line
             numerator, denominator = (self.number(sympy.Integer(abs(part))).text for part in (exponent.p, exponent.q))
-            return self.notation.slashed.format(numerator, denominator)
-        return self.piece(exponent).text
+            written = self.notation.slashed.format(numerator, denominator)
+        return self.notation.raised(inside, written)
 
     def atom(self, node: Any) -> FormulaPiece:
         """Return the text of an expression that is not a sum, a product or a power."""

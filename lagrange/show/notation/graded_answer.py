@@ -28,22 +28,17 @@ def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> 
     Sums in the messages have the signs that the student typed, m1 - m2 or m2 - m1. Raises StatementError for an answer
     that cannot be read.
     """
-    with term_difference.limited(term_difference.SECONDS):
-        return _graded(statement, derivation, answer)
-
-
-def _graded(statement: Statement, derivation: Derivation, answer: Any) -> EquationsComparison:
-    """Return the comparison of `answer` with the equations; the caller limits the search for a wrong term."""
     typeset = Typesetter(statement, Notation((*statement.names, *(p.name for p in statement.parameters))))
     typeset.letters |= {constraint.multiplier: f"{MULTIPLIER}{constraint.name}" for constraint in statement.constraints}
-    equations = read_equations(answer, statement)
-    sides = [side for equation in equations for side in (equation.right, equation.zero + equation.right)]
-    built = {node for side in sides for node in side.atoms(Add, Mul)}
-    # SymPy turns cos(a - b) to cos(b - a), and -(a - b) to b - a.
     symbols = {symbol.name: symbol for symbol in (*statement.plain.values(), *statement.parameters)}
-    differences = set()
-    for inside in _DIFFERENCE.findall("\n".join(equation.read for equation in equations)):
-        with suppress(SceneError):
-            differences.add(read_expression(inside, symbols))
-    typeset.order.typed = frozenset(differences | {node for node in built if -node not in differences})
-    return compare_equations(statement, derivation, equations, typeset.write)
+    with term_difference.limited(term_difference.SECONDS):  # limits the search for a wrong term
+        equations = read_equations(answer, statement)
+        sides = [side for equation in equations for side in (equation.right, equation.zero + equation.right)]
+        built = {node for side in sides for node in side.atoms(Add, Mul)}
+        # SymPy turns cos(a - b) to cos(b - a), and -(a - b) to b - a.
+        differences = set()
+        for inside in _DIFFERENCE.findall("\n".join(equation.read for equation in equations)):
+            with suppress(SceneError):
+                differences.add(read_expression(inside, symbols))
+        typeset.order.typed = frozenset(differences | {node for node in built if -node not in differences})
+        return compare_equations(statement, derivation, equations, typeset.write)

@@ -17,8 +17,8 @@ from lagrange.show.notation.text import (
     UnicodeNotation,
     index_parts,
     latin,
-    letter_of,
     upright,
+    word,
 )
 
 COMMANDS = CIRCULAR - frozenset(("sech", "csch"))
@@ -42,9 +42,13 @@ class LatexNotation(BookNotation):
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
         r"""Return a name in LaTeX with dots for time derivatives and with indices: \ddot\theta_1, or p_\theta."""
-        letter = letter_of(name, literal=name in self.literal)
-        parts = [part for part in (letter.index, " ".join(map(self.letter, indices))) if part]
-        head = f"\\{'d' * dots}ot{_argument(letter.head, alone=False)}" if dots else letter.head
+        if name in self.literal:
+            head, below = upright(name), list[str]()
+        else:
+            letters, words = index_parts(name)
+            head, below = word(letters), [", ".join(map(word, words))]
+        parts = [part for part in (*below, " ".join(map(self.letter, indices))) if part]
+        head = f"\\{'d' * dots}ot{_argument(head, alone=False)}" if dots else head
         return head + (f"_{_argument(', '.join(parts))}" if parts else "")
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:

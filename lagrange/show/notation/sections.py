@@ -89,6 +89,13 @@ class Formula:
 
     sides: tuple[Any, ...]
 
+    @property
+    def operations(self) -> int:
+        """Number of operations in the expressions of the formula."""
+        from sympy import Basic
+
+        return sum(int(side.count_ops()) for side in self.sides if isinstance(side, Basic))
+
 
 @dataclass(frozen=True)
 class Section:
@@ -135,11 +142,6 @@ def sections(derivation: Derivation) -> Iterator[Section]:
             yield Section(heading, rows, symbol)
 
 
-def constraint_quantity(constraint: Any) -> ShownQuantity:
-    """Return the letter for a constraint, with the name of the constraint as its index."""
-    return ShownQuantity("f", (constraint.name,))
-
-
 def stated_formulas(statement: Statement) -> Iterator[Formula | str]:
     """Yield the stated energies, forces, given motions and constraints as formulas.
 
@@ -158,7 +160,7 @@ def stated_formulas(statement: Statement) -> Iterator[Formula | str]:
     for motion in statement.known_motions:
         yield motion if isinstance(motion, str) else Formula(motion)
     for constraint in statement.constraints:
-        yield Formula((constraint_quantity(constraint), constraint.expression))
+        yield Formula((ShownQuantity("f", (constraint.name,)), constraint.expression))
 
 
 def _stated(derivation: Derivation) -> Iterator[Formula | str]:
@@ -234,7 +236,7 @@ def _coordinate(derivation: Derivation, index: int) -> Iterator[Formula | str]:
             push = Product(
                 (
                     constraint.multiplier,
-                    Partial(constraint_quantity(constraint), q if constraint.holonomic else velocity),
+                    Partial(ShownQuantity("f", (constraint.name,)), q if constraint.holonomic else velocity),
                 )
             )
             yield Formula((push, exerted))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -33,52 +33,14 @@ constraint rod."""
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>()#+\-.!|$~&@:])")
 
 
-@dataclass(frozen=True)
-class Letter:
-    """A symbol in LaTeX: `head`, a letter or an upright word, and `index`, which may be empty."""
-
-    head: str
-    index: str = ""
-
-    def __str__(self) -> str:
-        return self.head + self._below()
-
-    def dotted(self, times: int) -> str:
-        """Return the time derivative of order `times`, 1 or 2: the letter with dots above it, and its index."""
-        return f"\\{'d' * times}ot{{{self.head}}}{self._below()}"
-
-    def _below(self) -> str:
-        return f"_{{{self.index}}}" if self.index else ""
-
-
 def index_parts(name: str) -> tuple[str, list[str]]:
     """Return a name as a letter or word and a list of its indices.
 
     theta1 has the index 1, m_bob has bob, and lambda[rod] has rod.
     """
     head, *indices = [part for part in name.translate(_BRACKETS).split("_") if part]
-    letters, digits = _split_digits(head)
-    return letters, [part for part in (digits, *indices) if part]
-
-
-def letters(names: Iterable[str]) -> dict[str, Letter]:
-    """Return a dict from each name to its symbol in LaTeX; different names have different symbols."""
-    result: dict[str, Letter] = {}
-    for name in names:
-        letter = letter_of(name)
-        result[name] = letter if letter not in result.values() else letter_of(name, literal=True)
-    return result
-
-
-def letter_of(name: str, *, literal: bool = False) -> Letter:
-    """Return the symbol of a name in LaTeX: theta1, m_bob and lambda[rod] have an index.
-
-    With `literal` the whole name is written as one upright word.
-    """
-    if literal:
-        return Letter(upright(name))
-    head, parts = index_parts(name)
-    return Letter(word(head), ", ".join(index_word(part) for part in parts))
+    letters = head.rstrip("0123456789")
+    return letters, [part for part in (head[len(letters) :], *indices) if part]
 
 
 def latex_text(sentence: str) -> str:
@@ -96,23 +58,13 @@ def plain_text(sentence: str) -> str:
     return "".join(mark for mark in " ".join(sentence.split()) if mark.isprintable())
 
 
-def index_word(name: str) -> str:
-    """Return the LaTeX of an index by its name, such as theta1: a letter or a word, followed by its digits."""
-    letters, digits = _split_digits(name)
-    return (word(letters) if letters else "") + digits
-
-
-def _split_digits(text: str) -> tuple[str, str]:
-    letters = text.rstrip("0123456789")
-    return letters, text[len(letters) :]
-
-
 def word(name: str) -> str:
-    """Return the LaTeX of a name that has no digits: a Latin or Greek letter, or a word in upright letters."""
-    name = LETTERS.get(name, name)
-    if name in GREEK:
-        return f"\\{name}"
-    return name if len(name) == 1 else upright(name)
+    """Return the LaTeX of a name: a Latin or Greek letter, or a word in upright letters, followed by its digits."""
+    letters = name.rstrip("0123456789")
+    digits, letters = name[len(letters) :], LETTERS.get(letters, letters)
+    if letters in GREEK:
+        return f"\\{letters}{digits}"
+    return (upright(letters) if len(letters) > 1 else letters) + digits
 
 
 def upright(word: str) -> str:

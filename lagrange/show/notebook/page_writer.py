@@ -7,12 +7,12 @@ takes a fifth of the space of MathML.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from itertools import groupby
 from typing import Any
 
-from sympy import Basic, Float
+from sympy import Float
 
 from lagrange.errors import UnknownKey, counted, listing, shown
 from lagrange.show.derivation_page import MarkdownPage
@@ -78,11 +78,6 @@ def operations(statement: Statement) -> int:
     )
 
 
-def operations_of(formula: Formula) -> int:
-    """Return the number of operations in the expressions of a formula."""
-    return sum(int(side.count_ops()) for side in formula.sides if isinstance(side, Basic))
-
-
 def _plain(latex: str) -> str:
     """Return LaTeX with a command in place of <, because some Markdown renderers read < as the start of an HTML tag."""
     return latex.replace("<", r"\lt ")
@@ -121,19 +116,15 @@ class PageWriter:
 
     def formulas(self, formulas: Sequence[Formula]) -> str:
         """Return formulas as a block of LaTeX in Markdown; several formulas are on separate lines and aligned."""
-        lines = [line for formula in formulas for line in self._page.lines.formula(formula)]
-        if len(lines) == 1:
-            return f"$$\n{_plain(self._page.in_one_line(lines[0]))}\n$$"
-        return f"$$\n{_plain(self._page.aligned(lines, 'aligned'))}\n$$"
+        return f"$$\n{_plain(self._page.formula(*formulas))}\n$$"
 
     def short(self, formula: Formula, name: str, instead: str) -> str:
         """Return a formula as LaTeX in Markdown; a sentence replaces a formula with too many operations.
 
         The sentence begins with `name` and ends with `instead`.
         """
-        size = operations_of(formula)
-        if size > MOST_SHOWN_OPERATIONS:
-            return left_out(name, f"it has {size} operations", instead)
+        if formula.operations > MOST_SHOWN_OPERATIONS:
+            return left_out(name, f"it has {formula.operations} operations", instead)
         return self.formulas([formula])
 
     def rows(self, rows: Sequence[Formula | str]) -> tuple[str, int]:
@@ -176,8 +167,7 @@ class EquationList(list[Any]):
         return EquationList, (list(self), self.statement)
 
     def _repr_markdown_(self) -> str:
-        pairs = [(f"entry {k}", law.lhs, law.rhs) for k, law in enumerate(self)]
-        return joined(_formulas(pairs, self.statement), "`print(...)` has it.")
+        return _formulas(((f"entry {k}", law.lhs, law.rhs) for k, law in enumerate(self)), self.statement)
 
 
 class ExpressionDict(dict[Any, Any]):
@@ -200,8 +190,8 @@ class ExpressionDict(dict[Any, Any]):
         )
 
     def _repr_markdown_(self) -> str:
-        rows = [(f"that of {key}", self.shown.get(key, key), value) for key, value in self.items()]
-        return joined(_formulas(rows, self.statement), "`print(...)` has it.")
+        rows = ((f"that of {key}", self.shown.get(key, key), value) for key, value in self.items())
+        return _formulas(rows, self.statement)
 
 
 class ExpressionTuple(tuple[Any, ...]):
@@ -243,7 +233,8 @@ def scenes() -> list[str]:
     return SceneList((entry.name for entry in entries), (entry.about for entry in entries))
 
 
-def _formulas(rows: Iterable[tuple[str, Any, Any]], statement: Statement) -> Iterator[Part]:
-    """Yield formulas as parts of a page; `rows` has the name, the left side and the right side of each."""
+def _formulas(rows: Iterable[tuple[str, Any, Any]], statement: Statement) -> str:
+    """Return a page of formulas; `rows` has the name, the left side and the right side of each."""
     writer = PageWriter(statement)
-    return ((name, writer.short(Formula(tuple(sides)), name, "`print(...)` has it.")) for name, *sides in rows)
+    instead = "`print(...)` has it."
+    return joined(((name, writer.short(Formula(tuple(sides)), name, instead)) for name, *sides in rows), instead)

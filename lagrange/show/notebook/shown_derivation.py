@@ -23,7 +23,6 @@ from lagrange.show.notebook.page_writer import (
     left_out,
     listed,
     operations,
-    operations_of,
 )
 from lagrange.show.terminal import DETAILS, terminal_style
 from lagrange.show.units import unit_of
@@ -74,7 +73,7 @@ def _statement_parts(statement: Statement, writer: PageWriter) -> Iterator[Part]
     """
     rows = list(stated_formulas(statement))
     formulas = [row for row in rows if isinstance(row, Formula)]
-    short = [formula for formula in formulas if operations_of(formula) <= MOST_SHOWN_OPERATIONS]
+    short = [formula for formula in formulas if formula.operations <= MOST_SHOWN_OPERATIONS]
     if short:
         yield "the energies, forces and constraints", writer.under("Stated", short)
     for formula in formulas:
