@@ -1,4 +1,4 @@
-"""Texts of exported files, in words that fit every language: names, lines of source text, and comments."""
+"""Texts of exported files in words that fit every language: names, lines, comments, a header with the license."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recording of a run for moving pictures: its timing, and states, positions and energies at its samples."""
+"""The recording of a run for moving pictures: frame rate, number of frames, and states, positions and energies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of runs: the quantities that `what` names, their panels, and the layout of the panels."""
+"""Figures of runs: the quantities that `what` names, their panels, and the layout and default size of the figure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gaps, slips and their directions at a state, and the rates that contact forces and impulses cause."""
+"""Gaps and slips at a state, when they count as zero, and the rates that contact forces and impulses cause."""
 
 from __future__ import annotations
 
