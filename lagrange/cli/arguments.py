@@ -88,11 +88,13 @@ def add_json(command: Any) -> None:
     command.add_argument("--json", action="store_true", help="print one JSON document instead of text")
 
 
-def add_start(command: Any) -> None:
-    """Add the options of a run: parameters, initial state and end time."""
+def add_start(command: Any, *, method: bool = True) -> None:
+    """Add the options of a run: parameters, initial state, end time, and with `method` the integration method."""
     add_parameters(command)
     add_initial(command)
     command.add_argument("--t-end", metavar="T", help=DESCRIPTIONS["t_end"])
+    for name, metavar in (("method", "NAME"), ("rtol", "X"), ("atol", "X"), ("step", "H")) if method else ():
+        command.add_argument(f"--{name}", metavar=metavar, help=DESCRIPTIONS[name])
 
 
 def add_parameters(command: Any) -> None:
@@ -104,22 +106,21 @@ def add_parameters(command: Any) -> None:
 
 def add_initial(command: Any) -> None:
     """Add the option --initial, which sets initial values and is stored as `request.initial`."""
-    command.add_argument(
-        "--initial",
-        metavar="NAME=VALUE",
-        action="append",
-        default=[],
-        help="initial value, such as theta=30deg or theta_dot=1",
-    )
+    text = "initial value, such as theta=30deg or theta_dot=1"
+    command.add_argument("--initial", metavar="NAME=VALUE", action="append", default=[], help=text)
 
 
 def start(request: argparse.Namespace) -> dict[str, Any]:
-    """Return parameters, initial state and end time from the command line, as keyword arguments of a run."""
-    return {
+    """Return the options of `add_start` from the command line, as keyword arguments of a run."""
+    stated = {
         "initial": assignments("--initial", request.initial),
         "parameters": assignments("--set", request.set),
         "t_end": given_number("--t-end", request.t_end),
     }
+    if not hasattr(request, "method"):
+        return stated
+    numbers = {key: given_number(f"--{key}", getattr(request, key)) for key in ("rtol", "atol", "step")}
+    return {**stated, "method": request.method, **numbers}
 
 
 def load_scene(request: argparse.Namespace) -> System:
@@ -190,12 +191,6 @@ def assignments(option: str, texts: Sequence[str]) -> dict[str, float]:
     return {name: number(f"{option} {name}", value) for name, (value,) in stated.items()}
 
 
-def bounds(option: str, texts: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Return the bounds of a repeated option NAME=LOW:HIGH, by name."""
-    stated = entries(option, texts, "LOW:HIGH", "l=0.5:2").items()
-    return {name: (number(f"{option} {name}", low), number(f"{option} {name}", high)) for name, (low, high) in stated}
-
-
 def given_number(option: str, text: str | None) -> float | None:
     """Return the number in the text of an option, None if the option is absent."""
     return None if text is None else number(option, text)
@@ -229,18 +224,6 @@ def count(option: str, text: str | None) -> int | None:
 def number_list(option: str, text: str | None) -> list[float] | None:
     """Return the numbers of a comma-separated list, None if the option is absent."""
     return None if text is None else [number(option, part.strip()) for part in text.split(",")]
-
-
-def add_method(command: Any) -> None:
-    """Add the options that choose the integration method."""
-    for name, metavar in (("method", "NAME"), ("rtol", "X"), ("atol", "X"), ("step", "H")):
-        command.add_argument(f"--{name}", metavar=metavar, help=DESCRIPTIONS[name])
-
-
-def method(request: argparse.Namespace) -> dict[str, Any]:
-    """Return the method, its tolerances and its step from the command line, as keyword arguments of a run."""
-    numbers = {key: given_number(f"--{key}", getattr(request, key)) for key in ("rtol", "atol", "step")}
-    return {"method": request.method, **numbers}
 
 
 def code_of(solution: lg.Solution) -> int:

@@ -47,13 +47,6 @@ def complain(message: str) -> None:
             print(f"lagrange: {message}", file=sys.stderr, flush=True)
 
 
-def occupy_standard_streams() -> None:
-    """Open the null device on closed standard streams, so that no other file gets their descriptors."""
-    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
-        continue
-    os.close(descriptor)
-
-
 def _silence() -> None:
     """Discard all further standard output, including what Python flushes at exit."""
     if sys.stdout is not None:
@@ -106,7 +99,10 @@ class Interruption:
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self.handle)
         sys.unraisablehook = self._lost
-        occupy_standard_streams()
+        # The null device on closed standard streams keeps other files from getting their descriptors.
+        while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
+            continue
+        os.close(descriptor)
 
     def close(self) -> None:
         """Ignore SIGINT, SIGTERM and SIGHUP from now on, because the program is ending.

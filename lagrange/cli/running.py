@@ -18,7 +18,6 @@ from lagrange.cli.arguments import (
     Answer,
     add_command,
     add_json,
-    add_method,
     add_start,
     code_of,
     count,
@@ -26,7 +25,6 @@ from lagrange.cli.arguments import (
     folder,
     given_number,
     load_scene,
-    method,
     number,
     number_list,
     start,
@@ -45,7 +43,6 @@ def add_run(commands: Any) -> None:
     """Add the command `run` to the command line."""
     run_ = add_command(commands, "run", run, "compile a scene, run it and print how it went")
     add_start(run_)
-    add_method(run_)
     run_.add_argument("--points", metavar="N", help="output at N equally spaced times instead of at every step")
     run_.add_argument(
         "--out", metavar="DIR", help="folder for trajectory.csv, trajectory.png and card.json; made if need be"
@@ -56,24 +53,29 @@ def add_run(commands: Any) -> None:
 
 def run(request: argparse.Namespace) -> Answer:
     """Run a scene, write the requested files, and return its status card."""
-    run_arguments, how = start(request), method(request)
+    run_arguments = start(request)
     points = count("--points", request.points)
     system = load_scene(request)
     target = folder(request.out) if request.out is not None else None
     t_eval = _times(system, run_arguments, points)
-    solution = system.run(**run_arguments, **how, t_eval=t_eval, progress=not request.json, check=not request.no_check)
+    solution = system.run(**run_arguments, t_eval=t_eval, progress=not request.json, check=not request.no_check)
     return _in_folder(code_of(solution), solution, solution.card(), target)
 
 
 def _times(system: System, run_arguments: dict[str, Any], points: int | None) -> Any:
     """Return `points` equally spaced output times from 0 to the end of a run, or None without `points`.
 
-    `run_arguments` has the arguments of the run; if their "t_end" is None, the run ends at the stated time.
+    `run_arguments` has the arguments of the run.
     """
     import numpy as np
 
-    end = system.statement.run.t_end if run_arguments["t_end"] is None else run_arguments["t_end"]
-    return None if points is None else np.linspace(0.0, end, points)
+    return None if points is None else np.linspace(0.0, _end(system, run_arguments), points)
+
+
+def _end(system: System, run_arguments: dict[str, Any]) -> float:
+    """Return the end time among the arguments of a run; if it is None, the stated one."""
+    t_end: float | None = run_arguments["t_end"]
+    return system.statement.run.t_end if t_end is None else t_end
 
 
 def _in_folder(code: int, result: Any, data: dict[str, Any], target: Path | None) -> Answer:
@@ -89,7 +91,7 @@ def _in_folder(code: int, result: Any, data: dict[str, Any], target: Path | None
 def add_race(commands: Any) -> None:
     """Add the command `race` to the command line."""
     race_ = add_command(commands, "race", race, "measure error against time of integration methods on a scene")
-    add_start(race_)
+    add_start(race_, method=False)
     race_.add_argument("--methods", metavar="A,B", help="methods, such as dop853,rk4 (default: a telling choice)")
     race_.add_argument("--tolerances", metavar="X,Y", help="tolerances of adaptive methods (default: 1e-3 to 1e-13)")
     race_.add_argument("--steps", metavar="H,K", help="steps of methods with equal steps (default: nine that fit)")
@@ -156,13 +158,12 @@ def add_ensemble(commands: Any) -> None:
         "--progress", action="store_true", help="write progress as lines if standard error is not a terminal"
     )
     add_start(command)
-    add_method(command)
     add_json(command)
 
 
 def ensemble(request: argparse.Namespace) -> Answer:
     """Run a scene from many initial states or with many parameters, and report how the runs ended."""
-    run_arguments, how = start(request), method(request)
+    run_arguments = start(request)
     axes, out = _axes(request.vary), _target(request)
     _check_members(axes, out)
     points = count("--points", request.points)
@@ -179,17 +180,17 @@ def ensemble(request: argparse.Namespace) -> Answer:
     known = dict.fromkeys([*axes, *system.statement.state_names, *results, "t_end", *counted])
     what = _drawn(request, out, axes, [*known], points)
     workers: Any = None if request.workers is None else number("--workers", request.workers)
-    end = system.statement.run.t_end if run_arguments["t_end"] is None else run_arguments["t_end"]
+    how = {key: run_arguments[key] for key in ("method", "rtol", "atol", "step") if run_arguments[key] is not None}
     runs = lg.ensemble(
         system,
-        end,
+        _end(system, run_arguments),
         varied,
         keep=[tuple(text.split(":", 1)) if ":" in text else text for text in kept],
         t_eval=_times(system, run_arguments, points),
         workers=workers,
         store=out if out is not None and out.suffix.lower() == STORE else None,
         progress="lines" if request.progress else not request.json,
-        **{key: value for key, value in how.items() if value is not None},
+        **how,
     )
     counts = Counter(runs.status.tolist())
     ended = {status.value: counts[status] for status in lg.Status if counts[status]}

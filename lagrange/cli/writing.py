@@ -16,15 +16,14 @@ from lagrange.cli.arguments import (
     add_command,
     add_initial,
     add_json,
-    add_method,
     add_parameters,
     add_start,
     assignments,
-    bounds,
     code_of,
+    entries,
     given_number,
     load_scene,
-    method,
+    number,
     start,
 )
 from lagrange.errors import StatementError
@@ -87,7 +86,8 @@ def add_page(commands: Any) -> None:
 def page(request: argparse.Namespace) -> Answer:
     """Write the web page of a scene."""
     values, initial = assignments("--set", request.set), assignments("--initial", request.initial)
-    sliders = bounds("--slider", request.slider)
+    stated = entries("--slider", request.slider, "LOW:HIGH", "l=0.5:2").items()
+    sliders = {name: tuple(number(f"--slider {name}", bound) for bound in bounds) for name, bounds in stated}
     path = load_scene(request).to_page(request.out, parameters=values, initial=initial, sliders=sliders)
     size = path.stat().st_size
     return Answer(
@@ -122,7 +122,6 @@ def add_pictures(commands: Any) -> None:
     animate_.add_argument("--trail", metavar="T", help="time that trails go back; 0 for none")
     for command in (plot_, animate_):
         add_start(command)
-        add_method(command)
         add_json(command)
 
 
@@ -132,8 +131,8 @@ def plot(request: argparse.Namespace) -> Answer:
     if path.suffix.lower() not in PICTURES:
         raise StatementError(f"--out {request.out}: name a file that ends in .png, .svg or .pdf.")
     what = None if request.what is None else [name.strip() for name in request.what.split(",")]
-    begun, how = start(request), method(request)
-    solution = load_scene(request).run(**begun, **how, progress=not request.json)
+    begun = start(request)
+    solution = load_scene(request).run(**begun, progress=not request.json)
     kind = path.suffix.lower()[1:]
     figure = solution.plot(what, style=request.style)
     written = write_atomically(path, lambda file: figure.savefig(file, format=kind, dpi=FILE_DPI))
@@ -147,8 +146,8 @@ def animate(request: argparse.Namespace) -> Answer:
     path = named_kind(_file(request, ".html"))
     options = {key: given_number(f"--{key}", getattr(request, key)) for key in ("speed", "trail")}
     fps, size = given_number("--fps", request.fps), _size(request.size)
-    begun, how = start(request), method(request)
-    solution = load_scene(request).run(**begun, **how, progress=not request.json)
+    begun = start(request)
+    solution = load_scene(request).run(**begun, progress=not request.json)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # the notes in the output say the same
         animation = solution.animate(

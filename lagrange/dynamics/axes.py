@@ -80,30 +80,20 @@ def plane_of(statement: Statement, table: Any, label: str, default_count: int) -
 def axis_of(statement: Statement, entry: Any, span: Any, argument: str, default: int) -> Axis:
     """Return the axis of an entry of the state, from a span (low, high) or (low, high, count).
 
-    `default` is the number of values of a span without one. `argument` names the user's argument in errors.
+    `default` is the number of values of a span without one. `argument` names the user's argument in errors. Raises
+    StatementError for an empty span.
     """
     row = row_of(statement, entry, argument)
     name = statement.state_names[row]
-    low, high, several = range_of(span, f"the range of {name}", default)
-    return Axis(name, row, low, high, several)
-
-
-def range_of(span: Any, label: str, default_count: int) -> tuple[float, float, int]:
-    """Return (low, high, count) from a pair or triple; `default_count` completes a pair.
-
-    `label` names the range in errors. Raises StatementError for an empty range.
-    """
-    size = len(span) if isinstance(span, (tuple, list, np.ndarray)) else 0
-    if size not in (2, 3):
-        raise StatementError(f"{label} is {shown(span)}: give (low, high), or (low, high, count).")
-    numbers = real_array(list(span), label)
-    if numbers.ndim != 1:
+    label, size = f"the range of {name}", len(span) if isinstance(span, (tuple, list, np.ndarray)) else 0
+    numbers = real_array(list(span), label) if size in (2, 3) else None
+    if numbers is None or numbers.ndim != 1:
         raise StatementError(f"{label} is {shown(span)}: give (low, high), or (low, high, count).")
     low, high = float(numbers[0]), float(numbers[1])
     if not (np.isfinite([low, high]).all() and low < high):
         raise StatementError(f"{label} is empty: {low:g} to {high:g}. Give (low, high) with low < high.")
-    several = default_count if size == 2 else whole_number(span[2], f"the number of values in {label}", 2, MOST_VALUES)
-    return low, high, several
+    several = default if size == 2 else whole_number(span[2], f"the number of values in {label}", 2, MOST_VALUES)
+    return Axis(name, row, low, high, several)
 
 
 def _example(statement: Statement) -> str:

@@ -41,21 +41,6 @@ class BeyondDoubles(OutsideDomain):
     """Error: the value exists, but an intermediate result exceeds the range of doubles."""
 
 
-def _switch_outcome(node: Any, value: Any, arguments: Sequence[Any]) -> int | None:
-    """Return the outcome of a condition, Abs, sign, Min or Max from its value and its arguments' values.
-
-    It is 0 or 1 for a condition, -1 or 1 for a sign, and the index of the selected argument for Min and Max. It is None
-    if the switch has no value.
-    """
-    if isinstance(value, OutsideDomain):
-        return None
-    if isinstance(value, bool):
-        return int(value)
-    if isinstance(node, (sympy.Min, sympy.Max)):
-        return list(arguments).index(value)
-    return int(libmp.mpf_sign(arguments[0]))
-
-
 def _multiply(prec: int) -> Operation:
     def product(first: Any, *rest: Any) -> Any:
         for factor in rest:
@@ -264,14 +249,21 @@ class Precise:
     ) -> tuple[tuple[int | None, ...], int]:
         """Return the outcome of each switch (None without a value), and the largest binary exponent of all numbers.
 
-        A switch is a condition, Abs, sign, Min or Max. Raises OutsideDomain if an expression has no real, finite
-        value.
+        A switch is a condition, Abs, sign, Min or Max; `all_ways` lists its outcomes. Raises OutsideDomain if an
+        expression has no real, finite value.
         """
         values = self._run(q, v, t, parameters)
-        outcomes = tuple(
-            _switch_outcome(node, values[out], [values[i] for i in arguments])
-            for node, (out, arguments) in zip(self.switches, self._switch_code, strict=True)
-        )
+
+        def outcome(node: Any, out: int, arguments: tuple[int, ...]) -> int | None:
+            if isinstance(values[out], OutsideDomain):
+                return None
+            if isinstance(values[out], bool):
+                return int(values[out])
+            if isinstance(node, (sympy.Min, sympy.Max)):
+                return [values[i] for i in arguments].index(values[out])
+            return int(libmp.mpf_sign(values[arguments[0]]))
+
+        outcomes = tuple(outcome(node, *code) for node, code in zip(self.switches, self._switch_code, strict=True))
         exponents = [value[2] + value[3] for value in values if isinstance(value, tuple) and value[1]]
         return outcomes, max(exponents, default=0)
 

@@ -444,7 +444,10 @@ def _moved(numbers: Sequence[Numbers], by: FloatArray) -> list[Numbers]:
 def _rule(s: int, context: Any) -> _Rule:
     """Return Gauss's rule with s points in the precision of an mpmath context, from Legendre's polynomials."""
     guesses = np.polynomial.legendre.leggauss(s)[0]
-    roots = [_root(context, s, context.mpf(float(x))) for x in guesses]
+    roots = [context.mpf(float(x)) for x in guesses]
+    for _ in range(context.prec.bit_length()):  # Newton's method
+        tables = ((x, _legendre(x, s)) for x in roots)
+        roots = [x - p[s] * (x * x - 1) / (s * (x * p[s] - p[s - 1])) for x, p in tables]
     table = [_legendre(x, s + 1) for x in roots]
     slopes = [s * (x * p[s] - p[s - 1]) / (x * x - 1) for x, p in zip(roots, table, strict=True)]
     weights = [1 / ((1 - x * x) * slope * slope) for x, slope in zip(roots, slopes, strict=True)]
@@ -459,14 +462,6 @@ def _rule(s: int, context: Any) -> _Rule:
     spectrum, nodes = np.array(rows, dtype=float), np.array(points, dtype=float)
     exact = tuple(points), tuple(weights), tuple(matrix)
     return _Rule(*exact, nodes, once, once @ once, spectrum, tuple(middle), tuple(tail))
-
-
-def _root(context: Any, s: int, x: Any) -> Any:
-    """Return the root of Legendre's polynomial of degree s near x, by Newton's method."""
-    for _ in range(context.prec.bit_length()):
-        p = _legendre(x, s)
-        x -= p[s] * (x * x - 1) / (s * (x * p[s] - p[s - 1]))
-    return x
 
 
 def _legendre(x: Any, degree: int) -> Numbers:

@@ -343,31 +343,20 @@ def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root]
     rigid = list(rows[sizes <= SMALL * max(1e-300, sizes.max())])  # zero is a multiple eigenvalue with few eigenvectors
     listed = []
     for other, i in pairs:
-        vector = rigid.pop() if rigid and abs(eigenvalues[i]) <= SMALL * largest else vectors[:n, i]
-        listed.append((_root_of_numbers(other, eigenvalues[i], largest), _column(vector)))
+        # The eigenvalues are complex conjugates, or real and paired lowest with highest: without damping opposite.
+        value = eigenvalues[i]
+        decay, frequency = -(value + other).real / 2, (value - other) / 2j
+        shown = sympy.Float(frequency.real) if value.imag > SMALL * largest else sympy.I * sympy.Float(-frequency.imag)
+        root = _Root(
+            shown if abs(frequency) > SMALL * largest else sympy.S.Zero,
+            sympy.Float(decay) if abs(decay) > SMALL * largest else sympy.S.Zero,
+            value,
+        )
+        vector = rigid.pop() if rigid and abs(value) <= SMALL * largest else vectors[:n, i]
+        # The largest entry of the shape is 1. It is real if all imaginary parts are rounding errors.
+        entries = vector / vector[int(np.argmax(np.abs(vector) >= 0.999 * np.abs(vector).max()))]
+        real = np.abs(entries.imag).max() < SMALL
+        parts = [(sympy.Float(float(x.real)), sympy.Float(float(x.imag))) for x in entries]
+        listed.append((root, sympy.Matrix([a if real else a + sympy.I * b for a, b in parts])))
     listed.sort(key=lambda mode: tuple(abs(float(part)) for part in mode[0].frequency.as_real_imag()))
     return [root for root, _ in listed], [shape for _, shape in listed]
-
-
-def _root_of_numbers(other: complex, value: complex, largest: float) -> _Root:
-    """Return the mode of two eigenvalues, -decay + i frequency and -decay - i frequency.
-
-    The two are complex conjugates or real numbers. Real eigenvalues are paired lowest with highest, since without
-    damping they are opposite. Parts below rounding errors of `largest`, the largest magnitude, are zero.
-    """
-    decay, frequency = -(value + other).real / 2, (value - other) / 2j
-    shown = sympy.Float(frequency.real) if value.imag > SMALL * largest else sympy.I * sympy.Float(-frequency.imag)
-    return _Root(
-        shown if abs(frequency) > SMALL * largest else sympy.S.Zero,
-        sympy.Float(decay) if abs(decay) > SMALL * largest else sympy.S.Zero,
-        value,
-    )
-
-
-def _column(vector: Any) -> Any:
-    """Return a shape whose largest entry is 1, real if all imaginary parts are rounding errors."""
-    sizes = np.abs(vector)
-    scaled = vector / vector[int(np.argmax(sizes >= 0.999 * sizes.max()))]
-    if np.abs(scaled.imag).max() < SMALL:
-        return sympy.Matrix([sympy.Float(float(x)) for x in scaled.real])
-    return sympy.Matrix([sympy.Float(float(x.real)) + sympy.I * sympy.Float(float(x.imag)) for x in scaled])

@@ -7,7 +7,7 @@ import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Any
 
 import numpy as np
@@ -131,20 +131,6 @@ def size(expression: Any) -> int:
     return int(sympy.count_ops(expression))
 
 
-def written_out(expression: Any) -> int:
-    """Return the number of nodes of an expression as a tree, in which shared nodes count at each occurrence."""
-    sizes: dict[Any, int] = {}
-    stack = [expression]
-    while stack:
-        node = stack[-1]
-        missing = [] if node in sizes else [arg for arg in node.args if arg not in sizes]
-        if missing:
-            stack += missing
-        else:
-            sizes[stack.pop()] = 1 + sum(sizes[arg] for arg in node.args)
-    return sizes[expression]
-
-
 def is_zero(expression: Any) -> bool:
     """Return True if SymPy can show that an expression is identically zero."""
     return bool(simplest(expression).is_zero if expression.is_zero is None else expression.is_zero)
@@ -211,7 +197,8 @@ class Shortener:
         """Return an expression in a short form; 0 if it vanishes. Raises StatementError beyond the bound."""
         if not expression.args:
             return expression
-        self.nodes += written_out(expression)
+        tree = sympy.preorder_traversal(expression)
+        self.nodes += sum(1 for _ in islice(tree, MOST_NODES + 1 - self.nodes))
         if self.nodes > MOST_NODES:
             raise StatementError(
                 f"{self.what} would be formulas of more than {MOST_NODES:,} symbols and operations: give numbers "

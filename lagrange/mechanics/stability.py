@@ -92,9 +92,7 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
             None, "eigenvalues on the imaginary axis do not decide on stability."
         )
     if not has_inertia(lin):
-        return Verdict(
-            stable=None, reason="the mass matrix is singular there: choose coordinates that are regular there."
-        )
+        return Verdict(None, "the mass matrix is singular there: choose coordinates that are regular there.")
     constraints = form.statement.constraints
     carried = any(not constraint.holonomic for constraint in constraints) or (bool(constraints) and any(point.v))
     if values is None and carried:  # K is not the curvature of an energy
@@ -105,7 +103,7 @@ def stability_of(lin: Linearization, point: StatedPoint, *, axial: bool = False)
     if any(np.iscomplexobj(part) or not np.isfinite(part).all() for part in parts):
         return Verdict(None, NO_POINT)
     if np.linalg.matrix_rank(parts[0]) < len(parts[0]):
-        return Verdict(stable=None, reason=NO_INERTIA)
+        return Verdict(None, NO_INERTIA)
     mass, damping, stiffness = at_fixed_momenta(parts[0], parts[1], parts[2], gone, axial=axial)
     return _numeric_verdict(mass, damping, stiffness, energetic=has_energy(form) and not carried)
 
@@ -266,7 +264,7 @@ def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool
     """Return the verdict for numeric M, C and K at fixed momenta; `energetic` is true if the energy cannot grow."""
     n = mass.shape[0]
     if not n:
-        return Verdict(stable=None, reason="nothing is left to move at fixed momenta.")
+        return Verdict(None, "nothing is left to move at fixed momenta.")
     decided = _verdict_of_eigenvalues(np.linalg.eigvals(first_order_matrix(mass, damping, stiffness)))
     if decided is not None:
         return decided
@@ -279,18 +277,13 @@ def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool
     if energetic and symmetric and braked and minimum:
         return Verdict(stable=True, reason="the energy has a strict minimum there.")
     if smallest[2] < -DEFINITE * sizes[2]:
-        return Verdict(
-            stable=None, reason="no eigenvalue has a positive real part, and the energy has no minimum there."
-        )
+        return Verdict(None, "no eigenvalue has a positive real part, and the energy has no minimum there.")
     if minimum and symmetric:
-        return Verdict(
-            stable=None,
-            reason="eigenvalues on the imaginary axis do not decide on stability, and forces may feed energy in.",
-        )
+        return Verdict(None, "eigenvalues on the imaginary axis do not decide on stability, and forces may feed energy in.")
     return Verdict(
-        stable=None,
-        reason="eigenvalues on the imaginary axis do not decide on stability, and the energy has no strict minimum "
-        "to second order.",
+        None,
+        "eigenvalues on the imaginary axis do not decide on stability, and the energy has no strict minimum to second "
+        "order.",
     )
 
 
