@@ -251,36 +251,26 @@ def separatrices_of(
     if saddle.kind != SADDLE or not window.holds(saddle.state):
         return []
     branches = []
+    rates, inverse = saddle.eigenvalues.real, np.linalg.inv(saddle.eigenvectors.real)
     for column in (0, 1):
         rate = float(saddle.eigenvalues[column].real)
         vector = saddle.eigenvectors[:, column].real / np.linalg.norm(
             saddle.eigenvectors[:, column].real / window.widths
         )
         for side in (1.0, -1.0):
-            part = _distance(runs, saddle, column, side * vector, window)
+            part = FIRST_DISTANCE
+            while part > LEAST_DISTANCE:
+                aside = inverse @ runs.model.rhs(0.0, saddle.state + part * side * vector, runs.parameters)
+                # The term of order d**2 along the other eigenvector grows at twice the rate:
+                # aside = (2 rate - other rate) off.
+                off = abs(aside[1 - column]) / abs(2 * rates[column] - rates[1 - column])
+                size = off * np.linalg.norm(saddle.eigenvectors.real[:, 1 - column] / window.widths)
+                if np.isfinite(size) and size <= LINEAR_ERROR:
+                    break
+                part /= 2
             span = math.copysign(math.log(1.0 / part) / abs(rate) + window.reach, rate)
             run = runs(saddle.state + side * part * vector, 0.0, span, events=exits)
             run = until_arrival(window, run, equilibria)
             length = float(np.linalg.norm(part * vector))
             branches.append(Separatrix(number, rate < 0, orbit_of((run,), closed=False), length))
     return branches
-
-
-def _distance(runs: Runs, saddle: FixedPoint, column: int, vector: FloatArray, window: PlaneWindow) -> float:
-    """Return the multiple of the eigenvector `vector` at which a run from a saddle may begin.
-
-    At this distance the linear equations have an error of at most `LINEAR_ERROR` of the window, or the distance is the
-    shortest that is tried. `column` is the index of the eigenvector.
-    """
-    rates, inverse = saddle.eigenvalues.real, np.linalg.inv(saddle.eigenvectors.real)
-    part = FIRST_DISTANCE
-    while part > LEAST_DISTANCE:
-        slope = runs.model.rhs(0.0, saddle.state + part * vector, runs.parameters)
-        aside = inverse @ slope
-        # The term of order d**2 along the other eigenvector grows at twice the rate: aside = (2 rate - other rate) off.
-        off = abs(aside[1 - column]) / abs(2 * rates[column] - rates[1 - column])
-        size = off * np.linalg.norm(saddle.eigenvectors.real[:, 1 - column] / window.widths)
-        if np.isfinite(size) and size <= LINEAR_ERROR:
-            return part
-        part /= 2
-    return part

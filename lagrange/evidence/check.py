@@ -138,7 +138,14 @@ class _Session:
         self.statement = model.statement
         self.reference = Reference(self.statement, model.equations.first_order, model.equations.settled)
         self.full_count = points or (FEW_POINTS if len(self.statement.coordinates) > MANY_COORDINATES else POINTS)
-        self.point_count, self.column_count = self._counts(limited=points is None)
+        # All columns of the Jacobian are checked if there are few; otherwise each point checks the next few columns in
+        # turn. If that takes too long, a direction replaces them, and the number of columns is 0.
+        width = len(self.statement.state_names)
+        columns = min(width, MOST_JACOBIAN_COLUMNS, max(8, math.ceil(width / self.full_count)))
+        rest, column, along = self.reference.work()
+        self.point_count, self.column_count = self.full_count, columns
+        if points is None and self.full_count * (rest + columns * column) > MOST_WORK:
+            self.point_count, self.column_count = min(max(MOST_WORK // along, 1), self.full_count), 0
         self.draw = random.Random(seed)
         self.textbook = None if textbook is None else textbook_tape(textbook, self.statement)
         self.sampler = Sampler(self.statement, seed)
@@ -154,19 +161,6 @@ class _Session:
         self.other_label = "" if other is None else f"{other.target} against {model.target}"
         rows += [self.other_label] if other is not None else []
         self.comparison = Comparison(self.statement.names, rows)
-
-    def _counts(self, *, limited: bool) -> tuple[int, int]:
-        """Return the number of points, and the number of columns of the Jacobian to check at each of them.
-
-        All columns are checked if there are few; otherwise each point checks the next few columns in turn. With
-        `limited`, if the estimated work is above `MOST_WORK`, the number of columns is 0: a direction replaces them.
-        """
-        width = len(self.statement.state_names)
-        columns = min(width, MOST_JACOBIAN_COLUMNS, max(8, math.ceil(width / self.full_count)))
-        rest, column, along = self.reference.work()
-        if not limited or self.full_count * (rest + columns * column) <= MOST_WORK:
-            return self.full_count, columns
-        return min(max(MOST_WORK // along, 1), self.full_count), 0
 
     def take(self, k: int) -> None:
         """Compare all quantities with their reference values at one random point, number `k` of the check.

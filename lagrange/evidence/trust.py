@@ -67,7 +67,15 @@ def reference_solution(
     if reference is None:
         return _independent(problem, times, digits, unit, growth)
     if isinstance(reference, (str, type)) or callable(getattr(reference, "integrate", None)):
-        return _by_method(problem, times, reference, unit)
+        # The uncertainty is the largest difference from a run by another method at a tight tolerance.
+        method = find(reference)
+        tightened = isinstance(reference, str) and method.claims.adaptive
+        other = "dopri5" if method.name == "dop853" else "dop853"
+        first = _states(problem, times, reference, TIGHTEST if tightened else None)
+        second = _states(problem, times, other, TIGHTEST)
+        bound = max(_distance(a, b, unit) for a, b in zip(first, second, strict=True))
+        about = f"a run of {method.name}, compared with {other} at its smallest tolerance"
+        return ReferenceSolution(tuple(times), first, bound, about)
     states = real_array(reference, "reference")
     states = states[:, None] if states.ndim == 1 else states
     if states.shape != (len(problem.y0), len(times)) or not np.isfinite(states).all():
@@ -104,23 +112,6 @@ def _independent(
     bound = max(_distance(a, b, unit) for a, b in zip(rough, states, strict=True))
     about = f"an independent run of {chosen} digits, from differences of the stated energies"
     return ReferenceSolution(tuple(times), states, bound, about)
-
-
-def _by_method(problem: Problem, times: Sequence[float], method_given: Any, unit: FloatArray) -> ReferenceSolution:
-    """Return the reference solution from a run by a method.
-
-    Its uncertainty is the largest difference from a run by another method at a tight tolerance, in units of `unit`
-    (2n,).
-    """
-    method = find(method_given)
-    tightened = isinstance(method_given, str) and method.claims.adaptive
-    other = "dopri5" if method.name == "dop853" else "dop853"
-    first = _states(problem, times, method_given, TIGHTEST if tightened else None)
-    second = _states(problem, times, other, TIGHTEST)
-    bound = max(_distance(a, b, unit) for a, b in zip(first, second, strict=True))
-    return ReferenceSolution(
-        tuple(times), first, bound, f"a run of {method.name}, compared with {other} at its smallest tolerance"
-    )
 
 
 def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: float | None) -> tuple[Any, ...]:

@@ -17,6 +17,7 @@ import sympy
 
 from lagrange.equations.solve_plan import distinct_values
 from lagrange.errors import FAULT, RunError, StatementError, listing
+from lagrange.machine.backend import FloatArray
 from lagrange.mechanics.expansion import StatedPoint
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.plain_form import (
@@ -31,7 +32,9 @@ from lagrange.mechanics.plain_form import (
 )
 from lagrange.mechanics.stability import REAL_PART, first_order_matrix, has_inertia, matrix_values, stability_of
 from lagrange.statement.coordinate import name_of, t
+from lagrange.statement.declare import ORIGIN
 from lagrange.statement.display import ShownAsPage
+from lagrange.statement.statement import Statement
 
 LARGEST_SYMBOLIC = 4
 """Largest number of coordinates for symbolic frequencies; the characteristic polynomial of five fills pages."""
@@ -95,7 +98,7 @@ def check_first_order(lin: Linearization, form: PlainForm) -> None:
 
 @dataclass(frozen=True)
 class _Root:
-    """A frequency, its decay, and `value`: w^2 without damping, else the eigenvalue s, from which the shape follows."""
+    """A frequency, its decay, and `value`, the eigenvalue s, from which the shape follows."""
 
     frequency: Any
     decay: Any
@@ -191,17 +194,16 @@ def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
     determinant is not solved, as of degree above two.
     """
     s = sympy.Dummy("s")
-    undamped = lin.C.is_zero_matrix
-    pencil = lin.K - s * lin.M if undamped else lin.M * s**2 + lin.C * s + lin.K
+    pencil = lin.M * s**2 + lin.C * s + lin.K
     polynomial = sympy.expand(pencil.det(method="berkowitz"))
     if size(polynomial) > LONGEST_POLYNOMIAL or any(x.has(sympy.Float) for x in (*lin.M, *lin.C, *lin.K)):
         return None
     polynomial = sympy.numer(sympy.together(polynomial))
-    even = not undamped and not sympy.expand(polynomial - polynomial.xreplace({s: -s}))
+    even = not sympy.expand(polynomial - polynomial.xreplace({s: -s}))
     squared = sympy.Dummy("squared")
     if even:
         polynomial = sympy.Poly(polynomial, s).as_expr().xreplace({s ** (2 * k): squared**k for k in range(1, 20)})
-    roots = _roots(polynomial, squared if even else s, undamped, even)
+    roots = _roots(polynomial, squared if even else s, even)
     if roots is None or len(roots) != lin.M.rows:
         return None
     shapes: list[Any] = []
@@ -214,69 +216,68 @@ def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
     return roots, shapes
 
 
-def _roots(polynomial: Any, x: Any, undamped: bool, even: bool) -> list[_Root] | None:
+def _roots(polynomial: Any, x: Any, even: bool) -> list[_Root] | None:
     """Return the modes that are roots of a polynomial in x, or None if a factor is not solved.
 
-    x is w^2 if `undamped`, s^2 if `even` (only even powers of s), else the eigenvalue s.
+    x is s^2 if `even` (only even powers of s, as without damping), else the eigenvalue s.
     """
     roots: list[_Root] = []
     for factor, power in sympy.factor_list(polynomial, x)[1]:
         if not factor.has(x):
             continue  # SymPy lists the square root of a parameter as a factor
         coefficients = [simplest(c) for c in sympy.Poly(factor, x).all_coeffs()]
-        pair = _of_factor(coefficients, undamped, even)
+        pair = _of_factor(coefficients, even)
         if pair is None:
             return None
         roots += pair * power
-    if not undamped and not even:
+    if not even:
         zeros = [root for root in roots if root.value == 0]  # both zeros of s^2 = 0 are one mode
         roots = [root for root in roots if root.value != 0] + zeros[: (len(zeros) + 1) // 2]
     return roots
 
 
-def _of_factor(coefficients: Sequence[Any], undamped: bool, even: bool) -> list[_Root] | None:
+def _of_factor(coefficients: Sequence[Any], even: bool) -> list[_Root] | None:
     """Return the modes of a factor with `coefficients`, the highest power first; None if it is not solved.
 
-    The variable is w^2 if `undamped`, s^2 if `even`, else s = i w. A factor of degree above two is not solved.
+    The variable is s^2 if `even`, else s = i w. A factor of degree above two is not solved.
     """
     zero = sympy.S.Zero
     if len(coefficients) == 2:
         root = simplest(-coefficients[1] / coefficients[0])
-        if not (undamped or even):
+        if not even:
             return [_Root(zero, zero, zero)] if root == 0 else None
-        return [_oscillation(root, undamped)]
+        return [_oscillation(root)]
     if len(coefficients) != 3:
         return None
     a, b, c = coefficients
-    if undamped or even:
+    if even:
         spread = _root_of(b**2 - 4 * a * c)
-        pair = [_oscillation(_neat((-b + sign * spread) / (2 * a)), undamped) for sign in (-1, 1)]
-        other = _by_product(simplest((-b if undamped else b) / a), simplest(c / a), undamped)
+        pair = [_oscillation(_neat((-b + sign * spread) / (2 * a))) for sign in (1, -1)]
+        other = _by_product(simplest(b / a), simplest(c / a))
         return min((pair, other), key=lambda two: size(two[0].frequency)) if other else pair
     decay = simplest(b / (2 * a))
     frequency = _root_of(c / a - decay**2)
     return [_Root(frequency, decay, -decay + sympy.I * frequency)]
 
 
-def _by_product(total: Any, squared: Any, undamped: bool) -> list[_Root]:
+def _by_product(total: Any, squared: Any) -> list[_Root]:
     """Return two modes from w1^2 + w2^2 = total and P = w1 w2: w = (sqrt(total + 2 P) -+ sqrt(total - 2 P))/2.
 
-    `squared` is P^2. If `undamped`, the value of a mode is w^2, else i w. This form is shorter if P contains no root,
-    as for Foucault's pendulum. The list is empty if P may be imaginary.
+    `squared` is P^2. This form is shorter if P contains no root, as for Foucault's pendulum. The list is empty if P may
+    be imaginary.
     """
     product = _root_of(squared)
     if not product.is_positive:
         return []
     wide, narrow = (_root_of(total + sign * 2 * product) for sign in (1, -1))
     frequencies = [_neat(sympy.expand((wide - narrow) / 2)), _neat(sympy.expand((wide + narrow) / 2))]
-    return [_Root(w, sympy.S.Zero, sympy.expand(w**2) if undamped else sympy.I * w) for w in frequencies]
+    return [_Root(w, sympy.S.Zero, sympy.I * w) for w in frequencies]
 
 
-def _oscillation(root: Any, undamped: bool) -> _Root:
-    """Return the undamped mode of a root, which is w^2 if `undamped`, else s^2."""
-    square = root if undamped else -root
-    frequency = _root_of(square)
-    return _Root(frequency, sympy.S.Zero, root if undamped else sympy.I * frequency)
+def _oscillation(root: Any) -> _Root:
+    """Return the undamped mode of a root s^2."""
+    frequency = _root_of(-root)
+    return _Root(frequency, sympy.S.Zero, sympy.I * frequency)
 
 
 def _root_of(square: Any) -> Any:
@@ -360,3 +361,69 @@ def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root]
         listed.append((root, sympy.Matrix([a if real else a + sympy.I * b for a, b in parts])))
     listed.sort(key=lambda mode: tuple(abs(float(part)) for part in mode[0].frequency.as_real_imag()))
     return [root for root, _ in listed], [shape for _, shape in listed]
+
+
+@dataclass(frozen=True, eq=False)
+class ModeShapes:
+    """Shapes of m modes about an equilibrium, each scaled so that its largest component is 1.
+
+    `components` (m, n) are the displacements of the n coordinates in each mode, in the order of `names`.
+    `frequencies` (m,) are complex for modes that do not oscillate. `decay` (m,) are the decay rates. `points` maps
+    the name of each stated position to its value at the equilibrium, (2,) or (3,). `displacements` maps it to the
+    displacements of the position in the modes, (m, 2) or (m, 3).
+    """
+
+    statement: Statement
+    names: tuple[str, ...]
+    frequencies: FloatArray
+    decay: FloatArray
+    components: FloatArray
+    points: Mapping[str, FloatArray]
+    displacements: Mapping[str, FloatArray]
+
+
+def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
+    """Return the shapes and frequencies of symbolic `modes` as numbers, at the stated values of the parameters.
+
+    Raises StatementError where a parameter has no value.
+    """
+    form, lin = PlainForm(statement), modes.linearization
+    constants = statement.defaults
+    missing = [p.name for p in statement.parameters if p not in statement.defaults]
+    if missing:
+        raise StatementError(
+            f"shapes are drawn at values of the parameters, and {listing(missing)} "
+            f"{'has' if len(missing) == 1 else 'have'} none: state {statement.name} with "
+            f"parameters={{{missing[0]!r}: 1.0}}."
+        )
+    basis = np.array([[number(x, constants).real for x in row] for row in lin.basis.tolist()], dtype=float)
+    raw = np.array([[number(x, constants) for x in shape] for shape in modes.shapes]) @ basis.T
+    # The real part of each shape, after division by its largest component.
+    largest = [row[int(np.argmax(np.abs(row)))] or 1.0 for row in raw]
+    components = np.array([(row / x).real for row, x in zip(raw, largest, strict=True)])
+    # The coordinates of the equilibrium as numbers.
+    entries = [
+        lin.at.get(q, lin.at.get(name, 0)) for q, name in zip(statement.coordinates, statement.names, strict=True)
+    ]
+    place = [sympy.Float(number(sympy.Integer(0) + x, constants).real, 17) for x in entries]
+    by_symbol = dict(zip(form.q, place, strict=True))
+    values = {**constants, **by_symbol, **dict.fromkeys(form.v, sympy.S.Zero)}
+    points: dict[str, FloatArray] = {}
+    displacements: dict[str, FloatArray] = {}
+    for name, position in statement.positions.items():
+        parts = [form.read(part) for part in position]
+        slopes = np.array([[number(part.diff(q), values).real for q in form.q] for part in parts])
+        points[name] = np.array([number(part, values).real for part in parts])
+        displacements[name] = components @ slopes.T
+    if points and any(ORIGIN in (link.start, link.end) for link in statement.links):
+        size = len(next(iter(points.values())))
+        points[ORIGIN], displacements[ORIGIN] = np.zeros(size), np.zeros((len(components), size))
+    return ModeShapes(
+        statement,
+        statement.names,
+        np.array([number(x, constants) for x in modes.frequencies]),
+        np.array([number(x, constants).real for x in modes.decay]),
+        components,
+        points,
+        displacements,
+    )

@@ -349,7 +349,12 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
         matrix = None if state is None else _matrix(lin, model, state, parameter_values)
         if state is None or matrix is None:
             continue
-        rows[k] = _matched(np.linalg.eigvals(matrix), _expected(solved_rows, rows, chosen, value))
+        # Extrapolation from two earlier rows keeps the columns in order where eigenvalues cross.
+        expected = rows[solved_rows[-1]] if solved_rows else None
+        if len(solved_rows) == 2 and chosen[solved_rows[1]] != chosen[solved_rows[0]]:
+            first, last = solved_rows
+            expected = rows[last] + (value - chosen[last]) / (chosen[last] - chosen[first]) * (rows[last] - rows[first])
+        rows[k] = _matched(np.linalg.eigvals(matrix), expected)
         solved_rows = [*solved_rows[-1:], k]
         before = state if point.decimal else None
         equilibria[k] = state[model.layout.q]
@@ -420,21 +425,6 @@ def _equilibrium(point: StatedPoint, model: Model, parameters: Any, before: Floa
             left = np.abs(model.accelerations(state[q], state[v], 0.0, parameters)).max()
             return state if left <= 1e-6 * max(1e-300, np.abs(slopes).max()) else None
     return None
-
-
-def _expected(known_rows: Sequence[int], rows: Any, values: FloatArray, value: float) -> Any:
-    """Return the eigenvalues expected at `value`, by extrapolation from two known rows; None if no row is known.
-
-    `known_rows` are the indices of known `rows` and of their parameter `values`. Extrapolation keeps the columns in
-    order where eigenvalues cross.
-    """
-    if not known_rows:
-        return None
-    last = rows[known_rows[-1]]
-    if len(known_rows) == 1 or values[known_rows[-1]] == values[known_rows[-2]]:
-        return last
-    share = (value - values[known_rows[-1]]) / (values[known_rows[-1]] - values[known_rows[-2]])
-    return last + share * (last - rows[known_rows[-2]])
 
 
 def _matched(eigenvalues: Any, before: Any) -> Any:

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.dynamics.equilibrium_branches import BranchesData, equilibrium_branches
-from lagrange.dynamics.mode_shapes import ModeShapes, mode_shapes
 from lagrange.dynamics.portrait import CELLS as CELLS_OF_PLANE
 from lagrange.dynamics.portrait import PortraitData, portrait
 from lagrange.dynamics.runs import Runs, depends_on_time
@@ -23,7 +22,7 @@ from lagrange.dynamics.section import section as section_of
 from lagrange.dynamics.sweep import SweepData, parameter_of, sweep, values_of, with_value
 from lagrange.errors import StatementError, counted, listing
 from lagrange.machine.model import Model, Stated
-from lagrange.mechanics.modes import Modes
+from lagrange.mechanics.modes import Modes, ModeShapes, mode_shapes
 from lagrange.show.figures.dynamics_figures import plot_branches, plot_modes, plot_portrait, plot_section, plot_sweep
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically

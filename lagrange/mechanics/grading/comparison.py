@@ -19,8 +19,7 @@ from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
-from lagrange.mechanics.grading.rounded_numbers import with_exact_numbers, with_parameters
-from lagrange.mechanics.grading.slips import slip_of, wrong_definition
+from lagrange.mechanics.grading.slips import slip_of, with_exact_numbers, with_parameters, wrong_definition
 from lagrange.mechanics.grading.student_equations import (
     HELD,
     EquationRow,
@@ -112,6 +111,19 @@ def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample])
     multipliers of the system. Each other list has multiples of them, as required by the forces in one equation of the
     answer.
     """
+
+    def multiples(row: EquationRow, sample: MotionSample) -> list[Any]:
+        """Return for each multiplier its value by an equation, divided by its true value; None if not determined."""
+        n = len(sample.mass)
+        slopes = row.numbers(sample)
+        weights = solve_dense(sample.mass, slopes[:n], SINGULAR)
+        exerted = [sum(w * x for w, x in zip(weights, line, strict=True)) for line in sample.gradient]
+        size = max(map(abs, exerted), default=0)
+        return [
+            -part / slope if slope and abs(part) > HELD * size else None
+            for part, slope in zip(exerted, slopes[n:], strict=True)
+        ]
+
     choices = [list(samples)]
     for row in rows:
         if not any(list(row.slopes.values())[len(row.statement.names) :]):
@@ -120,8 +132,8 @@ def with_multiples(rows: Sequence[EquationRow], samples: Sequence[MotionSample])
             scaled = []
             for sample in samples:
                 # A multiplier that `row` lacks is scaled to that of the first equation that has it.
-                multiples = [_multiples(other, sample) for other in (row, *rows)]
-                first = [next((x for x in column if x is not None), 1) for column in zip(*multiples, strict=True)]
+                columns = zip(*(multiples(other, sample) for other in (row, *rows)), strict=True)
+                first = [next((x for x in column if x is not None), 1) for column in columns]
                 forces = tuple(x * k for x, k in zip(sample.multipliers, first, strict=True))
                 scaled.append(replace(sample, multipliers=forces))
             choices.append(scaled)
@@ -141,22 +153,6 @@ def sentence_on_multipliers(chosen: Sequence[MotionSample], samples: Sequence[Mo
     if ratio in (1, -1):
         return "" if ratio == 1 else " The multipliers have the opposite sign."
     return f" Their multipliers are {ratio} times those of the system."
-
-
-def _multiples(row: EquationRow, sample: MotionSample) -> list[Any]:
-    """Return for each multiplier the value with which an equation holds, divided by its true value.
-
-    It is None for a multiplier that the equation does not determine.
-    """
-    n = len(sample.mass)
-    slopes = row.numbers(sample)
-    weights = solve_dense(sample.mass, slopes[:n], SINGULAR)
-    exerted = [sum(w * x for w, x in zip(weights, line, strict=True)) for line in sample.gradient]
-    size = max(map(abs, exerted), default=0)
-    return [
-        -part / slope if slope and abs(part) > HELD * size else None
-        for part, slope in zip(exerted, slopes[n:], strict=True)
-    ]
 
 
 NEGATIVE = 0.5  # Cost of a negative force, such as a tension, in units of the change of a sign
@@ -303,30 +299,20 @@ def _likeliest(equation: StudentEquation, statement: Statement, samples: Sequenc
             return row
         rows.append(row)
     for row in rows:
-        rate = _integrated(row)
-        if rate is not None and rate.holds(samples):
-            return rate
+        moving = [*list(statement.plain.values())[1::3], *row.slopes]
+        if {constraint.holonomic for constraint in statement.constraints} == {False} and not row.zero.has(*moving):
+            # The constraint x' = R phi' may be answered as x = R phi, which is right up to a constant.
+            note = f"{row.equation.label[0].upper()}{row.equation.label[1:]} is right up to a constant."
+            zero = time_derivative(row.zero, statement.plain)
+            rate = row_of(replace(row.equation, zero=zero, right=sympy.S.Zero, note=note), statement)
+            if zero != 0 and rate.holds(samples):
+                return rate
         exact = with_exact_numbers(row, samples)
         if exact is not None:
             return row_of(exact, statement)
     if rows:
         return rows[0]
     raise refused[0]
-
-
-def _integrated(row: EquationRow) -> EquationRow | None:
-    """Return the time derivative of an equation between coordinates if constraints are on velocities; else None.
-
-    Example: the constraint x' = R phi' may be answered as x = R phi, which is right up to a constant.
-    """
-    statement, equation = row.statement, row.equation
-    moving = [*list(statement.plain.values())[1::3], *row.slopes]
-    holonomic = {constraint.holonomic for constraint in statement.constraints}
-    if holonomic != {False} or row.zero.has(*moving):
-        return None
-    note = f"{equation.label[0].upper()}{equation.label[1:]} is right up to a constant."
-    rate = replace(equation, zero=time_derivative(row.zero, statement.plain), right=sympy.S.Zero, note=note)
-    return row_of(rate, statement) if rate.zero != 0 else None
 
 
 def _compared(case: _Case, samples: Sequence[MotionSample], untried: Sequence[Way]) -> EquationsComparison:

@@ -110,25 +110,20 @@ class MotionStates:
             moved = self._surface.nearest(point.q, point.v, point.t, point.parameters)
             q, v = (tuple(0.0 if abs(x) < ROUND_OFF else x for x in entries) for entries in moved)
             point = replace(point, q=q, v=v)
-        return point if self._relations is None else self._with_relations(point, self._relations)
-
-    def _with_relations(self, point: SamplePoint, relations: Precise) -> SamplePoint:
-        """Return the point with new velocities of the coordinates without inertia, which satisfy their relations.
-
-        Raises OutsideDomain if the relations do not determine the velocities, or are not linear in them.
-        """
-        number, n = relations.context.mpf, len(self.indices)
+        if self._relations is None:
+            return point
+        # New velocities of the coordinates without inertia satisfy the relations, which must be linear in them.
+        number, n = self._relations.context.mpf, len(self.indices)
         parameters = {p: number(x) for p, x in point.parameters.items()}
-        residuals: list[Any] = relations(point.q, point.v, point.t, parameters)
+        residuals: list[Any] = self._relations(point.q, point.v, point.t, parameters)
         matrix = [residuals[n + i * n : n + (i + 1) * n] for i in range(n)]
-        v = list(point.v)
+        rates: list[Any] = list(point.v)
         for index, step in zip(self.indices, solve_dense(matrix, residuals[:n], SINGULAR), strict=True):
-            v[index] = v[index] - step
-        moved = replace(point, v=tuple(v))
-        left = relations(moved.q, moved.v, moved.t, parameters)[:n]
+            rates[index] = rates[index] - step
+        left = self._relations(point.q, rates, point.t, parameters)[:n]
         if max(map(abs, left)) > LEFT * (1 + max(map(abs, residuals))):
             raise OutsideDomain("the relations are not linear in the velocities")
-        return moved
+        return replace(point, v=tuple(rates))
 
     def motion(self, point: SamplePoint) -> MotionSample:
         """Return a state with its accelerations and multipliers. Raises OutsideDomain if they are not determined."""

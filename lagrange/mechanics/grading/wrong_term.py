@@ -36,7 +36,6 @@ from lagrange.mechanics.grading.term_difference import (
 )
 from lagrange.mechanics.plain_form import simplest, time_derivative
 from lagrange.statement.coordinate import constraint_of, name_of, rotation_name, t
-from lagrange.statement.statement import Statement
 
 MOST_SHARED = 20  # Largest number of terms of an equation whose partial sums are tried as right terms, too
 
@@ -114,7 +113,15 @@ def _several_wrong_terms(
             if rank > best:
                 best = rank
                 wrong, absent = [typed[i] for i in unmatched], [factor * right[j] for j in missing]
-                sentence = _told(name, row, wrong, absent, write)
+                several = max(len(wrong), len(absent)) > MOST_NAMED  # then only the first one is named
+                endings = []
+                for side, term, correct in (
+                    _pairs(wrong[:1], absent, row)[:1] if several else _pairs(wrong, absent, row)
+                ):
+                    place = "on the right side " if side and row.sides[0] != 0 else ""
+                    endings.append(place + _difference(term, correct).told(sympy.S.One, write))
+                sentence = f"{_place_of(name, row)} {' Also, '.join(endings)}"
+                sentence += " Other terms of it are wrong or missing, too." if several else ""
     return sentence
 
 
@@ -169,24 +176,6 @@ def _unmatched(typed: Sequence[Numbers], right: Sequence[Numbers]) -> tuple[list
         else:
             missing.remove(match)
     return unmatched, missing
-
-
-def _told(
-    name: str, row: EquationRow, unmatched: Sequence[tuple[int, Any]], missing: Sequence[Any], write: Write
-) -> str:
-    """Return a sentence on the wrong terms of an equation: on one or two of them, or on the first of more.
-
-    `unmatched` are the typed terms that are wrong, as (side, term), and `missing` the right terms that were not typed.
-    `name` is the coordinate of the equation.
-    """
-    several = max(len(unmatched), len(missing)) > MOST_NAMED
-    endings = []
-    pairs = _pairs(unmatched[:1], missing, row)[:1] if several else _pairs(unmatched, missing, row)
-    for side, term, right in pairs:
-        place = "on the right side " if side and row.sides[0] != 0 else ""
-        endings.append(place + _difference(term, right).told(sympy.S.One, write))
-    sentence = f"{_place_of(name, row)} {' Also, '.join(endings)}"
-    return f"{sentence} Other terms of it are wrong or missing, too." if several else sentence
 
 
 def _pairs(
@@ -351,24 +340,19 @@ def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[
             continue
         if row.sides[1] == 0 and p.is_Mul:  # The student may have divided by parameters.
             p /= sympy.Mul(*(q for q in p.args if q in statement.parameters and not typed.has(q)))
-        for constant, sign in product(_constants(row.in_full(typed) / p, statement), (1, -1)):
+        # The student may have meant the momentum, or its multiple by the value of the ratio where all coordinates,
+        # velocities and the time are 1.
+        ones = dict.fromkeys((*statement.plain.values(), t), sympy.S.One)
+        value = sympy.cancel(row.in_full(typed) / p).xreplace(ones)
+        constants = dict.fromkeys((sympy.Integer(-1 if value.could_extract_minus_sign() else 1), value))
+        known = [constant for constant in constants if constant.is_finite is not False and constant != 0]
+        for constant, sign in product(known, (1, -1)):
             expected = sympy.Mul(constant, p) if p.is_Mul else constant * p
             change = sign * time_derivative(expected - row.in_full(typed), statement.plain)
             if row.with_zero(row.zero + change).holds(samples):
                 sentence = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
                 return f"{_place_of(name, row)} {sentence}"
     return ""
-
-
-def _constants(ratio: Any, statement: Statement) -> list[Any]:
-    """Return the constants that a student may have meant as the ratio of a typed expression and a momentum.
-
-    They are its sign, and its value where all coordinates, velocities and the time are 1.
-    """
-    ones = dict.fromkeys((*statement.plain.values(), t), sympy.S.One)
-    value = sympy.cancel(ratio).xreplace(ones)
-    constants = dict.fromkeys((sympy.Integer(-1 if value.could_extract_minus_sign() else 1), value))
-    return [constant for constant in constants if constant.is_finite is not False and constant != 0]
 
 
 def _wrong_term_of_momentum(row: EquationRow, samples: Sequence[MotionSample], write: Write) -> str:

@@ -10,13 +10,13 @@ import numpy as np
 
 from lagrange.dynamics.axes import is_angle, row_of, wrapped
 from lagrange.dynamics.equilibrium_branches import BranchesData
-from lagrange.dynamics.mode_shapes import ModeShapes
 from lagrange.dynamics.orbits import Orbit
 from lagrange.dynamics.portrait import PortraitData
 from lagrange.dynamics.section import SectionData, surface
 from lagrange.dynamics.sweep import SweepData
 from lagrange.errors import StatementError, counted
 from lagrange.evidence.method_stability import GROWTH_TOLERANCE, growth, step_of
+from lagrange.mechanics.modes import ModeShapes
 from lagrange.mechanics.stability import EigenvaluePath
 from lagrange.show.figures.curve import Pixels, first_times, in_plane, with_neighbours
 from lagrange.show.figures.panel import (
