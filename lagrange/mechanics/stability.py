@@ -279,7 +279,9 @@ def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool
     if smallest[2] < -DEFINITE * sizes[2]:
         return Verdict(None, "no eigenvalue has a positive real part, and the energy has no minimum there.")
     if minimum and symmetric:
-        return Verdict(None, "eigenvalues on the imaginary axis do not decide on stability, and forces may feed energy in.")
+        return Verdict(
+            None, "eigenvalues on the imaginary axis do not decide on stability, and forces may feed energy in."
+        )
     return Verdict(
         None,
         "eigenvalues on the imaginary axis do not decide on stability, and the energy has no strict minimum to second "
